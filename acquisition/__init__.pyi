@@ -7,13 +7,3 @@ from .session import (
     read_capture as read_capture,
     verify as verify,
 )
-
-__all__ = [
-    "CaptureImages",
-    "CaptureRecord",
-    "Session",
-    "SessionCapture",
-    "SessionError",
-    "read_capture",
-    "verify",
-]

@@ -49,6 +49,10 @@ class StageNotStoppedError(DeviceError):
     """A stage was told to stop, and nothing says that it did."""
 
 
+class ExportError(Exception):
+    """A session cannot be written in another format."""
+
+
 class OperatorStopError(DeviceError):
     """The operator pressed stop; the devices are sound, and work in progress was abandoned."""
 

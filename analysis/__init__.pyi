@@ -25,25 +25,3 @@ from .validation import (
     ValidationSettings as ValidationSettings,
     validate as validate,
 )
-
-__all__ = [
-    "AnalysisError",
-    "ChangeOptions",
-    "ChangeResult",
-    "ChangeSummary",
-    "CurveChoice",
-    "DetectabilityCurve",
-    "DetectabilityCurves",
-    "DetectionTask",
-    "FollowupPose",
-    "PoseLimits",
-    "PoseQuality",
-    "Validation",
-    "ValidationSettings",
-    "ViewingCamera",
-    "d_prime_curves",
-    "find_changes",
-    "judge_pose",
-    "pose_limits",
-    "validate",
-]

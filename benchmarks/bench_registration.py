@@ -21,8 +21,8 @@ from calibration.registration import DistortedPose, RegistrationHints, register
 from hil_mocks import BenchTruth
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
+from standoff.library import place_errors_px
 from standoff.shipped_configs import shipped_config
-from standoff.workflows import place_errors_px
 
 TARGETS = ("grass", "lesion", "chart")
 ZOOMS = (1.1, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)

@@ -27,8 +27,8 @@ from analysis.sweep import SweepOptions
 from benchmarks.harness import Recorder, bench_parser
 from simulation import GaussianPsf
 from simulation.sr_pairs import sr_pairs
-from standoff.photographs import LINEAR, Inputs, ReadOptions, marked_png, read_image
-from standoff.workflows import PairFormat, SrDatasetSettings, write_sr_dataset
+from standoff.library import Call, PairFormat, SrDatasetSettings, write_sr_dataset
+from standoff.photographs import LINEAR, ReadOptions, marked_png, read_image
 
 CROP_PX, ZOOM = 192, 2.0
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.8)
@@ -101,9 +101,10 @@ def write_pairs(making: Making, out: Path) -> int:
         format=making.layout,
     )
     images = sorted(making.photographs.iterdir())
-    inputs = Inputs(ReadOptions(encoding=LINEAR if making.is_as_before else None))
+    reading = ReadOptions(encoding=LINEAR if making.is_as_before else None)
+    call = Call("training_pairs", reading=reading)
     options = SweepOptions(workers=making.workers)
-    made = write_sr_dataset(out, images, settings, inputs, options)
+    made = write_sr_dataset(call, out, images, settings, options)
     return made.train + made.test
 
 

@@ -35,8 +35,8 @@ from benchmarks.soak_bench import SENSOR
 from benchmarks.soak_run import ADDRESS, ENDED_BY_FAULT, run_once, soak_config
 from benchmarks.soak_tally import Holdings, Tally
 from benchmarks.soak_truth import DEVIATION_MAX, TARGET, SceneTruth
+from standoff.library import open_stage
 from standoff.shipped_configs import shipped_config
-from standoff.workflows import open_stage
 
 FAULTS: dict[str, tuple[tuple[str, ...], tuple[str, ...], float]] = {
     "packets lost, 2 %": (("fault packet_loss_rate=0.02",), ("fault none",), 3.0),

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from acquisition.bench import load_bench
 from hil_mocks.practice_bench import PracticeBench
+from hil_mocks.practice_commands import PracticeConsole
 from hil_mocks.stages import GrblFirmware, LineFaults, SerialStage
 from standoff.shipped_configs import shipped_config
-from standoff.workflows import PracticeConsole
 
 SENSOR = {"simulated.width_px": 390, "simulated.height_px": 290}
 

@@ -7,8 +7,8 @@ from acquisition.bench import BenchConfig, BenchDevices, load_bench
 from acquisition.capture import RunOperator, run_plan
 from acquisition.errors import DeviceError, SessionError
 from acquisition.plan import CapturePlan, parse_plan
+from standoff.library import open_bench
 from standoff.shipped_configs import shipped_config
-from standoff.workflows import open_bench
 
 ADDRESS = "127.211.3.1"
 ENDED_BY_FAULT = 3

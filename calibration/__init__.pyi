@@ -28,28 +28,3 @@ from .registration import (
     RegistrationHints as RegistrationHints,
     register as register,
 )
-
-__all__ = [
-    "CalibrationError",
-    "CharucoBoard",
-    "EdgeImage",
-    "EdgeMeasurement",
-    "Estimate",
-    "GeometryCalibration",
-    "MeasuredTransfer",
-    "NoiseCalibration",
-    "PsfCalibration",
-    "Region",
-    "Registration",
-    "RegistrationHints",
-    "calibrate_from_distances",
-    "calibrate_from_scene",
-    "calibrate_geometry",
-    "calibrate_psf",
-    "compare_psfs",
-    "measure_edges",
-    "measure_noise",
-    "read_psf",
-    "register",
-    "write_psf",
-]

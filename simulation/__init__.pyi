@@ -18,26 +18,3 @@ from .zoom import (
     zoom_out as zoom_out,
     zoom_out_on_grid as zoom_out_on_grid,
 )
-
-__all__ = [
-    "MODELS",
-    "GaussianPsf",
-    "GaussianTransfer",
-    "LensOtf",
-    "MeasuredPsf",
-    "Model",
-    "PoseOptions",
-    "Psf",
-    "PsfField",
-    "SampledTransfer",
-    "SamplingGrid",
-    "SeparablePsf",
-    "SimulatedPose",
-    "Transfer",
-    "ZoomOperator",
-    "lmmse_operator",
-    "simulate_pose",
-    "zoom_operator",
-    "zoom_out",
-    "zoom_out_on_grid",
-]

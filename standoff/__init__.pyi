@@ -1,44 +1,59 @@
+from .errors import ArgumentError as ArgumentError
 from .library.bench import Bench as Bench
+from .library.call import Progress as Progress
 from .library.comparison import (
     FeatureMatches as FeatureMatches,
     RegistrationHints as RegistrationHints,
+    alignment_hints as alignment_hints,
     find_changes as find_changes,
     register as register,
 )
-from .library.detection import (
+from .library.detectability import (
+    CurveChoice as CurveChoice,
     DetectionTask as DetectionTask,
     d_prime_curves as d_prime_curves,
+    measure_curves as measure_curves,
     pose_limits as pose_limits,
 )
-from .library.followups import simulate_pose as simulate_pose, zoom_out as zoom_out
-from .library.photographs import read_image as read_image
-from .library.psfs import (
+from .library.followup import (
+    CaptureOptions as CaptureOptions,
+    simulate as simulate,
+    simulate_pose as simulate_pose,
+    zoom_out as zoom_out,
+)
+from .library.geometry import (
+    calibrate_geometry as calibrate_geometry,
+    write_geometry as write_geometry,
+)
+from .library.noise import measure_noise as measure_noise, write_noise as write_noise
+from .library.photographs import read_image as read_image, reading as reading
+from .library.poses import PoseWatch as PoseWatch
+from .library.psf import (
     GaussianPsf as GaussianPsf,
     Session as Session,
     calibrate_psf as calibrate_psf,
+    compare_psfs as compare_psfs,
     measure_edges as measure_edges,
+    psf_history as psf_history,
     read_psf as read_psf,
+    write_edge_table as write_edge_table,
     write_psf as write_psf,
 )
-
-__all__ = [
-    "Bench",
-    "DetectionTask",
-    "FeatureMatches",
-    "GaussianPsf",
-    "RegistrationHints",
-    "Session",
-    "calibrate_psf",
-    "d_prime_curves",
-    "find_changes",
-    "measure_edges",
-    "pose_limits",
-    "read_image",
-    "read_psf",
-    "register",
-    "simulate_pose",
-    "write_psf",
-    "zoom_out",
-]
+from .library.series import (
+    find_changes_of_series as find_changes_of_series,
+    judge_pose as judge_pose,
+    judge_poses as judge_poses,
+)
+from .library.sessions import (
+    SessionNotes as SessionNotes,
+    export_session as export_session,
+    import_photographs as import_photographs,
+    list_sessions as list_sessions,
+    show_session as show_session,
+    validate as validate,
+    verify_session as verify_session,
+    write_report as write_report,
+)
+from .library.sr_pairs import SweepOptions as SweepOptions, training_pairs as training_pairs
 
 __version__: str

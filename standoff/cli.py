@@ -8,9 +8,10 @@ import os
 import sys
 from collections.abc import Callable
 
+from standoff.compile_notice import when_compiling
+from standoff.compiled_cache import drop_stale_code
 from standoff.interrupts import interruption
 from standoff.shadowing import HiddenPackageError, refuse_hidden_packages
-from standoff.terminal import drop_stale_code, when_compiling
 
 EXIT_REPORTED = 1
 EXIT_INTERRUPTED = 130

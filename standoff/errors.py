@@ -1,12 +1,16 @@
 """Errors of the application itself, and those that every command turns into exit status 1."""
 
-from acquisition.errors import DeviceError, SessionError
+from acquisition.errors import DeviceError, ExportError, SessionError
 from analysis.errors import AnalysisError
 from calibration.errors import CalibrationError
 
 
 class ApplicationError(Exception):
     """A command cannot do its work with the files it was given."""
+
+
+class ArgumentError(ValueError):
+    """An argument of a public function that cannot be, or does not go with the others."""
 
 
 class ImageFileError(ApplicationError):
@@ -17,5 +21,12 @@ class HintError(ApplicationError):
     """What an operator says of a pair of photographs does not belong to it."""
 
 
-REPORTED_ERRORS = (AnalysisError, ApplicationError, CalibrationError, DeviceError, SessionError)
+REPORTED_ERRORS = (
+    AnalysisError,
+    ApplicationError,
+    CalibrationError,
+    DeviceError,
+    ExportError,
+    SessionError,
+)
 """Errors that a command reports in one line with exit status 1."""

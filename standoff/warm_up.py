@@ -26,9 +26,10 @@ from hil_mocks.scene import PeriodicImage
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf
 from standoff.cli import run
+from standoff.compile_notice import when_compiling
+from standoff.compiled_cache import drop_stale_code
+from standoff.library import open_bench
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import drop_stale_code, when_compiling
-from standoff.workflows import open_bench
 
 _SIDE_PX = 160
 _FINER = 8

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 
 from analysis.sweep.worker_process import keep_freed_memory
-from standoff.terminal import drop_stale_code
+from standoff.compiled_cache import drop_stale_code
 
 SEARCH_PROFILE = "search"
 

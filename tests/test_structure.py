@@ -11,6 +11,8 @@ from pathlib import Path
 
 from radon.visitors import ComplexityVisitor
 
+import standoff
+
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks", "standoff")
 MODULES = [path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))]
@@ -117,13 +119,20 @@ def test_a_function_fits_on_a_page() -> None:
     assert long == {}
 
 
+def is_called_by_people(path: Path, function: Function) -> bool:
+    """A command, or the public function that takes all of its options."""
+    room = path.relative_to(ROOT).parts[:2]
+    if room == ("standoff", "library"):
+        return function.name in dir(standoff)
+    return room == ("standoff", "commands")
+
+
 def test_a_function_takes_six_parameters_at_most() -> None:
     greedy = {
         f"{dotted(path)}.{function.name}": len(parameters(function))
         for path in MODULES
-        if "commands" not in path.relative_to(ROOT).parts
         for function in functions(path)
-        if len(parameters(function)) > PARAMETERS_MOST
+        if len(parameters(function)) > PARAMETERS_MOST and not is_called_by_people(path, function)
     }
     assert greedy == {}
 

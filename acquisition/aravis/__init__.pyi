@@ -14,20 +14,3 @@ from .route import (
     route_to as route_to,
 )
 from .stream import SOCKET_BUFFER_BYTES as SOCKET_BUFFER_BYTES
-
-__all__ = [
-    "COUNTS",
-    "SOCKET_BUFFER_BYTES",
-    "AravisCamera",
-    "AravisLibrary",
-    "Bounds",
-    "CameraProbe",
-    "NetworkRoute",
-    "StatedValue",
-    "list_cameras",
-    "load_aravis",
-    "open_device",
-    "probe_camera",
-    "receive_buffer_limit_bytes",
-    "route_to",
-]

@@ -4,11 +4,3 @@ from .merging import (
     MergedBracket as MergedBracket,
     merge_bracket as merge_bracket,
 )
-
-__all__ = [
-    "BracketExposure",
-    "ExposedFrames",
-    "ExposureControl",
-    "MergedBracket",
-    "merge_bracket",
-]

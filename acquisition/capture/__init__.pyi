@@ -15,20 +15,3 @@ from .runner import (
     run_plan as run_plan,
 )
 from .step import CaptureStep as CaptureStep
-
-__all__ = [
-    "SHORTEST_EXPOSURE_US",
-    "CaptureProgress",
-    "CaptureStep",
-    "FoundExposure",
-    "Placement",
-    "QualityFinding",
-    "RunOperator",
-    "RunSummary",
-    "Verdict",
-    "check_capture",
-    "find_exposure",
-    "flicker_fraction",
-    "run_plan",
-    "without_flicker",
-]

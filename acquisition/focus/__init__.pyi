@@ -7,26 +7,16 @@ from .live import (
     sweep_focus as sweep_focus,
 )
 from .measures import FOCUS_MEASURES as FOCUS_MEASURES, Region as Region, focus_value as focus_value
+from .search import (
+    FocusSweep as FocusSweep,
+    SweepRequest as SweepRequest,
+    light_fault as light_fault,
+    positions_of as positions_of,
+    sweep_bench as sweep_bench,
+)
 from .sweep import (
     FocusPeak as FocusPeak,
     NoFocusPeakError as NoFocusPeakError,
     fit_focus_peak as fit_focus_peak,
 )
 from .trace import FocusReading as FocusReading, FocusTrace as FocusTrace
-
-__all__ = [
-    "FOCUS_MEASURES",
-    "FocusMeter",
-    "FocusOptions",
-    "FocusPeak",
-    "FocusPoint",
-    "FocusReading",
-    "FocusTrace",
-    "NoFocusPeakError",
-    "Region",
-    "fit_focus_peak",
-    "focus_value",
-    "focus_values",
-    "newest_frames",
-    "sweep_focus",
-]

@@ -22,33 +22,5 @@ from .reader import (
 from .record import CaptureRecord as CaptureRecord, utc_text as utc_text
 from .repair import RepairReport as RepairReport, repair_session as repair_session
 from .take import Photograph as Photograph, Take as Take
-from .verification import verify as verify
+from .verification import VerifyReport as VerifyReport, verify as verify
 from .writer import SessionWriter as SessionWriter
-
-__all__ = [
-    "JOURNAL_NAME",
-    "MANIFEST_NAME",
-    "SYSTEM_STAMPS",
-    "CaptureImages",
-    "CaptureRecord",
-    "EventKind",
-    "Manifest",
-    "Photograph",
-    "RepairReport",
-    "Session",
-    "SessionCapture",
-    "SessionNotes",
-    "SessionWriter",
-    "Stamps",
-    "Take",
-    "atomic_write",
-    "camera_snapshot",
-    "file_sha256",
-    "fsync_directory",
-    "parse_capture",
-    "read_capture",
-    "repair_session",
-    "stage_snapshot",
-    "utc_text",
-    "verify",
-]

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from acquisition.dataframe import dataframe
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.regular_files import (
@@ -22,6 +23,9 @@ from acquisition.session.journal_event import JournalEvent
 from acquisition.session.journal_reading import read_journal_file
 from acquisition.session.manifest import MANIFEST_NAME, Manifest
 from acquisition.session.record import CaptureRecord
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 JOURNAL_NAME = "journal.jsonl"
 _CHANGING = ("capture", "retake", "exclude", "include", "height")
@@ -94,6 +98,31 @@ class Session:
         }
         cells = (f"<tr><th>{key}</th><td>{escape(text)}</td></tr>" for key, text in rows.items())
         return f"<table>{''.join(cells)}</table>"
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the captures as a pandas table, a line each in order of time.
+
+        Columns are those of the journal's records, and ``is_superseded``, ``excluded_because`` and
+        ``uncorrected_height_mm``.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> session.to_dataframe().plot.scatter("height_mm", "focus_value")
+        """
+        return dataframe(
+            {
+                **capture.record.to_json(),
+                "is_superseded": capture.is_superseded,
+                "excluded_because": capture.excluded_because,
+                "uncorrected_height_mm": capture.uncorrected_height_mm,
+            }
+            for capture in self.captures
+        )
 
     def _kinds_text(self) -> str:
         """Number of usable captures, by kind."""

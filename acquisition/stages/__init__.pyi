@@ -6,13 +6,3 @@ from .travel import (
     move_timeout_s as move_timeout_s,
     refuse_beyond_limits as refuse_beyond_limits,
 )
-
-__all__ = [
-    "ManualStage",
-    "MotorStage",
-    "SerialLink",
-    "home_timeout_s",
-    "move_timeout_s",
-    "open_serial_port",
-    "refuse_beyond_limits",
-]

@@ -15,17 +15,3 @@ from .tracks import (
     TrackedFollowup as TrackedFollowup,
     track_changes as track_changes,
 )
-
-__all__ = [
-    "ChangeTimeLine",
-    "ChangeTrack",
-    "ChangesSeries",
-    "ComparedFollowup",
-    "PlaceReading",
-    "TimeLineFollowup",
-    "TrackPoint",
-    "TrackedFollowup",
-    "read_changes_series",
-    "read_time_line",
-    "track_changes",
-]

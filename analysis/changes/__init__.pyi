@@ -7,15 +7,3 @@ from .filter import (
 from .focus_sentence import describe_focus as describe_focus
 from .options import ChangeOptions as ChangeOptions
 from .plot import changes_figure as changes_figure
-
-__all__ = [
-    "Change",
-    "ChangeOptions",
-    "ChangeResult",
-    "ChangeSummary",
-    "changes_figure",
-    "describe_focus",
-    "find_changes",
-    "read_changes",
-    "significance_threshold",
-]

@@ -1,14 +1,18 @@
 """The document changes.json: what a comparison of two photographs found, without its images."""
 
 from pathlib import Path
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import Field
 
+from acquisition.dataframe import dataframe
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from calibration.documents import read_document
 from simulation.choices import PsfForm
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 CHANGES_SCHEMA: Final = "standoff.changes/1"
 
@@ -114,6 +118,20 @@ class ChangeSummary(ResultsDocument):
     saturated_px: int = 0
     kernel: KernelOrigin | None = None
     warnings: tuple[str, ...] = ()
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the changes as a pandas table, the most significant first.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> found.summary.to_dataframe().query("significance > 8")
+        """
+        return dataframe(change.model_dump() for change in self.changes)
 
 
 def read_changes(path: Path) -> ChangeSummary:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
+from acquisition.dataframe import dataframe
 from analysis.choices import Observer
 from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
@@ -18,6 +19,7 @@ from simulation.choices import PsfForm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 
 CURVES_SCHEMA: Final = "standoff.detectability/1"
@@ -182,6 +184,25 @@ class DetectabilityCurves(ResultsDocument):
         rows = [(one.name, *(f"{d_prime:.3g}" for d_prime in one.dprime)) for one in self.curves]
         zooms = (f"{zoom:g}" for zoom in self.curves[0].zoom)
         return html_table("d' against zoom, an upper bound", ("zoom", *zooms), rows)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the curves as a pandas table, a line for each curve and zoom.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> curves.to_dataframe().pivot_table("dprime", "zoom", ["model", "noise_dn"])
+        """
+        each = ("zoom", "dprime", "dprime_low", "dprime_high", "auc")
+        return dataframe(
+            {**curve.model_dump(exclude=set(each)), **dict(zip(each, values, strict=True))}
+            for curve in self.curves
+            for values in zip(*(getattr(curve, name) for name in each), strict=True)
+        )
 
     def plot(self) -> "Figure":
         """Return a figure of d' against zoom by noise (Figure 4), else by contrast (Figure 5)."""

@@ -17,22 +17,3 @@ from .series import (
 )
 from .tracker import PoseTracker as PoseTracker, PoseVerdict as PoseVerdict
 from .viewing_camera import FollowupPose as FollowupPose, ViewingCamera as ViewingCamera
-
-__all__ = [
-    "FollowupPose",
-    "JudgedFollowup",
-    "PoseLimits",
-    "PoseQuality",
-    "PoseSeries",
-    "PoseSummary",
-    "PoseTracker",
-    "PoseVerdict",
-    "ViewingCamera",
-    "contrast_found_at",
-    "judge_pose",
-    "limits_figure",
-    "pose_figure",
-    "pose_limits",
-    "read_pose",
-    "read_pose_series",
-]

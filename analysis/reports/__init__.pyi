@@ -1,8 +1,12 @@
 from .bench import (
     captures_section as captures_section,
-    device_rows as device_rows,
     noise_section as noise_section,
     stage_section as stage_section,
+)
+from .calibrations import (
+    render_calibration_report as render_calibration_report,
+    render_geometry_report as render_geometry_report,
+    render_history_report as render_history_report,
 )
 from .changes import (
     changes_section as changes_section,
@@ -28,13 +32,16 @@ from .page import (
     svg_bytes as svg_bytes,
 )
 from .psf import (
+    HistoryEntry as HistoryEntry,
     calibration_front as calibration_front,
     calibration_sections as calibration_sections,
     calibration_verdicts as calibration_verdicts,
+    edge_csv as edge_csv,
     edge_table_section as edge_table_section,
     history_document as history_document,
     history_sections as history_sections,
     ordered_history as ordered_history,
+    psf_remarks as psf_remarks,
     verdict_section as verdict_section,
 )
 from .results import (
@@ -54,49 +61,3 @@ from .validation_plots import (
     plot_furthest as plot_furthest,
     plot_images as plot_images,
 )
-
-__all__ = [
-    "Report",
-    "ReportSection",
-    "SessionNotes",
-    "calibration_front",
-    "calibration_sections",
-    "calibration_verdicts",
-    "captures_section",
-    "changes_section",
-    "compared_pictures",
-    "count_text",
-    "device_rows",
-    "edge_table_section",
-    "geometry_sections",
-    "geometry_verdicts",
-    "history_document",
-    "history_sections",
-    "in_report_style",
-    "new_figure",
-    "noise_section",
-    "ordered_history",
-    "plot_changes",
-    "plot_curves",
-    "plot_detectability",
-    "plot_focus_sweep",
-    "plot_furthest",
-    "plot_images",
-    "plot_limits",
-    "plot_pose",
-    "png_bytes",
-    "q_text",
-    "render_changes_report",
-    "render_noise_report",
-    "render_report",
-    "render_series_report",
-    "render_session_report",
-    "render_validation",
-    "stage_section",
-    "stored_changes_section",
-    "stored_pose_section",
-    "svg_bytes",
-    "verdict_section",
-    "versions",
-    "view_figures",
-]

@@ -17,20 +17,3 @@ from .shards import (
     is_few as is_few,
 )
 from .sorting import sorted_lines as sorted_lines
-
-__all__ = [
-    "PART_SUFFIX",
-    "Manifest",
-    "Shard",
-    "ShardDone",
-    "ShardWork",
-    "SweepItem",
-    "SweepOptions",
-    "SweepSummary",
-    "blocks_of",
-    "commit_file",
-    "is_few",
-    "run_sweep",
-    "sorted_lines",
-    "whole_file",
-]

@@ -2,11 +2,12 @@
 
 import hashlib
 from pathlib import Path
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from pydantic import Field
 
+from acquisition.dataframe import dataframe
 from acquisition.session import CaptureRecord
 from analysis.choices import ValidationModel
 from analysis.errors import ResultsFileError
@@ -18,6 +19,9 @@ from calibration.documents import read_document
 from calibration.registration import DistortedPose
 from simulation import Psf
 from simulation.choices import PsfForm
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 VALIDATION_SCHEMA: Final = "standoff.validation/1"
 
@@ -218,6 +222,27 @@ class Validation(ResultsDocument):
     def means(self, alignment: Procedure) -> dict[ValidationModel, MeanRow]:
         """Return the rows of Table II of one procedure."""
         return {row.model: row for row in self.table_2 if row.alignment == alignment}
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the pairs as a pandas table, a line for each pair, procedure and model.
+
+        Metrics stand in ``agreement.NAME`` (what Table II averages) and ``curve.NAME`` (Figure 3).
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> validation.to_dataframe().groupby(["model", "zoom"])["agreement.mse_dn2"].mean()
+        """
+        left_out = {"models", "captured_curves", "homography"}
+        return dataframe(
+            {**pair.model_dump(exclude=left_out), **one.model_dump()}
+            for pair in self.pairs
+            for one in pair.models
+        )
 
     def is_of(self, psf: Psf) -> bool:
         """Whether the follow-ups were simulated with this PSF."""

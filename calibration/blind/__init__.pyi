@@ -4,10 +4,3 @@ from .calibration import (
 )
 from .single_image import is_clear as is_clear
 from .two_distance import pair_psf as pair_psf
-
-__all__ = [
-    "calibrate_from_distances",
-    "calibrate_from_scene",
-    "is_clear",
-    "pair_psf",
-]

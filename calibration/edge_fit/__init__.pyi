@@ -22,20 +22,3 @@ from .shading import (
     shading_levels as shading_levels,
     slopes_across as slopes_across,
 )
-
-__all__ = [
-    "CLIPPED_FRACTION",
-    "SHARPEST_PX",
-    "EdgeFit",
-    "EdgeShape",
-    "JpegCompression",
-    "Rounding",
-    "edge_profile",
-    "edge_shape",
-    "fit_edge",
-    "rounding_bias",
-    "shading_levels",
-    "shape_slopes",
-    "shape_value",
-    "slopes_across",
-]

@@ -12,18 +12,3 @@ from .segments import (
     side_level as side_level,
 )
 from .target import beside_target as beside_target
-
-__all__ = [
-    "SHORTEST_PX",
-    "SMOOTHING_PX",
-    "ArtefactGradient",
-    "BandPixels",
-    "EdgeLine",
-    "EdgeSegment",
-    "band_half_width",
-    "band_pixels",
-    "beside_target",
-    "find_edges",
-    "least_side_px",
-    "side_level",
-]

@@ -26,33 +26,3 @@ from .mosaic import PITCH_PX as PITCH_PX, PlanePlace as PlanePlace, plane_places
 from .orientation import Orientation as Orientation, orientation_of as orientation_of
 from .samples import EdgeSamples as EdgeSamples, edge_samples as edge_samples
 from .selection import EdgeSelection as EdgeSelection, told_apart as told_apart
-
-__all__ = [
-    "PITCH_PX",
-    "REJECTING_FLAGS",
-    "SFR_FREQ_CY_PER_PX",
-    "AxisTransfer",
-    "BinnedEdge",
-    "EdgeImage",
-    "EdgeMeasurement",
-    "EdgeSamples",
-    "EdgeSelection",
-    "EdgeSfr",
-    "MeasuredTransfer",
-    "Method",
-    "Orientation",
-    "PlanePlace",
-    "Region",
-    "bin_centres_px",
-    "bin_edge",
-    "edge_samples",
-    "esfr_half_width_px",
-    "gaussian_mtf50",
-    "mean_transfer",
-    "measure_edges",
-    "measure_esfr",
-    "orientation_of",
-    "pixel_mtf50",
-    "plane_places",
-    "told_apart",
-]

@@ -25,23 +25,3 @@ from .levelling import (
     level_by_focus as level_by_focus,
 )
 from .series import GeometryCapture as GeometryCapture
-
-__all__ = [
-    "DEFAULT_BOARD",
-    "GEOMETRY_SCHEMA",
-    "CaptureGeometry",
-    "CharucoBoard",
-    "ExcludedCapture",
-    "GeometryCalibration",
-    "GeometryCapture",
-    "GeometryOptions",
-    "HeightZoom",
-    "Levelling",
-    "calibrate_geometry",
-    "find_board",
-    "geometry_captures",
-    "geometry_records",
-    "level_by_board",
-    "level_by_focus",
-    "nominal_focal_px",
-]

@@ -8,6 +8,8 @@ from calibration.provenance import Provenance
 
 GEOMETRY_SCHEMA: Final = "standoff.geometry/1"
 _NORMAL_95 = 1.959963984540054
+_BEYOND_MM = 0.1
+"""Heights read back scatter by the tolerance of the stage, which is less."""
 
 ScaleSource = Literal["board", "given", "bench"]
 
@@ -150,6 +152,21 @@ class GeometryCalibration(_Stored):
     def zoom(self, near_mm: float, far_mm: float) -> float:
         """True zoom-out between two heights: the ratio of the distances from the entrance pupil."""
         return (far_mm + self.pupil_offset_mm) / (near_mm + self.pupil_offset_mm)
+
+    def scale_at(self, height_mm: float) -> float | None:
+        """Scale on the target in px/mm at a height; None beyond the heights that were captured.
+
+        It is inversely proportional to the distance from the entrance pupil, and taken over from
+        the nearest height.
+        """
+        known = list(zip(self.heights_mm, self.scale_px_per_mm or (), strict=False))
+        distance_mm = height_mm + self.pupil_offset_mm
+        if not known or distance_mm <= 0:
+            return None
+        if not min(known)[0] - _BEYOND_MM <= height_mm <= max(known)[0] + _BEYOND_MM:
+            return None
+        at_mm, scale = min(known, key=lambda pair: abs(pair[0] - height_mm))
+        return scale * (at_mm + self.pupil_offset_mm) / distance_mm
 
     def __repr__(self) -> str:
         figures = (

@@ -24,24 +24,3 @@ from .photon_transfer import (
     Saturation as Saturation,
     fit_photon_transfer as fit_photon_transfer,
 )
-
-__all__ = [
-    "NOISE_SCHEMA",
-    "CorrectionMaps",
-    "LevelNoise",
-    "LevelSample",
-    "Linearity",
-    "MapFile",
-    "NoiseCalibration",
-    "NoiseMeasurement",
-    "PhotonTransfer",
-    "Saturation",
-    "fit_level_noise",
-    "fit_photon_transfer",
-    "level_noise",
-    "map_paths",
-    "measure_noise",
-    "noise_records",
-    "read_map_files",
-    "write_map_files",
-]

@@ -5,7 +5,7 @@ from .captures import (
     edge_records as edge_records,
     scene_records as scene_records,
 )
-from .comparison import compare_psfs as compare_psfs
+from .comparison import PsfChange as PsfChange, compare_psfs as compare_psfs
 from .covariance import (
     Estimate as Estimate,
     PsfEstimates as PsfEstimates,
@@ -35,36 +35,3 @@ from .transfer_2d import (
     Transfer2d as Transfer2d,
     measure_transfer_2d as measure_transfer_2d,
 )
-
-__all__ = [
-    "ORIENTATION_COLOURS",
-    "PSF_SCHEMA",
-    "REC601_LUMA",
-    "CameraIdentity",
-    "ColourPsf",
-    "Estimate",
-    "FieldFit",
-    "HeightGroup",
-    "HeightTrend",
-    "OtfTable",
-    "PairWidths",
-    "PsfCalibration",
-    "PsfEstimates",
-    "PsfOrigin",
-    "Transfer2d",
-    "calibrate_mosaic",
-    "calibrate_psf",
-    "capture_images",
-    "compare_psfs",
-    "draw_mtf",
-    "draw_transfer_2d",
-    "draw_widths_by_angle",
-    "edge_images",
-    "edge_records",
-    "estimates_of_covariance",
-    "fit_covariance",
-    "luma_plane",
-    "measure_transfer_2d",
-    "scene_records",
-    "share_of_correlation",
-]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from acquisition.dataframe import dataframe
 from calibration.edges import EdgeMeasurement, MeasuredTransfer
 from calibration.errors import PsfFileError
 from calibration.provenance import Provenance
@@ -20,6 +21,7 @@ from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTrans
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 
 PSF_SCHEMA: Final = "standoff.psf/1"
@@ -211,8 +213,9 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     ``softness_px2`` is the mean variance that the scene adds in a single-image calibration.
     ``photograph`` is what the files of the photographs say alike of their taking: camera, lens,
     exposure. ``picture_width_px`` and ``picture_height_px`` are columns and rows of the
-    photographs, null if they differ; ``verdict`` compares the edges with a limits file. Files that
-    give only the total values are accepted.
+    photographs, null if they differ; ``verdict`` compares the edges with a limits file. ``notes``
+    are what there is to say of the calibration that was made; no file has them. Files that give
+    only the total values are accepted.
     """
 
     field: FieldFit | None = None
@@ -235,11 +238,26 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     pixel_pitch_from: str | None = None
     verdict: SharpnessVerdict | None = None
     provenance: Provenance | None = None
+    notes: tuple[str, ...] = Field(default=(), exclude=True, repr=False)
 
     @property
     def edges_used(self) -> tuple[EdgeMeasurement, ...]:
         """The edges that were not rejected."""
         return tuple(edge for edge in self.edges if edge.is_used)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the edges as a pandas table: the entries of psf.json, and ``is_used``.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> psf.to_dataframe().groupby("orientation").sigma_px.median()
+        """
+        return dataframe({**edge.model_dump(), "is_used": edge.is_used} for edge in self.edges)
 
     def with_origin(self, origin: PsfOrigin) -> "PsfCalibration":
         """Return the calibration with its camera, time, part of the frame and provenance."""

@@ -14,23 +14,3 @@ from .hints import RegistrationHints as RegistrationHints
 from .pair import Registration as Registration, register as register
 from .reference import RegistrationReference as RegistrationReference
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference
-
-__all__ = [
-    "HOMOGRAPHY_SCHEMA",
-    "OVERLAP_MIN_PX",
-    "DistortedPose",
-    "FeatureMatches",
-    "Homography",
-    "ImageFeatures",
-    "Registration",
-    "RegistrationHints",
-    "RegistrationReference",
-    "SmoothDisplacement",
-    "TrackedPose",
-    "TrackingReference",
-    "find_features",
-    "homography_pose",
-    "match_features",
-    "register",
-    "zoom_at_centre",
-]

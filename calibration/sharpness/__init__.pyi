@@ -30,28 +30,3 @@ from .verdict import (
     judge_sharpness as judge_sharpness,
     median_of_edges as median_of_edges,
 )
-
-__all__ = [
-    "MODEL_REMARK",
-    "NORMAL_95",
-    "VERDICT_COLUMNS",
-    "Direction",
-    "FieldPosition",
-    "LimitVerdict",
-    "Mtf50",
-    "Picture",
-    "SharpnessLimits",
-    "SharpnessVerdict",
-    "edge_cells",
-    "edge_name",
-    "judge_sharpness",
-    "lp_per_mm",
-    "lw_per_ph",
-    "median_of_edges",
-    "position_in_field",
-    "read_limits",
-    "reported_mtf50",
-    "verdict_rows",
-    "with_reach",
-    "with_sharpness",
-]

@@ -19,24 +19,3 @@ from .gvcp import (
 )
 from .gvsp import PacketFormat as PacketFormat
 from .pixels import PIXEL_LAYOUTS as PIXEL_LAYOUTS, wire_bytes as wire_bytes
-
-__all__ = [
-    "ETHERNET_MTU_BYTES",
-    "GVCP_PORT",
-    "MAKERS",
-    "PIXEL_LAYOUTS",
-    "BenchFrameSource",
-    "BootstrapAddress",
-    "CommandCode",
-    "FrameRequest",
-    "FrameSource",
-    "GigeDevice",
-    "GigeFaults",
-    "Maker",
-    "PacketFormat",
-    "RegisterWrite",
-    "checked_loopback_address",
-    "features_of",
-    "maker_identity",
-    "wire_bytes",
-]

@@ -10,18 +10,3 @@ from .sensor import (
 from .spline import PeriodicImage as PeriodicImage
 from .targets import TARGETS as TARGETS, scene_of as scene_of
 from .truth import BenchTruth as BenchTruth
-
-__all__ = [
-    "ADC_MAX_DN",
-    "MONO8_SHIFT",
-    "PHOTOGRAPHS",
-    "PIXEL_FORMATS",
-    "TARGETS",
-    "BenchTruth",
-    "CameraPose",
-    "Edge",
-    "PeriodicImage",
-    "Placed",
-    "Sensor",
-    "scene_of",
-]

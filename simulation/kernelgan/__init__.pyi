@@ -12,16 +12,3 @@ from .generator import (
 )
 from .sampling import kernel_operator as kernel_operator
 from .training import KernelGanTraining as KernelGanTraining
-
-__all__ = [
-    "CropPicker",
-    "DeepLinearGenerator",
-    "EstimatedKernel",
-    "KernelGanError",
-    "KernelGanSettings",
-    "KernelGanTraining",
-    "composed_kernel",
-    "estimate_kernel",
-    "kernel_operator",
-    "sampled",
-]

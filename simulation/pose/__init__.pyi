@@ -11,15 +11,5 @@ from .lens import (
     warped as warped,
 )
 from .noise import pose_noise_gain as pose_noise_gain
-
-__all__ = [
-    "DISTORTION_MAX",
-    "ideal_factors",
-    "lens_of",
-    "pose_noise_gain",
-    "project",
-    "projection_depth",
-    "projection_slopes",
-    "seen_factors",
-    "warped",
-]
+from .options import PoseOptions as PoseOptions
+from .simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose

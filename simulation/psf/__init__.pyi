@@ -26,27 +26,3 @@ from .transfer import (
     SampledTransfer as SampledTransfer,
     Transfer as Transfer,
 )
-
-__all__ = [
-    "CORRECTION_HARMONICS",
-    "CORRECTION_KNOTS_CY_PER_PX",
-    "CORRECTION_SPLINES",
-    "DEFOCUS_MAX_WAVES",
-    "GaussianPsf",
-    "GaussianTransfer",
-    "LensOtf",
-    "MeasuredPsf",
-    "OtfCorrection",
-    "Psf",
-    "PsfField",
-    "SampledTransfer",
-    "SeparablePsf",
-    "SymmetricMatrix",
-    "Transfer",
-    "correction_harmonics",
-    "correction_roughness",
-    "correction_splines",
-    "field_monomials",
-    "pupil_otf",
-    "pupil_slopes",
-]

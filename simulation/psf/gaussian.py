@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Literal, Self
+from typing import Literal, Self, overload
 
 import numpy as np
 
@@ -12,27 +12,61 @@ PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 """Variance of the unit pixel square along either axis."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, init=False)
 class GaussianPsf:
     """A Gaussian PSF, in pixels: widths along columns (x) and rows (y), and their correlation.
 
+    Parameters
+    ----------
+    sigma_x_px, sigma_y_px, rho
+        Of the whole PSF, optics and pixel.
+    sigma_px
+        Instead of them, the width of a round one.
+
     Raises
     ------
+    TypeError
+        If a width is missing, or given twice.
     ValueError
         If a width is not positive or ``rho`` is not inside (-1, 1).
+
+    Examples
+    --------
+    >>> GaussianPsf(0.8, 0.7)
+    GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.7, rho=0.0)
+    >>> GaussianPsf(sigma_px=0.8)
+    GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8, rho=0.0)
     """
 
     sigma_x_px: float
     sigma_y_px: float
     rho: float = 0.0
 
-    def __post_init__(self) -> None:
-        for name in ("sigma_x_px", "sigma_y_px"):
-            value = getattr(self, name)
+    @overload
+    def __init__(self, sigma_x_px: float, sigma_y_px: float, rho: float = 0.0) -> None: ...
+    @overload
+    def __init__(self, *, sigma_px: float) -> None: ...
+    def __init__(
+        self,
+        sigma_x_px: float | None = None,
+        sigma_y_px: float | None = None,
+        rho: float = 0.0,
+        *,
+        sigma_px: float | None = None,
+    ) -> None:
+        if sigma_px is not None:
+            if sigma_x_px is not None or sigma_y_px is not None or rho != 0:
+                raise TypeError("sigma_px is the width of a round PSF; leave the others out")
+            sigma_x_px = sigma_y_px = sigma_px
+        for name, value in (("sigma_x_px", sigma_x_px), ("sigma_y_px", sigma_y_px)):
+            if value is None:
+                raise TypeError(f"{name} is missing; a round PSF is GaussianPsf(sigma_px=...)")
             if not (value > 0 and np.isfinite(value)):
                 raise ValueError(f"{name} must be positive, got {value}")
-        if not -1 < self.rho < 1:
-            raise ValueError(f"rho must be inside (-1, 1), got {self.rho}")
+            object.__setattr__(self, name, value)
+        if not -1 < rho < 1:
+            raise ValueError(f"rho must be inside (-1, 1), got {rho}")
+        object.__setattr__(self, "rho", rho)
 
     @classmethod
     def from_covariance(cls, covariance_px2: FloatArray) -> Self:

@@ -23,24 +23,3 @@ from .reference_image import (
     refuse_non_finite as refuse_non_finite,
 )
 from .scattered import simulate_at as simulate_at
-
-__all__ = [
-    "ZOOM_MIN",
-    "BandedMatrix",
-    "BlurCovariance",
-    "SamplingGrid",
-    "SeparableTerm",
-    "antialiased_cubic",
-    "apply_separable",
-    "blur",
-    "blur_at",
-    "gaussian_terms",
-    "matched_terms",
-    "mirrored_rows",
-    "put_separable",
-    "reference_shape",
-    "refuse_non_finite",
-    "simulate_at",
-    "spline_sampling",
-    "spline_transfer",
-]

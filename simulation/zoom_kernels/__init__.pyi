@@ -1,5 +1,3 @@
 from .best_linear import lmmse_terms as lmmse_terms
 from .matched import spline_prefilter as spline_prefilter, spline_terms as spline_terms
 from .scene import SCENE_CORRELATION_PX as SCENE_CORRELATION_PX
-
-__all__ = ["SCENE_CORRELATION_PX", "lmmse_terms", "spline_prefilter", "spline_terms"]

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from acquisition.printable import on_one_line
 from calibration.choices import CalibrationMethod, Channel, Pattern, TargetChoice
 from standoff.terminal import (
     EncodingName,
@@ -19,27 +16,25 @@ from standoff.terminal import (
     Option,
     Page,
     ShortEncoding,
+    ShownProgress,
     check_options,
     checked_pitch,
     checked_zoom,
-    command_line,
     exactly_one,
     excludes,
     needs,
-    photograph_inputs,
+    note_once,
     print_json,
     quantity,
+    reading_options,
     refuse_overwriting,
     refuse_suffix,
     region_corner_and_size,
-    remarks_so_far,
     say,
 )
 
 if TYPE_CHECKING:
-    from calibration.edges import EdgeImage, Region
-    from calibration.psf import PsfCalibration
-    from standoff.workflows import Reading
+    from calibration.edges import Region
 
 
 _WITH_AN_EDGE_TARGET = Option("method", ("all-angles", "paper"))
@@ -151,106 +146,55 @@ def calibrate(
     check_options(context, _RULES)
     refuse_overwriting([out, csv, report], [*(images or []), noise, correct, limits], force=force)
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
-    rule = _region_rule(region)
-    _refuse_wrong_count(images or [], session, method, zoom)
-    from calibration.files import write_psf
-    from calibration.sharpness import read_limits
-    from standoff.terminal import edge_csv, print_psf_remarks
-    from standoff.workflows import (
-        CalibrationRequest,
-        calibrate_camera,
-        require_writable,
-        write_file,
-    )
-
-    require_writable([out, csv, report])
-    bounds = None if limits is None else read_limits(limits)
-    inputs = photograph_inputs(encoding, page, mean, srgb, files=(noise, correct, limits))
-    found = calibrate_camera(
-        CalibrationRequest(
-            images=tuple(images or ()),
-            session=session,
-            reading=_reading(channel, bayer, correct, noise, pixel_pitch_um),
-            inputs=inputs,
-            method=method,
-            region=rule,
-            zoom=zoom,
-            target=target,
-        )
-    )
-    made = inputs.provenance(command_line())
-    calibration = found.calibration.with_origin(
-        replace(found.origin, region=region, provenance=made)
-    )
-    if bounds is not None:
-        calibration = calibration.judged(bounds, on_one_line(limits))
-    write_psf(out, calibration)
-    if csv is not None:
-        write_file(csv, edge_csv(calibration).encode("utf-8"))
-    if found.edges is not None:
-        print_psf_remarks(calibration)
-        if report is not None:
-            from standoff.workflows import write_calibration_report  # loads what plots
-
-            write_calibration_report(report, calibration, found.edges, remarks_so_far())
-    _print_results(calibration, [out, csv, report], has_target=found.edges is not None, json=json)
-
-
-def _refuse_wrong_count(
-    images: list[Path], session: Path | None, method: CalibrationMethod, zoom: float | None
-) -> None:
-    if zoom is not None and len(images) != 2:
-        raise typer.BadParameter(
-            "the distance ratio needs exactly two photographs", param_hint="--zoom"
-        )
-    if method == "two-distance" and session is None and len(images) < 2:
-        raise typer.BadParameter("two-distance needs at least two photographs, the nearest first")
-
-
-def _reading(
-    channel: Channel | None,
-    bayer: Pattern | None,
-    correct: Path | None,
-    noise: Path | None,
-    pixel_pitch_um: float | None,
-) -> Reading:
-    from calibration.files import read_correction, read_noise
-    from calibration.noise import level_noise
-    from standoff.workflows import Reading
-
-    return Reading(
-        channel=channel or ("luma" if bayer is None else "green"),
-        pattern=bayer,
-        correction=None if correct is None else read_correction(correct),
-        frame_noise=None if noise is None else level_noise(read_noise(noise).capture_noise),
-        pixel_pitch_um=pixel_pitch_um,
-    )
-
-
-def _print_results(
-    calibration: PsfCalibration, written: list[Path | None], *, has_target: bool, json: bool
-) -> None:
+    found_in = _region(region)
     from calibration.documents import json_object
+    from standoff.library import (
+        Session,
+        calibrate_psf,
+        require_writable,
+        write_edge_table,
+        write_psf,
+    )
     from standoff.terminal import print_edges, print_psf, print_verdict
 
+    require_writable([out, csv, report])
+    psf = calibrate_psf(
+        (images or ()) if session is None else Session(session),
+        method=method,
+        zoom=zoom,
+        region=found_in,
+        target=target,
+        channel=channel,
+        bayer=bayer,
+        noise=noise,
+        correct=correct,
+        pixel_pitch_um=pixel_pitch_um,
+        limits=limits,
+        report=report,
+        reading=reading_options(encoding, page, mean, srgb),
+        progress=ShownProgress(),
+    )
+    write_psf(out, psf)
+    if csv is not None:
+        write_edge_table(csv, psf)
+    note_once(psf.notes)
     if json:
-        print_json(json_object(calibration))
+        print_json(json_object(psf))
         return
-    print_psf(calibration)
-    if has_target:
-        print_edges(calibration)
-    if calibration.verdict is not None:
-        print_verdict(calibration.verdict)
-    say(f"wrote {', '.join(str(path) for path in written if path is not None)}")
+    print_psf(psf)
+    if method in ("all-angles", "paper"):
+        print_edges(psf)
+    if psf.verdict is not None:
+        print_verdict(psf.verdict)
+    say(f"wrote {', '.join(str(path) for path in (out, csv, report) if path is not None)}")
 
 
-def _region_rule(text: str | None) -> Callable[[EdgeImage], Region | None]:
+def _region(text: str | None) -> Region | Literal["centre"] | None:
     if text is None:
-        return lambda _: None
+        return None
+    if text == "centre":
+        return "centre"
     from calibration.edges import Region
 
-    if text == "centre":
-        return lambda source: Region.centre(*source.frame)
     x, y, width, height = region_corner_and_size(text, "centre or X,Y,W,H in px")
-    fixed = Region(x_px=x, y_px=y, width_px=width, height_px=height)
-    return lambda _: fixed
+    return Region(x_px=x, y_px=y, width_px=width, height_px=height)

@@ -19,6 +19,7 @@ from standoff.terminal import (
     BenchFile,
     BenchKeys,
     Json,
+    ShownProgress,
     note,
     print_json,
     print_table,
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
     from acquisition.capture import CaptureProgress, Placement, RunSummary
     from acquisition.plan import PlanEntry, PlanEstimate
     from hil_mocks import SimulatedBench
+    from standoff.library import PlannedComparisons
     from standoff.terminal import Operator
-    from standoff.workflows import PlannedComparisons
 
 
 def capture(
@@ -74,8 +75,8 @@ def capture(
     from acquisition.capture import RunOperator, run_plan
     from acquisition.plan import estimate_plan, load_plan, plan_entries
     from acquisition.session import MANIFEST_NAME
+    from standoff.library import PlannedComparisons, open_bench
     from standoff.terminal import flicker_warnings, frame_shape_of, preview_lines
-    from standoff.workflows import PlannedComparisons, open_bench
 
     config = read_bench(bench, settings)
     planned = load_plan(plan)
@@ -127,7 +128,7 @@ def capture(
             ),
             retake=retake or (),
         )
-    for sentence in comparisons.write():
+    for sentence in comparisons.write(ShownProgress()):
         note(sentence)
     _print_summary(out, summary, json=json)
 
@@ -180,7 +181,7 @@ def _placement(
     simulated: SimulatedBench | None, person: Operator, *, is_asked: bool
 ) -> Callable[[PlanEntry], Placement]:
     """Return the callback that has a target placed; it asks the operator only if told to."""
-    from standoff.workflows import place_in_simulation
+    from standoff.library import place_in_simulation
 
     if simulated is None:
         return person.place if is_asked else lambda _: "ready"

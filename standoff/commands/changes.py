@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from analysis.choices import FALSE_ALARMS
-from standoff.errors import ApplicationError
 from standoff.terminal import (
     HINT_RULES,
     EncodingName,
@@ -22,20 +21,20 @@ from standoff.terminal import (
     Points,
     PoseHint,
     Scheduler,
+    ShownProgress,
     Strict,
     TransferForm,
     Workers,
     check_options,
-    command_line,
     excludes,
     needs,
     note,
-    note_at_end,
-    photograph_inputs,
+    note_once,
     print_few,
     print_json,
     print_json_file,
     print_table,
+    reading_options,
     refuse_overwriting,
     refuse_suffix,
     refuse_sweep_of_one,
@@ -48,7 +47,8 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from analysis.change_series import ChangesSeries, ComparedFollowup
     from analysis.changes import Change, ChangeSummary
-    from standoff.workflows import ComparisonRequest, SeriesRequest, SeriesResult
+    from analysis.sweep import SweepOptions
+    from standoff.library import SeriesResult
 
 _RULES = (
     *HINT_RULES,
@@ -133,108 +133,66 @@ def changes(
     inputs_given = [reference, *followup, psf, noise, homography, points, mask]
     refuse_overwriting([report], inputs_given, force=force)
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
-    _refuse_folder_of_references(reference, followup)
-    from analysis.changes import ChangeOptions
-    from calibration.files import read_noise
-    from standoff.workflows import (
+    from standoff.library import (
         CHANGE_FILES,
         CHANGES_TABLE,
         FILES_OF_SERIES,
-        ComparisonRequest,
-        HintFiles,
-        SeriesRequest,
+        alignment_hints,
+        find_changes,
         find_changes_of_series,
         holds_series,
         is_series,
-        read_hints,
         require_writable,
     )
 
-    hints = HintFiles(zoom=expect_zoom, homography=homography, points=points, mask=mask)
-    inputs = photograph_inputs(encoding, page, mean, files=(psf, noise, *hints.paths))
     require_writable([report])
-    comparison = ComparisonRequest(
-        psf=psf,
-        transfer=transfer,
-        options=ChangeOptions(
-            noise=None if noise is None else read_noise(noise).capture_noise,
-            false_alarms=false_alarms,
-            false_discovery_rate=false_discovery_rate,
-        ),
-        hints=read_hints(hints),
-        white_level=white_level,
-    )
-    request = SeriesRequest(
-        reference=reference,
-        followups=tuple(followup),
-        out=out,
-        inputs=inputs,
-        sweep=sweep,
-        report=report,
-    )
+    how: dict[str, Any] = {
+        "transfer": transfer,
+        "noise": noise,
+        "false_alarms": false_alarms,
+        "false_discovery_rate": false_discovery_rate,
+        "hints": alignment_hints(expect_zoom, homography=homography, points=points, mask=mask),
+        "white_level": white_level,
+        "reading": reading_options(encoding, page, mean),
+        "progress": ShownProgress(),
+    }
     if reference.is_dir() or is_series(followup):
         if points is not None:
             raise typer.BadParameter("points are of one follow-up; give one", param_hint="--points")
         if not holds_series(out, CHANGES_TABLE):
             refuse_overwriting([out / name for name in FILES_OF_SERIES], force=force)
-        _show_series(request, find_changes_of_series(request, comparison), json=json)
+        series = find_changes_of_series(
+            reference,
+            followup,
+            out,
+            psf,
+            **how,
+            report=report,
+            sweep=sweep,
+        )
+        _show_series(out, series, sweep, json=json)
         return
     refuse_sweep_of_one(sweep)
     refuse_overwriting([out / name for name in CHANGE_FILES], inputs_given, force=force)
-    _compare_one(request, comparison, json=json)
-
-
-def _refuse_folder_of_references(reference: Path, followups: list[Path]) -> None:
-    """Check that a folder of references comes with a folder of follow-ups, another one."""
-    if not reference.is_dir():
-        return
-    if len(followups) != 1 or not followups[0].is_dir():
-        raise ApplicationError(
-            f"{reference} is a folder of references, paired by name with one folder of follow-ups; "
-            "give that, or one photograph as the reference"
-        )
-    if followups[0].resolve() == reference.resolve():
-        raise ApplicationError(
-            f"{reference} is given as both folders: nothing is compared with itself"
-        )
-
-
-def _compare_one(request: SeriesRequest, comparison: ComparisonRequest, *, json: bool) -> None:
-    from acquisition.printable import on_one_line
-    from standoff.workflows import (
-        find_changes_of_files,
-        make_folder,
-        write_changes,
-        write_page,
-        written_together,
+    found = find_changes(
+        reference,
+        followup[0],
+        psf,
+        **how,
     )
-
-    inputs, followup = request.inputs, request.followups[0]
-    pair = find_changes_of_files(request.reference, followup, comparison, inputs)
-    make_folder(request.out)
-    summary = pair.found.summary.model_copy(
-        update={
-            "reference": on_one_line(request.reference),
-            "followup": on_one_line(followup),
-            "provenance": inputs.provenance(command_line()),
-        }
-    )
-    if request.report is not None:
-        write_page(request.report, pair.page(summary))
-    with written_together(request.out / "changes.json") as folder:
-        write_changes(folder, pair, summary)
-    _show_one(request.out, summary, json=json)
-
-
-def _show_one(out: Path, summary: ChangeSummary, *, json: bool) -> None:
-    from analysis.changes import describe_focus
-    from calibration.documents import json_object
-
-    for warning in summary.warnings:
-        note_at_end(warning)
+    if report is not None:
+        found.write_report(report)
+    found.write(out)
+    note_once(found.notes)
     if json:
-        print_json({"out": str(out), **json_object(summary)})
+        print_json({"out": str(out), **found.to_json()})
         return
+    _show_one(out, found.summary)
+
+
+def _show_one(out: Path, summary: ChangeSummary) -> None:
+    from analysis.changes import describe_focus
+
     if summary.changes:
         shown = _shown(summary.changes)
         print_table(
@@ -277,13 +235,18 @@ def _change_cells(number: int, change: Change) -> list[str]:
 
 
 def _show_series(
-    request: SeriesRequest, found: SeriesResult[ChangesSeries, ComparedFollowup], *, json: bool
+    out: Path,
+    found: SeriesResult[ChangesSeries, ComparedFollowup],
+    options: SweepOptions,
+    *,
+    json: bool,
 ) -> None:
     document = found.document
     if document is not None and document.unpaired:
         note(_unpaired_sentence(document.unpaired))
+    note_once(found.notes)
     if document is None:
-        say_part(request.out, found.sweep, request.sweep, json=json)
+        say_part(out, found.sweep, options, json=json)
     elif json:
         print_json_file(found.summary)
     else:
@@ -296,7 +259,7 @@ def _show_series(
         )
         say(
             f"{document.compared} follow-ups compared, {document.changed} with changed pixels "
-            f"({found.sweep.found_done} already done); wrote {request.out}"
+            f"({found.sweep.found_done} already done); wrote {out}"
         )
     report_refused(found.sweep, "the results of the others are complete")
 

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from calibration.errors import CalibrationError
-from standoff.errors import ApplicationError
 from standoff.terminal import (
     Force,
     Json,
+    ShownProgress,
     check_options,
     needs,
-    note,
+    note_once,
     print_json,
     print_table,
     refuse_overwriting,
     refuse_suffix,
     say,
 )
-
-if TYPE_CHECKING:
-    from calibration.psf import PsfCalibration
-
 
 _RULES = (needs("report", "history"),)
 
@@ -58,38 +52,13 @@ def compare(
         return
     if len(files) != 2:
         raise typer.BadParameter(f"give two psf.json files, got {len(files)}; or use --history")
-    from calibration.files import read_psf
-    from calibration.psf import compare_psfs
     from calibration.sharpness import NORMAL_95, with_reach
+    from standoff.library import compare_psfs
 
-    first, second = (read_psf(path) for path in files)
-    try:
-        change = compare_psfs(first, second)
-    except CalibrationError as error:
-        raise CalibrationError(f"{files[0]} and {files[1]}: {error}") from error
-    for remark in change.remarks:
-        note(remark)
+    change = compare_psfs(*files)
+    note_once(change.notes)
     if json:
-        print_json(
-            {
-                "first": str(files[0]),
-                "second": str(files[1]),
-                "is_changed": bool(change.changed),
-                "verdict": change.verdict,
-                "remarks": list(change.remarks),
-                "shared_inputs": list(change.shared_inputs),
-                "parameters": [
-                    {
-                        **asdict(one),
-                        "difference": one.difference,
-                        "z": one.z,
-                        "p_value": one.p_value,
-                        "is_changed": one.is_changed,
-                    }
-                    for one in change.parameters
-                ],
-            }
-        )
+        print_json(change.to_json())
         return
     print_table(
         "PSF, ± at 95 %",
@@ -111,36 +80,16 @@ def compare(
 
 
 def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
-    from analysis.reports import (
-        Report,
-        history_document,
-        history_sections,
-        ordered_history,
-        render_report,
-        versions,
-    )
-    from standoff.workflows import provenance_of, require_writable, write_page
+    from standoff.library import psf_history, require_writable
 
     require_writable([report])
-    calibrations = _calibrations(files)
-    found = ordered_history(calibrations)
-    provenance = provenance_of(None, *(Path(name) for name, _ in calibrations))
+    found = psf_history(files, progress=ShownProgress())
     if report is not None:
-        page = render_report(
-            Report(
-                title="PSF history",
-                subtitle=f"Calibrations: {sum(map(len, found.values()))}; cameras: {len(found)}",
-                verdicts=(),
-                sections=history_sections(found),
-                provenance=versions(),
-                origin=provenance,
-            )
-        )
-        write_page(report, page)
+        found.write_report(report)
     if json:
-        print_json({**history_document(found), "provenance": provenance.model_dump(mode="json")})
+        print_json(found.to_json())
         return
-    for section in history_sections(found):
+    for section in found.sections:
         table = section.tables[0]
         print_table(
             f"{section.title}, ± at 95 %",
@@ -150,22 +99,3 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
         )
     if report is not None:
         say(f"wrote {report}")
-
-
-def _calibrations(paths: list[Path]) -> list[tuple[str, PsfCalibration]]:
-    """Read files, and every psf.json below folders; what cannot be read below one is noted."""
-    from calibration.files import read_psf
-
-    found = []
-    for path in paths:
-        if not path.is_dir():
-            found.append((str(path), read_psf(path)))
-            continue
-        for file in sorted(path.rglob("*psf*.json")):
-            try:
-                found.append((str(file), read_psf(file)))
-            except CalibrationError as error:
-                note(f"left out: {error}")
-    if not found:
-        raise ApplicationError(f"no psf.json in {', '.join(map(str, paths))}")
-    return found

@@ -24,7 +24,7 @@ from standoff.terminal import (
     CurveNoise,
     CurveObserver,
     Json,
-    chosen_curve,
+    curve_choice,
     note,
     read_bench,
     say,
@@ -170,8 +170,9 @@ def _curve(
     if path is None:
         return None
     from standoff.console.devices import PoseCurve, tracker_maker
+    from standoff.library import given_curve
 
-    curve = chosen_curve(path, min_dprime, model, observer, noise_dn, contrast_dn)
+    curve = given_curve(path, min_dprime, curve_choice(model, observer, noise_dn, contrast_dn))
     chosen = {"model": model, "observer": observer, "noise": noise_dn, "contrast": contrast_dn}
     return PoseCurve(
         make_tracker=tracker_maker(curve, min_dprime),

@@ -13,6 +13,7 @@ from standoff.terminal import (
     BenchKeys,
     Force,
     Json,
+    ShownProgress,
     print_json,
     print_table,
     read_bench,
@@ -21,7 +22,7 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from standoff.workflows import DemoResult
+    from standoff.library import DemoResult
 
 
 def demo(
@@ -33,12 +34,14 @@ def demo(
     """Run the whole chain on the simulated bench, and compare the results with its truth."""
     from acquisition.plan import load_plan
     from acquisition.session import MANIFEST_NAME
-    from standoff.workflows import DEMO_FILES, run_demo
+    from standoff.library import DEMO_FILES, Call, run_demo
 
     if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
         refuse_overwriting([out / name for name in DEMO_FILES], force=force)
     config = read_bench(shipped_config("demo_bench.toml"), settings)
-    result = run_demo(out, config, load_plan(shipped_config("demo_plan.toml")))
+    result = run_demo(
+        Call("run_demo", ShownProgress()), out, config, load_plan(shipped_config("demo_plan.toml"))
+    )
     if json:
         print_json(result.document())
         return

@@ -9,7 +9,7 @@ import typer
 
 from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX
 from simulation.choices import MODELS, Model
-from standoff.errors import ApplicationError
+from standoff.errors import ApplicationError, ArgumentError
 from standoff.terminal import (
     EncodingName,
     Force,
@@ -19,17 +19,18 @@ from standoff.terminal import (
     Page,
     PartOfShards,
     Scheduler,
+    ShownProgress,
     Strict,
     TransferForm,
     Workers,
     checked_zoom,
-    command_line,
     is_same_command,
     note,
+    note_once,
     number_list,
-    photograph_inputs,
     print_json,
     print_table,
+    reading_options,
     refuse_overwriting,
     refuse_suffix,
     say,
@@ -37,9 +38,8 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from analysis.detectability import ChangeSignal, DetectabilityCurve, DetectabilityCurves
-    from standoff.photographs import Inputs
-    from standoff.workflows import MeasuredCurves
+    from analysis.detectability import DetectabilityCurve, DetectabilityCurves
+    from standoff.library import MeasuredCurves
 
 
 _Name = TypeVar("_Name", bound=str)
@@ -114,55 +114,40 @@ def detectability(
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
     replaces = force or sweep.part[1] > 1 or _is_of_same_command(out)  # a part writes no curves
     refuse_overwriting([out], [*images, psf, signal], force=replaces)
-    table = Path(noise) if noises is None else None
-    inputs = photograph_inputs(encoding, page, mean, files=(psf, table))
-    change = _change(signal, signal_sigma, inputs)
-    if 2 * change.reach_px / reference_zoom > window:
-        raise typer.BadParameter(
-            f"the change exceeds the window of {window} px; widen it", param_hint="--window"
-        )
-    from analysis.detectability import DetectionTask
-    from calibration.files import read_noise
-    from standoff.workflows import (
-        CurvesRequest,
-        curve_figure_paths,
-        each_image,
-        measure_curves,
-        require_writable,
-    )
+    from analysis.detectability import DetectionTask, GaussianSignal
+    from standoff.library import curve_figure_paths, measure_curves, require_writable
 
     refuse_overwriting(curve_figure_paths(out), force=replaces)
     require_writable([out])
-    request = CurvesRequest(
-        images=each_image(images),
-        psf=psf,
-        transfer=transfer,
-        task=DetectionTask(
-            signal=change,
-            contrasts_dn=tuple(contrasts),
-            noises_dn=tuple(noises or ()),
-            zooms=tuple(sorted(zoom_list)),
-            models=models,
-            observers=observers,
-            reference_zoom=reference_zoom,
-            window_px=window,
-        ),
-        noise=None if table is None else read_noise(table).capture_noise,
-        sweep=sweep,
-        inputs=inputs,
-    )
-    measured = measure_curves(request, out.with_suffix(".sweep"))
+    try:
+        measured = measure_curves(
+            images,
+            out.with_suffix(".sweep"),
+            psf,
+            DetectionTask(
+                signal=GaussianSignal(sigma_px=signal_sigma),
+                contrasts_dn=tuple(contrasts),
+                noises_dn=tuple(noises or ()),
+                zooms=tuple(sorted(zoom_list)),
+                models=models,
+                observers=observers,
+                reference_zoom=reference_zoom,
+                window_px=window,
+            ),
+            transfer=transfer,
+            signal=signal,
+            noise=noise if noises is None else None,
+            sweep=sweep,
+            reading=reading_options(encoding, page, mean),
+            progress=ShownProgress(),
+        )
+    except ArgumentError as error:
+        raise typer.BadParameter(str(error), param_hint="--window") from error
+    note_once(measured.notes)
     if measured.curves is None:
         _say_part(shard, measured, is_json=json)
     else:
-        found = measured.curves.model_copy(
-            update={
-                "signal": measured.curves.signal if signal is None else signal.name,
-                "provenance": inputs.provenance(command_line()),
-            }
-        )
-        _note_copies(measured)
-        _write_curves(out, found, is_json=json)
+        _show_curves(out, measured.write(out), measured.curves, is_json=json)
     _refuse_refused(measured)
 
 
@@ -180,32 +165,19 @@ def _is_of_same_command(out: Path) -> bool:
     return stored is not None and is_same_command(stored.command)
 
 
-def _write_curves(out: Path, found: DetectabilityCurves, *, is_json: bool) -> None:
-    """Write the document and its figures, and show the curves of the first contrast."""
-    from analysis.results_file import write_results
+def _show_curves(
+    out: Path, figures: list[Path], found: DetectabilityCurves, *, is_json: bool
+) -> None:
+    """Show the curves of the first contrast."""
     from calibration.documents import json_object
-    from standoff.workflows import curve_figure_paths, write_curve_figures, written_together
 
-    contrast_dn = found.curves[0].contrast_dn
-    with written_together(out) as folder:
-        write_results(folder / out.name, found)
-        write_curve_figures(folder / out.name, found.curves, contrast_dn)
-    figures = curve_figure_paths(out)
     if is_json:
         files = [str(path) for path in figures]
         print_json({"out": str(out), "figures": files, **json_object(found)})
         return
-    _print_curves([curve for curve in found.curves if curve.contrast_dn == contrast_dn])
+    first_dn = found.curves[0].contrast_dn
+    _print_curves([curve for curve in found.curves if curve.contrast_dn == first_dn])
     say(f"wrote {out} and {', '.join(str(path) for path in figures)}")
-
-
-def _note_copies(measured: MeasuredCurves) -> None:
-    if measured.copies:
-        have = "photograph has" if measured.copies == 1 else "photographs have"
-        note(
-            f"{measured.copies} {have} the content of another; each counts as often as it comes; "
-            f"see {measured.copies_list}"
-        )
 
 
 def _say_part(shard: str, measured: MeasuredCurves, *, is_json: bool) -> None:
@@ -232,17 +204,6 @@ def _refuse_refused(measured: MeasuredCurves) -> None:
         f"{done.refused} photographs could not be measured ({done.refused_list} lists them); the "
         f"curves are of the {done.images} others"
     )
-
-
-def _change(patch: Path | None, sigma_px: float, inputs: Inputs) -> ChangeSignal:
-    from analysis.detectability import GaussianSignal, PatchSignal
-
-    if patch is None:
-        return GaussianSignal(sigma_px=sigma_px)
-    try:
-        return PatchSignal(levels_dn=inputs.grey(patch))
-    except ValueError as error:
-        raise ApplicationError(f"{patch}: {error}") from error
 
 
 def _print_curves(curves: list[DetectabilityCurve]) -> None:

@@ -7,17 +7,16 @@ from typing import Annotated
 
 import typer
 
+from acquisition.session_export import EXPORT_ENDINGS, ExportFormat
 from standoff.errors import ApplicationError
 from standoff.terminal import (
     Force,
     Json,
-    note,
+    ShownProgress,
     print_json,
-    progress_bar,
     refuse_overwriting,
     say,
 )
-from standoff.workflows import EXPORT_ENDINGS, ExportFormat
 
 
 def export(
@@ -48,39 +47,13 @@ def export(
     if is_replaced:
         _refuse_folder(out, force=force)
     refuse_overwriting([None if is_replaced else out], [geometry], force=force)
-    from acquisition.session import Session
-    from calibration.files import read_geometry
-    from standoff.workflows import ExportRequest, export_session, provenance_of, require_exporter
+    from standoff.library import export_session
 
-    require_exporter(format_)
-    if not out.parent.is_dir():
-        raise ApplicationError(f"cannot write {out}: {out.parent} is not a folder")
-    opened = Session(directory)
-    request = ExportRequest(
-        format=format_,
-        out=out,
-        provenance=provenance_of(opened, geometry),
-        geometry=None if geometry is None else read_geometry(geometry),
+    done = export_session(
+        directory, out, format=format_, geometry=geometry, progress=ShownProgress()
     )
-    with progress_bar("exporting", len(opened.records)) as bar:
-        done = export_session(opened, request, bar.advance_to)
-    if done.left_out:
-        note(f"{done.left_out} excluded capture(s) left out")
-    if done.with_scale < done.captures:
-        note(
-            f"the scale of {done.captures - done.with_scale} capture(s) is not known, so that they "
-            "are in pixels; --geometry gives it"
-        )
     if json:
-        print_json(
-            {
-                "out": str(out),
-                "format": format_,
-                "captures": done.captures,
-                "with_scale": done.with_scale,
-                "left_out": done.left_out,
-            }
-        )
+        print_json(done.to_json())
         return
     say(f"wrote {out}: {done.captures} captures")
 

@@ -21,6 +21,7 @@ from standoff.terminal import (
     note,
     place_target,
     print_json,
+    progress_bar,
     read_bench,
     refuse_overwriting,
     refuse_suffix,
@@ -31,8 +32,15 @@ from standoff.terminal import (
 if TYPE_CHECKING:
     from acquisition.bench import BenchConfig
     from acquisition.devices import Camera
-    from acquisition.focus import FocusOptions, FocusReading, Region
-    from standoff.workflows import FocusSweep, OpenBench, OpenCamera
+    from acquisition.focus import (
+        FocusOptions,
+        FocusPoint,
+        FocusReading,
+        FocusSweep,
+        Region,
+        SweepRequest,
+    )
+    from standoff.library import OpenBench, OpenCamera
 
 
 _LIVE_FRAMES = 3
@@ -106,14 +114,9 @@ def focus(
     refuse_overwriting([out], [bench, noise], force=force)
     if from_mm is not None and to_mm is not None and not from_mm < to_mm:
         raise typer.BadParameter("--from must be below --to")
-    from standoff.workflows import (
-        SweepRequest,
-        open_bench,
-        opened_camera,
-        require_writable,
-        run_sweep,
-        watch_focus,
-    )
+    from acquisition.focus import SweepRequest
+    from standoff.library import open_bench, opened_camera, require_writable, watch_focus
+    from standoff.terminal import focus_display
 
     require_writable([out])
     config = read_bench(bench, settings)
@@ -122,7 +125,10 @@ def focus(
         with opened_camera(config) as watched:
             _prepare(watched, target, options)
             count = frames or _LIVE_FRAMES
-            last = watch_focus(watched, options, smoothed=count + 1 - count % 2, readings=readings)
+            with focus_display(watched.clock) as show:
+                last = watch_focus(
+                    watched, options, show, smoothed=count + 1 - count % 2, readings=readings
+                )
         _show_last(last, metric, json=json)
         return
     request = SweepRequest(
@@ -133,8 +139,25 @@ def focus(
     )
     with open_bench(config) as opened:
         _prepare(opened, target, options)
-        found = run_sweep(opened, config, options, request)
+        found = _swept(opened, config, options, request)
     _finish(found, config, metric, out, json=json)
+
+
+def _swept(
+    opened: OpenBench, config: BenchConfig, options: FocusOptions, request: SweepRequest
+) -> FocusSweep:
+    from acquisition.focus import positions_of, sweep_bench
+    from standoff.library import devices_of
+
+    with progress_bar("sweeping", positions_of(request)) as bar:
+        done = 0
+
+        def show(point: FocusPoint) -> None:
+            nonlocal done
+            done += 1
+            bar.advance_to(done, f"{point.height_mm:.2f} mm: {point.value:.4g}")
+
+        return sweep_bench(devices_of(opened, config), options, request, show)
 
 
 def _options(metric: FocusMeasure, region: str | None, noise: Path | None) -> FocusOptions:
@@ -209,7 +232,7 @@ def _finish(
 ) -> None:
     if out is not None:
         from analysis.reports import plot_focus_sweep, png_bytes
-        from standoff.workflows import write_file
+        from standoff.library import write_file
 
         heights, values, errs = found.columns()
         write_file(out, png_bytes(plot_focus_sweep(heights, values, errs, found.peak, metric)))

@@ -12,10 +12,9 @@ from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff.terminal import (
     Force,
     Json,
-    note,
+    ShownProgress,
     print_json,
     print_table,
-    progress_bar,
     quantity,
     refuse_overwriting,
     say,
@@ -62,18 +61,9 @@ def geometry(
 ) -> None:
     """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
     refuse_overwriting([out, report], force=force)
-    from acquisition.session import Session
     from calibration.documents import json_object
-    from calibration.files import write_geometry
-    from calibration.geometry import (
-        CharucoBoard,
-        GeometryOptions,
-        calibrate_geometry,
-        geometry_captures,
-        geometry_records,
-        nominal_focal_px,
-    )
-    from standoff.workflows import provenance_of, write_geometry_report
+    from calibration.geometry import CharucoBoard
+    from standoff.library import calibrate_geometry, write_geometry
 
     try:
         layout = CharucoBoard.from_text(board)
@@ -82,30 +72,15 @@ def geometry(
     for option, value in (("--scale", scale), ("--focal-length-px", focal_length_px)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise typer.BadParameter(f"expected a number above 0, got {value:g}", param_hint=option)
-    opened = Session(session)
-    records = geometry_records(opened)
-    with progress_bar("matching captures", len(records)) as bar:
-        found = calibrate_geometry(
-            list(geometry_captures(opened)),
-            GeometryOptions(
-                nominal_focal_px=focal_length_px or nominal_focal_px(opened),
-                scale_px_per_mm=scale,
-                board=layout,
-            ),
-            bar.advance_to,
-        )
-    found = found.model_copy(update={"provenance": provenance_of(opened)})
+    found = calibrate_geometry(
+        session,
+        board=layout,
+        scale_px_per_mm=scale,
+        focal_length_px=focal_length_px,
+        report=report,
+        progress=ShownProgress(),
+    )
     write_geometry(out, found)
-    for one in found.excluded:
-        note(f"{one.image} is left out: {one.reason}")
-    for text in found.notes:
-        note(text)
-    if found.scale_source == "board":
-        note(
-            f"the scale comes from {_SOURCES['board'].format(board=layout)}; --board names another"
-        )
-    if report is not None:
-        write_geometry_report(report, found, str(session))
     if json:
         print_json(json_object(found))
         return

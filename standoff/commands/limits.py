@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from standoff.errors import ApplicationError
 from standoff.terminal import (
     CurveContrast,
     CurveModel,
@@ -20,7 +19,7 @@ from standoff.terminal import (
     MinDprime,
     check_options,
     checked_zoom,
-    chosen_curve,
+    curve_choice,
     exactly_one,
     needs,
     print_json,
@@ -32,10 +31,8 @@ from standoff.terminal import (
 )
 
 if TYPE_CHECKING:
-    from analysis.pose import PoseLimits, ViewingCamera
+    from analysis.pose import PoseLimits
 
-
-_LIMITS = ("zoom", "is_zoom_beyond_curve", "tilt_deg", "zoom_by_tilt", "overlap_by_shift")
 
 _RULES = (
     exactly_one("geometry", "focal_length_px"),
@@ -94,82 +91,41 @@ def limits(
     check_options(context, _RULES)
     refuse_suffix(plot, "--plot", {".png", ".svg"})
     refuse_overwriting([plot], [curves, geometry], force=force)
-    from analysis.pose import FollowupPose, contrast_found_at, pose_limits
     from analysis.reports import plot_limits
-    from standoff.workflows import require_writable, write_figure
+    from standoff.library import pose_limits, require_writable, write_figure
 
-    camera = _camera(geometry, focal_length_px, image_size)
     require_writable([plot])
-    curve = chosen_curve(curves, min_dprime, model, observer, noise, contrast)
-    found = pose_limits(curve, min_dprime, camera, reference_tilt, tilt_direction)
-    least_dn = None
-    if at_zoom is not None:
-        pose = FollowupPose(
-            zoom=at_zoom,
-            tilt_deg=at_tilt,
-            reference_tilt_deg=reference_tilt,
-            direction_deg=tilt_direction,
-        )
-        least_dn = contrast_found_at(curve, min_dprime, camera, pose)
+    found = pose_limits(
+        curves,
+        min_dprime,
+        choice=curve_choice(model, observer, noise, contrast),
+        geometry=geometry,
+        focal_length_px=focal_length_px,
+        image_size=None if image_size is None else _size(image_size),
+        reference_tilt_deg=reference_tilt,
+        direction_deg=tilt_direction,
+        at_zoom=at_zoom,
+        at_tilt_deg=at_tilt,
+    )
     if plot is not None:
         write_figure(plot, plot_limits(found))
     if json:
-        print_json(
-            {
-                "curve": curve.model_dump(include={"model", "observer", "noise_dn", "contrast_dn"}),
-                "min_dprime": min_dprime,
-                "reference_tilt_deg": reference_tilt,
-                "tilt_direction_deg": tilt_direction,
-                "is_upper_bound": True,
-                **{name: getattr(found, name) for name in _LIMITS},
-                "at_zoom": at_zoom,
-                "at_tilt_deg": None if at_zoom is None else at_tilt,
-                "contrast_found_dn": least_dn,
-            }
-        )
+        print_json(found.to_json())
         return
     where = "in any direction" if tilt_direction is None else f"towards {tilt_direction:g} degrees"
-    _print_limits(curve.name, min_dprime, found, where)
-    if least_dn is not None:
+    _print_limits(found.curve.name, min_dprime, found, where)
+    if found.contrast_found_dn is not None:
         say(
-            f"at zoom {at_zoom:g}, tilt {at_tilt:g} degrees: contrasts from {least_dn:.3g} DN are "
-            "detectable"
+            f"at zoom {at_zoom:g}, tilt {at_tilt:g} degrees: contrasts from "
+            f"{found.contrast_found_dn:.3g} DN are detectable"
         )
 
 
-def _camera(
-    geometry: Path | None, focal_length_px: float | None, image_size: str | None
-) -> ViewingCamera:
-    from analysis.pose import ViewingCamera
-    from calibration.files import read_geometry
-
-    if geometry is not None:
-        stored = read_geometry(geometry)
-        focal, width, height = stored.focal_length_px, stored.width_px, stored.height_px
-        if focal is None or width is None or height is None:
-            raise ApplicationError(
-                f"{geometry}: the focal length or the frame is not determined; give "
-                "--focal-length-px and --image-size"
-            )
-        try:
-            return ViewingCamera(focal_length_px=focal, width_px=width, height_px=height)
-        except ValueError as error:
-            raise ApplicationError(f"{geometry}: {error}") from error
-    assert focal_length_px is not None
-    assert image_size is not None
-    size = re.fullmatch(r"(\d{1,6})\s*[x,×]\s*(\d{1,6})", image_size.strip().lower(), re.ASCII)
+def _size(text: str) -> tuple[int, int]:
+    size = re.fullmatch(r"(\d{1,6})\s*[x,×]\s*(\d{1,6})", text.strip().lower(), re.ASCII)
     if size is None:
-        raise typer.BadParameter(
-            f"--image-size must be WxH in px, such as 780x580, got {image_size}"
-        )
-    try:
-        return ViewingCamera(
-            focal_length_px=focal_length_px, width_px=int(size[1]), height_px=int(size[2])
-        )
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"--focal-length-px {focal_length_px:g}, --image-size {image_size}: {error}"
-        ) from error
+        raise typer.BadParameter(f"--image-size must be WxH in px, such as 780x580, got {text}")
+    return int(size[1]), int(size[2])
 
 
 def _print_limits(name: str, min_dprime: float, found: PoseLimits, where: str) -> None:

@@ -62,8 +62,8 @@ def mock(
     fault none, restart, drop-control, status.
     """
     from hil_mocks.practice_bench import HandStage, PracticeBench
+    from hil_mocks.practice_commands import PracticeCommandError, PracticeConsole
     from hil_mocks.stages import SerialStage
-    from standoff.workflows import PracticeCommandError, PracticeConsole
 
     config = read_bench(bench or shipped_config("simulated.toml"), settings)
     serial_stage = None if stage_protocol is None else SerialStage(stage_protocol)

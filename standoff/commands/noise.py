@@ -10,10 +10,9 @@ import typer
 from standoff.terminal import (
     Force,
     Json,
-    note,
+    ShownProgress,
     print_json,
     print_table,
-    progress_bar,
     refuse_overwriting,
     refuse_suffix,
     say,
@@ -36,32 +35,16 @@ def noise(
     json: Json = False,
 ) -> None:
     """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""
-    from acquisition.session import Session
-    from analysis.reports import render_noise_report
     from calibration.documents import json_object
-    from calibration.files import write_noise
-    from calibration.noise import map_paths, measure_noise, noise_records
-    from standoff.workflows import (
-        provenance_of,
-        require_writable,
-        write_page,
-        written_together,
-    )
+    from calibration.noise import map_paths
+    from standoff.library import measure_noise, require_writable, write_noise
 
     refuse_suffix(out, "--out", {".json"})
     refuse_suffix(report, "--report", {".html", ".htm", ".pdf"})
     refuse_overwriting([out, *map_paths(out).values(), report], force=force)
     require_writable([out, report])
-    opened = Session(session)
-    with progress_bar("reading captures", 2 * len(noise_records(opened))) as bar:
-        found = measure_noise(opened, bar.advance_to)
-    found = found.with_provenance(provenance_of(opened))
-    with written_together(out) as folder:
-        written = write_noise(folder / out.name, found)
-    for text in found.transfer.notes:
-        note(text)
-    if report is not None:
-        write_page(report, render_noise_report(found, str(session)))
+    found = measure_noise(session, report=report, progress=ShownProgress())
+    written = write_noise(out, found)
     if json:
         print_json(json_object(written))
         return

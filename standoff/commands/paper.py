@@ -12,6 +12,7 @@ from standoff.terminal import (
     BenchKeys,
     Force,
     Json,
+    ShownProgress,
     chosen_models,
     print_json,
     read_bench,
@@ -47,15 +48,17 @@ def paper(
     from acquisition.session import MANIFEST_NAME
     from analysis.validation import KernelBook, ValidationSettings
     from calibration.documents import json_object
+    from standoff.library import VALIDATION_FILES, Call, default_models, run_paper, short_bench
     from standoff.terminal import print_validation
-    from standoff.workflows import VALIDATION_FILES, default_models, run_paper, short_bench
 
     if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
         refuse_overwriting([out / name for name in VALIDATION_FILES], force=force)
     config = read_bench(shipped_config("paper_bench.toml"), settings)
     plan = "paper_validation_short.toml" if short else "paper_validation.toml"
-    chosen = default_models() if models is None else chosen_models(models)
+    call = Call("run_paper", ShownProgress())
+    chosen = default_models(call) if models is None else chosen_models(models)
     result = run_paper(
+        call,
         out,
         short_bench(config) if short else config,
         load_plan(shipped_config(plan)),

@@ -1,7 +1,5 @@
 """``standoff import``: photographs from elsewhere as a capture session."""
 
-import getpass
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -14,8 +12,10 @@ from standoff.terminal import (
     Mean,
     Page,
     ShortEncoding,
-    photograph_inputs,
+    ShownProgress,
+    note_once,
     print_json,
+    reading_options,
     say,
 )
 
@@ -50,21 +50,20 @@ def import_photographs(
 
     Each photograph is a target of its own, named after its file.
     """
-    if not math.isfinite(height_mm):
-        raise typer.BadParameter(f"a height must be a finite number, got {height_mm}")
-    if scale is not None and not (math.isfinite(scale) and scale > 0):
-        raise typer.BadParameter(f"a scale must be above 0 px/mm, got {scale}")
-    from standoff.workflows import ImportSettings, import_into_session
+    from standoff.library import import_photographs as imported_photographs
 
-    settings = ImportSettings(
+    found = imported_photographs(
+        images,
+        out,
         kind=kind,
         height_mm=height_mm,
         scale_px_per_mm=scale,
-        operator=operator or getpass.getuser(),
+        operator=operator,
+        reading=reading_options(encoding, page, mean, srgb),
+        progress=ShownProgress(),
     )
-    inputs = photograph_inputs(encoding, page, mean, srgb)
-    imported = import_into_session(out, images, settings, inputs)
+    note_once(found.notes)
     if json:
-        print_json({"session": str(out), "imported": imported, "photographs": len(images)})
+        print_json(found.to_json())
         return
-    say(f"{out}: {imported} of {len(images)} photographs imported")
+    say(f"{out}: {found.imported} of {len(images)} photographs imported")

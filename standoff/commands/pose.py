@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from analysis.choices import Criterion
-from calibration.errors import CalibrationError
 from standoff.terminal import (
     HINT_RULES,
     BenchKeys,
@@ -31,21 +30,21 @@ from standoff.terminal import (
     Points,
     PoseHint,
     Scheduler,
+    ShownProgress,
     Strict,
     Workers,
     check_options,
-    chosen_curve,
-    command_line,
+    curve_choice,
     exactly_one,
     needs,
     note,
-    note_at_end,
-    photograph_inputs,
+    note_once,
     place_target,
     print_few,
     print_json,
     print_json_file,
     read_bench,
+    reading_options,
     refuse_overwriting,
     refuse_suffix,
     refuse_sweep_of_one,
@@ -57,14 +56,8 @@ from standoff.terminal import (
 
 if TYPE_CHECKING:
     from analysis.pose import JudgedFollowup, PoseQuality, PoseSeries, PoseSummary
-    from standoff.photographs import Inputs
-    from standoff.workflows import (
-        NamedFrame,
-        PoseDemand,
-        SeriesRequest,
-        SeriesResult,
-        StreamSummary,
-    )
+    from analysis.sweep import SweepOptions
+    from standoff.library import NamedFrame, PoseWatch, SeriesResult
 
 
 _HINTS = ("expect_zoom", "homography", "points", "mask")
@@ -161,78 +154,79 @@ def pose(
     inputs_given = [reference, *followups, curves, psf, homography, points, mask]
     refuse_overwriting([picture], inputs_given, force=force)
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
-    from standoff.workflows import (
-        FILES_OF_POSE_SERIES,
-        POSES_TABLE,
-        HintFiles,
-        PoseDemand,
-        SeriesRequest,
-        holds_series,
-        is_series,
-        judge_series,
-        read_camera_psf,
-        read_hints,
-        require_writable,
-    )
+    import standoff.library as library
 
-    hints = HintFiles(zoom=expect_zoom, homography=homography, points=points, mask=mask)
-    inputs = photograph_inputs(encoding, page, mean, files=(curves, psf, *hints.paths))
-    require_writable([picture])
-    demand = PoseDemand(
-        curve=chosen_curve(curves, min_dprime, model, observer, noise, contrast),
-        min_d_prime=min_dprime,
-        criterion=criterion,
-        psf=None if psf is None else read_camera_psf(psf).gaussian,
-        hints=read_hints(hints),
-    )
-    if is_series(followups):
-        request = SeriesRequest(
-            reference=reference,
-            followups=followups,
-            out=_folder_of_series(out, picture),
-            inputs=inputs,
+    library.require_writable([picture])
+    choice = curve_choice(model, observer, noise, contrast)
+    read_as = reading_options(encoding, page, mean)
+    how: dict[str, Any] = {
+        "choice": choice,
+        "criterion": criterion,
+        "psf": psf,
+        "hints": library.alignment_hints(
+            expect_zoom, homography=homography, points=points, mask=mask
+        ),
+        "reading": read_as,
+        "progress": ShownProgress(),
+    }
+    if library.is_series(followups):
+        folder = _folder_of_series(out, picture)
+        if not library.holds_series(folder, library.POSES_TABLE):
+            results = [folder / name for name in library.FILES_OF_POSE_SERIES]
+            refuse_overwriting(results, inputs_given, force=force)
+        series = library.judge_poses(
+            reference,
+            followups,
+            folder,
+            curves,
+            min_dprime,
             sweep=sweep,
+            **how,
         )
-        if not holds_series(request.out, POSES_TABLE):
-            refuse_overwriting(
-                [request.out / name for name in FILES_OF_POSE_SERIES], inputs_given, force=force
-            )
-        _show_series(request, judge_series(request, demand), json=json)
+        _show_series(folder, series, sweep, json=json)
         return
     if followups:
         refuse_sweep_of_one(sweep)
-        _judge_one(reference, followups[0], demand, inputs, picture, json=json)
+        found = library.judge_pose(
+            reference,
+            followups[0],
+            curves,
+            min_dprime,
+            **how,
+        )
+        if picture is not None:
+            found.write_picture(picture)
+        note_once(found.notes)
+        if json:
+            print_json(found.to_json(picture))
+            return
+        _show_one(found.quality, found.summary)
         return
-    source = _frames(stream, inputs, bench, settings, target, is_watched=watch)
-    _judge_live(reference, source, demand, inputs, frames, is_bench=bench is not None, json=json)
+    watched = library.PoseWatch(
+        reference, curves, min_dprime, choice=choice, criterion=criterion, reading=read_as
+    )
+    with _frames(watched, stream, bench, settings, target, is_watched=watch) as source:
+        _watch(watched, source, frames, is_bench=bench is not None, json=json)
 
 
-def _judge_live(
-    reference: Path,
-    source: AbstractContextManager[Iterator[NamedFrame]],
-    demand: PoseDemand,
-    inputs: Inputs,
+def _watch(
+    watched: PoseWatch,
+    frames: Iterator[NamedFrame],
     count: int | None,
     *,
     is_bench: bool,
     json: bool,
 ) -> None:
-    from analysis.pose import PoseTracker
-    from standoff.workflows import StreamSummary, judge_stream, verdict_display
+    from standoff.terminal import verdict_display
 
-    near = inputs.grey(reference)
     try:
-        tracker = PoseTracker(near, demand.curve, demand.min_d_prime, demand.criterion)
-    except (CalibrationError, ValueError) as error:
-        raise CalibrationError(f"{reference}: {error}") from error
-    summary = StreamSummary()
-    try:
-        with source as frames, verdict_display(is_live=is_bench, is_silent=json) as show:
-            judge_stream(frames, tracker, summary, show, count=count, is_kept=not is_bench)
+        with verdict_display(is_live=is_bench, is_silent=json) as show:
+            watched.run(frames, show, count=count, is_kept=not is_bench)
     finally:
         # Ctrl-C is the normal way to end this: the summary is shown then, too.
-        if summary.frames:
-            _show_stream(summary, demand, inputs, json=json)
+        if watched.summary.frames:
+            _show_stream(watched, json=json)
+    note_once(watched.notes)
 
 
 def _folder_of_series(out: Path | None, picture: Path | None) -> Path:
@@ -243,49 +237,22 @@ def _folder_of_series(out: Path | None, picture: Path | None) -> Path:
     return out
 
 
-def _judge_one(
-    reference: Path,
-    followup: Path,
-    demand: PoseDemand,
-    inputs: Inputs,
-    picture: Path | None,
-    *,
-    json: bool,
-) -> None:
-    from analysis.reports import plot_pose
-    from standoff.workflows import judged_pose, write_figure
-
-    near, far = inputs.photograph(reference), inputs.photograph(followup)
-    found = judged_pose(near, far, demand)
-    if picture is not None:
-        write_figure(picture, plot_pose(far.grey_dn, found.quality))
-    for warning in found.warnings:
-        note_at_end(warning)
-    judged = found.summary.model_copy(
-        update={
-            "picture": None if picture is None else str(picture),
-            "provenance": inputs.provenance(command_line()),
-        }
-    )
-    _show_one(found.quality, judged, json=json)
-
-
 @contextmanager
 def _frames(
+    watched: PoseWatch,
     stream: Path | None,
-    inputs: Inputs,
     bench: Path | None,
     settings: list[str] | None,
     target: str | None,
     *,
     is_watched: bool,
 ) -> Iterator[Iterator[NamedFrame]]:
-    from standoff.workflows import camera_frames, folder_frames, opened_camera
+    from standoff.library import camera_frames, opened_camera
 
     if stream is not None:
         if not stream.is_dir():
             raise typer.BadParameter(f"{stream} is not a folder", param_hint="--stream")
-        yield folder_frames(stream, inputs, is_watched=is_watched)
+        yield watched.folder(stream, is_watched=is_watched)
     if bench is not None:
         with opened_camera(read_bench(bench, settings)) as opened:
             for warning in opened.warnings:
@@ -296,18 +263,10 @@ def _frames(
                 yield source
 
 
-def _show_one(quality: PoseQuality, summary: PoseSummary, *, json: bool) -> None:
-    from standoff.workflows import beyond_curve_sentence
-
-    curve = quality.curve
-    if quality.beyond_curve:
-        note(beyond_curve_sentence(quality))
-    if json:
-        print_json(summary.model_dump(mode="json"))
-        return
+def _show_one(quality: PoseQuality, summary: PoseSummary) -> None:
     say(
         f"{'accepted' if quality.is_accepted else 'rejected'}: {quality.criterion} d' "
-        f"{quality.decisive_d_prime:.2f}, threshold {quality.min_d_prime:g} ({curve.name})"
+        f"{quality.decisive_d_prime:.2f}, threshold {quality.min_d_prime:g} ({quality.curve.name})"
     )
     say(
         f"local zoom {summary.zoom_min:.3f} to {summary.zoom_max:.3f}, anisotropy up to "
@@ -317,11 +276,16 @@ def _show_one(quality: PoseQuality, summary: PoseSummary, *, json: bool) -> None
 
 
 def _show_series(
-    request: SeriesRequest, found: SeriesResult[PoseSeries, JudgedFollowup], *, json: bool
+    out: Path,
+    found: SeriesResult[PoseSeries, JudgedFollowup],
+    options: SweepOptions,
+    *,
+    json: bool,
 ) -> None:
     document = found.document
+    note_once(found.notes)
     if document is None:
-        say_part(request.out, found.sweep, request.sweep, json=json)
+        say_part(out, found.sweep, options, json=json)
     elif json:
         print_json_file(found.summary)
     else:
@@ -335,7 +299,7 @@ def _show_series(
         say(
             f"{document.accepted} of {document.accepted + document.rejected} poses accepted: "
             f"{document.criterion} d' of at least {document.min_dprime:g} "
-            f"({found.sweep.found_done} already done); wrote {request.out}"
+            f"({found.sweep.found_done} already done); wrote {out}"
         )
         say(_UPPER_BOUND)
     report_refused(found.sweep, "the verdicts on the others are complete")
@@ -354,27 +318,11 @@ def _cells(one: JudgedFollowup) -> list[str]:
     ]
 
 
-def _show_stream(summary: StreamSummary, demand: PoseDemand, inputs: Inputs, *, json: bool) -> None:
-    from standoff.workflows import verdict_facts
-
+def _show_stream(watched: PoseWatch, *, json: bool) -> None:
+    summary = watched.summary
     assert summary.last is not None
     if json:
-        print_json(
-            {
-                "criterion": demand.criterion,
-                "min_dprime": demand.min_d_prime,
-                "curve": demand.curve.choice.model_dump(),
-                "is_upper_bound": True,
-                "provenance": inputs.provenance(command_line()).model_dump(mode="json"),
-                "frames": summary.frames,
-                "accepted": summary.accepted,
-                "lost": summary.unknown,
-                "anchors": summary.anchors,
-                "frames_per_s": summary.frames_per_s,
-                "last": verdict_facts(summary.last),
-                "verdicts": summary.verdicts,
-            }
-        )
+        print_json(watched.to_json())
         return
     rate = summary.frames_per_s
     say(

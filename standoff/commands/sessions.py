@@ -5,16 +5,15 @@ from __future__ import annotations
 import getpass
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from acquisition.errors import SessionError
 from standoff.errors import ApplicationError
 from standoff.terminal import Command, Json, note, print_json, print_table, say
 
 if TYPE_CHECKING:
-    from acquisition.session import Session, SessionCapture, SessionNotes
+    from acquisition.session import SessionCapture, SessionNotes
 
 
 Directory = Annotated[Path, typer.Argument(help="Session folder.", show_default=False)]
@@ -23,9 +22,6 @@ Reason = Annotated[str, typer.Option(help="Reason, recorded in the session.")]
 Who = Annotated[
     str | None, typer.Option("--operator", help="Name of the operator; the login name by default.")
 ]
-
-_QUOTED = 300
-"""Characters of a lost line that the terminal shows."""
 
 session = typer.Typer(
     name="session", help="Manage capture sessions: list, show, exclude, include, set-height, note."
@@ -45,28 +41,16 @@ def verify(
     json: Json = False,
 ) -> None:
     """Check every file of a session against its journal."""
-    from acquisition.session import verify as verify_session
+    from standoff.library import verify_session
 
-    repaired = _repair(directory) if repair else None
-    report = verify_session(directory)
+    checked = verify_session(directory, repair=repair)
+    report = checked.report
     superseded = [c for c in report.files if c.is_superseded and c.state in ("missing", "changed")]
+    for text in checked.notes[: len(checked.notes) - json * len(report.remarks)]:
+        note(text)
     if json:
-        print_json(
-            {
-                "session": str(directory),
-                "ok": report.is_ok,
-                "files": [
-                    {"file": c.file, "state": c.state, "superseded": c.is_superseded}
-                    for c in report.files
-                ],
-                "faults": list(report.faults),
-                "remarks": list(report.remarks),
-                "repaired": repaired,
-            }
-        )
+        print_json(checked.to_json())
     else:
-        for remark in report.remarks:
-            note(remark)
         for fault in report.faults:
             say(fault)
         for check in report.files:
@@ -88,30 +72,6 @@ def verify(
         )
 
 
-def _repair(directory: Path) -> dict[str, Any]:
-    """Repair the journal and say what became of it; the facts for ``--json``."""
-    from acquisition.session import repair_session
-
-    done = repair_session(directory)
-    if done.kept_as is None:
-        note("the journal is sound; nothing was repaired")
-    else:
-        note(f"the journal was made anew of {done.lines} lines; the old one is {done.kept_as.name}")
-        for record in done.recovered:
-            note(f"capture {record.index} was brought back from {record.file}")
-        for line in done.lost:
-            note(f"line {line.number} is lost: {line.text[:_QUOTED] or 'nothing is left of it'}")
-        for file in done.unknown_files:
-            note(f"{file} is not a capture of this session and was left out")
-    return {
-        "kept_as": None if done.kept_as is None else str(done.kept_as),
-        "lines": done.lines,
-        "recovered": [record.index for record in done.recovered],
-        "lost": [{"line": line.number, "text": line.text} for line in done.lost],
-        "unknown_files": list(done.unknown_files),
-    }
-
-
 @session.command("list")
 def list_sessions(
     folder: Annotated[
@@ -120,18 +80,12 @@ def list_sessions(
     json: Json = False,
 ) -> None:
     """List the sessions in a folder: plan, captures, creation time and operator."""
-    from acquisition.session import MANIFEST_NAME, Session
+    from standoff.library import list_sessions as listed_sessions
 
-    if not folder.is_dir():
-        raise ApplicationError(f"{folder} is not a folder; name the one that holds the sessions")
-    manifests = [*folder.glob(MANIFEST_NAME), *sorted(folder.glob(f"*/{MANIFEST_NAME}"))]
-    rows: list[dict[str, Any]] = []
-    for path in manifests:
-        try:
-            rows.append(_summary(Session(path.parent)))
-        except SessionError as error:
-            note(str(error))
-            rows.append({"session": str(path.parent), "error": str(error)})
+    rows = listed_sessions(folder)
+    for row in rows:
+        if "error" in row:
+            note(row["error"])
     if json:
         print_json(rows)
         return
@@ -158,40 +112,25 @@ def list_sessions(
 def show(directory: Directory, json: Json = False) -> None:
     """Show a session's captures, whether they are used, and its notes."""
     from acquisition.session import Session
+    from standoff.library import show_session
 
     opened = Session(directory)
-    captures = sorted(opened.captures, key=lambda capture: capture.record.index)
-    notes = [event for event in opened.events if event.kind == "note"]
+    facts = show_session(opened)
     if json:
-        print_json(
-            {
-                **_summary(opened),
-                "captures": [
-                    {
-                        **capture.record.to_json(),
-                        "superseded": capture.is_superseded,
-                        "excluded_because": capture.excluded_because,
-                        "uncorrected_height_mm": capture.uncorrected_height_mm,
-                    }
-                    for capture in captures
-                ],
-                "notes": [{"utc": event.utc, **event.facts} for event in notes],
-                "remarks": list(opened.remarks),
-            }
-        )
+        print_json(facts)
         return
+    captures = sorted(opened.captures, key=lambda capture: capture.record.index)
     for remark in opened.remarks:
         note(remark)
-    facts = _summary(opened)
     print_table(
         f"{directory}: {facts['plan']}, {facts['captured']} of {facts['planned']} captured",
         ["index", "target", "orientation / deg", "height / mm", "exposure / us", "focus", "state"],
         [_cells(capture) for capture in captures],
     )
-    for event in notes:
-        index = event.facts.get("index")
+    for written in facts["notes"]:
+        index = written.get("index")
         about = "" if index is None else f"capture {index}: "
-        say(f"{event.utc[:16]}  {about}{event.facts.get('text', '')}")
+        say(f"{written['utc'][:16]}  {about}{written.get('text', '')}")
 
 
 @session.command("exclude")
@@ -254,22 +193,6 @@ def _notes(directory: Path, who: str | None) -> SessionNotes:
     from acquisition.session import SessionNotes
 
     return SessionNotes(directory, operator=who or getpass.getuser())
-
-
-def _summary(opened: Session) -> dict[str, Any]:
-    captured = {c.record.index for c in opened.captures if not c.is_superseded}
-    excluded = [
-        c for c in opened.captures if c.excluded_because is not None and not c.is_superseded
-    ]
-    return {
-        "session": str(opened.path),
-        "plan": opened.plan.name,
-        "operator": opened.manifest.operator,
-        "created_utc": opened.manifest.created_utc,
-        "captured": len(captured),
-        "planned": len(opened.entries),
-        "excluded": len(excluded),
-    }
 
 
 def _cells(capture: SessionCapture) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -27,22 +27,23 @@ from standoff.terminal import (
     Mean,
     Option,
     Page,
+    ShownProgress,
     Threads,
     TransferForm,
     check_options,
     checked_zoom,
-    command_line,
     exactly_one,
     needs,
-    photograph_inputs,
+    note_once,
     print_json,
+    reading_options,
     refuse_overwriting,
     refuse_suffix,
     say,
 )
 
 if TYPE_CHECKING:
-    from standoff.workflows import CaptureOptions, FollowUp, FoundKernel, SimulatedPhotograph
+    from standoff.library import CaptureOptions
 
 
 AnyModel = Literal[Model, KernelModel]
@@ -191,93 +192,54 @@ def simulate(
     refuse_suffix(out, "--out", {".tif", ".tiff"})
     refuse_suffix(nearer, "--nearer", {".png"})
     refuse_overwriting([out, nearer], [image, psf, noise, homography, correct], force=force)
-    from standoff.workflows import (
-        FollowUpRequest,
-        simulate_photograph,
-        write_float_tiff,
-        write_mask,
-    )
+    from standoff.library import simulate as simulated
 
-    inputs = photograph_inputs(encoding, page, mean, files=(psf, noise, homography, correct))
-    simulated = simulate_photograph(
-        FollowUpRequest(
-            image=image,
-            inputs=inputs,
-            model=model,
-            camera=_camera(exposure, vignetting, sharpen, noise, seed),
-            zoom=zoom,
-            homography=homography,
-            psf=psf,
-            transfer=transfer,
-            gaussian=gaussian,
-            correct=correct,
-            steps=steps or TRAINING_STEPS,
-            is_centre_crop=centre_crop,
-            sampler=sampler or "exact",
-            kernel_cache=kernel_cache,
-            threads=threads,
-        )
+    found = simulated(
+        image,
+        zoom=zoom,
+        homography=homography,
+        psf=psf,
+        model=model,
+        transfer=transfer,
+        gaussian=gaussian,
+        camera=_camera(exposure, vignetting, sharpen, seed),
+        noise=noise,
+        correct=correct,
+        steps=steps or TRAINING_STEPS,
+        centre_crop=centre_crop,
+        sampler=sampler or "exact",
+        kernel_cache=kernel_cache,
+        threads=threads,
+        reading=reading_options(encoding, page, mean),
+        progress=ShownProgress(),
     )
-    pose = f"homography {homography.name}" if homography else f"zoom {zoom!r}"
-    written, followup = simulated.image, simulated.followup
-    write_float_tiff(out, written, f"standoff simulate: {pose}, model {model}, of {image.name}")
-    if nearer is not None and followup.nearer is not None:
-        write_mask(nearer, followup.nearer)
-    masks = _mask_fractions(followup) if homography else {}
+    found.write(out)
+    if nearer is not None:
+        found.write_nearer(nearer)
+    note_once(found.notes)
     if json:
-        print_json(
-            {
-                "out": str(out),
-                "image": str(image),
-                "zoom": zoom,
-                "model": model,
-                **_psf_facts(followup),
-                "size": [written.shape[1], written.shape[0]],
-                "min": float(written.min()),
-                "max": float(written.max()),
-                **masks,
-                **_kernel_facts(simulated.kernel),
-                "provenance": inputs.provenance(command_line()).model_dump(mode="json"),
-            }
-        )
+        print_json({"out": str(out), **found.to_json()})
         return
-    _say_written(out, simulated, f"{pose}, model {model}", masks)
-
-
-def _say_written(
-    out: Path, simulated: SimulatedPhotograph, how: str, masks: dict[str, float]
-) -> None:
-    written, form = simulated.image, simulated.followup.psf_form
+    form = found.followup.psf_form
     shape = "" if form is None else f", PSF: {_SHAPES[form]}"
-    say(f"wrote {out}: {written.shape[1]} x {written.shape[0]} px, {how}{shape}")
-    if masks:
+    cols, rows = found.image.shape[1], found.image.shape[0]
+    say(f"wrote {out}: {cols} x {rows} px, {found.how}{shape}")
+    masks = found.mask_fractions
+    if homography is not None and masks:
         say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
 
 
-def _psf_facts(followup: FollowUp) -> dict[str, Any]:
-    form = followup.psf_form
-    return {
-        "transfer": "gaussian" if form in (None, "gaussian") else "measured",
-        "psf_form": form,
-        "psf_field": followup.is_field,
-    }
-
-
-def _camera(
-    exposure: float, vignetting: float, sharpen: str | None, noise: Path | None, seed: int
-) -> CaptureOptions:
-    from calibration.files import read_noise
-    from standoff.workflows import CaptureOptions
+def _camera(exposure: float, vignetting: float, sharpen: str | None, seed: int) -> CaptureOptions:
+    from standoff.library import CaptureOptions
 
     try:
         return CaptureOptions(
             exposure=exposure,
             vignetting=vignetting,
             sharpening=None if sharpen is None else _sharpening(sharpen),
-            noise=None if noise is None else read_noise(noise).capture_noise,
             seed=seed,
         )
     except ValueError as error:
@@ -297,21 +259,3 @@ def _sharpening(text: str) -> tuple[float, float]:
         raise typer.BadParameter(
             f"expected AMOUNT or AMOUNT,SIGMA_PX, got {text}", param_hint="--sharpen"
         ) from error
-
-
-def _kernel_facts(found: FoundKernel | None) -> dict[str, Any]:
-    if found is None:
-        return {}
-    return {
-        "kernel": str(found.path),
-        "kernel_from_cache": found.is_from_cache,
-        "kernel_covariance_px2": found.kernel.covariance_px2.tolist(),
-    }
-
-
-def _mask_fractions(followup: FollowUp) -> dict[str, float]:
-    return {
-        f"{name}_fraction": float(mask.mean())
-        for name, mask in (("nearer", followup.nearer), ("outside", followup.outside))
-        if mask is not None
-    }

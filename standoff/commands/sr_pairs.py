@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,7 @@ import typer
 
 from simulation.choices import DEFAULT_MODEL, Model
 from standoff.errors import ApplicationError
+from standoff.library import PairFormat
 from standoff.terminal import (
     EncodingName,
     Json,
@@ -18,21 +18,22 @@ from standoff.terminal import (
     Page,
     PartOfShards,
     Scheduler,
+    ShownProgress,
     Strict,
     Threads,
     TransferForm,
     Workers,
     checked_zoom,
     note,
-    photograph_inputs,
+    note_once,
     print_json,
+    reading_options,
     say,
     sweep_options,
 )
-from standoff.workflows import PairFormat
 
 if TYPE_CHECKING:
-    from standoff.workflows import SrDatasetSummary
+    from standoff.library import SrDatasetSummary
 
 
 def _checked_fraction(fraction: float) -> float:
@@ -85,35 +86,33 @@ def sr_pairs(
     json: Json = False,
 ) -> None:
     """Cut photographs into crops, each paired with its image from ZOOM times further away."""
-    from standoff.workflows import (
-        SrDatasetSettings,
-        each_image,
-        psf_and_field,
-        write_sr_dataset,
-    )
+    from standoff.library import training_pairs
 
     sweep = sweep_options(workers, scheduler, shard, is_strict=strict)
-    inputs = photograph_inputs(encoding, page, mean, files=(psf,))
-    one, field = psf_and_field(psf, model, transfer)
-    settings = SrDatasetSettings(
+    summary = training_pairs(
+        images,
+        out,
+        psf=psf,
         zoom=zoom,
         model=model,
-        psf=one,
-        field=field,
-        threads=threads,
+        transfer=transfer,
         crop_px=crop,
-        stride_px=stride or crop,
+        stride_px=stride,
         test_fraction=test_fraction,
         seed=seed,
         is_float=is_float,
         format=layout,
+        threads=threads,
+        sweep=sweep,
+        reading=reading_options(encoding, page, mean),
+        progress=ShownProgress(),
     )
-    summary = write_sr_dataset(out, each_image(images), settings, inputs, sweep)
+    note_once(summary.notes)
     if summary.refused_images > 1:
         for line in summary.refused:
             note(line)
     if json:
-        print_json({"out": str(out), **asdict(summary)})
+        print_json({"out": str(out), **summary.to_json()})
     else:
         _say_summary(out, summary)
         if sweep.part[1] > 1:

@@ -123,7 +123,7 @@ def _opened(
             stopped()
         yield simulated
         return
-    from standoff.workflows import open_stage
+    from standoff.library import open_stage
 
     first: Literal["nothing", "stop", "reset"] = "nothing"
     if action in ("stop", "unlock"):

@@ -9,6 +9,7 @@ from analysis.choices import CACHE_VARIABLE, PAPER_TRAINING_STEPS, VALIDATION_MO
 from standoff.terminal import (
     Force,
     Json,
+    ShownProgress,
     TransferForm,
     chosen_models,
     print_json,
@@ -56,38 +57,28 @@ def validate(
     json: Json = False,
 ) -> None:
     """Measure how well each model predicts the captured follow-ups of a session."""
-    from acquisition.session import Session
-    from analysis.validation import (
-        KernelBook,
-        ValidationSettings,
-        default_cache_folder,
-        is_learned,
-    )
+    from analysis.validation import is_learned
     from calibration.documents import json_object
+    from standoff.library import VALIDATION_FILES, validate as validated
     from standoff.terminal import print_validation
-    from standoff.workflows import (
-        VALIDATION_FILES,
-        default_models,
-        read_camera_psf,
-        run_validation,
-    )
 
-    chosen = default_models() if models is None else chosen_models(models)
-    if not any(map(is_learned, chosen)) and (steps is not None or seed or kernel_cache):
+    chosen = None if models is None else chosen_models(models)
+    if chosen is not None and not any(map(is_learned, chosen)) and (steps or seed or kernel_cache):
         raise typer.BadParameter("--steps, --seed and --kernel-cache need a learned model")
     refuse_overwriting([out / name for name in VALIDATION_FILES], [psf], force=force)
-    camera = read_camera_psf(psf, transfer)
-    settings = ValidationSettings(
+    validation = validated(
+        session,
+        psf,
+        out,
         models=chosen,
-        kernels=KernelBook(
-            folder=kernel_cache or default_cache_folder(),
-            steps=steps or PAPER_TRAINING_STEPS,
-            seed=seed,
-        ),
+        transfer=transfer,
         references=references,
+        steps=steps or PAPER_TRAINING_STEPS,
+        seed=seed,
         workers=workers,
+        kernel_cache=kernel_cache,
+        progress=ShownProgress(),
     )
-    validation = run_validation(out, Session(session), camera, str(psf), settings)
     if json:
         print_json(json_object(validation))
         return

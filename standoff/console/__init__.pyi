@@ -1,7 +1,2 @@
 from .bench_hub import BenchHub as BenchHub
 from .drivers import bench_drivers as bench_drivers
-
-__all__ = [
-    "BenchHub",
-    "bench_drivers",
-]

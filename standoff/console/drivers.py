@@ -10,7 +10,7 @@ from acquisition.devices import Camera, Stage
 from acquisition.plan import PlanEntry
 from hil_mocks import SimulatedBench
 from hil_mocks.clock import RealTimeClock
-from standoff.workflows import (
+from standoff.library import (
     open_camera,
     open_stage,
     place_in_simulation,

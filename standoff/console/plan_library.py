@@ -10,7 +10,7 @@ from acquisition.untrusted import parse_toml
 from standoff.console.plan_drafts import plan_toml
 from standoff.console.session_library import is_session_name
 from standoff.errors import ApplicationError
-from standoff.workflows import make_folder, write_file
+from standoff.library import make_folder, write_file
 
 PLAN_SCHEMA = "standoff.plan/1"
 

@@ -8,7 +8,7 @@ from acquisition.errors import SessionError
 from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, SessionCapture
 from standoff.console.results import page_path
 from standoff.errors import ApplicationError
-from standoff.workflows import RESULTS_FOLDER
+from standoff.library import RESULTS_FOLDER
 
 REPORT_NAME = "report.html"
 SNAPSHOTS_FOLDER = "snapshots"

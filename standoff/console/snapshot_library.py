@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from acquisition.devices import CameraSettings, DeviceInfo
 from acquisition.session import atomic_write
 from standoff.errors import ApplicationError
-from standoff.workflows import make_folder
+from standoff.library import make_folder
 
 _NAME = re.compile(r"\d{4}-\d\d-\d\d \d\d\.\d\d\.\d\d(-\d{1,3})?\.tif")
 _MOST_A_SECOND = 100

@@ -1,35 +1,135 @@
-from .bench import Bench as Bench, height_series as height_series
-from .comparison import find_changes as find_changes, register as register
-from .detection import (
+from .bench import (
+    Bench as Bench,
+    OpenBench as OpenBench,
+    OpenCamera as OpenCamera,
+    PlannedComparisons as PlannedComparisons,
+    devices_of as devices_of,
+    height_series as height_series,
+    open_bench as open_bench,
+    open_camera as open_camera,
+    open_stage as open_stage,
+    opened_camera as opened_camera,
+    place_in_simulation as place_in_simulation,
+    refuse_half_simulated as refuse_half_simulated,
+    watch_focus as watch_focus,
+)
+from .call import Call as Call, Progress as Progress
+from .caller import called_as as called_as
+from .comparison import (
+    CHANGE_FILES as CHANGE_FILES,
+    AlignmentHints as AlignmentHints,
+    ComparedPhotographs as ComparedPhotographs,
+    FeatureMatches as FeatureMatches,
+    RegistrationHints as RegistrationHints,
+    alignment_hints as alignment_hints,
+    find_changes as find_changes,
+    register as register,
+)
+from .detectability import (
+    CurveChoice as CurveChoice,
+    CurveLike as CurveLike,
     DetectionTask as DetectionTask,
+    MeasuredCurves as MeasuredCurves,
+    curve_figure_paths as curve_figure_paths,
     d_prime_curves as d_prime_curves,
+    given_curve as given_curve,
+    measure_curves as measure_curves,
     pose_limits as pose_limits,
 )
-from .followups import simulate_pose as simulate_pose, zoom_out as zoom_out
+from .files import (
+    RESULTS_FOLDER as RESULTS_FOLDER,
+    each_image as each_image,
+    expanded_images as expanded_images,
+    make_folder as make_folder,
+    make_results_folder as make_results_folder,
+    require_writable as require_writable,
+    write_figure as write_figure,
+    write_file as write_file,
+    write_float_tiff as write_float_tiff,
+    write_mask as write_mask,
+    write_page as write_page,
+    written_together as written_together,
+)
+from .followup import (
+    CaptureOptions as CaptureOptions,
+    FollowUp as FollowUp,
+    FoundKernel as FoundKernel,
+    SimulatedPhotograph as SimulatedPhotograph,
+    simulate as simulate,
+    simulate_pose as simulate_pose,
+    zoom_out as zoom_out,
+    zoomed_out as zoomed_out,
+)
+from .geometry import calibrate_geometry as calibrate_geometry, write_geometry as write_geometry
 from .inputs import FilePath as FilePath, path_of as path_of
-from .photographs import read_image as read_image
-from .psfs import (
+from .noise import measure_noise as measure_noise, write_noise as write_noise
+from .photographs import read_image as read_image, reading as reading
+from .poses import (
+    NamedFrame as NamedFrame,
+    PoseWatch as PoseWatch,
+    StreamSummary as StreamSummary,
+    camera_frames as camera_frames,
+    folder_frames as folder_frames,
+)
+from .psf import (
+    GaussianPsf as GaussianPsf,
+    PsfComparison as PsfComparison,
+    PsfHistory as PsfHistory,
+    Reading as Reading,
+    Session as Session,
     calibrate_psf as calibrate_psf,
+    camera_psf as camera_psf,
+    compare_psfs as compare_psfs,
+    edge_image as edge_image,
     measure_edges as measure_edges,
+    psf_and_field as psf_and_field,
+    psf_history as psf_history,
     read_psf as read_psf,
+    write_edge_table as write_edge_table,
     write_psf as write_psf,
 )
-
-__all__ = [
-    "Bench",
-    "DetectionTask",
-    "FilePath",
-    "calibrate_psf",
-    "d_prime_curves",
-    "find_changes",
-    "height_series",
-    "measure_edges",
-    "path_of",
-    "pose_limits",
-    "read_image",
-    "read_psf",
-    "register",
-    "simulate_pose",
-    "write_psf",
-    "zoom_out",
-]
+from .rehearsal import (
+    DEMO_FILES as DEMO_FILES,
+    DemoResult as DemoResult,
+    place_errors_px as place_errors_px,
+    run_demo as run_demo,
+    run_paper as run_paper,
+    short_bench as short_bench,
+)
+from .series import (
+    CHANGES_TABLE as CHANGES_TABLE,
+    FILES_OF_POSE_SERIES as FILES_OF_POSE_SERIES,
+    FILES_OF_SERIES as FILES_OF_SERIES,
+    POSES_TABLE as POSES_TABLE,
+    JudgedPose as JudgedPose,
+    SeriesResult as SeriesResult,
+    find_changes_of_series as find_changes_of_series,
+    holds_series as holds_series,
+    is_series as is_series,
+    judge_pose as judge_pose,
+    judge_poses as judge_poses,
+)
+from .sessions import (
+    VALIDATION_FILES as VALIDATION_FILES,
+    ExportedSession as ExportedSession,
+    ImportedPhotographs as ImportedPhotographs,
+    SessionNotes as SessionNotes,
+    VerifiedSession as VerifiedSession,
+    WrittenReport as WrittenReport,
+    default_models as default_models,
+    export_session as export_session,
+    import_photographs as import_photographs,
+    list_sessions as list_sessions,
+    show_session as show_session,
+    validate as validate,
+    verify_session as verify_session,
+    write_report as write_report,
+)
+from .sr_pairs import (
+    PairFormat as PairFormat,
+    SrDatasetSettings as SrDatasetSettings,
+    SrDatasetSummary as SrDatasetSummary,
+    SweepOptions as SweepOptions,
+    training_pairs as training_pairs,
+    write_sr_dataset as write_sr_dataset,
+)

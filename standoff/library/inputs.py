@@ -8,12 +8,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.files import read_noise, read_psf
+from acquisition.session import Session
+from calibration.files import read_noise
 from calibration.psf import PsfCalibration
-from simulation import GaussianPsf, MeasuredPsf, Model, Psf, PsfField, SeparablePsf
+from simulation import GaussianPsf, MeasuredPsf, SeparablePsf
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
-from simulation.choices import POSE_MODELS
 from standoff.library.bench_capture import BenchCapture
 from standoff.photographs import Photograph, read_image
 
@@ -38,7 +38,18 @@ def path_of(path: object, name: str) -> Path:
     """
     if isinstance(path, str | PathLike):
         return Path(path)
-    raise TypeError(f"{name}: expected a path, got {_kind(path)}")
+    raise TypeError(f"{name}: expected a path, got {kind_of(path)}")
+
+
+def opened_session(session: Session | FilePath) -> Session:
+    """Return a capture session, opened if its folder is given.
+
+    Raises
+    ------
+    SessionError
+        If it cannot be read.
+    """
+    return session if isinstance(session, Session) else Session(path_of(session, "session"))
 
 
 def photograph(image: ImageLike, name: str = "image") -> Photograph:
@@ -59,7 +70,7 @@ def photograph(image: ImageLike, name: str = "image") -> Photograph:
         return Photograph.of_array(name, image)
     if isinstance(image, str | PathLike):
         return read_image(Path(image))
-    raise TypeError(f"{name}: expected an array or the path of an image, got {_kind(image)}")
+    raise TypeError(f"{name}: expected an array or the path of an image, got {kind_of(image)}")
 
 
 def colour_planes(image: ImageLike, name: str = "image") -> AnyArray:
@@ -80,48 +91,11 @@ def listed_images(images: object) -> list[ImageLike]:
     if isinstance(images, np.ndarray | Photograph | BenchCapture | str | PathLike):
         return [images]
     if isinstance(images, Mapping) or not isinstance(images, Iterable):
-        raise TypeError(f"images: expected arrays or paths of images, got {_kind(images)}")
+        raise TypeError(f"images: expected arrays or paths of images, got {kind_of(images)}")
     listed = list(images)
     if not listed:
         raise ValueError("images: expected at least one image, got none")
     return listed
-
-
-def whole_frame_psf(psf: PsfLike) -> Psf:
-    """Return the total PSF (optics and pixel), the best that is known, for the whole frame.
-
-    Raises
-    ------
-    TypeError
-        If it is not a PSF, calibration or path.
-    PsfFileError
-        If the file cannot be read, or a width is not determined.
-    """
-    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
-        return psf
-    calibration, source = _calibration(psf)
-    return calibration.best_psf(source)
-
-
-def camera_psf(psf: PsfLike, frame: tuple[int, int] | None, model: Model) -> Psf | PsfField:
-    """Return the best PSF that is known and that a model takes: a field if it can.
-
-    Parameters
-    ----------
-    psf
-        The camera's PSF.
-    frame
-        Columns and rows of the image; None if it is not a whole frame of the camera.
-    model
-        Those of ``POSE_MODELS`` take a PSF that varies over the frame; ``paper`` a Gaussian only.
-    """
-    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
-        return psf
-    calibration, source = _calibration(psf)
-    field = calibration.total_field(source) if model in POSE_MODELS else None
-    if field is not None and frame == (field.width_px, field.height_px):
-        return field
-    return calibration.total_psf(source) if model == "paper" else calibration.best_psf(source)
 
 
 def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
@@ -131,15 +105,6 @@ def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
     return read_noise(path_of(noise, "noise")).capture_noise
 
 
-def _calibration(psf: PsfLike) -> tuple[PsfCalibration, str]:
-    if isinstance(psf, PsfCalibration):
-        return psf, "psf"
-    if isinstance(psf, str | PathLike):
-        return read_psf(Path(psf)), str(psf)
-    raise TypeError(
-        f"psf: expected a PSF, a PSF calibration or the path of a psf.json, got {_kind(psf)}"
-    )
-
-
-def _kind(value: object) -> str:
+def kind_of(value: object) -> str:
+    """Name the type of an argument, for a message."""
     return "None" if value is None else type(value).__name__

@@ -1,7 +1,42 @@
 """Image files as photographs with linear levels."""
 
+from standoff.errors import ArgumentError
 from standoff.library.inputs import FilePath, path_of
 from standoff.photographs import Encoding, Photograph, ReadOptions, read_image as read
+
+
+def reading(encoding: str = "auto", *, page: int | None = None, mean: bool = False) -> ReadOptions:
+    """Say how image files are read, for the functions that take ``reading=``.
+
+    Parameters
+    ----------
+    encoding
+        How their levels follow from light: ``auto`` (as the file states, or as is usual for its
+        format), ``linear``, ``srgb`` or ``gamma:G``.
+    page
+        Which image of a stack, from 1.
+    mean
+        Whether a stack is one capture: its mean, with the temporal variance.
+
+    Raises
+    ------
+    ArgumentError
+        If the encoding is unknown, or both ``page`` and ``mean`` are given.
+
+    Examples
+    --------
+    >>> psf = standoff.calibrate_psf("edges.tif", reading=standoff.reading("srgb", page=2))
+    """
+    try:
+        known = None if encoding == "auto" else Encoding(name=encoding)
+    except ValueError as error:
+        raise ArgumentError(
+            f"expected auto, linear, srgb or gamma:G such as gamma:2.2, got {encoding!r}"
+        ) from error
+    try:
+        return ReadOptions(encoding=known, page=page, is_mean=mean)
+    except ValueError as error:
+        raise ArgumentError(str(error)) from error
 
 
 def read_image(
@@ -13,13 +48,8 @@ def read_image(
     ----------
     path
         The file.
-    encoding
-        How its levels follow from light: ``auto`` (as the file states, or as is usual for its
-        format), ``linear``, ``srgb`` or ``gamma:G``.
-    page
-        Which image of a stack, from 1.
-    mean
-        Whether a stack is one capture: its mean, with the temporal variance.
+    encoding, page, mean
+        As in ``reading``.
 
     Returns
     -------
@@ -30,12 +60,9 @@ def read_image(
     ------
     TypeError
         If ``path`` is not a path.
-    ValueError
+    ArgumentError
         If the encoding is unknown, or both ``page`` and ``mean`` are given.
     ImageFileError
         If the file cannot be read; the message says why.
     """
-    options = ReadOptions(
-        encoding=None if encoding == "auto" else Encoding(name=encoding), page=page, is_mean=mean
-    )
-    return read(path_of(path, "path"), options)
+    return read(path_of(path, "path"), reading(encoding, page=page, mean=mean))

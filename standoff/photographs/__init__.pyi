@@ -9,18 +9,3 @@ from .reader import (
     ReadOptions as ReadOptions,
     read_image as read_image,
 )
-
-__all__ = [
-    "IMAGE_SUFFIXES",
-    "LINEAR",
-    "SRGB",
-    "Encoding",
-    "Inputs",
-    "Photograph",
-    "PhotographFacts",
-    "ReadOptions",
-    "marked_png",
-    "read_file",
-    "read_image",
-    "shared_facts",
-]

@@ -4,8 +4,6 @@ from .command_help import (
     Command as Command,
     examples_text as examples_text,
 )
-from .compile_notice import when_compiling as when_compiling
-from .compiled_cache import drop_stale_code as drop_stale_code
 from .curve_options import (
     CurveContrast as CurveContrast,
     CurveModel as CurveModel,
@@ -13,9 +11,8 @@ from .curve_options import (
     CurveObserver as CurveObserver,
     CurvesPath as CurvesPath,
     MinDprime as MinDprime,
-    chosen_curve as chosen_curve,
+    curve_choice as curve_choice,
 )
-from .edge_table import edge_csv as edge_csv
 from .hint_options import (
     HINT_RULES as HINT_RULES,
     ExpectZoom as ExpectZoom,
@@ -28,7 +25,7 @@ from .image_options import (
     Mean as Mean,
     Page as Page,
     ShortEncoding as ShortEncoding,
-    photograph_inputs as photograph_inputs,
+    reading_options as reading_options,
 )
 from .invocation import (
     command_line as command_line,
@@ -37,6 +34,7 @@ from .invocation import (
     remarks_so_far as remarks_so_far,
 )
 from .live_line import LiveLine as LiveLine
+from .live_texts import focus_display as focus_display, verdict_display as verdict_display
 from .number_lists import ListedNumbers as ListedNumbers, number_list as number_list
 from .operator_prompts import (
     LONGEST_ANSWER as LONGEST_ANSWER,
@@ -73,8 +71,10 @@ from .output import (
     ERRORS as ERRORS,
     PROGRESS_VARIABLE as PROGRESS_VARIABLE,
     Bar as Bar,
+    ShownProgress as ShownProgress,
     note as note,
     note_in_passing as note_in_passing,
+    note_once as note_once,
     print_json as print_json,
     print_json_file as print_json_file,
     print_table as print_table,
@@ -88,7 +88,7 @@ from .plan_preview import (
     preview_lines as preview_lines,
     time_text as time_text,
 )
-from .psf_tables import print_psf as print_psf, print_psf_remarks as print_psf_remarks
+from .psf_tables import print_psf as print_psf
 from .series_tables import (
     print_few as print_few,
     refuse_sweep_of_one as refuse_sweep_of_one,
@@ -104,92 +104,3 @@ from .sweep_options import (
     sweep_options as sweep_options,
 )
 from .validation_tables import print_validation as print_validation
-
-__all__ = [
-    "ERRORS",
-    "EXAMPLES",
-    "HINT_RULES",
-    "LONGEST_ANSWER",
-    "PROGRESS_VARIABLE",
-    "Bar",
-    "BenchFile",
-    "BenchKeys",
-    "Command",
-    "CurveContrast",
-    "CurveModel",
-    "CurveNoise",
-    "CurveObserver",
-    "CurvesPath",
-    "EncodingName",
-    "ExpectZoom",
-    "Force",
-    "Json",
-    "ListedNumbers",
-    "LiveLine",
-    "Mask",
-    "Mean",
-    "MinDprime",
-    "Operator",
-    "Option",
-    "Page",
-    "PartOfShards",
-    "Points",
-    "PoseHint",
-    "Scheduler",
-    "ScriptedOperator",
-    "ShortEncoding",
-    "Strict",
-    "TerminalOperator",
-    "Threads",
-    "TransferForm",
-    "Workers",
-    "application",
-    "check_options",
-    "checked_pitch",
-    "checked_zoom",
-    "chosen_curve",
-    "chosen_models",
-    "command_line",
-    "drop_stale_code",
-    "edge_csv",
-    "exactly_one",
-    "examples_text",
-    "excludes",
-    "flicker_warnings",
-    "frame_shape_of",
-    "is_same_command",
-    "needs",
-    "note",
-    "note_at_end",
-    "note_in_passing",
-    "number_list",
-    "photograph_inputs",
-    "place_target",
-    "preview_lines",
-    "print_edges",
-    "print_few",
-    "print_json",
-    "print_json_file",
-    "print_psf",
-    "print_psf_remarks",
-    "print_table",
-    "print_validation",
-    "print_verdict",
-    "progress_bar",
-    "quantity",
-    "read_bench",
-    "refuse_overwriting",
-    "refuse_suffix",
-    "refuse_sweep_of_one",
-    "region_corner_and_size",
-    "remarks_so_far",
-    "report_refused",
-    "run_application",
-    "say",
-    "say_error",
-    "say_part",
-    "sweep_options",
-    "time_text",
-    "what_to_place",
-    "when_compiling",
-]

@@ -11,7 +11,7 @@ from typer.exceptions import TyperException
 
 from acquisition.spelling import decimal_comma_remedy
 from standoff import __version__
-from standoff.errors import REPORTED_ERRORS
+from standoff.errors import REPORTED_ERRORS, ArgumentError
 from standoff.terminal.command_help import Command, examples_text
 from standoff.terminal.invocation import invocation
 from standoff.terminal.output import say_error
@@ -115,6 +115,9 @@ def run_application(app: typer.Typer, arguments: list[str]) -> int:
     except TyperException as error:
         said = f"{error.format_message()}{_decimal_comma(error)}"
         say_error(" ".join(said.split()))
+        return EXIT_USAGE
+    except ArgumentError as error:
+        say_error(error)
         return EXIT_USAGE
     except REPORTED_ERRORS as error:
         say_error(error)

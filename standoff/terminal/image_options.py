@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from standoff.terminal.invocation import note_at_end
+from standoff.errors import ArgumentError
 
 if TYPE_CHECKING:
-    from standoff.photographs import Encoding, Inputs
+    from standoff.photographs import ReadOptions
 
 EncodingName = Annotated[
     str,
@@ -34,26 +32,14 @@ Mean = Annotated[
 ]
 
 
-def photograph_inputs(
-    encoding: str = "auto",
-    page: int | None = None,
-    mean: bool = False,
-    short: bool | None = None,
-    *,
-    files: Sequence[Path | None] = (),
-) -> Inputs:
-    """Return the reader that these options ask for; what it finds out is noted at the end.
-
-    Parameters
-    ----------
-    encoding, page, mean, short
-        Values of the options.
-    files
-        Other files that the command reads, for the provenance; None for what is not given.
+def reading_options(
+    encoding: str, page: int | None, mean: bool, short: bool | None = None
+) -> ReadOptions:
+    """Return how photographs are read by the values of these options.
 
     Raises
     ------
-    typer.BadParameter
+    typer.BadParameter, ArgumentError
         If the encoding is unknown, or two options contradict each other.
     """
     if short is not None and encoding != "auto":
@@ -62,26 +48,11 @@ def photograph_inputs(
         )
     if mean and page is not None:
         raise typer.BadParameter("give --page or --mean, not both", param_hint="--mean")
-    from standoff.photographs import Inputs, ReadOptions
+    from standoff.library import reading
 
-    if short is not None:
-        encoding = "srgb" if short else "linear"
-    options = ReadOptions(encoding=_encoding(encoding), page=page, is_mean=mean)
-    inputs = Inputs(options, note_at_end)
-    for path in files:
-        inputs.add(path)
-    return inputs
-
-
-def _encoding(name: str) -> Encoding | None:
-    from standoff.photographs import Encoding
-
-    if name == "auto":
-        return None
     try:
-        return Encoding(name=name)
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"expected auto, linear, srgb or gamma:G such as gamma:2.2, got {name!r}",
-            param_hint="--encoding",
-        ) from error
+        return reading(
+            encoding if short is None else "srgb" if short else "linear", page=page, mean=mean
+        )
+    except ArgumentError as error:
+        raise typer.BadParameter(str(error), param_hint="--encoding") from error

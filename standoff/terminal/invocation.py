@@ -7,6 +7,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 
 from acquisition.printable import on_one_line
+from standoff.library import called_as
 from standoff.terminal.output import NOTED, note
 
 
@@ -28,7 +29,8 @@ def invocation(arguments: Sequence[str]) -> Iterator[None]:
     current = _Invocation(tuple(arguments))
     token, noted = _CURRENT.set(current), NOTED.set([])
     try:
-        yield
+        with called_as(command_line()):
+            yield
     finally:
         _CURRENT.reset(token)
         NOTED.reset(noted)

@@ -4,7 +4,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -102,6 +102,20 @@ def progress_bar(description: str, total: int) -> Iterator[Bar]:
         yield Bar(progress, description, total)
 
 
+class ShownProgress:
+    """Shows on stderr what a call of the library does."""
+
+    @contextmanager
+    def bar(self, task: str, total: int) -> Iterator[Callable[[int], None]]:
+        """Show a bar on a terminal, else a line now and then."""
+        with progress_bar(task, total) as shown:
+            yield shown.advance_to
+
+    def note(self, text: str) -> None:
+        """Print a remark at once."""
+        note(text)
+
+
 def print_json(document: object) -> None:
     """Print one JSON document on stdout."""
     typer.echo(json.dumps(document, indent=1, allow_nan=False))
@@ -125,6 +139,14 @@ def note(text: str) -> None:
     if noted is not None:
         noted.append(on_one_line(text))
     ERRORS.print(f"note: {on_one_line(text)}", markup=False)
+
+
+def note_once(remarks: Iterable[str]) -> None:
+    """Print the remarks of a result that were not printed while it was made."""
+    noted = NOTED.get() or []
+    for remark in remarks:
+        if on_one_line(remark) not in noted:
+            note(remark)
 
 
 def note_in_passing(text: str) -> None:

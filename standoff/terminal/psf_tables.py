@@ -2,23 +2,10 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from calibration.blind import is_clear
-from calibration.psf import Estimate, PsfCalibration, share_of_correlation
+from calibration.psf import Estimate, PsfCalibration
 from calibration.sharpness import NORMAL_95, with_reach
 from standoff.terminal.output import note, print_table, say
-
-_USUAL_RHO = 0.1
-_WORTH_SAYING = 0.002
-"""Smallest relative error of a width, from an unknown rho, that is worth a note."""
-
-_REMARKS = {
-    "sharpened": "overshoot on both sides of {n} of {total} edges: the camera sharpens, "
-    "and sigma comes out too small; switch sharpening off",
-    "jpeg": "{n} of {total} edges are from JPEG files, whose compression adds to the error",
-    "non_gaussian": "{n} of {total} edges do not fit a Gaussian PSF; sigma is an equivalent width",
-}
 
 
 def print_psf(calibration: PsfCalibration) -> None:
@@ -90,52 +77,6 @@ def _print_source(calibration: PsfCalibration) -> None:
         say(f"{clear} of {len(calibration.edges)} edges are clear enough")
     else:
         say(f"{len(calibration.edges_used)} of {len(calibration.edges)} edges used")
-
-
-def print_psf_remarks(calibration: PsfCalibration) -> None:
-    """Note what is wrong with the edges of a target, and what they do not determine."""
-    used = calibration.edges_used
-    for flag, text in _REMARKS.items():
-        count = sum(flag in edge.flags for edge in used)
-        if count:
-            note(text.format(n=count, total=len(used)))
-    if used:
-        _note_what_is_missing(calibration)
-    trend = calibration.height_trend
-    if trend is not None and trend.is_drift:
-        note(
-            f"the width changes by {100 * trend.change:.1f} % over the heights: the focus drifts, "
-            "or the target is too rough for the nearest height; calibrate at one height or refocus"
-        )
-
-
-def _note_what_is_missing(calibration: PsfCalibration) -> None:
-    """Say in one line what the directions of the edges do not determine, and the remedy."""
-    missing = [
-        text
-        for value, text in (
-            (calibration.sigma_x_px, "sigma_x"),
-            (calibration.sigma_y_px, "sigma_y"),
-            (calibration.rho, "rho"),
-        )
-        if value is None
-    ]
-    if not missing or calibration.method == "paper":  # which never determines rho
-        return
-    used = calibration.edges_used
-    if len(used) == 1:
-        missing.append("the change over the frame")
-    *first, last = missing
-    listed = f"{', '.join(first)} and {last}" if first else last
-    text = f"not determined by {len(used)} edge{'s' * (len(used) > 1)}: {listed}"
-    share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
-    if calibration.rho is None and share * _USUAL_RHO > _WORTH_SAYING:
-        text += (
-            f"; if rho were {_USUAL_RHO:g}, a width would be off by "
-            f"{100 * share * _USUAL_RHO:.1f} %, beyond its interval"
-        )
-    needed = "in other directions" if len(missing) > 1 else "that are diagonal"
-    note(f"{text}; add edges {needed}")
 
 
 def _cells(estimate: Estimate | None) -> list[str]:

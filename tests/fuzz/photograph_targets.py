@@ -10,9 +10,9 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from standoff.errors import ImageFileError
+from standoff.library import Reading, edge_image
 from standoff.photographs import ReadOptions, read_image
 from standoff.photographs.icc import ProfileError, read_profile
-from standoff.workflows import Reading, edge_image
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget, from_file
 from tests.standoff.photographs.dng import Dng

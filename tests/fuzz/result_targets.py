@@ -32,8 +32,8 @@ from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import HintError
-from standoff.workflows.comparison.point_table import read_points
-from standoff.workflows.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
+from standoff.library.comparison.point_table import read_points
+from standoff.library.sr_pairs.record import ImageRecord, PairRecord, ShardRecord
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file

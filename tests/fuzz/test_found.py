@@ -23,8 +23,8 @@ from calibration.registration import DistortedPose, RegistrationHints, register
 from simulation import GaussianPsf, simulate_pose
 from simulation.capture_noise import CaptureNoise
 from standoff.errors import ImageFileError
-from standoff.workflows.comparison.point_table import read_points
-from standoff.workflows.sr_dataset.record import ShardRecord
+from standoff.library.comparison.point_table import read_points
+from standoff.library.sr_pairs.record import ShardRecord
 from tests.acquisition.session_fixtures import writer
 from tests.fuzz.damage import DEEP
 from tests.fuzz.result_targets import MAPS, NOISE, PSF, damaged_map, read_kernel

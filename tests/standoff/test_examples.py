@@ -70,3 +70,33 @@ def test_the_one_change_is_found(tmp_path: Path) -> None:
     assert y == pytest.approx((57 - 151) / 1.4 + 107.5, abs=0.5)
     assert amplitude == pytest.approx(12.0, abs=2.0)
     assert (tmp_path / "changes.png").is_file()
+
+
+def test_noise_and_geometry_of_a_bench_are_its_own(tmp_path: Path) -> None:
+    out = run("noise_and_geometry.py", "--out", tmp_path)
+    for name in ("noise.json", "noise.html", "geometry.json", "geometry.html"):
+        assert (tmp_path / name).is_file(), name
+    zoom = float(re.findall(r"the scene is (\S+) times smaller", out)[0])
+    assert zoom == pytest.approx((300 + 12.5) / (160 + 12.5), rel=1e-3)  # the bench's pupil
+
+
+def test_models_are_ranked_by_what_was_captured(tmp_path: Path) -> None:
+    out = run("how_well_is_it_simulated.py", "--out", tmp_path)
+    mse = {
+        name: float(value) for name, value in re.findall(r"(\w+): correlation .* MSE (\S+)", out)
+    }
+    assert set(mse) == {"bicubic", "paper", "matched", "lmmse"}
+    assert max(mse["matched"], mse["lmmse"]) < mse["paper"] < mse["bicubic"]
+    assert (tmp_path / "validation" / "report.html").is_file()
+
+
+def test_followups_are_judged_and_the_one_change_appears(tmp_path: Path) -> None:
+    out = run("many_followups.py", "--out", tmp_path)
+    verdicts = re.findall(r"d' (\S+), accepted: (\w+)", out)
+    d_primes = [float(value) for value, _ in verdicts]
+    assert d_primes == sorted(d_primes, reverse=True)
+    assert [word for _, word in verdicts] == [str(value >= 3) for value in d_primes]
+    counts = [int(count) for count in re.findall(r"(\d+) changes", out)]
+    assert counts[0] == 0
+    assert min(counts[1:]) >= 1
+    assert (tmp_path / "changes" / "report.html").is_file()

@@ -6,14 +6,3 @@ from .levels import (
     LevelControls as LevelControls,
     StatedValue as StatedValue,
 )
-
-__all__ = [
-    "COUNTS",
-    "US_PER_UNIT",
-    "FrameRate",
-    "LevelControls",
-    "NeutralFeatures",
-    "StatedValue",
-    "neutralise",
-    "set_trigger",
-]

@@ -1,9 +1,3 @@
 from .axis import open_grbl_stage as open_grbl_stage
 from .controller import GrblController as GrblController
 from .wire import parse_line as parse_line
-
-__all__ = [
-    "GrblController",
-    "open_grbl_stage",
-    "parse_line",
-]

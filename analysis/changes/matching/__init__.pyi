@@ -29,28 +29,3 @@ from .tone_curve import (
     fit_tone_curve as fit_tone_curve,
 )
 from .variance_calibration import calibrated_factor as calibrated_factor
-
-__all__ = [
-    "GRADIENT",
-    "KERNEL_RADIUS_PX",
-    "LAPLACIAN",
-    "MatchingKernel",
-    "PairFit",
-    "PixelPositions",
-    "RelativeBlur",
-    "Smoothing",
-    "ToneCurve",
-    "VarianceTerms",
-    "WhiteNoiseGain",
-    "away_from",
-    "calibrated_blur_px2",
-    "calibrated_factor",
-    "fit_pair",
-    "fit_tone_curve",
-    "relative_blur",
-    "rounding_variance",
-    "smoothed",
-    "smoothing_for",
-    "spline_coefficients",
-    "white_noise_gain",
-]

@@ -11,16 +11,3 @@ from .stored import (
 )
 from .time_line import render_series_report as render_series_report
 from .views import view_figures as view_figures
-
-__all__ = [
-    "ComparedPictures",
-    "changes_section",
-    "compared_pictures",
-    "count_text",
-    "q_text",
-    "render_changes_report",
-    "render_series_report",
-    "stored_changes_section",
-    "stored_pose_section",
-    "view_figures",
-]

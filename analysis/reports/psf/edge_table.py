@@ -1,10 +1,14 @@
-"""Every edge of a calibration as rows of a report's tables."""
+"""Every edge of a calibration: as rows of a report's tables, and as CSV."""
 
+import csv
 from collections.abc import Sequence
+from io import StringIO
 from itertools import groupby
 
+import numpy as np
+
 from analysis.reports.page import ReportSection, ReportTable
-from calibration.edges import EdgeMeasurement
+from calibration.edges import SFR_FREQ_CY_PER_PX, EdgeMeasurement
 from calibration.psf import PsfCalibration
 from calibration.sharpness import MODEL_REMARK, edge_cells
 
@@ -106,3 +110,22 @@ def _optional(value: float | None, form: str) -> str:
 
 def _percent(fraction: float | None) -> str:
     return "" if fraction is None else f"{100 * fraction:.2f}"
+
+
+def edge_csv(calibration: PsfCalibration) -> str:
+    """Return the table: the entries of psf.json for each edge, then its contrast by frequency.
+
+    Columns ``sfr_0.05`` to ``sfr_0.50`` are the contrast left at that many cy/px, by the e-SFR.
+    An empty cell is a value that is not determined; flags share one cell, separated by spaces.
+    """
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    freq = np.array(SFR_FREQ_CY_PER_PX)
+    for number, edge in enumerate(calibration.edges):
+        row = edge.model_dump()
+        if number == 0:
+            writer.writerow([*row, "is_used", *(f"sfr_{f:.2f}" for f in SFR_FREQ_CY_PER_PX)])
+        row["flags"] = " ".join(row["flags"])
+        sfr = [""] * freq.size if edge.esfr is None else [f"{v:.6f}" for v in edge.esfr.at(freq)]
+        writer.writerow([*row.values(), "yes" if edge.is_used else "no", *sfr])
+    return text.getvalue()

@@ -14,18 +14,3 @@ from .level_pair import LevelPair as LevelPair
 from .motions import zoom_at_centre as zoom_at_centre
 from .normalised import locally_normalised as locally_normalised
 from .photograph import AlignedPhotograph as AlignedPhotograph
-
-__all__ = [
-    "Agreement",
-    "AlignedPhotograph",
-    "LevelPair",
-    "RefinedPose",
-    "agreement_at",
-    "comparison_factor",
-    "correlation_at",
-    "locally_normalised",
-    "refined_at",
-    "refined_pose",
-    "strays",
-    "zoom_at_centre",
-]

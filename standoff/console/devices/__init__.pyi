@@ -32,32 +32,3 @@ from .squareness_monitor import (
     SquarenessView as SquarenessView,
 )
 from .stage_service import StageService as StageService, StageView as StageView
-
-__all__ = [
-    "CameraService",
-    "DeviceStatus",
-    "EdgeReading",
-    "FieldReading",
-    "FrameBroadcaster",
-    "FrameCounts",
-    "Levels",
-    "LineProfile",
-    "PictureEncoder",
-    "PictureFacts",
-    "PictureMonitor",
-    "PixelReading",
-    "PoseCurve",
-    "PoseMonitor",
-    "PoseView",
-    "SharpnessMonitor",
-    "SharpnessView",
-    "SquarenessMonitor",
-    "SquarenessView",
-    "StageService",
-    "StageView",
-    "TrackerMaker",
-    "field_regions",
-    "line_profile",
-    "pixel_reading",
-    "tracker_maker",
-]

@@ -12,20 +12,3 @@ from .session_run import (
     SessionRun as SessionRun,
     rows_of as rows_of,
 )
-
-__all__ = [
-    "BusyError",
-    "ControlArbiter",
-    "ControlView",
-    "FocusSweepRun",
-    "Job",
-    "JobRunner",
-    "PlanRow",
-    "Prompt",
-    "PromptQueue",
-    "RunView",
-    "SessionRun",
-    "SweepPlan",
-    "SweepView",
-    "rows_of",
-]

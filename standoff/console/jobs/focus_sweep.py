@@ -12,14 +12,21 @@ from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.bracket import ExposureControl
 from acquisition.choices import FEWEST_POSITIONS
 from acquisition.errors import OperatorStopError, StreamInterruptedError
-from acquisition.focus import FocusOptions, FocusPeak, FocusPoint, Region
+from acquisition.focus import (
+    FocusOptions,
+    FocusPeak,
+    FocusPoint,
+    FocusSweep,
+    Region,
+    SweepRequest,
+    sweep_bench,
+)
 from acquisition.stages import refuse_beyond_limits
 from calibration.geometry import Levelling, level_by_focus
 from calibration.sharpness import NORMAL_95
 from standoff.console.devices import CameraService, StageService, field_regions
 from standoff.console.jobs.job_runner import Job
 from standoff.errors import REPORTED_ERRORS, ApplicationError
-from standoff.workflows import FocusSweep, SweepRequest, sweep_bench
 
 SweepState = Literal["idle", "running", "done", "failed", "stopped"]
 

@@ -20,21 +20,3 @@ from .result_kinds import (
     page_path as page_path,
     results_of as results_of,
 )
-
-__all__ = [
-    "CommandProgress",
-    "CommandResult",
-    "KeyFigures",
-    "ResultJobs",
-    "ResultKind",
-    "ResultProgress",
-    "ResultRequest",
-    "ResultView",
-    "earlier_calibration",
-    "key_figures",
-    "lens_sentence",
-    "missing_for",
-    "page_path",
-    "results_of",
-    "run_command",
-]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from standoff.console.results.key_figures import read_document
-from standoff.workflows import RESULTS_FOLDER
+from standoff.library import RESULTS_FOLDER
 
 PSF_NAME = "psf.json"
 CHANGED = "the PSF has changed: "

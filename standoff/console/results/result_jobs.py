@@ -30,7 +30,7 @@ from standoff.console.results.result_kinds import (
     pair_files,
 )
 from standoff.errors import REPORTED_ERRORS, ApplicationError
-from standoff.workflows import RESULTS_FOLDER, make_folder, write_file
+from standoff.library import RESULTS_FOLDER, make_folder, write_file
 
 ResultState = Literal["idle", "running", "done", "stopped", "failed"]
 

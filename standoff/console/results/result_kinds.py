@@ -8,7 +8,7 @@ from typing import Literal
 
 from acquisition.session import CaptureRecord, Session
 from standoff.console.results.key_figures import key_figures
-from standoff.workflows import RESULTS_FOLDER
+from standoff.library import RESULTS_FOLDER
 
 ResultKind = Literal[
     "calibrate", "compare", "geometry", "noise", "validate", "pose", "changes", "report"

@@ -16,7 +16,7 @@ from standoff.console.web.picture_commands import picture_commands
 from standoff.console.web.plan_commands import PlanCommands
 from standoff.console.web.session_commands import SessionCommands
 from standoff.errors import ApplicationError
-from standoff.workflows import PlannedComparisons, make_folder
+from standoff.library import PlannedComparisons, make_folder
 
 WITHOUT_CONTROL = (messages.Preview, messages.CheckPlan, messages.Probe, messages.Profile)
 """Messages that change nothing: those who watch may send them, too."""

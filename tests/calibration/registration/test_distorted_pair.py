@@ -12,7 +12,7 @@ from hil_mocks import BenchTruth
 from hil_mocks.scene.pinhole import CameraPose
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
-from standoff.workflows.paper import place_errors_px
+from standoff.library.rehearsal.paper import place_errors_px
 from tests.hil_mocks.benches import bench_config
 
 NEAR_MM = 160.0

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import pytest
 
 import standoff.cli
-import standoff.workflows
+import standoff.library
 from acquisition.bench import BenchConfig
 from acquisition.session.durable_write import FileParts, atomic_write_hashed
 from acquisition.session.reader import Session
@@ -25,7 +25,7 @@ from acquisition.session.verification import verify
 from hil_mocks import SimulatedBench
 from hil_mocks.camera import CameraFaults
 from hil_mocks.stage import StageFaults
-from standoff.workflows.devices import OpenBench, open_bench
+from standoff.library.bench.devices import OpenBench, open_bench
 from tests.standoff.conftest import Command
 
 
@@ -87,7 +87,7 @@ def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
 
     words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     with monkeypatch.context() as patch:
-        patch.setattr(standoff.workflows, "open_bench", opened)
+        patch.setattr(standoff.library, "open_bench", opened)
         done = command(*words, "--yes")
     assert (done.status, done.out) == (1, "")
     [line] = [line for line in done.err.splitlines() if line.startswith("standoff:")]

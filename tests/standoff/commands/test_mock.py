@@ -13,8 +13,12 @@ import pytest
 from hil_mocks.gige import FrameRequest, GigeFaults
 from hil_mocks.gige.gvcp import GvcpStatus
 from hil_mocks.practice_bench import HandStage
+from hil_mocks.practice_commands import (
+    PracticeCommandError,
+    PracticeConsole,
+    faults_from_words,
+)
 from hil_mocks.stages.serial_stage import SerialStage
-from standoff.workflows.practice import PracticeCommandError, PracticeConsole, faults_from_words
 from tests.hil_mocks.gige_bench import free_addresses, gige_bench
 from tests.hil_mocks.gige_client import RawClient
 from tests.standoff.conftest import Command

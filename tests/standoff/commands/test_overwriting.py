@@ -8,10 +8,10 @@ import tifffile
 
 from calibration.noise import map_paths
 from standoff.errors import ApplicationError
+from standoff.library import CHANGE_FILES, DEMO_FILES, FILES_OF_SERIES, VALIDATION_FILES
+from standoff.library.detectability.measured_curves import curve_figure_paths
+from standoff.library.files.output_files import written_together
 from standoff.terminal.app import COMMANDS, _imported
-from standoff.workflows import CHANGE_FILES, DEMO_FILES, FILES_OF_SERIES, VALIDATION_FILES
-from standoff.workflows.detectability_run import curve_figure_paths
-from standoff.workflows.output_files import written_together
 from tests.standoff.conftest import Command
 
 CURVES = ("--curves", "c.json", "--min-dprime", "2")

@@ -15,8 +15,8 @@ from analysis.pose.series import read_pose_series
 from analysis.results_file import write_results
 from calibration.registration.pair import Registration, register
 from simulation.arrays import FloatArray
+from standoff.library.series import pose_work, references, work
 from standoff.photographs.reader import read_image
-from standoff.workflows.followup_series import pose_work, references, work
 from tests.analysis.detectability.test_curves import curve
 from tests.calibration.registration.test_tracking import pose, scene, seen_from
 from tests.standoff.conftest import Command

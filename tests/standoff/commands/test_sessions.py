@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-import standoff.workflows
+import standoff.library
 from acquisition.bench import load_bench
 from acquisition.plan import PlanEntry
 from acquisition.session.reader import JOURNAL_NAME
@@ -116,7 +116,7 @@ def test_ctrl_c_leaves_a_session_that_resumes(
 
     arguments = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     with monkeypatch.context() as patch:
-        patch.setattr(standoff.workflows, "place_in_simulation", interrupt_at_the_second)
+        patch.setattr(standoff.library, "place_in_simulation", interrupt_at_the_second)
         assert command(*arguments, "--yes").status == 130
     resumed = json.loads(command(*arguments, "--yes", "--json").out)
     assert resumed == {

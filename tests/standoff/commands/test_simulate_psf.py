@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from simulation import PsfField
 from simulation.arrays import FloatArray
-from standoff.workflows.followup import zoomed_out
+from simulation.followup import zoomed_out
 from tests.calibration.closed_form import edge_image
 from tests.standoff.conftest import Command
 

@@ -7,8 +7,8 @@ import pytest
 import tifffile
 
 from simulation import GaussianPsf
+from standoff.library.sr_pairs.settings import SrDatasetSettings, split_of
 from standoff.photographs import ReadOptions, read_image
-from standoff.workflows.sr_dataset.settings import SrDatasetSettings, split_of
 from tests.standoff.conftest import Command, Outcome
 
 RNG = np.random.default_rng(12)
@@ -91,7 +91,7 @@ def test_an_interrupted_run_goes_on_and_ends_as_if_it_had_not_been(
         return read_image(path, options)
 
     with monkeypatch.context() as patch:
-        patch.setattr("standoff.workflows.sr_dataset.shard_work.read_image", read_three)
+        patch.setattr("standoff.library.sr_pairs.shard_work.read_image", read_three)
         assert make(command, folder, psf=psf, out=broken, more=()).status == 130
     # A power cut besides, which took the end of one commit.
     commit = sorted((broken / "shards").glob("*.json"))[0]

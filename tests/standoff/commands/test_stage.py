@@ -289,7 +289,7 @@ def test_the_manual_stage_asks_the_operator(
     command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = iter(["150", "200.4"])
-    monkeypatch.setattr("typer.prompt", lambda *_, **__: next(answers))
+    monkeypatch.setattr("builtins.input", lambda: next(answers))
     bench = shipped_config("manual_stage.toml")
     done = command("stage", "move", "200", "--home", "--bench", bench, "--json")
     assert json.loads(done.out)["position_mm"] == 200.4

@@ -6,7 +6,8 @@ import pytest
 
 from analysis.validation import kernels
 from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings
-from standoff.workflows import validation_run
+from standoff.library import Call
+from standoff.library.sessions import validation_run
 from tests.analysis.height_series import height_series
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
@@ -187,7 +188,7 @@ def test_without_pytorch_the_learned_model_is_left_out_or_refused_by_name(
     command: Command, series: Path, psf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(validation_run, "find_spec", lambda _: None)
-    assert "kernelgan" not in validation_run.default_models()
+    assert "kernelgan" not in validation_run.default_models(Call("validate"))
     done = command(
         "validate", "--session", series, "--psf", psf, "--out", tmp_path / "v",
         "--models", "kernelgan",

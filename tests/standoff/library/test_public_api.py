@@ -19,25 +19,6 @@ SIGMA_PX = 0.7
 ZOOM = 1.3
 SPOT = (90, 140)  # row and column of the follow-up
 PSF = standoff.GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
-NAMES = {
-    "Bench",
-    "DetectionTask",
-    "FeatureMatches",
-    "GaussianPsf",
-    "RegistrationHints",
-    "Session",
-    "calibrate_psf",
-    "d_prime_curves",
-    "find_changes",
-    "measure_edges",
-    "pose_limits",
-    "read_image",
-    "read_psf",
-    "register",
-    "simulate_pose",
-    "write_psf",
-    "zoom_out",
-}
 
 
 def known_edge(angle_deg: float) -> FloatArray:
@@ -74,9 +55,8 @@ def pair() -> tuple[FloatArray, FloatArray]:
 
 
 def test_the_names_are_those_of_the_guide() -> None:
-    assert set(standoff.__all__) == NAMES
     guide = (Path(__file__).parents[3] / "docs" / "library.md").read_text("utf-8")
-    for name in NAMES:
+    for name in dir(standoff):
         assert f"{name}(" in guide
 
 

@@ -25,7 +25,7 @@ from standoff.console.jobs.job_runner import BusyError, Job
 from standoff.console.jobs.session_run import RunView
 from standoff.console.web.view_model import pose_document
 from standoff.errors import ApplicationError
-from standoff.workflows.devices import place_in_simulation
+from standoff.library.bench.devices import place_in_simulation
 from tests.standoff.console.hub_fixtures import (
     DEADLINE_S,
     PLAN,

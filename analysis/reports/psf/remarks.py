@@ -1,0 +1,65 @@
+"""What an operator should know about a calibration, in sentences."""
+
+import numpy as np
+
+from calibration.psf import PsfCalibration, share_of_correlation
+
+_USUAL_RHO = 0.1
+_WORTH_SAYING = 0.002
+"""Smallest relative error of a width, from an unknown rho, that is worth a note."""
+
+_REMARKS = {
+    "sharpened": "overshoot on both sides of {n} of {total} edges: the camera sharpens, "
+    "and sigma comes out too small; switch sharpening off",
+    "jpeg": "{n} of {total} edges are from JPEG files, whose compression adds to the error",
+    "non_gaussian": "{n} of {total} edges do not fit a Gaussian PSF; sigma is an equivalent width",
+}
+
+
+def psf_remarks(calibration: PsfCalibration) -> list[str]:
+    """Say what is wrong with the edges of a target, and what they do not determine."""
+    said = []
+    used = calibration.edges_used
+    for flag, text in _REMARKS.items():
+        count = sum(flag in edge.flags for edge in used)
+        if count:
+            said.append(text.format(n=count, total=len(used)))
+    missing = _what_is_missing(calibration) if used else None
+    if missing is not None:
+        said.append(missing)
+    trend = calibration.height_trend
+    if trend is not None and trend.is_drift:
+        said.append(
+            f"the width changes by {100 * trend.change:.1f} % over the heights: the focus drifts, "
+            "or the target is too rough for the nearest height; calibrate at one height or refocus"
+        )
+    return said
+
+
+def _what_is_missing(calibration: PsfCalibration) -> str | None:
+    """Say in one line what the directions of the edges do not determine, and the remedy."""
+    missing = [
+        text
+        for value, text in (
+            (calibration.sigma_x_px, "sigma_x"),
+            (calibration.sigma_y_px, "sigma_y"),
+            (calibration.rho, "rho"),
+        )
+        if value is None
+    ]
+    if not missing or calibration.method == "paper":  # which never determines rho
+        return None
+    used = calibration.edges_used
+    if len(used) == 1:
+        missing.append("the change over the frame")
+    *first, last = missing
+    listed = f"{', '.join(first)} and {last}" if first else last
+    text = f"not determined by {len(used)} edge{'s' * (len(used) > 1)}: {listed}"
+    share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
+    if calibration.rho is None and share * _USUAL_RHO > _WORTH_SAYING:
+        text += (
+            f"; if rho were {_USUAL_RHO:g}, a width would be off by "
+            f"{100 * share * _USUAL_RHO:.1f} %, beyond its interval"
+        )
+    needed = "in other directions" if len(missing) > 1 else "that are diagonal"
+    return f"{text}; add edges {needed}"

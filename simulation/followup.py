@@ -1,0 +1,197 @@
+"""A simulated follow-up with the camera's effects: light, noise, sharpening, in this order."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
+from simulation.capture_light import exposed, unsharp_masked, vignetted
+from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
+from simulation.choices import POSE_MODELS, GaussianForm, Model, PsfForm
+from simulation.pose import PoseOptions, pose_noise_gain, simulate_pose
+from simulation.psf import Psf, PsfField
+from simulation.resampling import SamplingGrid
+from simulation.zoom import ZoomOperator, zoom_operator, zoom_out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaptureOptions:
+    """What the follow-up's camera does beyond the capture model.
+
+    ``exposure`` is relative to the reference, ``vignetting`` the relative loss of light at the
+    corner, ``sharpening`` an amount and a width in px; ``seed`` is that of noise and training.
+    """
+
+    exposure: float = 1.0
+    vignetting: float = 0.0
+    sharpening: tuple[float, float] | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.exposure < inf):
+            raise ValueError(
+                f"an exposure factor must be finite and not negative, got {self.exposure}"
+            )
+        if not 0 <= self.vignetting < 1:
+            raise ValueError(f"a corner fall-off must be in [0, 1), got {self.vignetting}")
+        if self.sharpening is not None:
+            amount, sigma_px = self.sharpening
+            if not (0 <= amount < inf and 0 < sigma_px < inf):
+                raise ValueError(
+                    "the sharpening amount must be finite and not negative, and its width in px "
+                    f"positive, got {amount:g},{sigma_px:g}"
+                )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rendering:
+    """How a follow-up is computed.
+
+    ``noise`` is what the reference is assumed to have, ``gaussian`` the form of model ``paper``'s
+    blur, ``threads`` how many share the rows; the image does not depend on that.
+    """
+
+    noise: CaptureNoise | None = None
+    gaussian: GaussianForm = "transfer"
+    threads: int = 1
+
+
+_DEFAULTS = Rendering()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FollowUp:
+    """The output of the capture model, before the camera's own effects.
+
+    ``own_variance_dn2`` is the variance that the reference's noise left in it, with the image's
+    shape; None if no noise was asked for. ``nearer`` and ``outside`` are masks of shape (rows,
+    cols), for another pose only. ``psf_form`` says what the PSF's shape was known as, ``is_field``
+    that it varied over the frame.
+    """
+
+    image: FloatImage
+    own_variance_dn2: FloatArray | None
+    nearer: BoolArray | None = None
+    outside: BoolArray | None = None
+    psf_form: PsfForm | None = None
+    is_field: bool = False
+
+
+def zoomed_out(
+    reference: AnyArray,
+    zoom: float,
+    psf: Psf | PsfField | None,
+    model: Model,
+    how: Rendering = _DEFAULTS,
+) -> FollowUp:
+    """Follow-up from ``zoom`` times further away.
+
+    Raises
+    ------
+    ValueError
+        As ``zoom_out``; or if a field is given to a model that takes none.
+    """
+    shape = reference.shape[0], reference.shape[1]
+    grid = SamplingGrid.centred(shape, zoom)
+    if isinstance(psf, PsfField):
+        taking = [name for name in POSE_MODELS if name == model]
+        if not taking:
+            raise ValueError(f"model {model!r} takes one PSF for the whole frame")
+        options = PoseOptions(
+            model=taking[0],
+            threads=how.threads,
+            # The follow-up is the middle of the camera's frame.
+            origin_px=((shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2),
+        )
+        return from_pose(reference, grid.matrix, (grid.cols, grid.rows), psf, options, how.noise)
+    image = zoom_out(reference, zoom, psf, model, gaussian=how.gaussian, threads=how.threads)
+    own = None
+    if how.noise is not None:
+        own = _own_variance(reference, zoom_operator(shape, grid, psf, model), how.noise)
+    form = None if psf is None or model == "bicubic" else psf.form
+    return FollowUp(image=image, own_variance_dn2=own, psf_form=form)
+
+
+def followup_by(
+    reference: AnyArray, operator: ZoomOperator, how: Rendering = _DEFAULTS
+) -> FollowUp:
+    """Follow-up by an operator for images of this size, plane by plane."""
+    dtype = np.float64 if reference.dtype == np.float64 else np.float32
+    planes = reference[:, :, None] if reference.ndim == 2 else reference
+    image = np.stack(
+        [
+            operator.apply(planes[:, :, k].astype(dtype), how.threads)
+            for k in range(planes.shape[2])
+        ],
+        axis=-1,
+    )
+    own = None if how.noise is None else _own_variance(reference, operator, how.noise)
+    return FollowUp(image=image[:, :, 0] if reference.ndim == 2 else image, own_variance_dn2=own)
+
+
+def from_pose(
+    reference: AnyArray,
+    matrix: FloatArray,
+    size: tuple[int, int],
+    psf: Psf | PsfField,
+    options: PoseOptions,
+    noise: CaptureNoise | None = None,
+) -> FollowUp:
+    """Follow-up from any pose, with ``matrix`` and ``size`` as for ``simulate_pose``.
+
+    ``noise`` is what the reference is assumed to have.
+
+    Raises
+    ------
+    ValueError
+        As ``simulate_pose``.
+    """
+    simulated = simulate_pose(reference, matrix, size, psf, options)
+    own = None
+    if noise is not None:
+        shape = reference.shape[0], reference.shape[1]
+        gain = pose_noise_gain(matrix, shape, size, psf, options)
+        # At an edge the reference's variance is taken to be that of the blurred level.
+        planes = gain if simulated.image.ndim == 2 else gain[:, :, None]
+        own = planes * noise.variance_dn2(simulated.image)
+    return FollowUp(
+        image=simulated.image,
+        own_variance_dn2=own,
+        nearer=simulated.nearer,
+        outside=simulated.outside,
+        psf_form=psf.form,
+        is_field=isinstance(psf, PsfField),
+    )
+
+
+def captured(
+    followup: FollowUp, options: CaptureOptions, noise: CaptureNoise | None = None
+) -> FloatImage:
+    """Return the follow-up's image as the camera delivers it, with the noise of a capture."""
+    black_dn = noise.black_level_dn if noise else 0.0
+    image = _lit(followup.image, options, black_dn)
+    own_variance_dn2 = followup.own_variance_dn2
+    if noise is not None and own_variance_dn2 is not None:
+        light = _lit(np.ones_like(own_variance_dn2), options, 0.0)
+        rng = np.random.default_rng(options.seed)
+        image = with_capture_noise(image, light**2 * own_variance_dn2, noise, rng)
+    if options.sharpening is not None:
+        image = unsharp_masked(image, *options.sharpening)
+    return image
+
+
+def _own_variance(reference: AnyArray, operator: ZoomOperator, noise: CaptureNoise) -> FloatArray:
+    variance = noise.variance_dn2(reference.astype(np.float64))
+    if variance.ndim == 2:
+        return propagated_variance(operator, variance)
+    planes = [propagated_variance(operator, variance[:, :, k]) for k in range(variance.shape[2])]
+    return np.stack(planes, axis=-1)
+
+
+def _lit(image: FloatImage, options: CaptureOptions, black_dn: float) -> FloatImage:
+    if options.exposure != 1.0:
+        image = exposed(image, options.exposure, black_dn)
+    if options.vignetting != 0.0:
+        image = vignetted(image, options.vignetting, black_dn)
+    return image

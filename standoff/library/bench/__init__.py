@@ -1,0 +1,5 @@
+"""The devices of a bench, and what is done with them."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -1,0 +1,146 @@
+"""Captures compared with an earlier photograph that the plan names: pose at once, changes after."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import atan2, degrees, hypot
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from acquisition.plan import CapturePlan
+from acquisition.printable import on_one_line
+from acquisition.session import CaptureRecord, Session
+from calibration.errors import RegistrationError
+from calibration.registration import DistortedPose, register
+from standoff.library.call import Progress
+from standoff.library.files import RESULTS_FOLDER, make_folder, make_results_folder
+from standoff.library.series import find_changes_of_series
+from standoff.photographs import Photograph, read_image
+
+COMPARISONS_FOLDER = "changes"
+"""Folder of a session's results for the comparisons, one folder a target in it."""
+
+_SAME = 0.005  # relative; a zoom of half a per cent is not worth a word
+
+Target = tuple[str, str]
+"""Kind and name of a target."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedComparisons:
+    """What a session's captures are compared with, by target.
+
+    Parameters
+    ----------
+    session
+        Folder of the session.
+    references
+        Photographs by kind and name of the target; empty where the plan names none.
+    """
+
+    session: Path
+    references: Mapping[Target, Photograph] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, plan: CapturePlan, folder: Path, session: Path) -> Self:
+        """Read the photographs that a plan in ``folder`` names.
+
+        Raises
+        ------
+        ImageFileError
+            If one cannot be read: before anything moves.
+        """
+        return cls(
+            session=session,
+            references={
+                (target.kind, target.target): read_image(folder / target.reference)
+                for target in plan.targets
+                if target.reference is not None
+            },
+        )
+
+    def pose_sentence(self, record: CaptureRecord) -> str | None:
+        """Say how a capture's pose compares with its reference; None if it has none."""
+        reference = self.references.get((record.kind, record.target))
+        if reference is None:
+            return None
+        capture = Session(self.session).load(record).mean_dn
+        name = on_one_line(reference.path.name)
+        try:
+            found = register(reference.grey_dn, capture)
+        except RegistrationError as error:
+            return f"not recognised in {name}: {error}"
+        return f"against {name}: {describe_pose(found.pose)}"
+
+    def write(self, progress: Progress | None = None) -> tuple[str, ...]:
+        """Compare all captures with their references; return where the results are.
+
+        They are resumed: what was compared before is not compared again.
+
+        Raises
+        ------
+        ApplicationError, CalibrationError, SessionError
+            If files cannot be read or written.
+        """
+        if not self.references:
+            return ()
+        session = Session(self.session)
+        psf = self.session / RESULTS_FOLDER / "psf.json"
+        said = []
+        for (kind, target), reference in self.references.items():
+            captures = tuple(
+                self.session / one.record.file
+                for one in session.captures
+                if (one.record.kind, one.record.target) == (kind, target)
+                and not one.is_superseded
+                and one.excluded_because is None
+            )
+            if not captures:
+                continue
+            out = self.session / RESULTS_FOLDER / COMPARISONS_FOLDER / _folder_name(kind, target)
+            make_results_folder(self.session)
+            document = find_changes_of_series(
+                reference.path,
+                captures,
+                make_folder(out),
+                psf if psf.is_file() else None,
+                progress=progress,
+            ).document
+            if document is not None:
+                lost = f", {document.refused} not recognised" if document.refused else ""
+                said.append(
+                    f"{target}: {document.changed} of {document.compared} captures differ from "
+                    f"{on_one_line(reference.path.name)}{lost}; see "
+                    f"{on_one_line(out / 'report.html')}"
+                )
+        return tuple(said)
+
+
+def describe_pose(pose: DistortedPose) -> str:
+    """Say where a follow-up was taken from, against its reference, in an operator's words."""
+    rows, cols = pose.followup_shape
+    middle_y, middle_x = (rows - 1) / 2, (cols - 1) / 2
+    y, x = pose.to_reference_px(
+        np.array([middle_y, middle_y]), np.array([middle_x - 0.5, middle_x + 0.5])
+    )
+    reference_rows, reference_cols = pose.reference_shape
+    aside_px = hypot(
+        float(x.mean()) - (reference_cols - 1) / 2, float(y.mean()) - (reference_rows - 1) / 2
+    )
+    turn_deg = degrees(atan2(float(y[1] - y[0]), float(x[1] - x[0])))
+    return (
+        f"{_distance_text(pose.zoom)}, turned by {turn_deg:.1f} degrees, aside by "
+        f"{aside_px:.0f} px ({100 * aside_px / reference_cols:.0f} % of the frame)"
+    )
+
+
+def _distance_text(zoom: float) -> str:
+    if abs(zoom - 1) < _SAME:
+        return f"the same distance (zoom {zoom:.3f})"
+    return f"{'further away' if zoom > 1 else 'nearer'} (zoom {zoom:.3f})"
+
+
+def _folder_name(kind: str, target: str) -> str:
+    safe = "".join(letter if letter.isalnum() else "-" for letter in target)
+    return f"{kind}-{safe}"

@@ -1,0 +1,22 @@
+from .alignment_hints import (
+    AlignmentHints as AlignmentHints,
+    HintFiles as HintFiles,
+    alignment_hints as alignment_hints,
+    hint_files as hint_files,
+    hint_settings as hint_settings,
+    read_hints as read_hints,
+)
+from .change_search import (
+    CHANGE_FILES as CHANGE_FILES,
+    ComparedPhotographs as ComparedPhotographs,
+    ComparisonRules as ComparisonRules,
+    compared as compared,
+    comparison_rules as comparison_rules,
+    find_changes as find_changes,
+    write_changes as write_changes,
+)
+from .registered import (
+    FeatureMatches as FeatureMatches,
+    RegistrationHints as RegistrationHints,
+    register as register,
+)

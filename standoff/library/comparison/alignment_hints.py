@@ -1,0 +1,222 @@
+"""What an operator knows of a pair: its pose, pixels that do not count, the level of clipping."""
+
+import pickle
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from acquisition.printable import on_one_line
+from calibration.files import read_homography
+from calibration.registration import FeatureMatches, Homography, RegistrationHints
+from simulation.arrays import BoolArray
+from standoff.errors import HintError
+from standoff.library.comparison.point_table import (
+    read_points,
+    refuse_points_outside,
+)
+from standoff.library.inputs import FilePath
+from standoff.photographs import LINEAR, Photograph, ReadOptions, read_image
+
+_AS_NUMBERS = ReadOptions(encoding=LINEAR)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HintFiles:
+    """What the command line says of the pose; at most one of zoom, homography and points.
+
+    Parameters
+    ----------
+    zoom
+        Approximate ratio of the distances, follow-up over reference.
+    homography, points, mask
+        Files: an approximate pose, pairs of points, and pixels of the follow-up to leave out.
+    """
+
+    zoom: float | None = None
+    homography: Path | None = None
+    points: Path | None = None
+    mask: Path | None = None
+
+    @property
+    def paths(self) -> tuple[Path | None, ...]:
+        """The files, for the provenance."""
+        return self.homography, self.points, self.mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AlignmentHints:
+    """The contents of `HintFiles`; sizes are checked against each pair of photographs."""
+
+    files: HintFiles = HintFiles()
+    homography: Homography | None = None
+    points: FeatureMatches | None = None
+    left_out: BoolArray | None = None
+
+    @property
+    def settings(self) -> dict[str, float | bool | None]:
+        """Which hints there are; the contents of the files are known by their hashes."""
+        return {
+            "zoom": self.files.zoom,
+            "homography": self.homography is not None,
+            "points": self.points is not None,
+            "mask": self.left_out is not None,
+        }
+
+    def of_pair(
+        self, reference: tuple[int, int], followup: tuple[int, int], name: str
+    ) -> RegistrationHints | None:
+        """Return the hints for photographs of these shapes; None if there are none.
+
+        Parameters
+        ----------
+        reference, followup
+            Shapes ``(rows, cols)``.
+        name
+            Of the follow-up.
+
+        Raises
+        ------
+        ApplicationError
+            If a mask or a homography belongs to another size, or a point lies outside.
+        """
+        rows, cols = followup
+        if self.left_out is not None and self.left_out.shape != followup:
+            high, wide = self.left_out.shape
+            raise HintError(
+                f"{_shown(self.files.mask)}: {wide} x {high} px, but {name} has {cols} x {rows}; "
+                "a mask has the follow-up's size"
+            )
+        if self.homography is not None and self.homography.size != (cols, rows):
+            wide, high = self.homography.size
+            raise HintError(
+                f"{_shown(self.files.homography)}: for follow-ups of {wide} x {high} px, but "
+                f"{name} has {cols} x {rows}"
+            )
+        if self.points is not None:
+            table = _shown(self.files.points)
+            refuse_points_outside(self.points.followup_px, followup, table, name)
+            refuse_points_outside(self.points.reference_px, reference, table, "the reference")
+        zoom = self.files.zoom
+        matrix = None if self.homography is None else self.homography.matrix
+        if zoom is None and matrix is None and self.points is None and self.left_out is None:
+            return None
+        return RegistrationHints(
+            zoom=zoom, matrix=matrix, points=self.points, left_out=self.left_out
+        )
+
+
+def hint_settings(
+    hints: AlignmentHints | RegistrationHints | None,
+) -> dict[str, float | bool | None]:
+    """Say which hints there are; the contents of files are known by their hashes."""
+    if isinstance(hints, RegistrationHints):
+        digest = sha256(pickle.dumps(hints)).hexdigest()
+        return {"given": int(digest[:12], 16)}
+    return (hints or AlignmentHints()).settings
+
+
+def hint_files(hints: AlignmentHints | RegistrationHints | None) -> tuple[Path | None, ...]:
+    """The files that hints were read from, for the provenance."""
+    return hints.files.paths if isinstance(hints, AlignmentHints) else ()
+
+
+def alignment_hints(
+    zoom: float | None = None,
+    *,
+    homography: FilePath | None = None,
+    points: FilePath | None = None,
+    mask: FilePath | None = None,
+) -> AlignmentHints | None:
+    """Read what is known of a pose beforehand; at most one of the first three.
+
+    Parameters
+    ----------
+    zoom
+        Approximate ratio of the distances, follow-up over reference.
+    homography
+        H.json of an approximate pose.
+    points
+        CSV with at least four pairs of points.
+    mask
+        Image of the follow-up's size; pixels that are not 0 are left out.
+
+    Returns
+    -------
+    AlignmentHints, or None if nothing is known
+
+    Raises
+    ------
+    HintError, CalibrationError
+        If a file cannot be read, or does not say what it should.
+    """
+    given = HintFiles(
+        zoom=zoom,
+        homography=None if homography is None else Path(homography),
+        points=None if points is None else Path(points),
+        mask=None if mask is None else Path(mask),
+    )
+    return None if given == HintFiles() else read_hints(given)
+
+
+def read_hints(files: HintFiles) -> AlignmentHints:
+    """Read the files that the command line names.
+
+    Raises
+    ------
+    HintError, CalibrationError
+        If one cannot be read, or does not say what it should.
+    """
+    return AlignmentHints(
+        files=files,
+        homography=None if files.homography is None else read_homography(files.homography),
+        points=None if files.points is None else read_points(files.points),
+        left_out=None if files.mask is None else read_mask(files.mask),
+    )
+
+
+def read_mask(path: Path) -> BoolArray:
+    """Read an image of which every pixel that is not 0 is left out, shape ``(rows, cols)``.
+
+    Raises
+    ------
+    ImageFileError, HintError
+        If it cannot be read, or leaves out everything.
+    """
+    stored = np.asarray(read_image(path, _AS_NUMBERS).stored)
+    left_out = np.asarray(stored != 0 if stored.ndim == 2 else np.any(stored != 0, axis=2))
+    if left_out.all():
+        raise HintError(
+            f"{on_one_line(path)}: leaves out every pixel; a mask is 0 where pixels count"
+        )
+    return left_out
+
+
+def white_level_dn(photograph: Photograph, stated: float | None) -> float | None:
+    """Linear level at which a photograph is clipped; None if nothing is known.
+
+    Parameters
+    ----------
+    photograph
+        The photograph.
+    stated
+        ``--white-level``, in levels of the file; without it, the file's own counts.
+
+    Raises
+    ------
+    HintError
+        If the file has no such level.
+    """
+    if stated is None:
+        return photograph.saturation_dn
+    full_scale = photograph.full_scale_dn
+    if full_scale is not None and stated > full_scale:
+        raise HintError(f"{photograph.name}: no level {stated:g}; its levels end at {full_scale:g}")
+    encoding = photograph.encoding
+    level = np.full((1, 1, max(len(encoding.curves), 1)), float(stated))
+    return float(encoding.decode(level, photograph.white_dn).max())
+
+
+def _shown(path: Path | None) -> str:
+    return "" if path is None else on_one_line(path)

@@ -1,0 +1,306 @@
+"""Finds what changed between two photograph files, and writes a list and maps of the changes."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from io import StringIO
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from analysis.changes import (
+    Change,
+    ChangeOptions,
+    ChangeResult,
+    find_changes as changes_between,
+)
+from analysis.choices import FALSE_ALARMS
+from analysis.errors import AnalysisError
+from analysis.reports import plot_changes
+from analysis.results_file import write_results
+from calibration.documents import json_object
+from calibration.errors import CalibrationError
+from calibration.registration import RegistrationHints
+from simulation import Psf, PsfField
+from simulation.arrays import BoolArray, Float32Array
+from simulation.choices import PsfShape
+from standoff.library.call import Call, Progress
+from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files, white_level_dn
+from standoff.library.comparison.change_page import page_of_changes
+from standoff.library.files import (
+    make_folder,
+    write_figure,
+    write_file,
+    write_float_tiff,
+    write_mask,
+    write_page,
+    written_together,
+)
+from standoff.library.inputs import (
+    FilePath,
+    ImageLike,
+    NoiseLike,
+    PsfLike,
+    camera_noise,
+    path_of,
+)
+from standoff.library.psf import frame_psf
+from standoff.photographs import Photograph, ReadOptions
+
+CHANGE_FILES = (
+    "difference.tif",
+    "plain-difference.tif",
+    "pose-difference.tif",
+    "uncertainty.tif",
+    "significance.tif",
+    "changes.png",
+    "compared.png",
+    "changes-figure.png",
+    "changes.csv",
+    "report.html",
+    "changes.json",
+)
+"""Files that a comparison writes; the last one last."""
+
+_DRAWING = Lock()
+"""Matplotlib's style is one for all threads, of which a Dask worker may have several."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ComparisonRules:
+    """How two photographs are compared, here or by a worker.
+
+    Parameters
+    ----------
+    options
+        Noise and the rate of false alarms; poses and masks come from ``hints``.
+    hints
+        What the operator knows of the pose, and pixels that do not count.
+    white_level
+        Level of the files at which they are clipped; None takes the files' own.
+    """
+
+    options: ChangeOptions = field(default_factory=ChangeOptions)
+    hints: AlignmentHints | RegistrationHints | None = None
+    white_level: float | None = None
+
+    @property
+    def left_out(self) -> BoolArray | None:
+        """Follow-up pixels that do not count."""
+        return None if self.hints is None else self.hints.left_out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ComparedPhotographs(ChangeResult):
+    """Two photographs and what changed between them; ``left_out`` is the operator's mask."""
+
+    reference: Photograph
+    followup: Photograph
+    left_out: BoolArray | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the list of changes as ``standoff changes --json`` prints it, without folder."""
+        return json_object(self.summary)
+
+    def page(self) -> str:
+        """Return the report as one HTML document."""
+        return page_of_changes(self.reference, self.followup, self, self.summary, self.left_out)
+
+    def write_report(self, path: FilePath) -> None:
+        """Write the report, HTML or PDF.
+
+        Raises
+        ------
+        ApplicationError
+            If the file cannot be written.
+        """
+        write_page(path_of(path, "path"), self.page())
+
+    def write(self, folder: FilePath) -> None:
+        """Write maps, figure, list, report page and changes.json into a folder, all or none.
+
+        Raises
+        ------
+        ApplicationError, ResultsFileError
+            If a file cannot be written.
+        """
+        out = make_folder(path_of(folder, "folder"))
+        with written_together(out / "changes.json") as part:
+            write_changes(part, self)
+
+
+def find_changes(
+    reference: ImageLike,
+    followup: ImageLike,
+    psf: PsfLike | None = None,
+    *,
+    transfer: PsfShape = "best",
+    noise: NoiseLike | None = None,
+    false_alarms: float = FALSE_ALARMS,
+    false_discovery_rate: float | None = None,
+    hints: AlignmentHints | RegistrationHints | None = None,
+    white_level: float | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> ComparedPhotographs:
+    """Find what changed between two photographs that their poses do not explain.
+
+    Parameters
+    ----------
+    reference, followup
+        Arrays or files; the follow-up is the later one, from nearer or further away.
+    psf
+        The camera's PSF; without it the blur between the photographs is fitted to them.
+    transfer
+        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+    noise
+        Noise of both captures, or the path of a noise.json; without it the noise is fitted.
+    false_alarms
+        Expected number of pixels flagged by chance per frame.
+    false_discovery_rate
+        Share of false ones among the listed changes, instead.
+    hints
+        What is known of the pose beforehand, as in ``register``, or of `alignment_hints`; pixels
+        that do not count are not compared either.
+    white_level
+        Level of the files at which they are clipped; the files' own by default.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    ComparedPhotographs
+        Its ``summary.changes`` is the list; the maps are on the follow-up's pixels; ``write``
+        writes all of it into a folder.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ApplicationError
+        If a photograph cannot be read, or a hint does not belong to it.
+    AnalysisError, CalibrationError
+        If they overlap too little, or cannot be aligned; the message names the follow-up.
+
+    Examples
+    --------
+    >>> found = standoff.find_changes("before.tif", "after.tif")
+    >>> [(one.x_px, one.y_px, one.amplitude_dn) for one in found.summary.changes]
+    """
+    call = Call("find_changes", progress, reading, (psf, noise, *hint_files(hints)))
+    rules = comparison_rules(noise, false_alarms, false_discovery_rate, hints, white_level)
+    near = call.photograph(reference, "reference")
+    far = call.photograph(followup, "followup")
+    known = None
+    if psf is not None:
+        rows, cols = far.stored.shape[:2]
+        frame = (cols, rows) if near.stored.shape[:2] == (rows, cols) else None
+        known = frame_psf(call, psf, frame, "matched", transfer)
+    found = compared(near, far, known, rules)
+    for warning in found.summary.warnings:
+        call.announce(warning)
+    summary = found.summary.model_copy(
+        update={
+            "reference": near.name,
+            "followup": far.name,
+            "provenance": call.provenance(),
+        }
+    )
+    return replace(found, summary=summary, notes=call.notes)
+
+
+def comparison_rules(
+    noise: NoiseLike | None,
+    false_alarms: float,
+    false_discovery_rate: float | None,
+    hints: AlignmentHints | RegistrationHints | None,
+    white_level: float | None,
+) -> ComparisonRules:
+    """Bundle how photographs are compared."""
+    options = ChangeOptions(
+        noise=camera_noise(noise),
+        false_alarms=false_alarms,
+        false_discovery_rate=false_discovery_rate,
+    )
+    return ComparisonRules(options=options, hints=hints, white_level=white_level)
+
+
+def compared(
+    near: Photograph, far: Photograph, psf: Psf | PsfField | None, rules: ComparisonRules
+) -> ComparedPhotographs:
+    """Align and compare two photographs; errors name the follow-up.
+
+    Raises
+    ------
+    AnalysisError, CalibrationError
+        If they cannot be compared or aligned.
+    ApplicationError
+        If a hint does not belong to them.
+    """
+    stated, hints = rules.white_level, rules.hints
+    if isinstance(hints, AlignmentHints):
+        hints = hints.of_pair(near.stored.shape[:2], far.stored.shape[:2], far.name)
+    options = replace(
+        rules.options,
+        hints=hints,
+        left_out=rules.left_out,
+        white_level_dn=(white_level_dn(near, stated), white_level_dn(far, stated)),
+        variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
+    )
+    try:
+        found = changes_between(near.grey_dn, far.grey_dn, psf, options)
+    except CalibrationError as error:
+        raise CalibrationError(f"{far.path}: {error}") from error
+    except AnalysisError as error:
+        raise AnalysisError(f"{far.path}: {error}") from error
+    own = {one.name: getattr(found, one.name) for one in fields(found)}
+    return ComparedPhotographs(**own, reference=near, followup=far, left_out=rules.left_out)
+
+
+def _variance_dn2(photograph: Photograph) -> Float32Array | None:
+    """Variance of each level of a bracket; a sample of a few frames is too rough to judge one."""
+    variance = photograph.grey_variance_dn2
+    if variance is None or not photograph.has_modelled_variance:
+        return None
+    return (variance / photograph.frames).astype(np.float32)
+
+
+def write_changes(out: Path, found: ComparedPhotographs) -> None:
+    """Write maps, figure, list, report page and changes.json into the folder ``out``.
+
+    Raises
+    ------
+    ApplicationError, ResultsFileError
+        If a file cannot be written.
+    """
+    error_dn = np.where(found.valid, np.sqrt(found.variance_dn2), 0.0)
+    for kind, image in (
+        ("difference", found.difference_dn),
+        ("plain-difference", found.plain_difference_dn),
+        ("pose-difference", found.pose_difference_dn),
+        ("uncertainty", error_dn),
+        ("significance", found.significance),
+    ):
+        description = f"standoff changes: {kind} of {found.followup.path.name}"
+        write_float_tiff(out / f"{kind}.tif", image.astype(np.float32), description)
+    write_mask(out / "changes.png", found.is_change)
+    write_mask(out / "compared.png", found.valid)
+    with _DRAWING:
+        write_figure(out / "changes-figure.png", plot_changes(found))
+    write_file(out / "changes.csv", change_table(found.summary.changes))
+    write_file(out / "report.html", found.page().encode("utf-8"))
+    write_results(out / "changes.json", found.summary)
+
+
+def change_table(changes: Sequence[Change]) -> bytes:
+    """Return the list of changes as CSV, a line a change."""
+    text = StringIO(newline="")
+    writer = csv.DictWriter(text, list(Change.model_fields), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(change.model_dump() for change in changes)
+    return text.getvalue().encode("utf-8")

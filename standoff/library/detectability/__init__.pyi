@@ -1,0 +1,14 @@
+from .limits import (
+    AllowedMovement as AllowedMovement,
+    CurveChoice as CurveChoice,
+    CurveLike as CurveLike,
+    DetectionTask as DetectionTask,
+    d_prime_curves as d_prime_curves,
+    given_curve as given_curve,
+    pose_limits as pose_limits,
+)
+from .measured_curves import (
+    MeasuredCurves as MeasuredCurves,
+    curve_figure_paths as curve_figure_paths,
+    measure_curves as measure_curves,
+)

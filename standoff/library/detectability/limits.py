@@ -1,0 +1,247 @@
+"""How well a change can be detected from further away, and the camera movement this allows."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from math import inf
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from analysis.detectability import (
+    AmbiguousCurveError,
+    CurveChoice as CurveChoice,
+    DetectabilityCurve,
+    DetectabilityCurves,
+    DetectionTask as DetectionTask,
+    d_prime_curves as curves_of_images,
+    read_curves,
+)
+from analysis.pose import (
+    FollowupPose,
+    PoseLimits,
+    ViewingCamera,
+    contrast_found_at,
+    pose_limits as limits_of_curve,
+)
+from calibration.files import read_geometry
+from standoff.errors import ApplicationError, ArgumentError
+from standoff.library.call import Call
+from standoff.library.inputs import (
+    FilePath,
+    ImageLike,
+    PsfLike,
+    grey_image,
+    listed_images,
+    path_of,
+)
+from standoff.library.psf import camera_psf
+
+
+def d_prime_curves(
+    images: ImageLike | Iterable[ImageLike],
+    psf: PsfLike | None = None,
+    task: DetectionTask | None = None,
+) -> DetectabilityCurves:
+    """Measure how well a change can be detected, at best, from different distances.
+
+    Parameters
+    ----------
+    images
+        Photographs of the scene, arrays or files.
+    psf
+        The camera's PSF; only model ``bicubic`` works without it.
+    task
+        Zooms, noises, contrasts, models and observers; the defaults of ``DetectionTask`` if None.
+
+    Returns
+    -------
+    DetectabilityCurves
+        A curve of d' against the zoom-out for every model, observer, noise and contrast: the
+        content of a curves.json.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If an image is too small, or a model needs a PSF.
+    """
+    scenes = [
+        grey_image(image, f"images[{number}]") for number, image in enumerate(listed_images(images))
+    ]
+    return curves_of_images(
+        scenes, None if psf is None else camera_psf(Call("d_prime_curves"), psf), task
+    )
+
+
+CurveLike: TypeAlias = DetectabilityCurve | DetectabilityCurves | FilePath
+"""A curve of d', several, or the path of a curves.json."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class AllowedMovement(PoseLimits):
+    """Movement that keeps d' at the threshold, of a reference that may be tilted itself.
+
+    ``contrast_found_dn`` is the least contrast whose d' reaches the threshold at ``at_zoom`` and
+    ``at_tilt_deg``, if they were asked for.
+    """
+
+    reference_tilt_deg: float = 0.0
+    direction_deg: float | None = None
+    at_zoom: float | None = None
+    at_tilt_deg: float | None = None
+    contrast_found_dn: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the limits as ``standoff limits --json`` prints them."""
+        return {
+            "curve": self.curve.choice.model_dump(),
+            "min_dprime": self.min_d_prime,
+            "reference_tilt_deg": self.reference_tilt_deg,
+            "tilt_direction_deg": self.direction_deg,
+            "is_upper_bound": True,
+            **{name: getattr(self, name) for name in _LIMITS},
+            "at_zoom": self.at_zoom,
+            "at_tilt_deg": self.at_tilt_deg,
+            "contrast_found_dn": self.contrast_found_dn,
+        }
+
+
+_LIMITS = ("zoom", "is_zoom_beyond_curve", "tilt_deg", "zoom_by_tilt", "overlap_by_shift")
+
+
+def pose_limits(
+    curve: CurveLike,
+    min_d_prime: float,
+    *,
+    choice: CurveChoice | None = None,
+    geometry: FilePath | None = None,
+    focal_length_px: float | None = None,
+    image_size: tuple[int, int] | None = None,
+    reference_tilt_deg: float = 0.0,
+    direction_deg: float | None = None,
+    at_zoom: float | None = None,
+    at_tilt_deg: float = 0.0,
+) -> AllowedMovement:
+    """Return the distance ratio, the tilt and the shift that keep d' at a threshold or above.
+
+    Parameters
+    ----------
+    curve
+        One of the curves of ``d_prime_curves``, or a curves.json.
+    min_d_prime
+        The threshold.
+    choice
+        Which curve, if there are several.
+    geometry
+        geometry.json of the camera.
+    focal_length_px, image_size
+        Focal length and ``(width, height)`` of the camera, instead of ``geometry``.
+    reference_tilt_deg
+        Of the reference, towards +x.
+    direction_deg
+        Of the follow-up's tilt, from +x towards +y; the worst by default.
+    at_zoom, at_tilt_deg
+        Pose at which the least detectable contrast is wanted as well.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ArgumentError
+        If the camera is unknown, several curves are meant, or the threshold is not positive.
+    NotDetectableError
+        If d' is below the threshold even at equal poses.
+
+    Examples
+    --------
+    >>> limits = standoff.pose_limits("curves.json", 2, geometry="geometry.json")
+    >>> limits.zoom, limits.tilt_deg
+    """
+    camera = viewing_camera(geometry, focal_length_px, image_size)
+    found = given_curve(curve, min_d_prime, choice)
+    limits = limits_of_curve(found, min_d_prime, camera, reference_tilt_deg, direction_deg)
+    contrast_dn = None
+    if at_zoom is not None:
+        pose = FollowupPose(
+            zoom=at_zoom,
+            tilt_deg=at_tilt_deg,
+            reference_tilt_deg=reference_tilt_deg,
+            direction_deg=direction_deg,
+        )
+        contrast_dn = contrast_found_at(found, min_d_prime, camera, pose)
+    return AllowedMovement(
+        **{one.name: getattr(limits, one.name) for one in fields(limits)},
+        reference_tilt_deg=reference_tilt_deg,
+        direction_deg=direction_deg,
+        at_zoom=at_zoom,
+        at_tilt_deg=None if at_zoom is None else at_tilt_deg,
+        contrast_found_dn=contrast_dn,
+    )
+
+
+def given_curve(
+    curve: CurveLike, min_d_prime: float, choice: CurveChoice | None = None
+) -> DetectabilityCurve:
+    """Return the one curve that is meant.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a curve nor a path.
+    ArgumentError
+        If none or several match, or the threshold is not positive.
+    ResultsFileError
+        If the file cannot be read.
+    """
+    if not 0 < min_d_prime < inf:
+        raise ArgumentError(f"a threshold must be a number above 0, got {min_d_prime:g}")
+    if isinstance(curve, DetectabilityCurve):
+        return curve
+    name = "curves"
+    if isinstance(curve, str | PathLike):
+        name, curve = fspath(curve), read_curves(Path(curve))
+    if not isinstance(curve, DetectabilityCurves):
+        raise TypeError(
+            "curve: expected a curve of d' or the path of a curves.json, "
+            f"got {type(curve).__name__}"
+        )
+    try:
+        return curve.chosen(choice or CurveChoice())
+    except AmbiguousCurveError as error:
+        raise ArgumentError(f"{name}: {error}") from error
+
+
+def viewing_camera(
+    geometry: FilePath | None, focal_length_px: float | None, image_size: tuple[int, int] | None
+) -> ViewingCamera:
+    """Return the camera of a geometry.json, or that of these figures.
+
+    Raises
+    ------
+    ArgumentError
+        If it is not known, or cannot be.
+    """
+    if geometry is not None:
+        stored = read_geometry(path_of(geometry, "geometry"))
+        if stored.width_px is not None and stored.height_px is not None:
+            focal_length_px = stored.focal_length_px
+            image_size = stored.width_px, stored.height_px
+    if focal_length_px is None or image_size is None:
+        if geometry is not None:
+            raise ApplicationError(
+                f"{geometry}: the focal length or the frame is not determined; give "
+                "--focal-length-px and --image-size"
+            )
+        raise ArgumentError("give focal_length_px and image_size, or geometry")
+    width_px, height_px = image_size
+    try:
+        return ViewingCamera(
+            focal_length_px=focal_length_px, width_px=width_px, height_px=height_px
+        )
+    except ValueError as error:
+        if geometry is not None:
+            raise ApplicationError(f"{geometry}: {error}") from error
+        raise ArgumentError(
+            f"--focal-length-px {focal_length_px:g}, --image-size {width_px}x{height_px}: {error}"
+        ) from error

@@ -1,0 +1,308 @@
+"""Measures curves of d' against zoom on many photographs, and draws them."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import groupby
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from acquisition.session import file_sha256
+from analysis.detectability import (
+    ArtefactWork,
+    DetectabilityCurve,
+    DetectabilityCurves,
+    DetectionTask,
+    PatchSignal,
+    SceneImage,
+    SweepSums,
+    curves_of,
+)
+from analysis.errors import RefusedPhotographError
+from analysis.reports import plot_detectability
+from analysis.results_file import write_results
+from analysis.sweep import Manifest, SweepOptions, SweepSummary, run_sweep, sorted_lines
+from simulation import Psf
+from simulation.capture_noise import CaptureNoise
+from simulation.choices import PsfShape
+from standoff.errors import ApplicationError, ArgumentError, ImageFileError
+from standoff.library.call import Call, Progress
+from standoff.library.files import each_image, write_figure, written_together
+from standoff.library.inputs import (
+    FilePath,
+    ImageLike,
+    NoiseLike,
+    PsfLike,
+    camera_noise,
+    path_of,
+)
+from standoff.library.psf import camera_psf
+from standoff.photographs import Inputs, ReadOptions, read_image
+
+_MOST_INPUTS = 10_000
+"""Of more photographs, provenance names the list alone."""
+
+_LIST_NAME = "photographs.sha256"
+_COPIES_NAME = "copies.txt"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredCurves:
+    """Curves, and what became of the photographs.
+
+    ``curves`` is None where only a part of the photographs was measured. ``copies_list`` names the
+    file that lists photographs with the content of another one, if there are any.
+    """
+
+    curves: DetectabilityCurves | None
+    photographs: SweepSummary
+    copies: int = 0
+    copies_list: Path | None = None
+    notes: tuple[str, ...] = ()
+
+    def write(self, path: FilePath) -> list[Path]:
+        """Write curves.json, and the figures beside it, all or none; return the figures' paths.
+
+        Raises
+        ------
+        ArgumentError
+            If there are no curves.
+        ApplicationError, ResultsFileError
+            If a file cannot be written.
+        """
+        out, found = path_of(path, "path"), self.curves
+        if found is None:
+            raise ArgumentError("a part of the photographs gives no curves; measure the others")
+        with written_together(out) as folder:
+            write_results(folder / out.name, found)
+            write_curve_figures(folder / out.name, found.curves, found.curves[0].contrast_dn)
+        return curve_figure_paths(out)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """What is measured: ``noise`` is a camera's, instead of the task's."""
+
+    task: DetectionTask
+    psf: Psf | None
+    noise: CaptureNoise | None
+
+    def task_on(self, sums: SweepSums) -> DetectionTask:
+        """Return the task with the noise that the camera has at the photographs' mean level."""
+        if self.noise is None:
+            return self.task
+        levels = np.fromiter((one.mean_dn for one in sums.photographs()), np.float64)
+        noise_dn = math.sqrt(float(self.noise.variance_dn2(levels).mean()))
+        return replace(self.task, noises_dn=(noise_dn,))
+
+
+def measure_curves(
+    images: FilePath | Iterable[FilePath],
+    state: FilePath,
+    psf: PsfLike | None = None,
+    task: DetectionTask | None = None,
+    *,
+    transfer: PsfShape = "best",
+    signal: ImageLike | None = None,
+    noise: NoiseLike | None = None,
+    sweep: SweepOptions | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> MeasuredCurves:
+    """Measure how well a change can be detected, at best, on any number of photographs.
+
+    An interrupted measurement is resumed from ``state`` by the same call. A photograph that cannot
+    be measured is left out and listed.
+
+    Parameters
+    ----------
+    images
+        Photographs of the scene, or folders of them.
+    state
+        Folder for what is measured, photograph by photograph.
+    psf
+        The camera's PSF; only model ``bicubic`` works without it.
+    task
+        Zooms, noises, contrasts, models and observers; the defaults of ``DetectionTask`` if None.
+    transfer
+        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+    signal
+        Image patch to use as the change, instead of the task's.
+    noise
+        A camera's noise, instead of the task's.
+    sweep
+        Who works, and on what part; by default this process, on all.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Who watches.
+
+    Raises
+    ------
+    ArgumentError
+        If the change does not fit into the window.
+    ApplicationError, AnalysisError, CalibrationError
+        If the PSF cannot be read, the state cannot be written, no worker is fit, or there is no
+        photograph that can be measured.
+
+    Examples
+    --------
+    >>> measured = standoff.measure_curves("photographs", "curves.sweep", "psf.json")
+    >>> measured.write("curves.json")
+    """
+    call = Call("measure_curves", progress, reading, (psf, noise))
+    asked = _Asked(
+        task=_with_signal(call, task or DetectionTask(), signal),
+        psf=None if psf is None else camera_psf(call, psf, transfer),
+        noise=camera_noise(noise),
+    )
+    listed = [images] if isinstance(images, str | PathLike) else images
+    paths = each_image(path_of(image, "images") for image in listed)
+    folder = path_of(state, "state").absolute()
+    measured = _measured(call, paths, folder, asked, sweep or SweepOptions())
+    if measured.curves is None:
+        return replace(measured, notes=call.notes)
+    named = path_of(signal, "signal").name if isinstance(signal, str | PathLike) else None
+    curves = measured.curves.model_copy(
+        update={"signal": named or measured.curves.signal, "provenance": call.provenance()}
+    )
+    if measured.copies:
+        have = "photograph has" if measured.copies == 1 else "photographs have"
+        call.note(
+            f"{measured.copies} {have} the content of another; each counts as often as it comes; "
+            f"see {measured.copies_list}"
+        )
+    return replace(measured, curves=curves, notes=call.notes)
+
+
+def _with_signal(call: Call, task: DetectionTask, signal: ImageLike | None) -> DetectionTask:
+    if signal is not None:
+        patch = call.photograph(signal, "signal")
+        try:
+            task = replace(task, signal=PatchSignal(levels_dn=patch.grey_dn))
+        except ValueError as error:
+            raise ApplicationError(f"{patch.name}: {error}") from error
+    if 2 * task.signal.reach_px / task.reference_zoom > task.window_px:
+        raise ArgumentError(f"the change exceeds the window of {task.window_px} px; widen it")
+    return task
+
+
+def _measured(
+    call: Call,
+    images: Iterable[Path],
+    state: Path,
+    asked: _Asked,
+    options: SweepOptions,
+) -> MeasuredCurves:
+    inputs = call.inputs
+    with Manifest(images, state) as manifest:
+        plan = replace(asked.task.plan(asked.psf, len(manifest)), reading=str(inputs.options))
+        work = ArtefactWork(plan=plan, load=partial(_scene, inputs.options), folder=state)
+        with call.bar("measuring images", len(manifest)) as advance_to:
+            summary = run_sweep(manifest, work, options, advance_to)
+        for sentence in summary.notes:
+            call.announce(sentence)
+        if options.part[1] > 1:
+            return MeasuredCurves(curves=None, photographs=summary)
+        if summary.images == 0:
+            raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be measured")
+        sums = SweepSums(manifest, work)
+        sums.drop_others(state)
+    _list_inputs(sums, inputs, state)
+    copies = _list_copies(sums, state)
+    task = asked.task_on(sums)
+    with call.bar("computing d'", len(task.models)) as advance_to:
+        curves = curves_of(sums.artefacts, sums.images, plan, task, advance_to)
+    return MeasuredCurves(
+        curves=curves,
+        photographs=summary,
+        copies=copies,
+        copies_list=state / _COPIES_NAME if copies else None,
+    )
+
+
+def _scene(options: ReadOptions, path: Path) -> SceneImage:
+    try:
+        photograph = read_image(path, options)
+        grey_dn = photograph.grey_dn
+    except ImageFileError as error:
+        raise RefusedPhotographError(str(error)) from error
+    return SceneImage(
+        grey_dn=grey_dn,
+        sha256=photograph.sha256 or "",
+        encoding=photograph.encoding.name,
+        notes=photograph.remarks,
+    )
+
+
+def _list_inputs(sums: SweepSums, inputs: Inputs, state: Path) -> None:
+    """List the photographs, of very many a file that holds their hashes."""
+    listed = state / _LIST_NAME
+    if sums.images <= _MOST_INPUTS:
+        listed.unlink(missing_ok=True)
+        for one in sums.photographs():
+            inputs.add_known(one.path, one.sha256, one.encoding)
+        return
+    encodings = set()
+    with listed.open("w", encoding="utf-8") as file:
+        for one in sums.photographs():
+            encodings.add(one.encoding)
+            file.write(f"{one.sha256}  {one.path}\n")
+    for encoding in sorted(encodings):
+        inputs.add_known(str(listed), file_sha256(listed), encoding)
+
+
+def _list_copies(sums: SweepSums, state: Path) -> int:
+    """List the photographs with the content of another one; each counts as often as it comes."""
+    lines = (f"{one.sha256}  {one.path}\n".encode() for one in sums.photographs())
+    copies = 0
+    listed = state / _COPIES_NAME
+    with listed.open("wb") as file:
+        for same in _of_one_content(sorted_lines(lines, state)):
+            copies += len(same) - 1
+            file.writelines(same)
+    if copies == 0:
+        listed.unlink()
+    return copies
+
+
+def _of_one_content(lines: Iterable[bytes]) -> Iterator[list[bytes]]:
+    for _, same in groupby(lines, lambda line: line.partition(b" ")[0]):
+        found = list(same)
+        if len(found) > 1:
+            yield found
+
+
+def curve_figure_paths(out: Path) -> list[Path]:
+    """Paths of the figures beside the curves ``out``: by noise and by contrast, PNG and SVG."""
+    return [
+        out.with_name(f"{out.stem}-{name}{suffix}")
+        for name in ("noise", "contrast")
+        for suffix in (".png", ".svg")
+    ]
+
+
+def write_curve_figures(
+    out: Path, curves: Sequence[DetectabilityCurve], contrast_dn: float
+) -> None:
+    """Draw the curves beside ``out``: by noise at one contrast, by contrast at the middle noise.
+
+    Raises
+    ------
+    ApplicationError
+        If a file cannot be written.
+    """
+    noises_dn = sorted({curve.noise_dn for curve in curves})
+    middle_dn = noises_dn[len(noises_dn) // 2]
+    by_noise = plot_detectability(
+        [curve for curve in curves if curve.contrast_dn == contrast_dn], "noise_dn"
+    )
+    by_contrast = plot_detectability(
+        [curve for curve in curves if curve.noise_dn == middle_dn], "contrast_dn"
+    )
+    figures = (by_noise, by_noise, by_contrast, by_contrast)
+    for path, figure in zip(curve_figure_paths(out), figures, strict=True):
+        write_figure(path, figure)

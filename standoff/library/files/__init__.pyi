@@ -1,0 +1,18 @@
+from .figure_files import write_figure as write_figure
+from .image_files import (
+    each_image as each_image,
+    expanded_images as expanded_images,
+    image_files_in as image_files_in,
+    tiff_bytes as tiff_bytes,
+    write_float_tiff as write_float_tiff,
+    write_mask as write_mask,
+)
+from .output_files import (
+    RESULTS_FOLDER as RESULTS_FOLDER,
+    make_folder as make_folder,
+    make_results_folder as make_results_folder,
+    require_writable as require_writable,
+    write_file as write_file,
+    written_together as written_together,
+)
+from .pages import write_page as write_page

@@ -1,0 +1,130 @@
+"""How a scene looks from further away or from another pose."""
+
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibration.files import read_homography
+from calibration.registration import Homography
+from simulation import (
+    MODELS,
+    Model,
+    PoseOptions,
+    SimulatedPose,
+    simulate_pose as simulate_pose_of_array,
+)
+from simulation.choices import DEFAULT_MODEL, PoseModel, PsfShape
+from simulation.followup import zoomed_out
+from standoff.library.call import Call
+from standoff.library.inputs import FilePath, ImageLike, PsfLike, colour_planes
+from standoff.library.psf import frame_psf
+
+
+def zoom_out(
+    image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = DEFAULT_MODEL
+) -> NDArray[np.floating[Any]]:
+    """Return the image of the same scene from ``zoom`` times further away.
+
+    Parameters
+    ----------
+    image
+        The photograph, linear in light: an array of shape ``(rows, cols)`` or ``(rows, cols,
+        channels)``, or a file.
+    zoom
+        Ratio of the distances, at least 1.
+    psf
+        The camera's PSF: a ``GaussianPsf``, a ``MeasuredPsf``, a calibration or the path of a
+        psf.json, of which the best is taken. ``matched`` and ``lmmse`` use a PSF that varies over
+        the frame if the image is a whole frame. ``bicubic`` needs no PSF.
+    model
+        ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
+
+    Returns
+    -------
+    ndarray of float32, or float64 for float64 input
+        In the image's levels; ``floor(N / zoom)`` pixels along each axis, the image centres
+        coinciding.
+
+    Raises
+    ------
+    TypeError
+        If the image or the PSF has the wrong type.
+    ValueError
+        If the zoom is below 1, the image is too small for it, or the model needs a PSF.
+    """
+    if model not in MODELS:
+        raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
+    planes = colour_planes(image)
+    frame = planes.shape[1], planes.shape[0]
+    shape: PsfShape = "gaussian" if model == "paper" else "best"
+    camera = None if psf is None else frame_psf(Call("zoom_out"), psf, frame, model, shape)
+    return zoomed_out(planes, zoom, camera, model).image
+
+
+def simulate_pose(
+    image: ImageLike,
+    homography: ArrayLike | Homography | FilePath,
+    psf: PsfLike,
+    size: tuple[int, int] | None = None,
+    model: PoseModel = DEFAULT_MODEL,
+) -> SimulatedPose:
+    """Return the image of the same plane from another pose of the same camera.
+
+    Parameters
+    ----------
+    image
+        The photograph, linear in light: an array or a file.
+    homography
+        Maps follow-up pixels ``(x, y, 1)`` to pixels of the image: shape (3, 3), or the path of
+        an H.json.
+    psf
+        The camera's PSF.
+    size
+        ``(width, height)`` of the follow-up; by default that of H.json, or else of the image.
+    model
+        ``matched`` or ``lmmse``.
+
+    Returns
+    -------
+    SimulatedPose
+        The follow-up, and masks of where it would be sharper than the image or is outside it.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If no camera in front of the plane has such a homography.
+    """
+    planes = colour_planes(image)
+    frame = planes.shape[1], planes.shape[0]
+    pose = given_homography(homography, size or frame)
+    return simulate_pose_of_array(
+        planes,
+        pose.matrix,
+        size or pose.size,
+        frame_psf(Call("simulate_pose"), psf, frame if pose.size == frame else None, model),
+        PoseOptions(model=model, distortion_k1=pose.distortion_k1),
+    )
+
+
+def given_homography(
+    homography: ArrayLike | Homography | FilePath, size: tuple[int, int]
+) -> Homography:
+    """Return a homography as given, or read from its H.json; ``size`` is for a bare matrix."""
+    if isinstance(homography, Homography):
+        return homography
+    if isinstance(homography, str | PathLike):
+        return read_homography(Path(homography))
+    if not isinstance(homography, np.ndarray | list | tuple):
+        raise TypeError(
+            "homography: expected a 3 x 3 matrix or the path of an H.json, "
+            f"got {type(homography).__name__}"
+        )
+    matrix = np.asarray(homography, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
+        raise ValueError(f"homography: expected 3 x 3 finite numbers, got shape {matrix.shape}")
+    return Homography(matrix=matrix, size=size)

@@ -1,0 +1,103 @@
+"""Scale, entrance pupil, zooms, distortion and squareness of a height series."""
+
+from acquisition.session import Session
+from analysis.reports import render_geometry_report
+from calibration.choices import DEFAULT_BOARD_TEXT
+from calibration.files import write_geometry as write_geometry_file
+from calibration.geometry import (
+    CharucoBoard,
+    GeometryCalibration,
+    GeometryOptions,
+    calibrate_geometry as measured_geometry,
+    geometry_captures,
+    geometry_records,
+    nominal_focal_px,
+)
+from standoff.errors import ArgumentError
+from standoff.library.call import Call, Progress
+from standoff.library.files import write_page
+from standoff.library.inputs import FilePath, opened_session, path_of
+
+
+def calibrate_geometry(
+    session: Session | FilePath,
+    *,
+    board: CharucoBoard | str = DEFAULT_BOARD_TEXT,
+    scale_px_per_mm: float | None = None,
+    focal_length_px: float | None = None,
+    report: FilePath | None = None,
+    progress: Progress | None = None,
+) -> GeometryCalibration:
+    """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series.
+
+    Parameters
+    ----------
+    session
+        With a board, chart or texture at two or more heights.
+    board
+        The ChArUco board, or ``COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]``.
+    scale_px_per_mm
+        At the lowest height, measured by other means.
+    focal_length_px
+        Instead of the bench file's.
+    report
+        Also write a report, HTML or PDF.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    GeometryCalibration
+        With standard errors; ``notes`` and ``excluded`` say what to know of it, and
+        ``write_geometry`` writes it.
+
+    Raises
+    ------
+    ArgumentError
+        If the board is not understood, or a number not positive.
+    GeometryError
+        If the captures do not determine it.
+
+    Examples
+    --------
+    >>> geometry = standoff.calibrate_geometry("session")
+    >>> geometry.zoom(250, 400)
+    """
+    for name, value in (("scale_px_per_mm", scale_px_per_mm), ("focal_length_px", focal_length_px)):
+        if value is not None and not 0 < value < float("inf"):
+            raise ArgumentError(f"{name}: expected a number above 0, got {value:g}")
+    try:
+        layout = board if isinstance(board, CharucoBoard) else CharucoBoard.from_text(board)
+    except ValueError as error:
+        raise ArgumentError(f"board: {error}") from error
+    call = Call("calibrate_geometry", progress)
+    opened = opened_session(session)
+    options = GeometryOptions(
+        nominal_focal_px=focal_length_px or nominal_focal_px(opened),
+        scale_px_per_mm=scale_px_per_mm,
+        board=layout,
+    )
+    with call.bar("matching captures", len(geometry_records(opened))) as advance_to:
+        found = measured_geometry(list(geometry_captures(opened)), options, advance_to)
+    found = found.model_copy(update={"provenance": call.provenance_of(opened)})
+    for one in found.excluded:
+        call.note(f"{one.image} is left out: {one.reason}")
+    for text in found.notes:
+        call.note(text)
+    if found.scale_source == "board":
+        call.note(f"the scale comes from the board {layout}; --board names another")
+    if report is not None:
+        page = render_geometry_report(found, str(opened.path))
+        write_page(path_of(report, "report"), page)
+    return found
+
+
+def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
+    """Write a geometry.json, whole or not at all.
+
+    Raises
+    ------
+    GeometryFileError
+        If the file cannot be written.
+    """
+    write_geometry_file(path_of(path, "path"), geometry)

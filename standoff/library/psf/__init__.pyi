@@ -1,0 +1,26 @@
+from .calibration import calibrate_psf as calibrate_psf
+from .comparison import (
+    PsfComparison as PsfComparison,
+    PsfHistory as PsfHistory,
+    compare_psfs as compare_psfs,
+    psf_history as psf_history,
+)
+from .edge_sources import (
+    EdgeSources as EdgeSources,
+    Reading as Reading,
+    edge_image as edge_image,
+    from_session as from_session,
+)
+from .edges import (
+    GaussianPsf as GaussianPsf,
+    Session as Session,
+    measure_edges as measure_edges,
+    read_psf as read_psf,
+    write_edge_table as write_edge_table,
+    write_psf as write_psf,
+)
+from .psf_files import (
+    camera_psf as camera_psf,
+    frame_psf as frame_psf,
+    psf_and_field as psf_and_field,
+)

@@ -1,0 +1,178 @@
+"""Has the PSF changed? Two calibrations, or all of them over time."""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from analysis.reports import (
+    HistoryEntry,
+    ReportSection,
+    history_document,
+    history_sections,
+    ordered_history,
+    render_history_report,
+)
+from calibration.errors import CalibrationError
+from calibration.files import read_psf
+from calibration.provenance import Provenance
+from calibration.psf import PsfCalibration, PsfChange, compare_psfs as change_between
+from standoff.errors import ApplicationError
+from standoff.library.call import Call, Progress
+from standoff.library.files import require_writable, write_page
+from standoff.library.inputs import FilePath, path_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PsfComparison(PsfChange):
+    """All parameters that two calibrations give, and whether they have changed."""
+
+    first: str
+    second: str
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Why the two may not be comparable."""
+        return self.remarks
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the comparison as ``standoff compare --json`` prints it."""
+        return {
+            "first": self.first,
+            "second": self.second,
+            "is_changed": bool(self.changed),
+            "verdict": self.verdict,
+            "remarks": list(self.remarks),
+            "shared_inputs": list(self.shared_inputs),
+            "parameters": [
+                {
+                    **asdict(one),
+                    "difference": one.difference,
+                    "z": one.z,
+                    "p_value": one.p_value,
+                    "is_changed": one.is_changed,
+                }
+                for one in self.parameters
+            ],
+        }
+
+
+def compare_psfs(
+    first: PsfCalibration | FilePath, second: PsfCalibration | FilePath
+) -> PsfComparison:
+    """Test whether the PSF has changed between two calibrations.
+
+    Parameters
+    ----------
+    first, second
+        Calibrations, or the paths of their psf.json.
+
+    Returns
+    -------
+    PsfComparison
+        A z-test of each parameter that both give; ``verdict`` says it in a sentence.
+
+    Raises
+    ------
+    CalibrationError
+        If a file cannot be read, or the two share no parameter with standard errors.
+
+    Examples
+    --------
+    >>> print(standoff.compare_psfs("before.json", "after.json").verdict)
+    """
+    names = tuple(
+        "psf" if isinstance(one, PsfCalibration) else str(path_of(one, "psf"))
+        for one in (first, second)
+    )
+    pair = [
+        one if isinstance(one, PsfCalibration) else read_psf(Path(one)) for one in (first, second)
+    ]
+    try:
+        change = change_between(*pair)
+    except CalibrationError as error:
+        raise CalibrationError(f"{names[0]} and {names[1]}: {error}") from error
+    return PsfComparison(
+        first=names[0],
+        second=names[1],
+        parameters=change.parameters,
+        remarks=change.remarks,
+        shared_inputs=change.shared_inputs,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PsfHistory:
+    """Calibrations by camera, in the order of their time; ``notes`` say which were left out."""
+
+    calibrations: dict[str, list[HistoryEntry]]
+    provenance: Provenance
+    notes: tuple[str, ...]
+
+    @cached_property
+    def sections(self) -> tuple[ReportSection, ...]:
+        """Tables and figures, a section a camera."""
+        return tuple(history_sections(self.calibrations))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the history as ``standoff compare --history --json`` prints it."""
+        provenance = self.provenance.model_dump(mode="json")
+        return {**history_document(self.calibrations), "provenance": provenance}
+
+    def write_report(self, path: FilePath) -> None:
+        """Write a report on the history, HTML or PDF.
+
+        Raises
+        ------
+        ApplicationError
+            If the file cannot be written.
+        """
+        require_writable([path_of(path, "path")])
+        page = render_history_report(self.calibrations, self.provenance)
+        write_page(path_of(path, "path"), page)
+
+
+def psf_history(
+    files: FilePath | Iterable[FilePath], *, progress: Progress | None = None
+) -> PsfHistory:
+    """Order calibrations by camera and time.
+
+    Parameters
+    ----------
+    files
+        Any number of psf.json, or folders; what cannot be read below a folder is left out.
+    progress
+        Who watches.
+
+    Raises
+    ------
+    CalibrationError
+        If a file that was named cannot be read.
+    ApplicationError
+        If there is none.
+
+    Examples
+    --------
+    >>> standoff.psf_history("lens-files").write_report("history.html")
+    """
+    call = Call("psf_history", progress)
+    paths = [Path(one) for one in ([files] if isinstance(files, str | PathLike) else files)]
+    found = []
+    for path in paths:
+        if not path.is_dir():
+            found.append((str(path), read_psf(path)))
+            continue
+        for file in sorted(path.rglob("*psf*.json")):
+            try:
+                found.append((str(file), read_psf(file)))
+            except CalibrationError as error:
+                call.note(f"left out: {error}")
+    if not found:
+        raise ApplicationError(f"no psf.json in {', '.join(map(str, paths))}")
+    for name, _ in found:
+        call.inputs.add(Path(name))
+    return PsfHistory(
+        calibrations=ordered_history(found), provenance=call.provenance(), notes=call.notes
+    )

@@ -1,0 +1,79 @@
+"""The edges of one photograph, and the file of a PSF."""
+
+from acquisition import Session as Session
+from analysis.reports import edge_csv
+from calibration.edges import EdgeMeasurement, Method, Region, measure_edges as measured_edges
+from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
+from calibration.psf import PsfCalibration
+from calibration.sharpness import with_sharpness
+from simulation import GaussianPsf as GaussianPsf
+from standoff.library.files import write_file
+from standoff.library.inputs import FilePath, ImageLike, path_of, photograph
+from standoff.library.psf.edge_sources import Reading, edge_image
+
+
+def measure_edges(
+    image: ImageLike, *, method: Method = "all-angles", region: Region | None = None
+) -> tuple[EdgeMeasurement, ...]:
+    """Find the straight edges of one photograph and measure the blur across each.
+
+    Parameters
+    ----------
+    image
+        An array or a file, linear in light.
+    method, region
+        As in ``calibrate_psf``.
+
+    Returns
+    -------
+    tuple of EdgeMeasurement
+        Edges that are not used are included, with a flag that says why.
+
+    Raises
+    ------
+    TypeError
+        If the image is neither an array nor a path.
+    """
+    source = edge_image(photograph(image), Reading())
+    if region is not None:
+        source.refuse_beyond_frame(region)
+    return tuple(with_sharpness(measured_edges(source, region, method), source))
+
+
+def read_psf(path: FilePath) -> PsfCalibration:
+    """Read a psf.json.
+
+    Raises
+    ------
+    TypeError
+        If it is not a path.
+    PsfFileError
+        If the file cannot be read, or is not a psf.json.
+    """
+    return read_psf_file(path_of(path, "path"))
+
+
+def write_psf(path: FilePath, psf: PsfCalibration) -> None:
+    """Write a psf.json, whole or not at all.
+
+    Raises
+    ------
+    TypeError
+        If the arguments are not a path and a calibration.
+    PsfFileError
+        If the file cannot be written.
+    """
+    if not isinstance(psf, PsfCalibration):
+        raise TypeError(f"psf: expected a PSF calibration, got {type(psf).__name__}")
+    write_psf_file(path_of(path, "path"), psf)
+
+
+def write_edge_table(path: FilePath, psf: PsfCalibration) -> None:
+    """Write the edges of a calibration as CSV, a line an edge, with their SFR.
+
+    Raises
+    ------
+    ApplicationError
+        If the file cannot be written.
+    """
+    write_file(path_of(path, "path"), edge_csv(psf).encode("utf-8"))

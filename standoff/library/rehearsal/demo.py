@@ -1,0 +1,147 @@
+"""The whole chain on the simulated bench, compared with the bench's truth."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from acquisition.bench import BenchConfig
+from acquisition.plan import CapturePlan
+from acquisition.session import Session
+from analysis.reports import plot_furthest, png_bytes
+from analysis.validation import Validation, furthest_pair
+from calibration.files import write_psf
+from calibration.provenance import Provenance
+from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images, edge_records
+from hil_mocks import BenchTruth
+from standoff.library.call import Call
+from standoff.library.files import RESULTS_FOLDER, make_folder, write_file
+from standoff.library.psf import Reading, from_session
+from standoff.library.rehearsal.simulated_session import capture_simulated
+from standoff.library.sessions import session_validation, write_session_report
+
+DEMO_FILES = _PAGE, _PICTURE = "report.html", "comparison.png"
+"""What ``run_demo`` writes beside its session."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TruthRow:
+    """One measured value with the true value of the simulated bench."""
+
+    name: str
+    truth: float
+    estimate: Estimate
+
+    @property
+    def error(self) -> float:
+        """Measured minus true value."""
+        return self.estimate.value - self.truth
+
+    @property
+    def is_inside(self) -> bool:
+        """Whether the 95 % interval contains the truth."""
+        return self.estimate.low <= self.truth <= self.estimate.high
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DemoResult:
+    """What the demo measured, and where its files are."""
+
+    session: Path
+    psf: Path
+    report: Path
+    truth: tuple[TruthRow, ...]
+    zooms: tuple[tuple[float, float], ...]
+    validation: Validation
+    provenance: Provenance
+
+    def document(self) -> dict[str, Any]:
+        """Return the result as plain lists and numbers."""
+        return {
+            "session": str(self.session),
+            "psf": str(self.psf),
+            "report": str(self.report),
+            "truth": [
+                {
+                    "name": row.name,
+                    "truth": row.truth,
+                    "measured": row.estimate.value,
+                    "err": row.estimate.err,
+                    "interval_95": [row.estimate.low, row.estimate.high],
+                    "relative_error": row.error / row.truth if row.truth else None,
+                }
+                for row in self.truth
+            ],
+            "zooms": [{"truth": true, "measured": found} for true, found in self.zooms],
+            "mse": {
+                model: mean.mse_dn2
+                for model, mean in self.validation.means("followup-grid").items()
+            },
+            "provenance": self.provenance.model_dump(mode="json"),
+        }
+
+
+def run_demo(call: Call, out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
+    """Capture, calibrate, simulate, compare and report, below the folder ``out``.
+
+    An interrupted demo resumes where it stopped.
+
+    Raises
+    ------
+    ApplicationError, AnalysisError, CalibrationError, DeviceError, SessionError
+        If a step fails; the results of the steps before it are kept.
+    """
+    session_path = out / "session"
+    make_folder(out)
+    capture_simulated(call, session_path, config, plan, operator="demo", what="the demo")
+    session = Session(session_path)
+    results = make_folder(session_path / RESULTS_FOLDER)
+    origin = from_session(session, Reading()).origin
+    calibration = _calibrate(call, session).with_origin(
+        replace(origin, provenance=call.provenance_of(session))
+    )
+    psf_path = results / "psf.json"
+    write_psf(psf_path, calibration)
+    name = str(psf_path)
+    psf = calibration.best_psf(name)
+    validation = session_validation(call, session, psf, name)
+    report = out / _PAGE
+    write_session_report(call, session, report)
+    furthest = furthest_pair(session, validation, psf)
+    write_file(out / _PICTURE, png_bytes(plot_furthest(furthest)))
+    truth = BenchTruth(config)
+    return DemoResult(
+        session=session_path,
+        psf=psf_path,
+        report=report,
+        truth=_beside_truth(calibration, truth, session.records[0].height_mm),
+        zooms=tuple(
+            (truth.zoom(pair.reference_height_mm, pair.followup_height_mm), pair.zoom)
+            for pair in validation.pairs
+        ),
+        validation=validation,
+        provenance=call.provenance_of(session),
+    )
+
+
+def _calibrate(call: Call, session: Session) -> PsfCalibration:
+    with call.bar("measuring edges", len(edge_records(session))) as advance_to:
+        return calibrate_psf(edge_images(session), progress=advance_to)
+
+
+def _beside_truth(
+    calibration: PsfCalibration, truth: BenchTruth, height_mm: float
+) -> tuple[TruthRow, ...]:
+    (xx, xy), (_, yy) = truth.optical_covariance_px2(height_mm).tolist()
+    lens = calibration.optical
+    true_values = (
+        ("optical sigma_x / px", np.sqrt(xx), lens.sigma_x_px),
+        ("optical sigma_y / px", np.sqrt(yy), lens.sigma_y_px),
+        ("optical rho", xy / np.sqrt(xx * yy), lens.rho),
+    )
+    return tuple(
+        TruthRow(name=name, truth=float(value), estimate=estimate)
+        for name, value, estimate in true_values
+        if estimate is not None
+    )

@@ -1,0 +1,132 @@
+"""Changes of many follow-ups: each gets a folder with the files of a single comparison."""
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from acquisition.printable import on_one_line
+from analysis.change_series import ComparedFollowup
+from analysis.sweep import SweepItem
+from simulation import Psf, PsfField
+from simulation.choices import PsfShape
+from standoff.library.comparison import (
+    CHANGE_FILES,
+    ComparedPhotographs,
+    ComparisonRules,
+    compared,
+    hint_settings,
+    write_changes,
+)
+from standoff.library.files import make_folder
+from standoff.library.series.folder_names import FolderNames
+from standoff.library.series.record import FollowupRecord
+from standoff.library.series.work import FollowupWork, Written
+from standoff.photographs import Photograph
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeWork(FollowupWork[ComparedPhotographs]):
+    """Finds the changes of follow-ups.
+
+    Parameters
+    ----------
+    psf, field
+        Of the camera, if they are known; the field is for whole frames of its size.
+    rules, shape
+        Which PSF of a calibration it is, and how two photographs are compared.
+    names
+        Names of the folders.
+    """
+
+    listed = ComparedFollowup
+
+    psf: Psf | None
+    field: PsfField | None
+    rules: ComparisonRules
+    shape: PsfShape
+    names: FolderNames
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What is done, apart from the contents of psf.json, noise.json and the hints' files."""
+        options, hints = self.rules.options, self.rules.hints
+        return {
+            "command": "changes",
+            "psf": self.psf is not None,
+            "noise": options.noise is not None,
+            "transfer": self.shape,
+            "false_alarms": options.false_alarms,
+            "false_discovery_rate": options.false_discovery_rate,
+            "hints": hint_settings(hints),
+            "white_level": self.rules.white_level,
+        }
+
+    def find(self, near: Photograph, photograph: Photograph) -> ComparedPhotographs:
+        """Find the changes of one follow-up."""
+        psf = self._field_for(near, photograph) or self.psf
+        return compared(near, photograph, psf, self.rules)
+
+    def write(self, photograph: Photograph, found: ComparedPhotographs) -> Written:
+        """Write the folder of one follow-up."""
+        name = self.names.name_of(photograph.path)
+        own_reference = self.references.name_for(photograph.path)
+        folder = make_folder(self.out / name)
+        both = (found.reference, photograph)
+        summary = found.summary.model_copy(
+            update={
+                "reference": own_reference or self.references.name,
+                "followup": on_one_line(photograph.path),
+                "provenance": self.provenance_with(*both[own_reference is None :]),
+            }
+        )
+        write_changes(folder, replace(found, summary=summary))
+        row = ComparedFollowup(
+            followup=on_one_line(photograph.path),
+            sha256=photograph.sha256,
+            folder=name,
+            changed_px=summary.changed_px,
+            compared_px=summary.compared_px,
+            zoom=summary.zoom,
+            threshold_sd=summary.threshold_sd,
+            changes=len(summary.changes),
+            taken=photograph.facts.taken,
+            warnings="; ".join(summary.warnings) or None,
+            reference=own_reference,
+        )
+        return Written(
+            row=row.model_dump(),
+            files=tuple(folder / file for file in CHANGE_FILES),
+            notes=self._note_on_field(found),
+        )
+
+    def is_current(self, item: SweepItem, record: FollowupRecord) -> bool:
+        """Whether the folder has the name that it would get now."""
+        return record.is_refused or record.row["folder"] == self.names.name_of(item.path)
+
+    def discard(self, item: SweepItem) -> None:
+        """Remove the files of an earlier comparison, and the folder if it held nothing else."""
+        folder = self.out / self.names.name_of(item.path)
+        for file in CHANGE_FILES:
+            (folder / file).unlink(missing_ok=True)
+        with suppress(OSError):
+            folder.rmdir()
+
+    def _field_for(self, near: Photograph, far: Photograph) -> PsfField | None:
+        """The field, if reference and follow-up are whole frames of its size."""
+        field = self.field
+        if field is None or not near.stored.shape[:2] == far.stored.shape[:2] == _shape(field):
+            return None
+        return field
+
+    def _note_on_field(self, pair: ComparedPhotographs) -> dict[str, str]:
+        if self.field is None or self._field_for(pair.reference, pair.followup):
+            return {}
+        sentence = (
+            f"{on_one_line(pair.followup.path)}: the PSF's field belongs to frames of "
+            f"{self.field.width_px} x {self.field.height_px} px; one PSF is used"
+        )
+        return {"field": sentence}
+
+
+def _shape(field: PsfField) -> tuple[int, int]:
+    return field.height_px, field.width_px

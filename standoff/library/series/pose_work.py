@@ -1,0 +1,251 @@
+"""Poses of follow-ups: each is registered to the reference and judged."""
+
+import os
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from acquisition.printable import on_one_line
+from analysis.choices import Criterion
+from analysis.detectability import CurveChoice, DetectabilityCurve
+from analysis.errors import AnalysisError
+from analysis.pose import JudgedFollowup, PoseQuality, PoseSummary, judge_pose as pose_quality
+from analysis.reports import plot_pose
+from calibration.errors import CalibrationError
+from calibration.provenance import Provenance
+from calibration.registration import RegistrationHints, RegistrationReference, register
+from simulation import GaussianPsf
+from standoff.library.call import Call, Progress
+from standoff.library.comparison import AlignmentHints, hint_files, hint_settings
+from standoff.library.detectability import CurveLike, given_curve
+from standoff.library.files import write_figure
+from standoff.library.inputs import FilePath, ImageLike, PsfLike, path_of
+from standoff.library.psf import camera_psf
+from standoff.library.series.work import FollowupWork, Written
+from standoff.photographs import Photograph, ReadOptions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseDemand:
+    """What a pose must allow.
+
+    Parameters
+    ----------
+    curve
+        d' against zoom.
+    min_d_prime, criterion
+        Threshold, and where d' must reach it.
+    psf
+        Of the camera, for a finer registration.
+    hints
+        What the operator knows of the pose.
+    """
+
+    curve: DetectabilityCurve
+    min_d_prime: float
+    criterion: Criterion
+    psf: GaussianPsf | None
+    hints: AlignmentHints | RegistrationHints | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JudgedPose:
+    """A verdict on a pose, how well the photographs agreed on it, and what to check."""
+
+    quality: PoseQuality
+    followup: Photograph
+    correlation: float
+    warnings: tuple[str, ...] = ()
+    provenance: Provenance | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether d' reaches the threshold."""
+        return self.quality.is_accepted
+
+    @property
+    def summary(self) -> PoseSummary:
+        """The verdict in figures."""
+        return self.quality.summary.model_copy(
+            update={
+                "registration_correlation": self.correlation,
+                "warnings": self.warnings,
+                "provenance": self.provenance,
+            }
+        )
+
+    def to_json(self, picture: FilePath | None = None) -> dict[str, Any]:
+        """Return the verdict as ``standoff pose --json`` prints it."""
+        shown = None if picture is None else os.fspath(picture)
+        return self.summary.model_copy(update={"picture": shown}).model_dump(mode="json")
+
+    def plot(self) -> "Figure":
+        """Return a map of d' over the follow-up."""
+        return plot_pose(self.followup.grey_dn, self.quality)
+
+    def write_picture(self, path: FilePath) -> None:
+        """Write the map of d', PNG or SVG.
+
+        Raises
+        ------
+        ApplicationError
+            If the file cannot be written.
+        """
+        write_figure(path_of(path, "path"), self.plot())
+
+
+def judge_pose(
+    reference: ImageLike,
+    followup: ImageLike,
+    curve: CurveLike,
+    min_d_prime: float,
+    *,
+    choice: CurveChoice | None = None,
+    criterion: Criterion = "min",
+    psf: PsfLike | None = None,
+    hints: AlignmentHints | RegistrationHints | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> JudgedPose:
+    """Accept or reject a follow-up's pose by the d' that it allows over the frame.
+
+    Parameters
+    ----------
+    reference, followup
+        The earlier, nearer photograph, and the one whose pose is judged: arrays or files.
+    curve
+        d' against zoom: one of ``d_prime_curves``, or a curves.json.
+    min_d_prime
+        The threshold; 2 is an AUC of 0.92.
+    choice
+        Which curve, if there are several.
+    criterion
+        d' reaches the threshold in all of the overlap (``min``) or in 95 % (``quantile``).
+    psf
+        Of the camera, for a finer registration.
+    hints
+        What is known of the pose beforehand, as in ``find_changes``.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Who watches.
+
+    Raises
+    ------
+    ArgumentError
+        If several curves are meant, or the threshold is not positive.
+    AnalysisError, CalibrationError
+        If the two cannot be registered, or the pose not be judged.
+    HintError
+        If a hint does not belong to them.
+
+    Examples
+    --------
+    >>> standoff.judge_pose("before.tif", "after.tif", "curves.json", 2).is_accepted
+    """
+    call = Call("judge_pose", progress, reading, (curve, psf, *hint_files(hints)))
+    demand = PoseDemand(
+        curve=given_curve(curve, min_d_prime, choice),
+        min_d_prime=min_d_prime,
+        criterion=criterion,
+        psf=registration_psf(call, psf),
+        hints=hints,
+    )
+    near = call.photograph(reference, "reference")
+    found = judged_pose(near, call.photograph(followup, "followup"), demand)
+    for warning in found.warnings:
+        call.announce(warning)
+    if found.quality.beyond_curve:
+        call.note(beyond_curve_sentence(found.quality))
+    return replace(found, provenance=call.provenance(), notes=call.notes)
+
+
+def registration_psf(call: Call, psf: PsfLike | None) -> GaussianPsf | None:
+    """Return the PSF that a registration takes, if the camera's is known."""
+    return None if psf is None else camera_psf(call, psf).gaussian
+
+
+def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> JudgedPose:
+    """Register two photographs and judge the pose; errors name the follow-up.
+
+    Raises
+    ------
+    AnalysisError, CalibrationError
+        If they cannot be registered, or the pose not be judged.
+    HintError
+        If a hint does not belong to them.
+    """
+    shapes = near.stored.shape[:2], far.stored.shape[:2]
+    (near_rows, near_cols), (rows, cols) = shapes
+    hints = demand.hints
+    if isinstance(hints, AlignmentHints):
+        hints = hints.of_pair(*shapes, far.name)
+    try:
+        found = register(_prepared(near), far.grey_dn, demand.psf, hints)
+        quality = pose_quality(
+            # Of the whole pose, with the lens's distortion and the scene's departure from a plane.
+            found.pose.nearest_homography(),
+            (cols, rows),
+            (near_cols, near_rows),
+            demand.curve,
+            demand.min_d_prime,
+            demand.criterion,
+        )
+    except CalibrationError as error:
+        raise CalibrationError(f"{far.path}: {error}") from error
+    except AnalysisError as error:
+        raise AnalysisError(f"{far.path}: {error}") from error
+    return JudgedPose(
+        quality=quality, followup=far, correlation=found.correlation, warnings=found.warnings
+    )
+
+
+@lru_cache(maxsize=1)
+def _prepared(near: Photograph) -> RegistrationReference:
+    """Return the reference prepared once, where all follow-ups share it."""
+    return RegistrationReference.of(near.grey_dn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseWork(FollowupWork[JudgedPose]):
+    """Judges the poses of follow-ups by one curve."""
+
+    listed = JudgedFollowup
+
+    demand: PoseDemand
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What is done, apart from the contents of curves.json and psf.json."""
+        return {
+            "command": "pose",
+            "min_dprime": self.demand.min_d_prime,
+            "criterion": self.demand.criterion,
+            "curve": self.demand.curve.choice.model_dump(),
+            "hints": hint_settings(self.demand.hints),
+        }
+
+    def find(self, near: Photograph, photograph: Photograph) -> JudgedPose:
+        """Judge one follow-up."""
+        return judged_pose(near, photograph, self.demand)
+
+    def write(self, photograph: Photograph, found: JudgedPose) -> Written:
+        """Return the verdict; there is nothing but the commit to write."""
+        name, quality = on_one_line(photograph.path), found.quality
+        notes = {f"warning {k}": f"{name}: {text}" for k, text in enumerate(found.warnings)}
+        if quality.beyond_curve:
+            notes["beyond"] = f"{name}: {beyond_curve_sentence(quality)}"
+        row = JudgedFollowup.of(name, photograph.sha256, found.summary)
+        return Written(row=row.model_dump(mode="json"), notes=notes)
+
+
+def beyond_curve_sentence(quality: PoseQuality) -> str:
+    """Say how much of the overlap the curve does not reach."""
+    return (
+        f"{100 * quality.beyond_curve:.0f} % of the overlap lies beyond the curve's zoom of "
+        f"{quality.curve.zoom[-1]:g}; its d' is taken as 0"
+    )

@@ -1,0 +1,199 @@
+"""What follow-ups are compared with: one reference for all, or one of the same stem for each."""
+
+import os
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Self
+
+from acquisition.printable import on_one_line
+from analysis.sweep import SweepItem
+from simulation.arrays import FloatArray
+from standoff.errors import ApplicationError, ImageFileError
+from standoff.library.files import each_image
+from standoff.photographs import Inputs, Photograph, ReadOptions, read_image
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class References(ABC):
+    """Finds the reference of a follow-up, in any process.
+
+    Parameters
+    ----------
+    path
+        The reference, or the folder of references, absolute.
+    name
+        The same as it was named by the user, for people.
+    reading
+        How references are read, and follow-ups too.
+    kinds
+        Kinds of remarks that were made already.
+    """
+
+    path: Path
+    name: str
+    reading: ReadOptions
+    kinds: frozenset[str] = frozenset()
+
+    @abstractmethod
+    def of(self, followup: Path) -> Photograph:
+        """Read the reference of a follow-up.
+
+        Raises
+        ------
+        ImageFileError
+            If it cannot be read.
+        """
+
+    @property
+    def shared_dn(self) -> FloatArray | None:
+        """Grey levels of the reference that all share; None where each has its own."""
+        return None
+
+    @abstractmethod
+    def name_for(self, followup: Path) -> str | None:
+        """Name the reference of this follow-up alone; None where all share one."""
+
+    @abstractmethod
+    def state_for(self, followup: Path) -> str:
+        """Say what may change of the reference of this follow-up alone, as text."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OneReference(References):
+    """The photograph that all follow-ups are compared with; every process reads it once.
+
+    ``shape`` is ``(rows, cols)``; ``sha256`` must be the same for every process.
+    """
+
+    shape: tuple[int, ...]
+    sha256: str
+
+    @classmethod
+    def read(cls, path: Path, inputs: Inputs) -> Self:
+        """Read and list a reference.
+
+        Raises
+        ------
+        ImageFileError
+            If it cannot be read.
+        """
+        photograph = inputs.photograph(path)
+        return cls(
+            path=SweepItem.on_disk(path).path,
+            name=on_one_line(path),
+            reading=inputs.options,
+            kinds=frozenset(photograph.remarks),
+            shape=photograph.stored.shape[:2],
+            sha256=photograph.sha256 or "",
+        )
+
+    def of(self, followup: Path) -> Photograph:
+        """Return the one reference."""
+        return _same_photograph(self)
+
+    @property
+    def shared_dn(self) -> FloatArray:
+        """Grey levels of the one reference."""
+        return _same_photograph(self).grey_dn
+
+    def name_for(self, followup: Path) -> None:
+        """Nothing: all share one."""
+        return
+
+    def state_for(self, followup: Path) -> str:
+        """Nothing: its hash is among what all share."""
+        return ""
+
+
+@lru_cache(maxsize=1)
+def _same_photograph(reference: OneReference) -> Photograph:
+    try:
+        photograph = read_image(reference.path, reference.reading)
+    except ImageFileError as error:
+        # It was read at the start: no follow-up is at fault.
+        raise ApplicationError(str(error)) from error
+    if photograph.sha256 != reference.sha256:
+        raise ApplicationError(f"{reference.name} is not the file that it was at the start")
+    return photograph
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReferenceFolder(References):
+    """A folder with a reference of the same stem for each follow-up."""
+
+    @classmethod
+    def at(cls, folder: Path, reading: ReadOptions) -> Self:
+        """Take a folder of references."""
+        absolute = Path(os.path.abspath(folder))  # noqa: PTH100  resolve() follows links
+        return cls(path=absolute, name=on_one_line(folder), reading=reading)
+
+    def of(self, followup: Path) -> Photograph:
+        """Read the reference of the follow-up's stem."""
+        return read_image(self._partner(followup), self.reading)
+
+    def name_for(self, followup: Path) -> str:
+        """Name the reference of the follow-up's stem."""
+        return on_one_line(self._partner(followup))
+
+    def state_for(self, followup: Path) -> str:
+        """Say which file it is, and of what size and time."""
+        return SweepItem.on_disk(self._partner(followup)).state
+
+    def _partner(self, followup: Path) -> Path:
+        found = _single_by_stem(self.path).get(followup.stem)
+        if found is None:
+            raise ImageFileError(f"{self.name}: the reference of {followup.name} is gone")
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairedFolders:
+    """Follow-ups that have one reference of their stem, and the photographs that have none."""
+
+    followups: tuple[Path, ...]
+    unpaired: tuple[str, ...]
+
+
+def pair_by_stem(references: Path, followups: Path) -> PairedFolders:
+    """Pair the photographs of two folders; a stem that is twice in a folder pairs nothing.
+
+    Raises
+    ------
+    ApplicationError
+        If a folder holds no image or cannot be read, or no photograph has a partner.
+    """
+    before, after = _by_stem(references), _by_stem(followups)
+    paired = [
+        stem for stem, own in after.items() if len(own) == 1 and len(before.get(stem, ())) == 1
+    ]
+    if not paired:
+        raise ApplicationError(
+            f"no photograph in {on_one_line(followups)} has the name of one in "
+            f"{on_one_line(references)}; names must agree up to the suffix"
+        )
+    is_paired = frozenset(paired)
+    others = (
+        path
+        for found in (before, after)
+        for stem, own in found.items()
+        if stem not in is_paired
+        for path in own
+    )
+    return PairedFolders(
+        followups=tuple(after[stem][0] for stem in paired),
+        unpaired=tuple(sorted(map(on_one_line, others))),
+    )
+
+
+@lru_cache(maxsize=1)
+def _single_by_stem(folder: Path) -> dict[str, Path]:
+    return {stem: paths[0] for stem, paths in _by_stem(folder).items() if len(paths) == 1}
+
+
+def _by_stem(folder: Path) -> dict[str, list[Path]]:
+    found: dict[str, list[Path]] = {}
+    for path in each_image([folder]):
+        found.setdefault(path.stem, []).append(path)
+    return found

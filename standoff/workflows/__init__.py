@@ -1,5 +1,0 @@
-"""The work behind the commands: read, compute, write."""
-
-import lazy_loader as lazy
-
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

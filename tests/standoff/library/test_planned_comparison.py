@@ -1,0 +1,148 @@
+"""A capture plan that names an earlier photograph of its target."""
+
+import json
+from math import cos, radians, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.change_series.time_line import read_time_line
+from calibration.registration.distorted_pose import DistortedPose
+from standoff.library.bench.planned_comparison import describe_pose
+from tests.analysis.html_page import Page
+from tests.standoff.conftest import SMALL_BENCH, Command
+
+BENCH = SMALL_BENCH.replace("width_px = 160", "width_px = 220").replace(
+    "height_px = 128", "height_px = 170"
+)
+PLAN = """
+schema = "standoff.plan/1"
+name = "followups"
+heights_mm = {heights}
+frames_per_capture = 4
+
+[[targets]]
+kind = "texture"
+target = "coins"
+{reference}
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    path = tmp_path / "bench.toml"
+    path.write_text(BENCH, encoding="utf-8")
+    return path
+
+
+def plan(path: Path, heights: list[float], reference: str = "") -> Path:
+    path.write_text(PLAN.format(heights=heights, reference=reference), encoding="utf-8")
+    return path
+
+
+@pytest.mark.slow
+def test_each_capture_is_compared_with_the_photograph_that_the_plan_names(
+    command: Command, bench: Path, tmp_path: Path
+) -> None:
+    before = tmp_path / "before"
+    first = plan(tmp_path / "first.toml", [200.0])
+    own = ("capture", "--bench", bench, "--yes")
+    assert command(*own, "--plan", first, "--out", before).status == 0
+    (photograph,) = before.glob("captures/*.tif")
+    reference = f'reference = "before/captures/{photograph.name}"'
+    later = plan(tmp_path / "later.toml", [200.0, 260.0], reference)
+    after = tmp_path / "after"
+    done = command(*own, "--plan", later, "--out", after)
+    assert done.status == 0, done.err
+    said = [line for line in done.err.splitlines() if "against" in line]
+    # The simulated stage returns to its height, and the target lies where it lay.
+    assert "capture 0:" in said[0]
+    assert "the same distance (zoom 1.000), turned by 0.0 degrees, aside by 0 px" in said[0]
+    # From 200 to 260 mm over the simulated pupil.
+    assert "further away (zoom 1." in said[1]
+    results = after / "results" / "changes" / "texture-coins"
+    line = read_time_line(results / "series.json")
+    assert len(line.followups) == 2
+    assert f"captures differ from {photograph.name}" in done.err
+    reported = command("report", after)
+    assert reported.status == 0, reported.err
+    page = Page((after / "results" / "report.html").read_text("utf-8"))
+    shown = [heading for heading in page.headings if heading.startswith("Changes: changes/")]
+    assert len(shown) == 2
+    # Nothing is compared twice.
+    again = command(*own, "--plan", later, "--out", after)
+    assert again.status == 0, again.err
+
+
+def test_a_photograph_that_is_not_there_is_told_before_anything_moves(
+    command: Command, bench: Path, tmp_path: Path
+) -> None:
+    path = plan(tmp_path / "plan.toml", [200.0], 'reference = "gone.tif"')
+    done = command("capture", "--bench", bench, "--plan", path, "--out", tmp_path / "s", "--yes")
+    assert done.status == 1
+    assert "gone.tif" in done.err
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "s").exists()
+
+
+def test_poses_and_changes_among_the_results_are_in_the_report(
+    command: Command, session_dir: Path
+) -> None:
+    results = session_dir / "results"
+    results.mkdir(exist_ok=True)
+    verdict = {
+        "is_accepted": False,
+        "criterion": "min",
+        "min_dprime": 3.0,
+        "curve": {
+            "model": "matched",
+            "observer": "npw",
+            "noise_dn": 2.0,
+            "contrast_dn": 10.0,
+            "signal_sigma_px": 2.0,
+        },
+        "dprime_decisive": 2.5,
+        "dprime_min": 2.5,
+        "dprime_max": 4.0,
+        "zoom_min": 1.0,
+        "zoom_max": 1.5,
+        "anisotropy_max": 1.1,
+        "overlap": 0.8,
+        "beyond_curve": 0.0,
+        "homography": np.eye(3).tolist(),
+        "warnings": ["the texture repeats"],
+    }
+    (results / "pose.json").write_text(json.dumps(verdict), encoding="utf-8")
+    done = command("report", session_dir)
+    assert done.status == 0, done.err
+    page = Page((results / "report.html").read_text("utf-8"))
+    assert "Pose: pose.json" in page.headings
+    assert "Warning: the texture repeats." in page.texts
+    (results / "pose.json").write_text("{}", encoding="utf-8")
+    refused = command("report", session_dir)
+    assert refused.status == 1
+    assert "not what standoff pose --json prints" in refused.err
+
+
+@pytest.mark.parametrize(
+    ("zoom", "turn_deg", "aside", "said"),
+    [
+        (1.0, 0.0, (0.0, 0.0), "the same distance (zoom 1.000), turned by 0.0 degrees"),
+        (1.25, 10.0, (30.0, 40.0), "further away (zoom 1.250), turned by 10.0 degrees, aside by"),
+        (0.8, -5.0, (0.0, 0.0), "nearer (zoom 0.800), turned by -5.0 degrees"),
+    ],
+)
+def test_a_pose_is_told_in_an_operators_words(
+    zoom: float, turn_deg: float, aside: tuple[float, float], said: str
+) -> None:
+    c, s = zoom * cos(radians(turn_deg)), zoom * sin(radians(turn_deg))
+    turn = np.array([[c, -s], [s, c]])
+    shift = np.array([199.5, 149.5]) + aside - turn @ [99.5, 74.5]
+    matrix = np.array([[*turn[0], shift[0]], [*turn[1], shift[1]], [0, 0, 1]])
+    pose = DistortedPose(
+        matrix=matrix, k1=0.0, reference_shape=(300, 400), followup_shape=(150, 200)
+    )
+    assert describe_pose(pose).startswith(said)
+    if any(aside):
+        assert describe_pose(pose).endswith("aside by 50 px (12 % of the frame)")

@@ -1,0 +1,38 @@
+"""Compilation is never silent, and nothing is said where the cache has it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+PROGRAM = """
+from standoff.compile_notice import when_compiling
+said = []
+when_compiling(said.append)
+import sys
+assert "numba" not in sys.modules
+from calibration.edges.penalised_spline import curve_values
+import numpy as np
+curve_values(np.zeros(3), np.zeros(4))
+print(",".join(said))
+"""
+
+
+def compiled(cache: Path) -> list[str]:
+    """The functions that a process of its own compiles with this folder as its cache."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip().split(",")
+
+
+def test_each_function_is_told_when_it_is_compiled_and_not_when_it_is_loaded(
+    tmp_path: Path,
+) -> None:
+    first = compiled(tmp_path)
+    assert "curve_values" in first
+    assert compiled(tmp_path) == [""]
