@@ -36,3 +36,6 @@ PAPER_TRAINING_STEPS = 4000
 
 CACHE_VARIABLE = "STANDOFF_KERNEL_CACHE"
 """Environment variable that names the folder of trained kernels."""
+
+PairFormat = Literal["folder", "webdataset"]
+"""Two image files for each pair in folders, or tar files of the pairs of many photographs."""

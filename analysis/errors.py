@@ -42,4 +42,15 @@ class SweepError(AnalysisError):
 
 
 class RefusedPhotographError(AnalysisError):
-    """A photograph cannot be read or measured; a sweep lists it and goes on."""
+    """A photograph cannot be read or measured; a sweep lists it and goes on.
+
+    ``is_unread`` says that the file could not be read, which may be otherwise another time.
+    """
+
+    def __init__(self, message: str, *, is_unread: bool = False) -> None:
+        super().__init__(message)
+        self.is_unread = is_unread
+
+
+class SrDatasetError(AnalysisError):
+    """A dataset of training pairs has other settings, or cannot be written."""

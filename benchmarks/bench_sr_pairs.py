@@ -27,7 +27,7 @@ from analysis.sweep import SweepOptions
 from benchmarks.harness import Recorder, bench_parser
 from simulation import GaussianPsf
 from simulation.sr_pairs import sr_pairs
-from standoff.library import Call, PairFormat, SrDatasetSettings, write_sr_dataset
+from standoff.library import PairFormat, training_pairs
 from standoff.photographs import LINEAR, ReadOptions, marked_png, read_image
 
 CROP_PX, ZOOM = 192, 2.0
@@ -89,22 +89,17 @@ class Making:
 
 def write_pairs(making: Making, out: Path) -> int:
     """Make the pairs of a folder; return their number."""
-    settings = SrDatasetSettings(
+    made = training_pairs(
+        sorted(making.photographs.iterdir()),
+        out,
+        psf=PSF,
         zoom=ZOOM,
         model="matched" if making.is_as_before else "lmmse",
-        psf=PSF,
         crop_px=CROP_PX,
-        stride_px=CROP_PX,
-        test_fraction=0.1,
-        seed=0,
-        is_float=False,
         format=making.layout,
+        sweep=SweepOptions(workers=making.workers),
+        reading=ReadOptions(encoding=LINEAR if making.is_as_before else None),
     )
-    images = sorted(making.photographs.iterdir())
-    reading = ReadOptions(encoding=LINEAR if making.is_as_before else None)
-    call = Call("training_pairs", reading=reading)
-    options = SweepOptions(workers=making.workers)
-    made = write_sr_dataset(call, out, images, settings, options)
     return made.train + made.test
 
 

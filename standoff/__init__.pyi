@@ -27,7 +27,7 @@ from .library.geometry import (
 )
 from .library.noise import measure_noise as measure_noise, write_noise as write_noise
 from .library.photographs import read_image as read_image, reading as reading
-from .library.poses import PoseWatch as PoseWatch
+from .library.pose_stream import PoseWatch as PoseWatch
 from .library.psf import (
     GaussianPsf as GaussianPsf,
     Session as Session,

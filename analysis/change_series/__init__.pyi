@@ -1,3 +1,4 @@
+from .stored_comparison import time_line_of as time_line_of
 from .summary import (
     ChangesSeries as ChangesSeries,
     ComparedFollowup as ComparedFollowup,

@@ -1,5 +1,10 @@
 from .chance import significance_threshold as significance_threshold
-from .document import Change as Change, ChangeSummary as ChangeSummary, read_changes as read_changes
+from .document import (
+    Change as Change,
+    ChangeSummary as ChangeSummary,
+    change_table as change_table,
+    read_changes as read_changes,
+)
 from .filter import (
     ChangeResult as ChangeResult,
     find_changes as find_changes,

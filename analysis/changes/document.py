@@ -1,5 +1,8 @@
 """The document changes.json: what a comparison of two photographs found, without its images."""
 
+import csv
+from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -143,3 +146,12 @@ def read_changes(path: Path) -> ChangeSummary:
         If it cannot be read, is of another schema, or a value is missing or wrong.
     """
     return read_document(path, ChangeSummary, ResultsFileError, "write it with standoff changes")
+
+
+def change_table(changes: Sequence[Change]) -> bytes:
+    """Return the list of changes as CSV, a line a change."""
+    text = StringIO(newline="")
+    writer = csv.DictWriter(text, list(Change.model_fields), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(change.model_dump() for change in changes)
+    return text.getvalue().encode("utf-8")

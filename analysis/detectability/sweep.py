@@ -35,6 +35,8 @@ from analysis.sweep import (
     blocks_of,
     commit_file,
     is_few,
+    refusal_line,
+    sorted_lines,
 )
 from simulation import Model
 from simulation.arrays import FloatArray
@@ -156,27 +158,25 @@ class ArtefactWork(ShardWork):
         """See `ShardWork.__call__`."""
         sums: ArtefactSums | None = None
         photographs: list[MeasuredPhotograph] = []
-        refused: list[str] = []
-        notes: dict[str, str] = {}
+        given: list[tuple[str | None, Mapping[str, str]]] = []
         for item in shard.items:
-            shown = on_one_line(item.path)
             try:
                 scene = self.load(item.path)
                 own = scene_sums(scene.grey_dn, self.plan)
             except (RefusedPhotographError, ValueError) as error:
-                refused.append(str(error) if shown in str(error) else f"{shown}: {error}")
+                given.append((refusal_line(item.path, str(error)), {}))
                 continue
             sums = added((sums, own))
-            notes = {**scene.notes, **notes}
+            given.append((None, scene.notes))
             photographs.append(
                 MeasuredPhotograph(
-                    path=shown,
+                    path=on_one_line(item.path),
                     sha256=scene.sha256,
                     encoding=scene.encoding,
                     mean_dn=float(scene.grey_dn.mean()),
                 )
             )
-        done = ShardDone(images=len(photographs), refused=tuple(refused), notes=notes)
+        done = ShardDone.of(given)
         commit_file(self._file(shard.key), sums_bytes({shard.number: done}, sums, photographs))
         return done
 
@@ -251,6 +251,24 @@ class SweepSums:
         """Read what is kept of each photograph, in a fixed order."""
         for file in self._files():
             yield from file.photographs()
+
+    def list_copies(self, path: Path) -> int:
+        """List the photographs with the content of another one; return how many are too many.
+
+        There is no list of none. Each counts as often as it comes.
+        """
+        lines = (f"{one.sha256}  {one.path}\n".encode() for one in self.photographs())
+        copies = 0
+        with path.open("wb") as file:
+            by_content = groupby(sorted_lines(lines, path.parent), lambda line: line.split(b" ")[0])
+            for _, same in by_content:
+                found = list(same)
+                if len(found) > 1:
+                    copies += len(found) - 1
+                    file.writelines(found)
+        if copies == 0:
+            path.unlink()
+        return copies
 
     def drop_others(self, folder: Path) -> None:
         """Delete sums of photographs or settings that are not in the sweep, and broken writes."""

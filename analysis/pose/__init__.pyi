@@ -4,6 +4,7 @@ from .limits import (
     pose_limits as pose_limits,
 )
 from .plot import limits_figure as limits_figure, pose_figure as pose_figure
+from .pose_sentence import describe_pose as describe_pose
 from .quality import (
     PoseQuality as PoseQuality,
     PoseSummary as PoseSummary,
@@ -15,5 +16,6 @@ from .series import (
     PoseSeries as PoseSeries,
     read_pose_series as read_pose_series,
 )
+from .stream import StreamSummary as StreamSummary
 from .tracker import PoseTracker as PoseTracker, PoseVerdict as PoseVerdict
 from .viewing_camera import FollowupPose as FollowupPose, ViewingCamera as ViewingCamera

@@ -104,6 +104,14 @@ class PoseQuality:
         """Whether d' reaches the threshold by the criterion."""
         return self.decisive_d_prime >= self.min_d_prime
 
+    @property
+    def beyond_curve_sentence(self) -> str:
+        """How much of the overlap the curve does not reach."""
+        return (
+            f"{100 * self.beyond_curve:.0f} % of the overlap lies beyond the curve's zoom of "
+            f"{self.curve.zoom[-1]:g}; its d' is taken as 0"
+        )
+
     def __repr__(self) -> str:
         verdict = "accepted" if self.is_accepted else "rejected"
         return (

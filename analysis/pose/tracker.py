@@ -51,6 +51,19 @@ class PoseVerdict:
     overlap: float | None
     anchored: bool
 
+    def to_json(self) -> dict[str, object]:
+        """Return the verdict for a JSON document."""
+        return {
+            "is_accepted": self.accepted,
+            "dprime_decisive": self.dprime,
+            "margin": self.margin,
+            "reason": self.reason,
+            "zoom": self.zoom,
+            "overlap": self.overlap,
+            "is_anchored": self.anchored,
+            "homography": None if self.homography is None else self.homography.tolist(),
+        }
+
 
 class PoseTracker:
     """Follows the camera's pose and judges it, frame by frame.

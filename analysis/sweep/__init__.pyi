@@ -4,11 +4,18 @@ from .commits import (
     whole_file as whole_file,
 )
 from .engine import (
+    SweepCall as SweepCall,
     SweepOptions as SweepOptions,
     SweepSummary as SweepSummary,
+    announced_sweep as announced_sweep,
     run_sweep as run_sweep,
 )
 from .manifest import Manifest as Manifest, SweepItem as SweepItem
+from .records import (
+    CommittedRecord as CommittedRecord,
+    refusal_line as refusal_line,
+    size_of as size_of,
+)
 from .shards import (
     Shard as Shard,
     ShardDone as ShardDone,

@@ -1,13 +1,13 @@
 """Runs a sweep: finds what is done, has the rest done, lists what was refused."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO
+from typing import IO, Protocol
 
 from acquisition.printable import on_one_line
 from analysis.errors import ResultsFileError, SweepError
@@ -79,6 +79,37 @@ class SweepSummary:
     refused_lines: tuple[str, ...]
     refused_list: Path | None
     notes: tuple[str, ...]
+
+
+class SweepCall(Protocol):
+    """The call that a sweep is part of: it shows how far the sweep is, and takes remarks."""
+
+    def bar(self, task: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
+        """Give a block a function that is called with the number of pieces done, of ``total``."""
+        ...
+
+    def note(self, text: str) -> None:
+        """Take a remark that is shown at once."""
+        ...
+
+    def announce(self, text: str) -> None:
+        """Take a remark for the end."""
+        ...
+
+
+def announced_sweep(
+    call: SweepCall,
+    task: str,
+    manifest: Manifest,
+    work: ShardWork,
+    options: SweepOptions | None = None,
+) -> SweepSummary:
+    """Run a sweep as part of a call, which gets its notes; as `run_sweep` for the rest."""
+    with call.bar(task, len(manifest)) as advance_to:
+        summary = run_sweep(manifest, work, options, advance_to)
+    for sentence in summary.notes:
+        call.announce(sentence)
+    return summary
 
 
 def run_sweep(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from math import ceil, log2
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
 from analysis.sweep.manifest import HASH_BITS, Manifest, SweepItem
 
@@ -65,6 +65,20 @@ class ShardDone:
     images: int
     refused: tuple[str, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, photographs: Iterable[tuple[str | None, Mapping[str, str]]]) -> Self:
+        """Count photographs, each with why it gave nothing, or None, and its notes."""
+        refused: list[str] = []
+        notes: dict[str, str] = {}
+        images = 0
+        for refusal, own in photographs:
+            notes = {**own, **notes}
+            if refusal is None:
+                images += 1
+            else:
+                refused.append(refusal)
+        return cls(images=images, refused=tuple(refused), notes=notes)
 
 
 class ShardWork(Protocol):

@@ -12,5 +12,6 @@ from .features import (
 )
 from .hints import RegistrationHints as RegistrationHints
 from .pair import Registration as Registration, register as register
+from .point_table import POINT_COLUMNS as POINT_COLUMNS, parse_points as parse_points
 from .reference import RegistrationReference as RegistrationReference
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference

@@ -6,90 +6,78 @@ import json as json_format
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import quote
 
 import typer
+from typer import BadParameter, Option
 
-from analysis.choices import Observer
 from calibration.choices import DEFAULT_BOARD_TEXT
-from simulation.choices import Model
+from standoff import library, terminal
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import (
-    BenchFile,
-    BenchKeys,
-    CurveContrast,
-    CurveModel,
-    CurveNoise,
-    CurveObserver,
-    Json,
-    curve_choice,
-    note,
-    read_bench,
-    say,
-)
 
 if TYPE_CHECKING:
     from standoff.console.devices import PoseCurve
-
 
 DEFAULT_PORT = 8470
 
 
 def console(
     *,
-    bench: BenchFile,
+    bench: terminal.BenchFile,
     sessions: Annotated[
-        Path, typer.Option(help="Folder for capture sessions; created with the first one.")
+        Path, Option(help="Folder for capture sessions; created with the first one.")
     ] = Path("sessions"),
     plans: Annotated[
         list[Path] | None,
-        typer.Option(
+        Option(
             metavar="FOLDER",
             help="Folder of capture plans, besides the bench file's; may be repeated. New plans "
             "are written to the first, or to plans in the folder of sessions.",
         ),
     ] = None,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 picks a free one.")
+        int, Option(min=0, max=65535, help="Port to listen on; 0 picks a free one.")
     ] = DEFAULT_PORT,
     host: Annotated[
-        str, typer.Option(help="Address to listen on; other computers need --token.")
+        str, Option(help="Address to listen on; other computers need --token.")
     ] = "127.0.0.1",
     token: Annotated[
         str | None,
-        typer.Option(
+        Option(
             envvar="STANDOFF_TOKEN",
             help="Secret for opening the console; safer in the environment than here.",
         ),
     ] = None,
     curves: Annotated[
-        Path | None, typer.Option(help="curves.json for judging the camera's pose.")
+        Path | None, Option(help="curves.json for judging the camera's pose.")
     ] = None,
     min_dprime: Annotated[
-        float, typer.Option("--min-dprime", help="Lowest d' that is good enough.")
+        float, Option("--min-dprime", help="Lowest d' that is good enough.")
     ] = 2.0,
-    model: CurveModel = None,
-    observer: CurveObserver = None,
-    noise: CurveNoise = None,
-    contrast: CurveContrast = None,
+    model: terminal.CurveModel = None,
+    observer: terminal.CurveObserver = None,
+    noise: terminal.CurveNoise = None,
+    contrast: terminal.CurveContrast = None,
     board: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]",
             help="The ChArUco board for levelling the camera.",
         ),
     ] = DEFAULT_BOARD_TEXT,
-    settings: BenchKeys = None,
-    json: Json = False,
+    settings: terminal.BenchKeys = None,
+    json: terminal.Json = False,
 ) -> None:
     """Serve the operator console as a web page on this computer, until Ctrl-C.
 
     Closing the page changes nothing: the bench is controlled from here.
     """
-    _require_extra()
-    from calibration.geometry import CharucoBoard
+    if any(find_spec(name) is None for name in ("starlette", "uvicorn", "websockets")):
+        raise ApplicationError(
+            "the console needs its extra: pip install 'standoff[console]', or make setup"
+        )
     from standoff.console import BenchHub, bench_drivers
     from standoff.console.web import (
         MIN_TOKEN_CHARS,
@@ -100,11 +88,9 @@ def console(
     )
 
     _refuse_open_door(host, token, MIN_TOKEN_CHARS, is_loopback=is_loopback_host(host))
-    try:
-        layout = CharucoBoard.from_text(board)
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--board") from error
-    config = read_bench(bench, settings)
+    layout = terminal.charuco_board(board)
+    config = terminal.read_bench(bench, settings)
+    chosen = {"model": model, "observer": observer, "noise": noise, "contrast": contrast}
     hub = BenchHub(
         config,
         bench_drivers(config),
@@ -114,7 +100,7 @@ def console(
             bench.parent,
             shipped_config("demo_plan.toml").parent,
         ),
-        curve=_curve(curves, min_dprime, model, observer, noise, contrast),
+        curve=None if curves is None else _curve(curves, min_dprime, chosen),
         board=layout,
     )
     with open_socket(host, port) as bound:
@@ -126,9 +112,11 @@ def console(
             if json:
                 typer.echo(json_format.dumps({"url": url}))
             else:
-                say(f"console at {entry}; Ctrl-C ends")
+                terminal.say(f"console at {entry}; Ctrl-C ends")
                 if token is not None:
-                    note("the connection is not encrypted: use it only on a network that you trust")
+                    terminal.note(
+                        "the connection is not encrypted: use it only on a network that you trust"
+                    )
             sys.stdout.flush()
 
         hub.start()
@@ -138,42 +126,24 @@ def console(
             hub.close()
 
 
-def _require_extra() -> None:
-    if any(find_spec(name) is None for name in ("starlette", "uvicorn", "websockets")):
-        raise ApplicationError(
-            "the console needs its extra: pip install 'standoff[console]', or make setup"
-        )
-
-
 def _refuse_open_door(host: str, token: str | None, least_chars: int, *, is_loopback: bool) -> None:
     if token is None and not is_loopback:
-        raise typer.BadParameter(
+        raise BadParameter(
             f"other computers can reach {host}: give --token (or set the environment variable "
             "STANDOFF_TOKEN)",
             param_hint="--host",
         )
     if token is not None and len(token) < least_chars:
-        raise typer.BadParameter(
+        raise BadParameter(
             f"a token must have at least {least_chars} characters", param_hint="--token"
         )
 
 
-def _curve(
-    path: Path | None,
-    min_dprime: float,
-    model: Model | None,
-    observer: Observer | None,
-    noise_dn: float | None,
-    contrast_dn: float | None,
-) -> PoseCurve | None:
+def _curve(path: Path, min_dprime: float, chosen: dict[str, Any]) -> PoseCurve:
     """What judges poses, and the options that name it for ``standoff pose``."""
-    if path is None:
-        return None
     from standoff.console.devices import PoseCurve, tracker_maker
-    from standoff.library import given_curve
 
-    curve = given_curve(path, min_dprime, curve_choice(model, observer, noise_dn, contrast_dn))
-    chosen = {"model": model, "observer": observer, "noise": noise_dn, "contrast": contrast_dn}
+    curve = library.given_curve(path, min_dprime, terminal.curve_choice(*chosen.values()))
     return PoseCurve(
         make_tracker=tracker_maker(curve, min_dprime),
         words=(

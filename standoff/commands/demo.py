@@ -3,53 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
+from typer import Option
 
 from simulation.choices import MODELS
+from standoff import library, terminal
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import (
-    BenchKeys,
-    Force,
-    Json,
-    ShownProgress,
-    print_json,
-    print_table,
-    read_bench,
-    refuse_overwriting,
-    say,
-)
-
-if TYPE_CHECKING:
-    from standoff.library import DemoResult
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("standoff-demo"),
-    settings: BenchKeys = None,
-    force: Force = False,
-    json: Json = False,
+    out: Annotated[Path, Option(help="Folder for the results.")] = Path("standoff-demo"),
+    settings: terminal.BenchKeys = None,
+    force: terminal.Force = False,
+    json: terminal.Json = False,
 ) -> None:
     """Run the whole chain on the simulated bench, and compare the results with its truth."""
     from acquisition.plan import load_plan
     from acquisition.session import MANIFEST_NAME
-    from standoff.library import DEMO_FILES, Call, run_demo
 
     if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
-        refuse_overwriting([out / name for name in DEMO_FILES], force=force)
-    config = read_bench(shipped_config("demo_bench.toml"), settings)
-    result = run_demo(
-        Call("run_demo", ShownProgress()), out, config, load_plan(shipped_config("demo_plan.toml"))
-    )
+        terminal.refuse_overwriting([out / name for name in library.DEMO_FILES], force=force)
+    config = terminal.read_bench(shipped_config("demo_bench.toml"), settings)
+    plan = load_plan(shipped_config("demo_plan.toml"))
+    call = library.Call("run_demo", terminal.ShownProgress())
+    result = library.run_demo(call, out, config, plan)
     if json:
-        print_json(result.document())
-        return
-    _print_summary(result)
+        terminal.print_json(result.document())
+    else:
+        _print_summary(result)
 
 
-def _print_summary(result: DemoResult) -> None:
-    print_table(
+def _print_summary(result: library.DemoResult) -> None:
+    terminal.print_table(
         "Calibration against the bench's truth",
         ["", "truth", "measured", "95 % interval", "error", "inside"],
         [
@@ -65,7 +51,7 @@ def _print_summary(result: DemoResult) -> None:
         ],
     )
     means = result.validation.means("followup-grid")
-    print_table(
+    terminal.print_table(
         "Simulated against captured follow-ups, after the paper's processing",
         ["model", "correlation", "MSE", "NMI", "PSNR / dB", "SSIM", "MSE of bicubic / MSE"],
         [
@@ -81,7 +67,7 @@ def _print_summary(result: DemoResult) -> None:
             for model in MODELS
         ],
     )
-    print_table(
+    terminal.print_table(
         "Zoom-out between the captures",
         ["", "truth", "measured"],
         [
@@ -89,4 +75,4 @@ def _print_summary(result: DemoResult) -> None:
             for number, (true, found) in enumerate(result.zooms, start=1)
         ],
     )
-    say(f"report: {result.report}")
+    terminal.say(f"report: {result.report}")

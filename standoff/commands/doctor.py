@@ -4,67 +4,56 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Context, Exit, Option
 
-from standoff.terminal import (
-    BenchKeys,
-    Json,
-    check_options,
-    needs,
-    print_json,
-    print_table,
-    read_bench,
-    say,
-)
+from standoff import terminal
 
-_RULES = (needs("settings", "bench"),)
+_RULES = (terminal.needs("settings", "bench"),)
 
 
 def doctor(
-    context: typer.Context,
+    context: Context,
     *,
     bench: Annotated[
         Path | None,
-        typer.Option(
-            "--bench", help="Bench file (TOML); without it, only this computer is checked."
-        ),
+        Option("--bench", help="Bench file (TOML); without it, only this computer is checked."),
     ] = None,
-    settings: BenchKeys = None,
-    json: Json = False,
+    settings: terminal.BenchKeys = None,
+    json: terminal.Json = False,
 ) -> None:
     """Check that this computer, the camera and the stage are ready, and say what to do if not."""
-    check_options(context, _RULES)
+    terminal.check_options(context, _RULES)
     from standoff.doctor import examine
 
-    config = None if bench is None else read_bench(bench, settings)
+    config = None if bench is None else terminal.read_bench(bench, settings)
     checks = examine(config, Path.cwd())
     failed = [check for check in checks if check.status == "fail"]
     if json:
-        print_json({"ok": not failed, "checks": [asdict(check) for check in checks]})
+        terminal.print_json({"ok": not failed, "checks": [asdict(check) for check in checks]})
     else:
         for check in checks:
-            say(f"{check.status:4}  {check.name}: {check.found}")
+            terminal.say(f"{check.status:4}  {check.name}: {check.found}")
             if check.remedy:
-                say(f"      -> {check.remedy}")
+                terminal.say(f"      -> {check.remedy}")
     if failed:
-        raise typer.Exit(1)
+        raise Exit(1)
 
 
-def cameras(*, json: Json = False) -> None:
+def cameras(*, json: terminal.Json = False) -> None:
     """Search for cameras; this BROADCASTS on every network interface of this computer."""
     from acquisition.aravis import list_cameras
 
     found = list_cameras()
     if json:
-        print_json({"cameras": [asdict(camera) for camera in found]})
+        terminal.print_json({"cameras": [asdict(camera) for camera in found]})
         return
     if not found:
-        say(
+        terminal.say(
             "no camera answered; check power, cable and firewall, and that the network card has "
             "an address in the camera's subnet"
         )
         return
-    print_table(
+    terminal.print_table(
         f"{len(found)} cameras",
         ["address", "vendor", "model", "serial number", "hardware address", "id"],
         [[c.address, c.vendor, c.model, c.serial_number, c.hardware_address, c.id] for c in found],

@@ -1,74 +1,57 @@
 """``standoff export``: a capture session in the formats of other programs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import BadParameter, Option
 
 from acquisition.session_export import EXPORT_ENDINGS, ExportFormat
+from standoff import library, terminal
 from standoff.errors import ApplicationError
-from standoff.terminal import (
-    Force,
-    Json,
-    ShownProgress,
-    print_json,
-    refuse_overwriting,
-    say,
-)
 
 
 def export(
-    directory: Annotated[Path, typer.Argument(help="Session folder.", show_default=False)],
+    directory: terminal.SessionFolder,
     *,
     format_: Annotated[
-        ExportFormat,
-        typer.Option("--format", help="OME-Zarr 0.5, OME-TIFF (schema 2016-06) or NeXus."),
+        ExportFormat, Option("--format", help="OME-Zarr 0.5, OME-TIFF (schema 2016-06) or NeXus.")
     ],
     out: Annotated[
-        Path,
-        typer.Option(help="File to write, .ome.tif or .nxs; for OME-Zarr a folder, .ome.zarr."),
+        Path, Option(help="File to write, .ome.tif or .nxs; for OME-Zarr a folder, .ome.zarr.")
     ],
     geometry: Annotated[
         Path | None,
-        typer.Option(help="geometry.json that gives the scale of captures without their own."),
+        Option(help="geometry.json that gives the scale of captures without their own."),
     ] = None,
-    force: Force = False,
-    json: Json = False,
+    force: terminal.Force = False,
+    json: terminal.Json = False,
 ) -> None:
     """Write a session's captures, with heights, exposures, variance and provenance, for others.
 
     Captures that are excluded, or were taken again, are left out. The session stays as it is.
     """
-    _refuse_name(format_, out)
+    endings = EXPORT_ENDINGS[format_]
+    if not out.name.lower().endswith(endings):
+        raise BadParameter(f"{out} must end in {' or '.join(endings)}", param_hint="--out")
     _refuse_within(out, directory)
     is_replaced = format_ == "ome-zarr" and out.is_dir()
     if is_replaced:
         _refuse_folder(out, force=force)
-    refuse_overwriting([None if is_replaced else out], [geometry], force=force)
-    from standoff.library import export_session
-
-    done = export_session(
-        directory, out, format=format_, geometry=geometry, progress=ShownProgress()
+    terminal.refuse_overwriting([None if is_replaced else out], [geometry], force=force)
+    done = library.export_session(
+        directory, out, format=format_, geometry=geometry, progress=terminal.ShownProgress()
     )
     if json:
-        print_json(done.to_json())
-        return
-    say(f"wrote {out}: {done.captures} captures")
-
-
-def _refuse_name(format_: ExportFormat, out: Path) -> None:
-    endings = EXPORT_ENDINGS[format_]
-    if not out.name.lower().endswith(endings):
-        raise typer.BadParameter(f"{out} must end in {' or '.join(endings)}", param_hint="--out")
+        terminal.print_json(done.to_json())
+    else:
+        terminal.say(f"wrote {out}: {done.captures} captures")
 
 
 def _refuse_within(out: Path, directory: Path) -> None:
     """Refuse a result among the files of the session, apart from its results."""
-    inside = out.resolve().is_relative_to(directory.resolve())
-    if inside and not out.resolve().is_relative_to(directory.resolve() / "results"):
-        raise typer.BadParameter(
+    written, session = out.resolve(), directory.resolve()
+    if written.is_relative_to(session) and not written.is_relative_to(session / "results"):
+        raise BadParameter(
             f"{out} is inside the session; name a place outside it, or in its results/",
             param_hint="--out",
         )

@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import BadParameter, Option
 
 from acquisition.printable import on_one_line
 from hil_mocks.stages import StageProtocol
+from standoff import terminal
 from standoff.shipped_configs import shipped_config
-from standoff.terminal import ERRORS, BenchKeys, Json, read_bench, say, say_error
 
 if TYPE_CHECKING:
     from hil_mocks.practice_bench import StageEmulator
-
 
 READ_BYTES = 4096
 
@@ -33,28 +33,25 @@ def _checked_address(address: str) -> str:
     try:
         return checked_loopback_address(address)
     except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
+        raise BadParameter(str(error)) from error
 
 
 def mock(
     address: Annotated[
-        str,
-        typer.Option(help="Loopback address of the camera: 127.x.y.z.", callback=_checked_address),
+        str, Option(help="Loopback address of the camera: 127.x.y.z.", callback=_checked_address)
     ] = "127.0.0.1",
     bench: Annotated[
         Path | None,
-        typer.Option(help="Bench file (TOML) with a simulated section; simulated.toml by default."),
+        Option(help="Bench file (TOML) with a simulated section; simulated.toml by default."),
     ] = None,
-    settings: BenchKeys = None,
-    target: Annotated[str, typer.Option(help="Target under the camera.")] = "edge",
-    orientation: Annotated[float, typer.Option(help="Orientation of the target in degrees.")] = 0.0,
+    settings: terminal.BenchKeys = None,
+    target: Annotated[str, Option(help="Target under the camera.")] = "edge",
+    orientation: Annotated[float, Option(help="Orientation of the target in degrees.")] = 0.0,
     stage_protocol: Annotated[
         StageProtocol | None,
-        typer.Option(
-            help="Protocol of a stage served on a serial port; a manual stand by default."
-        ),
+        Option(help="Protocol of a stage served on a serial port; a manual stand by default."),
     ] = None,
-    json: Json = False,
+    json: terminal.Json = False,
 ) -> None:
     """Serve the simulated bench as a GigE Vision camera, and its stage, until Ctrl-C.
 
@@ -65,14 +62,14 @@ def mock(
     from hil_mocks.practice_commands import PracticeCommandError, PracticeConsole
     from hil_mocks.stages import SerialStage
 
-    config = read_bench(bench or shipped_config("simulated.toml"), settings)
+    config = terminal.read_bench(bench or shipped_config("simulated.toml"), settings)
     serial_stage = None if stage_protocol is None else SerialStage(stage_protocol)
     stage: StageEmulator = serial_stage or HandStage(config.stage.limits_mm)
     practice = PracticeBench(config, height_mm=lambda: stage.true_height_mm, address=address)
     try:
         practice.place(target, orientation)
     except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
+        raise BadParameter(str(error)) from error
     with ExitStack() as served:
         ended = served.enter_context(_ended_by_signals())
         if serial_stage is not None:
@@ -83,14 +80,14 @@ def mock(
             typer.echo(json_format.dumps(ready))
         else:
             port = "no stage port" if stage.port is None else f"stage on {stage.port}"
-            say(f"camera at {practice.camera.address}; {port}; Ctrl-C ends")
+            terminal.say(f"camera at {practice.camera.address}; {port}; Ctrl-C ends")
         sys.stdout.flush()
         console = PracticeConsole(practice, stage)
         for line in _lines(ended):
             try:
-                ERRORS.print(on_one_line(console.execute(line)), markup=False)
+                terminal.ERRORS.print(on_one_line(console.execute(line)), markup=False)
             except PracticeCommandError as error:
-                say_error(error)
+                terminal.say_error(error)
 
 
 @contextmanager

@@ -3,67 +3,50 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from acquisition.choices import CaptureKind
-from standoff.terminal import (
-    EncodingName,
-    Json,
-    Mean,
-    Page,
-    ShortEncoding,
-    ShownProgress,
-    note_once,
-    print_json,
-    reading_options,
-    say,
-)
+from standoff import library, terminal
 
 
 def import_photographs(
-    images: Annotated[
-        list[Path], typer.Argument(help="Photographs of one kind.", show_default=False)
-    ],
+    images: Annotated[list[Path], Argument(help="Photographs of one kind.", show_default=False)],
     *,
-    kind: Annotated[CaptureKind, typer.Option(help="What the photographs show.")],
-    out: Annotated[Path, typer.Option(help="Session folder; an existing session is resumed.")],
+    kind: Annotated[CaptureKind, Option(help="What the photographs show.")],
+    out: Annotated[Path, Option(help="Session folder; an existing session is resumed.")],
     height_mm: Annotated[
         float,
-        typer.Option(
+        Option(
             help="Height of the camera in mm, corrected by session set-height. 0 if nobody knows "
             "it: a PSF needs no height, geometry and validate do."
         ),
     ],
     scale: Annotated[
-        float | None, typer.Option(help="Scale in the plane of the target in px/mm.")
+        float | None, Option(help="Scale in the plane of the target in px/mm.")
     ] = None,
-    encoding: EncodingName = "auto",
-    srgb: ShortEncoding = None,
-    page: Page = None,
-    mean: Mean = False,
-    operator: Annotated[
-        str | None, typer.Option(help="Name of the operator; the login name by default.")
-    ] = None,
-    json: Json = False,
+    encoding: terminal.EncodingName = "auto",
+    srgb: terminal.ShortEncoding = None,
+    page: terminal.Page = None,
+    mean: terminal.Mean = False,
+    operator: terminal.OperatorName = None,
+    json: terminal.Json = False,
 ) -> None:
     """Make a session from photographs taken by another program: grey, linear, one frame each.
 
     Each photograph is a target of its own, named after its file.
     """
-    from standoff.library import import_photographs as imported_photographs
-
-    found = imported_photographs(
+    found = library.import_photographs(
         images,
         out,
         kind=kind,
         height_mm=height_mm,
         scale_px_per_mm=scale,
         operator=operator,
-        reading=reading_options(encoding, page, mean, srgb),
-        progress=ShownProgress(),
+        reading=terminal.reading_options(encoding, page, mean, srgb),
+        progress=terminal.ShownProgress(),
     )
-    note_once(found.notes)
+    terminal.note_once(found.notes)
     if json:
-        print_json(found.to_json())
-        return
-    say(f"{out}: {found.imported} of {len(images)} photographs imported")
+        terminal.print_json(found.to_json())
+    else:
+        terminal.say(f"{out}: {found.imported} of {len(images)} photographs imported")

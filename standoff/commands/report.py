@@ -3,37 +3,25 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
-from standoff.terminal import (
-    Force,
-    Json,
-    ShownProgress,
-    print_json,
-    refuse_overwriting,
-    refuse_suffix,
-    say,
-)
+from standoff import library, terminal
 
 
 def report(
-    directory: Annotated[Path, typer.Argument(help="Session folder.", show_default=False)],
+    directory: terminal.SessionFolder,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Report to write (HTML or PDF); DIRECTORY/results/report.html by default."
-        ),
+        Option(help="Report to write (HTML or PDF); DIRECTORY/results/report.html by default."),
     ] = None,
-    force: Force = False,
-    json: Json = False,
+    force: terminal.Force = False,
+    json: terminal.Json = False,
 ) -> None:
     """Write a report on a session and the results obtained from it so far."""
-    from standoff.library import write_report
-
-    refuse_suffix(out, "--out", {".html", ".htm", ".pdf"})
-    refuse_overwriting([out], force=force)
-    written = write_report(directory, out, progress=ShownProgress())
+    terminal.refuse_suffix(out, "--out", terminal.REPORTS)
+    terminal.refuse_overwriting([out], force=force)
+    written = library.write_report(directory, out, progress=terminal.ShownProgress())
     if json:
-        print_json(written.to_json())
-        return
-    say(f"wrote {written.report}")
+        terminal.print_json(written.to_json())
+    else:
+        terminal.say(f"wrote {written.report}")

@@ -1,11 +1,10 @@
 """``standoff simulate``: a photograph as the same camera would take it from further away."""
 
-from __future__ import annotations
-
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
-import typer
+from typer import Argument, BadParameter, Context, Option
 
 from analysis.choices import CACHE_VARIABLE
 from simulation.choices import (
@@ -20,38 +19,16 @@ from simulation.choices import (
     PsfForm,
     Sampler,
 )
-from standoff.terminal import (
-    EncodingName,
-    Force,
-    Json,
-    Mean,
-    Option,
-    Page,
-    ShownProgress,
-    Threads,
-    TransferForm,
-    check_options,
-    checked_zoom,
-    exactly_one,
-    needs,
-    note_once,
-    print_json,
-    reading_options,
-    refuse_overwriting,
-    refuse_suffix,
-    say,
-)
-
-if TYPE_CHECKING:
-    from standoff.library import CaptureOptions
-
+from standoff import library, terminal
 
 AnyModel = Literal[Model, KernelModel]
 
 _SHARPENING_SIGMA_PX = 1.0
 
-_POSE, _MODEL = "The other pose", "The model"
-_CAMERA, _KERNELGAN = "Effects of the camera", "KernelGAN"
+_pose = partial(Option, rich_help_panel="The other pose")
+_model = partial(Option, rich_help_panel="The model")
+_camera = partial(Option, rich_help_panel="Effects of the camera")
+_kernelgan = partial(Option, rich_help_panel="KernelGAN")
 
 _SHAPES: dict[PsfForm, str] = {
     "gaussian": "Gaussian",
@@ -62,139 +39,107 @@ _SHAPES: dict[PsfForm, str] = {
 }
 
 _RULES = (
-    exactly_one("zoom", "homography"),
-    needs("homography", Option("model", POSE_MODELS)),
-    needs("nearer", "homography"),
-    needs(Option("model", tuple(name for name in MODELS if name != "bicubic")), "psf"),
-    needs("psf", Option("model", MODELS)),
-    needs(Option("gaussian", ("sampled",)), Option("model", ("paper",))),
-    needs(
-        Option("transfer", ("measured",)),
-        Option("model", POSE_MODELS),
+    terminal.exactly_one("zoom", "homography"),
+    terminal.needs("homography", terminal.Given("model", POSE_MODELS)),
+    terminal.needs("nearer", "homography"),
+    terminal.needs(
+        terminal.Given("model", tuple(name for name in MODELS if name != "bicubic")), "psf"
+    ),
+    terminal.needs("psf", terminal.Given("model", MODELS)),
+    terminal.needs(terminal.Given("gaussian", ("sampled",)), terminal.Given("model", ("paper",))),
+    terminal.needs(
+        terminal.Given("transfer", ("measured",)),
+        terminal.Given("model", POSE_MODELS),
         because="only matched and lmmse take a measured PSF",
     ),
     *(
-        needs(option, Option("model", KERNEL_MODELS))
+        terminal.needs(option, terminal.Given("model", KERNEL_MODELS))
         for option in ("steps", "centre_crop", "sampler", "kernel_cache")
     ),
 )
 
 
 def simulate(
-    context: typer.Context,
-    image: Annotated[Path, typer.Argument(help="The reference photograph.", show_default=False)],
+    context: Context,
+    image: Annotated[Path, Argument(help="The reference photograph.", show_default=False)],
     *,
-    out: Annotated[Path, typer.Option(help="Where to write the follow-up (float32 TIFF).")],
+    out: Annotated[Path, Option(help="Where to write the follow-up (float32 TIFF).")],
     zoom: Annotated[
-        float | None,
-        typer.Option(
-            help="Distance ratio, at least 1.", callback=checked_zoom, rich_help_panel=_POSE
-        ),
+        float | None, _pose(help="Distance ratio, at least 1.", callback=terminal.checked_zoom)
     ] = None,
     homography: Annotated[
-        Path | None,
-        typer.Option(help="H.json of another pose, instead of --zoom.", rich_help_panel=_POSE),
+        Path | None, _pose(help="H.json of another pose, instead of --zoom.")
     ] = None,
     nearer: Annotated[
-        Path | None,
-        typer.Option(
-            help="Also write a mask (PNG) of pixels sharper than the reference.",
-            rich_help_panel=_POSE,
-        ),
+        Path | None, _pose(help="Also write a mask (PNG) of pixels sharper than the reference.")
     ] = None,
-    psf: Annotated[
-        Path | None, typer.Option(help="psf.json of the camera.", rich_help_panel=_MODEL)
-    ] = None,
-    model: Annotated[
-        AnyModel, typer.Option(help="Capture model.", rich_help_panel=_MODEL)
-    ] = DEFAULT_MODEL,
-    transfer: TransferForm = "best",
+    psf: Annotated[Path | None, _model(help="psf.json of the camera.")] = None,
+    model: Annotated[AnyModel, _model(help="Capture model.")] = DEFAULT_MODEL,
+    transfer: terminal.TransferForm = "best",
     gaussian: Annotated[
         GaussianForm,
-        typer.Option(
-            help="Blur by the exact transfer function, or by sampled weights (paper).",
-            rich_help_panel=_MODEL,
-        ),
+        _model(help="Blur by the exact transfer function, or by sampled weights (paper)."),
     ] = "transfer",
     sharpen: Annotated[
-        str | None,
-        typer.Option(
-            help="Sharpen as a camera does: AMOUNT or AMOUNT,SIGMA_PX.", rich_help_panel=_CAMERA
-        ),
+        str | None, _camera(help="Sharpen as a camera does: AMOUNT or AMOUNT,SIGMA_PX.")
     ] = None,
-    exposure: Annotated[
-        float,
-        typer.Option(min=0, help="Exposure relative to the reference.", rich_help_panel=_CAMERA),
-    ] = 1.0,
+    exposure: Annotated[float, _camera(min=0, help="Exposure relative to the reference.")] = 1.0,
     vignetting: Annotated[
-        float,
-        typer.Option(
-            help="Relative loss of light at the follow-up's corners.", rich_help_panel=_CAMERA
-        ),
+        float, _camera(help="Relative loss of light at the follow-up's corners.")
     ] = 0.0,
     noise: Annotated[
-        Path | None,
-        typer.Option(
-            help="noise.json of the camera, to add the noise of a capture.", rich_help_panel=_CAMERA
-        ),
+        Path | None, _camera(help="noise.json of the camera, to add the noise of a capture.")
     ] = None,
     correct: Annotated[
-        Path | None,
-        typer.Option(
-            help="noise.json whose dark, flat and defect maps are applied first.",
-            rich_help_panel=_CAMERA,
-        ),
+        Path | None, _camera(help="noise.json whose dark, flat and defect maps are applied first.")
     ] = None,
-    seed: Annotated[
-        int,
-        typer.Option(min=0, help="Seed for the noise and for training.", rich_help_panel=_CAMERA),
-    ] = 0,
+    seed: Annotated[int, _camera(min=0, help="Seed for the noise and for training.")] = 0,
     steps: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            help=f"Training steps (kernelgan); {TRAINING_STEPS} by default.",
-            rich_help_panel=_KERNELGAN,
-        ),
+        _kernelgan(min=1, help=f"Training steps (kernelgan); {TRAINING_STEPS} by default."),
     ] = None,
     centre_crop: Annotated[
         bool,
-        typer.Option(
-            "--centre-crop",
-            "--center-crop",
-            help="Train on the central half only (kernelgan).",
-            rich_help_panel=_KERNELGAN,
+        _kernelgan(
+            "--centre-crop", "--center-crop", help="Train on the central half only (kernelgan)."
         ),
     ] = False,
     sampler: Annotated[
         Sampler | None,
-        typer.Option(
-            help="Sample at exact grid points or nearest pixels (kernelgan); exact by default.",
-            rich_help_panel=_KERNELGAN,
+        _kernelgan(
+            help="Sample at exact grid points or nearest pixels (kernelgan); exact by default."
         ),
     ] = None,
     kernel_cache: Annotated[
         Path | None,
-        typer.Option(
-            help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default.",
-            rich_help_panel=_KERNELGAN,
+        _kernelgan(
+            help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."
         ),
     ] = None,
-    threads: Threads = 1,
-    encoding: EncodingName = "auto",
-    page: Page = None,
-    mean: Mean = False,
-    force: Force = False,
-    json: Json = False,
+    threads: terminal.Threads = 1,
+    encoding: terminal.EncodingName = "auto",
+    page: terminal.Page = None,
+    mean: terminal.Mean = False,
+    force: terminal.Force = False,
+    json: terminal.Json = False,
 ) -> None:
     """Simulate how the scene of a photograph looks from further away or from another pose."""
-    check_options(context, _RULES)
-    refuse_suffix(out, "--out", {".tif", ".tiff"})
-    refuse_suffix(nearer, "--nearer", {".png"})
-    refuse_overwriting([out, nearer], [image, psf, noise, homography, correct], force=force)
-    from standoff.library import simulate as simulated
-
-    found = simulated(
+    terminal.check_options(context, _RULES)
+    terminal.refuse_suffix(out, "--out", {".tif", ".tiff"})
+    terminal.refuse_suffix(nearer, "--nearer", {".png"})
+    terminal.refuse_overwriting(
+        [out, nearer], [image, psf, noise, homography, correct], force=force
+    )
+    try:
+        camera = library.CaptureOptions(
+            exposure=exposure,
+            vignetting=vignetting,
+            sharpening=None if sharpen is None else _sharpening(sharpen),
+            seed=seed,
+        )
+    except ValueError as error:
+        raise BadParameter(str(error)) from error
+    found = library.simulate(
         image,
         zoom=zoom,
         homography=homography,
@@ -202,7 +147,7 @@ def simulate(
         model=model,
         transfer=transfer,
         gaussian=gaussian,
-        camera=_camera(exposure, vignetting, sharpen, seed),
+        camera=camera,
         noise=noise,
         correct=correct,
         steps=steps or TRAINING_STEPS,
@@ -210,52 +155,38 @@ def simulate(
         sampler=sampler or "exact",
         kernel_cache=kernel_cache,
         threads=threads,
-        reading=reading_options(encoding, page, mean),
-        progress=ShownProgress(),
+        reading=terminal.reading_options(encoding, page, mean),
+        progress=terminal.ShownProgress(),
     )
     found.write(out)
     if nearer is not None:
         found.write_nearer(nearer)
-    note_once(found.notes)
+    terminal.note_once(found.notes)
     if json:
-        print_json({"out": str(out), **found.to_json()})
+        terminal.print_json({"out": str(out), **found.to_json()})
         return
     form = found.followup.psf_form
     shape = "" if form is None else f", PSF: {_SHAPES[form]}"
-    cols, rows = found.image.shape[1], found.image.shape[0]
-    say(f"wrote {out}: {cols} x {rows} px, {found.how}{shape}")
+    rows, cols = found.image.shape[:2]
+    terminal.say(f"wrote {out}: {cols} x {rows} px, {found.how}{shape}")
     masks = found.mask_fractions
     if homography is not None and masks:
-        say(
+        terminal.say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
 
 
-def _camera(exposure: float, vignetting: float, sharpen: str | None, seed: int) -> CaptureOptions:
-    from standoff.library import CaptureOptions
-
-    try:
-        return CaptureOptions(
-            exposure=exposure,
-            vignetting=vignetting,
-            sharpening=None if sharpen is None else _sharpening(sharpen),
-            seed=seed,
-        )
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
-
-
 def _sharpening(text: str) -> tuple[float, float]:
     amount, _, sigma_px = text.partition(",")
     if sigma_px and amount.strip() == "0":
-        raise typer.BadParameter(
+        raise BadParameter(
             f"an amount of 0 does not sharpen; write 0.{sigma_px} with a decimal point",
             param_hint="--sharpen",
         )
     try:
         return float(amount), float(sigma_px or _SHARPENING_SIGMA_PX)
     except ValueError as error:
-        raise typer.BadParameter(
+        raise BadParameter(
             f"expected AMOUNT or AMOUNT,SIGMA_PX, got {text}", param_hint="--sharpen"
         ) from error

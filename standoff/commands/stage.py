@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from typer import Argument, BadParameter, Option
 
 from acquisition.errors import (
     DeviceError,
@@ -15,12 +15,11 @@ from acquisition.errors import (
     StageNotHomedError,
     StageNotStoppedError,
 )
-from standoff.terminal import BenchFile, BenchKeys, Json, note, print_json, read_bench, say
+from standoff import library, terminal
 
 if TYPE_CHECKING:
     from acquisition.bench import BenchConfig, StageConfig
     from acquisition.devices import Stage
-
 
 Action = Literal["status", "home", "move", "stop", "unlock"]
 
@@ -28,18 +27,17 @@ STOPPED = "the stage has stopped"
 
 
 def stage(
-    action: Annotated[Action, typer.Argument(help="What to do.", show_default=False)],
+    action: Annotated[Action, Argument(help="What to do.", show_default=False)],
     height_mm: Annotated[
-        float | None,
-        typer.Argument(help="Height to move to, in mm.", metavar="[MM]", show_default=False),
+        float | None, Argument(help="Height to move to, in mm.", metavar="[MM]", show_default=False)
     ] = None,
     *,
-    bench: BenchFile,
+    bench: terminal.BenchFile,
     home: Annotated[
-        bool, typer.Option("--home", help="Home first if the stage does not know its height.")
+        bool, Option("--home", help="Home first if the stage does not know its height.")
     ] = False,
-    settings: BenchKeys = None,
-    json: Json = False,
+    settings: terminal.BenchKeys = None,
+    json: terminal.Json = False,
 ) -> None:
     """Show, home, move, stop or unlock the height stage.
 
@@ -47,10 +45,10 @@ def stage(
     with 0 only if it did.
     """
     if (height_mm is None) == (action == "move"):
-        raise typer.BadParameter("move takes one height in mm, the other actions take none")
+        raise BadParameter("move takes one height in mm, the other actions take none")
     if home and action != "move":
-        raise typer.BadParameter("--home is for move only")
-    config = read_bench(bench, settings)
+        raise BadParameter("--home is for move only")
+    config = terminal.read_bench(bench, settings)
     if action == "stop":
         _stop(config, json=json)
         return
@@ -62,16 +60,16 @@ def stage(
                 opened.stop()
             except DeviceError as error:
                 interrupt.add_note(str(error))
-                note(f"stopping the stage failed: {error}")
+                terminal.note(f"stopping the stage failed: {error}")
             else:
-                note(STOPPED)
+                terminal.note(STOPPED)
             raise
         _show(opened, action, json=json)
 
 
 def _stop(config: BenchConfig, *, json: bool) -> None:
     """Stop whatever runs; what fails once the stage stands is a remark, no error."""
-    tell = note if json else say
+    tell = terminal.note if json else terminal.say
     has_stopped = False
 
     def stopped() -> None:
@@ -87,9 +85,9 @@ def _stop(config: BenchConfig, *, json: bool) -> None:
     except DeviceError as error:
         if not has_stopped:
             raise StageNotStoppedError(f"the stage was not told to stop: {error}") from error
-        note(str(error))
+        terminal.note(str(error))
         if json:
-            print_json(_without_answer(config.stage, str(error)))
+            terminal.print_json(_without_answer(config.stage, str(error)))
 
 
 def _act(
@@ -123,13 +121,11 @@ def _opened(
             stopped()
         yield simulated
         return
-    from standoff.library import open_stage
-
     first: Literal["nothing", "stop", "reset"] = "nothing"
     if action in ("stop", "unlock"):
         first = "stop" if action == "stop" else "reset"
     try:
-        real = open_stage(config.stage, first=first, stopped=stopped)
+        real = library.open_stage(config.stage, first=first, stopped=stopped)
     except DeviceInUseError as error:
         raise DeviceInUseError(
             f"{error}. The stage obeys only the program that holds its port: press Ctrl-C "
@@ -147,30 +143,30 @@ def _show(opened: Stage, action: Action, *, json: bool) -> None:
         position_mm = opened.position_mm()
     except StageNotHomedError:
         position_mm = None
+    low_mm, high_mm = opened.limits_mm
     warnings = list(opened.warnings) if isinstance(opened, MotorStage) else []
     if json:
-        print_json(
+        terminal.print_json(
             {
                 "action": action,
                 "stopped": True if action == "stop" else None,
                 "state": state,
                 "position_mm": position_mm,
                 "is_homed": opened.is_homed,
-                "limits_mm": list(opened.limits_mm),
+                "limits_mm": [low_mm, high_mm],
                 "info": asdict(opened.info),
                 "warnings": warnings,
             }
         )
         return
-    for warning in warnings:
-        note(warning)
-    low_mm, high_mm = opened.limits_mm
+    terminal.note(*warnings)
     where = "height unknown, not homed" if position_mm is None else f"at {position_mm:.3f} mm"
-    say(f"{opened.info.model}: {state}, {where}; limits {low_mm:g} to {high_mm:g} mm")
+    terminal.say(f"{opened.info.model}: {state}, {where}; limits {low_mm:g} to {high_mm:g} mm")
 
 
 def _without_answer(config: StageConfig, error: str) -> dict[str, object]:
     """The document of a stage that has stopped and then told nothing more."""
+    unknown = dict.fromkeys(("vendor", "model", "serial_number", "firmware"), "")
     return {
         "action": "stop",
         "stopped": True,
@@ -178,12 +174,6 @@ def _without_answer(config: StageConfig, error: str) -> dict[str, object]:
         "position_mm": None,
         "is_homed": False,
         "limits_mm": list(config.limits_mm),
-        "info": {
-            "vendor": "",
-            "model": "",
-            "serial_number": "",
-            "firmware": "",
-            "driver": config.driver,
-        },
+        "info": {**unknown, "driver": config.driver},
         "warnings": [error],
     }

@@ -15,6 +15,7 @@ from .bench import (
 )
 from .call import Call as Call, Progress as Progress
 from .caller import called_as as called_as
+from .choices import PairFormat as PairFormat
 from .comparison import (
     CHANGE_FILES as CHANGE_FILES,
     AlignmentHints as AlignmentHints,
@@ -38,38 +39,26 @@ from .detectability import (
 )
 from .files import (
     RESULTS_FOLDER as RESULTS_FOLDER,
-    each_image as each_image,
-    expanded_images as expanded_images,
     make_folder as make_folder,
-    make_results_folder as make_results_folder,
     require_writable as require_writable,
     write_figure as write_figure,
     write_file as write_file,
-    write_float_tiff as write_float_tiff,
-    write_mask as write_mask,
-    write_page as write_page,
-    written_together as written_together,
 )
 from .followup import (
     CaptureOptions as CaptureOptions,
-    FollowUp as FollowUp,
-    FoundKernel as FoundKernel,
     SimulatedPhotograph as SimulatedPhotograph,
     simulate as simulate,
     simulate_pose as simulate_pose,
     zoom_out as zoom_out,
-    zoomed_out as zoomed_out,
 )
 from .geometry import calibrate_geometry as calibrate_geometry, write_geometry as write_geometry
 from .inputs import FilePath as FilePath, path_of as path_of
 from .noise import measure_noise as measure_noise, write_noise as write_noise
 from .photographs import read_image as read_image, reading as reading
-from .poses import (
+from .pose_stream import (
     NamedFrame as NamedFrame,
     PoseWatch as PoseWatch,
-    StreamSummary as StreamSummary,
     camera_frames as camera_frames,
-    folder_frames as folder_frames,
 )
 from .psf import (
     GaussianPsf as GaussianPsf,
@@ -78,11 +67,9 @@ from .psf import (
     Reading as Reading,
     Session as Session,
     calibrate_psf as calibrate_psf,
-    camera_psf as camera_psf,
     compare_psfs as compare_psfs,
     edge_image as edge_image,
     measure_edges as measure_edges,
-    psf_and_field as psf_and_field,
     psf_history as psf_history,
     read_psf as read_psf,
     write_edge_table as write_edge_table,
@@ -126,10 +113,7 @@ from .sessions import (
     write_report as write_report,
 )
 from .sr_pairs import (
-    PairFormat as PairFormat,
-    SrDatasetSettings as SrDatasetSettings,
     SrDatasetSummary as SrDatasetSummary,
     SweepOptions as SweepOptions,
     training_pairs as training_pairs,
-    write_sr_dataset as write_sr_dataset,
 )

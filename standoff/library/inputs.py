@@ -1,6 +1,6 @@
 """Arguments as a caller gives them: an array or a path, a PSF or its file."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -39,6 +39,12 @@ def path_of(path: object, name: str) -> Path:
     if isinstance(path, str | PathLike):
         return Path(path)
     raise TypeError(f"{name}: expected a path, got {kind_of(path)}")
+
+
+def listed_paths(files: FilePath | Iterable[FilePath], name: str) -> Iterator[Path]:
+    """Yield one path or several, which need not fit into memory; refuse what is none."""
+    listed = [files] if isinstance(files, str | PathLike) else files
+    return (path_of(one, name) for one in listed)
 
 
 def opened_session(session: Session | FilePath) -> Session:

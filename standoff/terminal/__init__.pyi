@@ -1,40 +1,11 @@
 from .app import application as application, run_application as run_application
-from .command_help import (
-    EXAMPLES as EXAMPLES,
-    Command as Command,
-    examples_text as examples_text,
+from .command_help import EXAMPLES as EXAMPLES, Command as Command, examples_text as examples_text
+from .invocation import is_same_command as is_same_command
+from .live_line import (
+    LiveLine as LiveLine,
+    focus_display as focus_display,
+    verdict_display as verdict_display,
 )
-from .curve_options import (
-    CurveContrast as CurveContrast,
-    CurveModel as CurveModel,
-    CurveNoise as CurveNoise,
-    CurveObserver as CurveObserver,
-    CurvesPath as CurvesPath,
-    MinDprime as MinDprime,
-    curve_choice as curve_choice,
-)
-from .hint_options import (
-    HINT_RULES as HINT_RULES,
-    ExpectZoom as ExpectZoom,
-    Mask as Mask,
-    Points as Points,
-    PoseHint as PoseHint,
-)
-from .image_options import (
-    EncodingName as EncodingName,
-    Mean as Mean,
-    Page as Page,
-    ShortEncoding as ShortEncoding,
-    reading_options as reading_options,
-)
-from .invocation import (
-    command_line as command_line,
-    is_same_command as is_same_command,
-    note_at_end as note_at_end,
-    remarks_so_far as remarks_so_far,
-)
-from .live_line import LiveLine as LiveLine
-from .live_texts import focus_display as focus_display, verdict_display as verdict_display
 from .number_lists import ListedNumbers as ListedNumbers, number_list as number_list
 from .operator_prompts import (
     LONGEST_ANSWER as LONGEST_ANSWER,
@@ -44,32 +15,60 @@ from .operator_prompts import (
     what_to_place as what_to_place,
 )
 from .option_rules import (
-    Option as Option,
+    REPORTS as REPORTS,
+    Given as Given,
     check_options as check_options,
     exactly_one as exactly_one,
     excludes as excludes,
     needs as needs,
+    refuse_overwriting as refuse_overwriting,
+    refuse_suffix as refuse_suffix,
 )
 from .options import (
+    HINT_RULES as HINT_RULES,
     BenchFile as BenchFile,
     BenchKeys as BenchKeys,
+    CurveContrast as CurveContrast,
+    CurveModel as CurveModel,
+    CurveNoise as CurveNoise,
+    CurveObserver as CurveObserver,
+    CurvesPath as CurvesPath,
+    EncodingName as EncodingName,
+    ExpectZoom as ExpectZoom,
     Force as Force,
     Json as Json,
+    KernelWorkers as KernelWorkers,
+    Mask as Mask,
+    Mean as Mean,
+    MinDprime as MinDprime,
+    OperatorName as OperatorName,
+    Page as Page,
+    PartOfShards as PartOfShards,
+    Points as Points,
+    PoseHint as PoseHint,
+    Scheduler as Scheduler,
+    SessionFolder as SessionFolder,
+    ShortEncoding as ShortEncoding,
+    Strict as Strict,
     Threads as Threads,
     TransferForm as TransferForm,
+    Workers as Workers,
+    charuco_board as charuco_board,
     checked_pitch as checked_pitch,
     checked_zoom as checked_zoom,
     chosen_models as chosen_models,
+    curve_choice as curve_choice,
+    parsed_region as parsed_region,
     place_target as place_target,
     quantity as quantity,
     read_bench as read_bench,
-    refuse_overwriting as refuse_overwriting,
-    refuse_suffix as refuse_suffix,
-    region_corner_and_size as region_corner_and_size,
+    reading_options as reading_options,
+    sweep_options as sweep_options,
 )
 from .output import (
     ERRORS as ERRORS,
     PROGRESS_VARIABLE as PROGRESS_VARIABLE,
+    UPPER_BOUND as UPPER_BOUND,
     Bar as Bar,
     ShownProgress as ShownProgress,
     note as note,
@@ -85,22 +84,20 @@ from .output import (
 from .plan_preview import (
     flicker_warnings as flicker_warnings,
     frame_shape_of as frame_shape_of,
-    preview_lines as preview_lines,
+    preview_line as preview_line,
     time_text as time_text,
 )
-from .psf_tables import print_psf as print_psf
+from .result_tables import (
+    print_edges as print_edges,
+    print_psf as print_psf,
+    print_validation as print_validation,
+    print_verdict as print_verdict,
+    value_cells as value_cells,
+)
 from .series_tables import (
+    end_refused as end_refused,
     print_few as print_few,
     refuse_sweep_of_one as refuse_sweep_of_one,
     report_refused as report_refused,
     say_part as say_part,
 )
-from .sharpness_tables import print_edges as print_edges, print_verdict as print_verdict
-from .sweep_options import (
-    PartOfShards as PartOfShards,
-    Scheduler as Scheduler,
-    Strict as Strict,
-    Workers as Workers,
-    sweep_options as sweep_options,
-)
-from .validation_tables import print_validation as print_validation

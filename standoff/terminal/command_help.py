@@ -1,76 +1,54 @@
 """What the help of a command shows besides its docstring: what lists are made of, and examples."""
 
 from functools import partial
+from itertools import groupby
 from typing import Any, get_args
 
 from typer.core import TyperCommand
 
-EXAMPLES: dict[str, tuple[str, ...]] = {
-    "demo": ("standoff demo --out demo-output",),
-    "capture": (
-        "standoff capture --bench bench.toml --plan plan.toml --out session --dry-run",
-        "standoff capture --bench bench.toml --plan plan.toml --out session",
-    ),
-    "session": (
-        "standoff session show session",
-        'standoff session exclude 7 session --reason "a hair on the target"',
-    ),
-    "verify": ("standoff verify session",),
-    "import": ("standoff import edge-*.tif --kind edge --height-mm 250 --out session",),
-    "export": (
-        "standoff export session --format ome-tiff --out session.ome.tif",
-        "standoff export session --format nexus --out session.nxs --geometry geometry.json",
-    ),
-    "calibrate": (
-        "standoff calibrate edge-*.tif --out psf.json --report psf.html",
-        "standoff calibrate --session session --out session/results/psf.json",
-    ),
-    "compare": (
-        "standoff compare before.json after.json",
-        "standoff compare --history lens-files --report history.html",
-    ),
-    "focus": (
-        "standoff focus --bench bench.toml",
-        "standoff focus --bench bench.toml --sweep --from 280 --to 330 --out focus.png",
-    ),
-    "geometry": ("standoff geometry --session session --out geometry.json",),
-    "noise": ("standoff noise --session session --out noise.json --report noise.html",),
-    "simulate": (
-        "standoff simulate near.tif --zoom 2 --psf psf.json --out far.tif",
-        "standoff simulate near.tif --homography H.json --psf psf.json --out tilted.tif",
-    ),
-    "sr-pairs": ("standoff sr-pairs photographs --psf psf.json --zoom 2 --out pairs",),
-    "detectability": (
-        "standoff detectability photographs --psf psf.json --noise 2 --contrast 12 "
-        "--out curves.json",
-    ),
-    "limits": (
-        "standoff limits --curves curves.json --min-dprime 2 --geometry geometry.json",
-        "standoff limits --curves curves.json --min-dprime 2 --focal-length-px 964 "
-        "--image-size 780x580",
-    ),
-    "pose": (
-        "standoff pose before.tif after.tif --curves curves.json --min-dprime 2",
-        "standoff pose before.tif --bench bench.toml --curves curves.json --min-dprime 2",
-    ),
-    "changes": (
-        "standoff changes before.tif after.tif --out changes",
-        "standoff changes before after --out changes --workers 4",
-    ),
-    "validate": (
-        "standoff validate --session session --psf psf.json --out validation "
-        "--models bicubic,paper,matched,lmmse",
-    ),
-    "paper": ("standoff paper --short --out paper-output",),
-    "report": ("standoff report session",),
-    "console": ("standoff console --bench bench.toml",),
-    "mock": ("standoff mock --stage-protocol grbl",),
-    "doctor": ("standoff doctor --bench bench.toml",),
-    "cameras": ("standoff cameras",),
-    "stage": (
-        "standoff stage home --bench bench.toml",
-        "standoff stage move 250 --bench bench.toml",
-    ),
+_EXAMPLES = """\
+standoff demo --out demo-output
+standoff capture --bench bench.toml --plan plan.toml --out session --dry-run
+standoff capture --bench bench.toml --plan plan.toml --out session
+standoff session show session
+standoff session exclude 7 session --reason "a hair on the target"
+standoff verify session
+standoff import edge-*.tif --kind edge --height-mm 250 --out session
+standoff export session --format ome-tiff --out session.ome.tif
+standoff export session --format nexus --out session.nxs --geometry geometry.json
+standoff calibrate edge-*.tif --out psf.json --report psf.html
+standoff calibrate --session session --out session/results/psf.json
+standoff compare before.json after.json
+standoff compare --history lens-files --report history.html
+standoff focus --bench bench.toml
+standoff focus --bench bench.toml --sweep --from 280 --to 330 --out focus.png
+standoff geometry --session session --out geometry.json
+standoff noise --session session --out noise.json --report noise.html
+standoff simulate near.tif --zoom 2 --psf psf.json --out far.tif
+standoff simulate near.tif --homography H.json --psf psf.json --out tilted.tif
+standoff sr-pairs photographs --psf psf.json --zoom 2 --out pairs
+standoff detectability photographs --psf psf.json --noise 2 --contrast 12 --out curves.json
+standoff limits --curves curves.json --min-dprime 2 --geometry geometry.json
+standoff limits --curves curves.json --min-dprime 2 --focal-length-px 964 --image-size 780x580
+standoff pose before.tif after.tif --curves curves.json --min-dprime 2
+standoff pose before.tif --bench bench.toml --curves curves.json --min-dprime 2
+standoff changes before.tif after.tif --out changes
+standoff changes before after --out changes --workers 4
+standoff validate --session session --psf psf.json --out validation \
+--models bicubic,paper,matched,lmmse
+standoff paper --short --out paper-output
+standoff report session
+standoff console --bench bench.toml
+standoff mock --stage-protocol grbl
+standoff doctor --bench bench.toml
+standoff cameras
+standoff stage home --bench bench.toml
+standoff stage move 250 --bench bench.toml
+"""
+
+EXAMPLES = {
+    name: tuple(lines)
+    for name, lines in groupby(_EXAMPLES.splitlines(), key=lambda line: line.split()[1])
 }
 """Command lines that show how a command is used; the names of files are the reader's."""
 

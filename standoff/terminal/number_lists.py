@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from itertools import pairwise
 
-import typer
+from typer import BadParameter
 
 from standoff.terminal.output import note
 
@@ -39,20 +39,20 @@ def number_list(text: str, listed: ListedNumbers) -> list[float]:
         values = [float(part) for part in text.split(",")]
     except ValueError as error:
         remedy = "" if meant is None else f"; write {meant}, with commas between the numbers only"
-        raise typer.BadParameter(
+        raise BadParameter(
             f"expected numbers, got {text}{remedy}", param_hint=listed.option
         ) from error
     refused = next((value for value in values if not listed.accepts(value)), None)
     if meant is not None:
         confirmed = ",".join(f"{value:.1f}" for value in values)
         otherwise = f", or {confirmed} if they are right" if refused is None else ""
-        raise typer.BadParameter(
+        raise BadParameter(
             f"{text} is {len(values)} numbers; decimals were probably meant: "
             f"write {meant}{otherwise}",
             param_hint=listed.option,
         )
     if refused is not None:
-        raise typer.BadParameter(
+        raise BadParameter(
             f"expected numbers {listed.bound}, got {refused:g}", param_hint=listed.option
         )
     if listed.pair_most is not None and re.fullmatch(r"\d,\d", text):

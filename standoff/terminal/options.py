@@ -1,45 +1,56 @@
-"""Options that several commands share, and how their values are checked."""
+"""Options that several commands share, and what their values mean."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from os.path import lexists, realpath
+import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
-import typer
+from typer import Argument, BadParameter, Option
 
 from acquisition.quantities import ImplausibleQuantityError, understood
 from acquisition.spelling import decimal_comma_remedy
 from acquisition.units import UnknownUnitError
-from analysis.choices import VALIDATION_MODELS, ValidationModel
-from simulation.choices import PsfShape
-from standoff.errors import ApplicationError
+from analysis.choices import VALIDATION_MODELS, Observer, ValidationModel
+from simulation.choices import Model, PsfShape
+from standoff import library
+from standoff.errors import ArgumentError
+from standoff.terminal.option_rules import excludes
 
 if TYPE_CHECKING:
     from acquisition.bench import BenchConfig
+    from analysis.sweep import SweepOptions
+    from calibration.geometry import CharucoBoard
     from hil_mocks import SimulatedBench
+    from standoff.photographs import ReadOptions
 
+Region = TypeVar("Region")
 
-Json = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")
-]
+Json = Annotated[bool, Option("--json", help="Print one JSON document on stdout and nothing else.")]
 TransferForm = Annotated[
     PsfShape,
-    typer.Option(
+    Option(
         "--transfer",
         help="PSF of psf.json to use: the best it has, the Gaussian, or the measured one.",
     ),
 ]
 Threads = Annotated[
-    int, typer.Option("--threads", min=1, help="Threads that share the rows of an image.")
+    int, Option("--threads", min=1, help="Threads that share the rows of an image.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace results that are already there.")]
-BenchFile = Annotated[Path, typer.Option("--bench", help="Bench file (TOML).")]
+Force = Annotated[bool, Option("--force", help="Replace results that are already there.")]
+SessionFolder = Annotated[Path, Argument(help="Session folder.", show_default=False)]
+OperatorName = Annotated[
+    str | None, Option("--operator", help="Name of the operator; the login name by default.")
+]
+KernelWorkers = Annotated[
+    int, Option("--workers", min=1, max=1024, help="Worker processes that train kernels.")
+]
+BenchFile = Annotated[Path, Option("--bench", help="Bench file (TOML).")]
 BenchKeys = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a bench key; may be repeated."),
+    Option("--set", metavar="KEY=VALUE", help="Override a bench key; may be repeated."),
 ]
 
 
@@ -54,13 +65,11 @@ def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
     from acquisition.bench import load_bench, parse_overrides
     from acquisition.errors import BenchConfigError
 
-    if not settings:
-        return load_bench(path)
-    load_bench(path)
+    as_written = load_bench(path)
     try:
-        return load_bench(path, parse_overrides(settings))
+        return load_bench(path, parse_overrides(settings)) if settings else as_written
     except BenchConfigError as error:
-        raise typer.BadParameter(str(error)) from error
+        raise BadParameter(str(error)) from error
 
 
 def place_target(
@@ -68,25 +77,25 @@ def place_target(
 ) -> None:
     """Place a target under the simulated camera; refuse a real one."""
     if simulated is None:
-        raise typer.BadParameter("only a simulated bench takes a target", param_hint="--target")
+        raise BadParameter("only a simulated bench takes a target", param_hint="--target")
     try:
         simulated.place(target, orientation_deg)
     except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="--target") from error
+        raise BadParameter(str(error), param_hint="--target") from error
 
 
 def checked_zoom(zoom: float | None) -> float | None:
     """Accept a zoom-out that is finite and at least 1, or None."""
     if zoom is not None and not (math.isfinite(zoom) and zoom >= 1):
         ratio = f"; the ratio of distances is {1 / zoom:g}" if 0.01 <= zoom < 1 else ""
-        raise typer.BadParameter(f"a zoom-out must be a number of at least 1, got {zoom:g}{ratio}")
+        raise BadParameter(f"a zoom-out must be a number of at least 1, got {zoom:g}{ratio}")
     return zoom
 
 
 def checked_pitch(pitch_um: float | None) -> float | None:
     """Accept a pixel pitch that is finite and positive, or None."""
     if pitch_um is not None and not (math.isfinite(pitch_um) and pitch_um > 0):
-        raise typer.BadParameter(f"a pixel pitch must be positive, got {pitch_um:g}")
+        raise BadParameter(f"a pixel pitch must be positive, got {pitch_um:g}")
     return pitch_um
 
 
@@ -100,12 +109,22 @@ def quantity(name: str) -> Callable[[str], float]:
         try:
             return float(str(understood(name, str(text))))
         except (ImplausibleQuantityError, UnknownUnitError) as error:
-            raise typer.BadParameter(f"{name} {error}") from error
+            raise BadParameter(f"{name} {error}") from error
         except ValueError as error:
             remedy = decimal_comma_remedy(str(text), name) or "expected a number"
-            raise typer.BadParameter(f"{text}: {remedy}") from error
+            raise BadParameter(f"{text}: {remedy}") from error
 
     return parsed
+
+
+def charuco_board(text: str) -> CharucoBoard:
+    """Return the board that ``--board`` describes."""
+    from calibration.geometry import CharucoBoard
+
+    try:
+        return CharucoBoard.from_text(text)
+    except ValueError as error:
+        raise BadParameter(str(error), param_hint="--board") from error
 
 
 def chosen_models(text: str) -> tuple[ValidationModel, ...]:
@@ -113,65 +132,171 @@ def chosen_models(text: str) -> tuple[ValidationModel, ...]:
     names = [name.strip() for name in text.split(",")]
     unknown = [name for name in names if name not in VALIDATION_MODELS]
     if unknown:
-        raise typer.BadParameter(
+        raise BadParameter(
             f"unknown model {unknown[0]!r}; the models are {', '.join(VALIDATION_MODELS)}",
             param_hint="--models",
         )
     return tuple(model for model in VALIDATION_MODELS if model in names)
 
 
-def region_corner_and_size(text: str, expected: str) -> tuple[int, int, int, int]:
-    """Read ``X,Y,W,H`` in px; ``expected`` names the accepted forms in the error."""
+def parsed_region(text: str, expected: str, make: Callable[..., Region]) -> Region:
+    """Make a region of ``X,Y,W,H`` in px; ``expected`` names the accepted forms in the error."""
     try:
         x, y, width, height = (int(part) for part in text.split(","))
+        return make(x_px=x, y_px=y, width_px=width, height_px=height)
     except ValueError as error:
-        raise typer.BadParameter(
-            f"expected {expected}, got {text}", param_hint="--region"
-        ) from error
-    return x, y, width, height
+        raise BadParameter(f"expected {expected}, got {text}", param_hint="--region") from error
 
 
-def refuse_overwriting(
-    outputs: Sequence[Path | None], inputs: Sequence[Path | None] = (), *, force: bool
-) -> None:
-    """Refuse, before any work, a result that would overwrite something.
+EncodingName = Annotated[
+    str,
+    Option(
+        "--encoding",
+        metavar="ENCODING",
+        help="How stored levels follow from light: auto (as the file states, or as is usual for "
+        "its format), linear, srgb or gamma:G.",
+    ),
+]
+ShortEncoding = Annotated[
+    bool | None, Option("--srgb/--linear", help="Short for --encoding srgb and --encoding linear.")
+]
+Page = Annotated[
+    int | None, Option("--page", min=1, help="Which image of a stack to read, from 1.")
+]
+Mean = Annotated[bool, Option("--mean", help="Read a stack as one capture: its mean and variance.")]
 
-    Parameters
-    ----------
-    outputs
-        Every file that the command will write; None for what is not asked for.
-    inputs
-        The files that it reads.
-    force
-        Whether results that are already there may be replaced. Inputs never may.
+
+def reading_options(
+    encoding: str, page: int | None, mean: bool, short: bool | None = None
+) -> ReadOptions:
+    """Return how photographs are read by the values of these options.
 
     Raises
     ------
-    typer.BadParameter
-        If a result is an input or another result.
-    ApplicationError
-        If there is a file at its place already; the message names it.
+    BadParameter, ArgumentError
+        If the encoding is unknown, or two options contradict each other.
     """
-    # Path.resolve raises where symbolic links form a loop; the reader names that better.
-    taken = {realpath(path) for path in inputs if path is not None}
-    results = [path for path in outputs if path is not None]
-    for path in results:
-        if realpath(path) in taken:
-            raise typer.BadParameter(f"{path} is already an input or output; name another file")
-        taken.add(realpath(path))
-    for path in results:
-        if path.is_dir():
-            raise ApplicationError(f"cannot write {path}: it is a folder")
-        if path.exists() and not path.is_file():
-            raise ApplicationError(f"cannot write {path}: it is not a regular file")
-        if lexists(path) and not force:
-            raise ApplicationError(
-                f"{path} exists already; --force replaces it, or name another file"
-            )
+    if short is not None and encoding != "auto":
+        raise BadParameter("give --encoding or its short form, not both", param_hint="--encoding")
+    if mean and page is not None:
+        raise BadParameter("give --page or --mean, not both", param_hint="--mean")
+    if short is not None:
+        encoding = "srgb" if short else "linear"
+    try:
+        return library.reading(encoding, page=page, mean=mean)
+    except ArgumentError as error:
+        raise BadParameter(str(error), param_hint="--encoding") from error
 
 
-def refuse_suffix(path: Path | None, option: str, suffixes: set[str]) -> None:
-    """Refuse a file name whose suffix does not match the format that is written."""
-    if path is not None and path.suffix.lower() not in suffixes:
-        names = " or ".join(sorted(suffixes))
-        raise typer.BadParameter(f"{path} must end in {names}", param_hint=option)
+Workers = Annotated[int, Option("--workers", min=1, help="Worker processes on this machine.")]
+Scheduler = Annotated[
+    str | None, Option("--scheduler", help="Dask scheduler, tcp://HOST:PORT, instead of --workers.")
+]
+PartOfShards = Annotated[
+    str,
+    Option(
+        "--shard",
+        metavar="K/N",
+        help="Do the K-th of N parts only: for jobs of a queue that share the folder of results.",
+    ),
+]
+Strict = Annotated[
+    bool, Option("--strict", help="Stop at the first photograph that gives nothing.")
+]
+
+
+def sweep_options(
+    workers: int, scheduler: str | None, shard: str, *, is_strict: bool
+) -> SweepOptions:
+    """Return what these options ask for.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such part, or both a scheduler and workers are given.
+    """
+    from analysis.sweep import SweepOptions
+
+    if scheduler is not None and workers != 1:
+        raise BadParameter("give --scheduler or --workers, not both", param_hint="--scheduler")
+    found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", shard)
+    part = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not 1 <= part[0] <= part[1]:
+        raise BadParameter(
+            f"expected K/N with K from 1 to N, such as 3/16, got {shard!r}", param_hint="--shard"
+        )
+    return SweepOptions(workers=workers, scheduler=scheduler, part=part, strict=is_strict)
+
+
+ExpectZoom = Annotated[
+    float | None,
+    Option(
+        min=0.05,
+        max=20,
+        metavar="Z",
+        help="Approximate ratio of the distances, follow-up over reference; below 1 if the "
+        "follow-up is nearer.",
+    ),
+]
+PoseHint = Annotated[
+    Path | None,
+    Option(
+        "--homography",
+        metavar="H.json",
+        help="Approximate pose, follow-up to reference pixels; it is refined.",
+    ),
+]
+Points = Annotated[
+    Path | None,
+    Option(
+        metavar="P.csv",
+        help="At least four pairs of points, good to a few pixels, with the header "
+        "followup_x_px,followup_y_px,reference_x_px,reference_y_px.",
+    ),
+]
+Mask = Annotated[
+    Path | None,
+    Option(
+        metavar="M.png", help="Image of the follow-up's size; pixels that are not 0 are left out."
+    ),
+]
+
+_ENOUGH = "each says what the pose is about"
+HINT_RULES = (
+    excludes("expect_zoom", "homography", "points", because=_ENOUGH),
+    excludes("homography", "points", because=_ENOUGH),
+)
+"""Rules for a command with the parameters ``expect_zoom``, ``homography`` and ``points``."""
+
+
+def _checked_threshold(min_dprime: float) -> float:
+    if not 0 < min_dprime < float("inf"):
+        raise BadParameter(f"a threshold must be a number above 0, got {min_dprime:g}")
+    return min_dprime
+
+
+CurvesPath = Annotated[Path, Option(help="curves.json from standoff detectability.")]
+MinDprime = Annotated[
+    float,
+    Option(
+        "--min-dprime",
+        help="Lowest d' that is good enough; 2 is an AUC of 0.92.",
+        callback=_checked_threshold,
+    ),
+]
+CurveModel = Annotated[Model | None, Option(help="Use the curve for this capture model.")]
+CurveObserver = Annotated[Observer | None, Option(help="Use the curve for this observer.")]
+CurveNoise = Annotated[float | None, Option(help="Use the curve for this noise in DN.")]
+CurveContrast = Annotated[float | None, Option(help="Use the curve for this contrast in DN.")]
+
+
+def curve_choice(
+    model: Model | None,
+    observer: Observer | None,
+    noise_dn: float | None,
+    contrast_dn: float | None,
+) -> library.CurveChoice:
+    """Return which curve these options mean."""
+    return library.CurveChoice(
+        model=model, observer=observer, noise_dn=noise_dn, contrast_dn=contrast_dn
+    )

@@ -4,12 +4,13 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
 import typer
+from pydantic import BaseModel
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import (
@@ -31,6 +32,9 @@ NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
 
 PROGRESS_VARIABLE = "STANDOFF_PROGRESS_S"
 """Environment variable: seconds between the plain lines of progress, for whoever reads them."""
+
+UPPER_BOUND = "d' is an upper bound: registration, light, gloss, parallax and defocus only lower it"
+"""What is said beside every verdict on a pose."""
 
 _PLAIN_EVERY_S = 30.0
 _WITHOUT_A_TERMINAL = 10_000
@@ -117,7 +121,11 @@ class ShownProgress:
 
 
 def print_json(document: object) -> None:
-    """Print one JSON document on stdout."""
+    """Print one JSON document on stdout: plain lists, numbers and text, or the model of a file."""
+    if isinstance(document, BaseModel):
+        from calibration.documents import json_object
+
+        document = json_object(document)
     typer.echo(json.dumps(document, indent=1, allow_nan=False))
 
 
@@ -128,17 +136,18 @@ def print_json_file(path: Path) -> None:
             typer.echo(line, nl=False)
 
 
-def say(text: str) -> None:
-    """Print one line of a result for people."""
-    _RESULTS.print(on_one_line(text), markup=False)
+def say(*lines: str) -> None:
+    """Print lines of a result for people."""
+    for line in lines:
+        _RESULTS.print(on_one_line(line), markup=False)
 
 
-def note(text: str) -> None:
-    """Print a remark on stderr that is worth knowing but not an error."""
-    noted = NOTED.get()
-    if noted is not None:
-        noted.append(on_one_line(text))
-    ERRORS.print(f"note: {on_one_line(text)}", markup=False)
+def note(*remarks: str) -> None:
+    """Print remarks on stderr, a line each, that are worth knowing but no errors."""
+    for remark in map(on_one_line, remarks):
+        if (noted := NOTED.get()) is not None:
+            noted.append(remark)
+        ERRORS.print(f"note: {remark}", markup=False)
 
 
 def note_once(remarks: Iterable[str]) -> None:
@@ -164,7 +173,11 @@ def say_error(text: object) -> None:
 
 
 def print_table(
-    title: str, columns: list[str], rows: list[list[str]], *, ends_in_words: bool = False
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    ends_in_words: bool = False,
 ) -> None:
     """Print a table; the first column is text and wraps if space is short, the others numbers.
 
@@ -174,10 +187,9 @@ def print_table(
     # Names of files and folders may contain brackets, which are not markup.
     table = Table(title=Text(on_one_line(title)), title_justify="left", title_style="bold")
     for index, column in enumerate(columns):
-        if index == 0 or (ends_in_words and index == len(columns) - 1):
-            table.add_column(Text(column), justify="left", overflow="fold")
-        elif ends_in_words:
-            table.add_column(Text(column), justify="right", overflow="fold")
+        is_text = index == 0 or (ends_in_words and index == len(columns) - 1)
+        if is_text or ends_in_words:
+            table.add_column(Text(column), justify="left" if is_text else "right", overflow="fold")
         else:
             widest = max((len(row[index]) for row in rows), default=0)
             table.add_column(

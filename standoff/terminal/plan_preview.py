@@ -21,7 +21,7 @@ def frame_shape_of(bench: BenchConfig) -> tuple[int, int] | None:
     return None
 
 
-def preview_lines(estimate: PlanEstimate, out: Path) -> list[str]:
+def preview_line(estimate: PlanEstimate, out: Path) -> str:
     """Captures, time and disk use in words."""
     placing = f"{estimate.placements} placements" if estimate.placements != 1 else "1 placement"
     room = f"{_free_bytes(out) / 1e6:.0f} MB free"
@@ -29,10 +29,10 @@ def preview_lines(estimate: PlanEstimate, out: Path) -> list[str]:
         disk = f"disk use depends on the camera's frame ({room})"
     else:
         disk = f"{estimate.bytes_ / 1e6:.0f} MB on disk ({room})"
-    return [
+    return (
         f"{estimate.captures} captures, {placing}: about {time_text(estimate.seconds)} "
         f"plus the operator's own time; {disk}"
-    ]
+    )
 
 
 def time_text(seconds: float) -> str:

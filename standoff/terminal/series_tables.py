@@ -4,93 +4,72 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import typer
+from typer import BadParameter
 
 from standoff.errors import ApplicationError
 from standoff.terminal.output import note, print_json, print_table, say
 
 if TYPE_CHECKING:
+    from analysis.results_file import StoredValues
     from analysis.sweep import SweepOptions, SweepSummary
+    from standoff.library import SeriesResult
 
-Listed = TypeVar("Listed")
+Listed = TypeVar("Listed", bound="StoredValues")
 
 
 def refuse_sweep_of_one(options: SweepOptions) -> None:
     """Refuse options that have no meaning for one photograph; one worker does for it."""
-    for option, is_given in (
-        ("--scheduler", options.scheduler is not None),
-        ("--shard", options.part != (1, 1)),
-    ):
-        if is_given:
-            raise typer.BadParameter(f"{option} needs several follow-ups, or a folder of them")
+    given = {"--scheduler": options.scheduler is not None, "--shard": options.part != (1, 1)}
+    for option in (name for name, is_given in given.items() if is_given):
+        raise BadParameter(f"{option} needs several follow-ups, or a folder of them")
 
 
 def print_few(
-    titles: tuple[str, str, str],
-    columns: list[str],
-    cells: Callable[[Listed], list[str]],
-    first: Sequence[Listed],
-    worst: Sequence[Listed],
+    columns: Sequence[str],
+    cells: Callable[[Listed], Sequence[str]],
+    found: SeriesResult[Any, Listed],
+    title_of_worst: str,
 ) -> None:
-    """Print a table of all, or tables of the first and of the worst few of many.
-
-    Parameters
-    ----------
-    titles
-        Of the table of all, of the first ones, and of the worst.
-    columns, cells
-        Names of the columns, and the cells of a line.
-    first, worst
-        All and none, or the first and the worst few.
-    """
-    whole, begin, end = titles
-    print_table(begin if worst else whole, columns, [cells(one) for one in first])
-    if worst:
-        print_table(end, columns, [cells(one) for one in worst])
+    """Print a table of all follow-ups, or tables of the first and of the worst few of many."""
+    title = "First follow-ups" if found.worst else "Follow-ups"
+    print_table(title, columns, [cells(one) for one in found.first])
+    if found.worst:
+        print_table(title_of_worst, columns, [cells(one) for one in found.worst])
 
 
 def say_part(out: Path, sweep: SweepSummary, options: SweepOptions, *, json: bool) -> None:
     """Tell of one of several parts, while others are not done."""
     shard = f"{options.part[0]}/{options.part[1]}"
     if json:
-        print_json(
-            {"out": str(out), "shard": shard, "images": sweep.images, "refused": sweep.refused}
+        counts = {"images": sweep.images, "refused": sweep.refused}
+        print_json({"out": str(out), "shard": shard, **counts})
+    else:
+        say(
+            f"part {shard}: {sweep.images} follow-ups done, {sweep.refused} refused "
+            f"({sweep.found_done} already done); the part that ends last writes the tables"
         )
-        return
-    say(
-        f"part {shard}: {sweep.images} follow-ups done, {sweep.refused} refused "
-        f"({sweep.found_done} already done); the part that ends last writes the tables"
-    )
 
 
 def report_refused(sweep: SweepSummary, given: str) -> None:
-    """End with the number of refused photographs, if there are any, and note the first ones.
+    """End with the number of refused follow-ups, if there are any; ``given`` is of the others."""
+    images = sweep.images + sweep.refused
+    is_cut = sweep.refused > len(sweep.refused_lines)
+    listed = f" ({sweep.refused_list} lists them)" if is_cut else ""
+    end_refused(sweep, f"{sweep.refused} of {images} follow-ups gave nothing{listed}; {given}")
 
-    Parameters
-    ----------
-    sweep
-        Counts and lines.
-    given
-        What the others gave, as the end of a sentence.
+
+def end_refused(sweep: SweepSummary, sentence: str) -> None:
+    """End with a sentence on the refused photographs, if there are any.
 
     Raises
     ------
     ApplicationError
-        If a photograph was refused.
+        If a photograph was refused; it says why, and remarks say it for the first of several.
     """
-    if not sweep.refused:
-        return
     if sweep.refused == 1:
-        why = f"{sweep.refused_lines[0]}; "
-    else:
-        why = ""
-        for line in sweep.refused_lines:
-            note(line)
-    images = sweep.images + sweep.refused
-    is_cut = sweep.refused > len(sweep.refused_lines)
-    listed = f" ({sweep.refused_list} lists them)" if is_cut else ""
-    raise ApplicationError(
-        f"{why}{sweep.refused} of {images} follow-ups gave nothing{listed}; {given}"
-    )
+        raise ApplicationError(f"{sweep.refused_lines[0]}; {sentence}")
+    note(*sweep.refused_lines)
+    if sweep.refused:
+        raise ApplicationError(sentence)

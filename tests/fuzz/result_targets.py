@@ -15,6 +15,7 @@ from analysis.detectability.curves import read_curves
 from analysis.detectability.sums import ArtefactSums, SumsFile, sums_bytes
 from analysis.errors import ResultsFileError
 from analysis.pose.quality import read_pose
+from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from analysis.sweep import ShardDone
 from analysis.validation.document import read_validation
 from analysis.validation.kernel_cache import KernelCache
@@ -32,8 +33,7 @@ from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import HintError
-from standoff.library.comparison.point_table import read_points
-from standoff.library.sr_pairs.record import ImageRecord, PairRecord, ShardRecord
+from standoff.library.comparison.alignment_hints import read_points
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file

@@ -17,14 +17,14 @@ from acquisition.session.manifest import Manifest
 from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
 from analysis.changes import ChangeOptions, find_changes
 from analysis.errors import AnalysisError
+from analysis.sr_dataset.record import ShardRecord
 from calibration.errors import NoiseFileError, PsfFileError, RegistrationError
 from calibration.files import read_noise, read_psf
 from calibration.registration import DistortedPose, RegistrationHints, register
 from simulation import GaussianPsf, simulate_pose
 from simulation.capture_noise import CaptureNoise
 from standoff.errors import ImageFileError
-from standoff.library.comparison.point_table import read_points
-from standoff.library.sr_pairs.record import ShardRecord
+from standoff.library.comparison.alignment_hints import read_points
 from tests.acquisition.session_fixtures import writer
 from tests.fuzz.damage import DEEP
 from tests.fuzz.result_targets import MAPS, NOISE, PSF, damaged_map, read_kernel

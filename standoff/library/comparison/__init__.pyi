@@ -1,10 +1,8 @@
 from .alignment_hints import (
     AlignmentHints as AlignmentHints,
-    HintFiles as HintFiles,
     alignment_hints as alignment_hints,
     hint_files as hint_files,
     hint_settings as hint_settings,
-    read_hints as read_hints,
 )
 from .change_search import (
     CHANGE_FILES as CHANGE_FILES,

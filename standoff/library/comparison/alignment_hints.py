@@ -9,17 +9,20 @@ import numpy as np
 
 from acquisition.printable import on_one_line
 from calibration.files import read_homography
-from calibration.registration import FeatureMatches, Homography, RegistrationHints
-from simulation.arrays import BoolArray
-from standoff.errors import HintError
-from standoff.library.comparison.point_table import (
-    read_points,
-    refuse_points_outside,
+from calibration.registration import (
+    FeatureMatches,
+    Homography,
+    RegistrationHints,
+    parse_points,
 )
+from simulation.arrays import BoolArray, FloatArray
+from standoff.errors import HintError
 from standoff.library.inputs import FilePath
-from standoff.photographs import LINEAR, Photograph, ReadOptions, read_image
+from standoff.photographs import LINEAR, Photograph, ReadOptions, read_file, read_image
 
 _AS_NUMBERS = ReadOptions(encoding=LINEAR)
+_MOST_TABLE_BYTES = 16 << 20
+"""Twice the four numbers of the most points, written out in full."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,8 +99,8 @@ class AlignmentHints:
             )
         if self.points is not None:
             table = _shown(self.files.points)
-            refuse_points_outside(self.points.followup_px, followup, table, name)
-            refuse_points_outside(self.points.reference_px, reference, table, "the reference")
+            _refuse_points_outside(self.points.followup_px, followup, table, name)
+            _refuse_points_outside(self.points.reference_px, reference, table, "the reference")
         zoom = self.files.zoom
         matrix = None if self.homography is None else self.homography.matrix
         if zoom is None and matrix is None and self.points is None and self.left_out is None:
@@ -157,23 +160,31 @@ def alignment_hints(
         points=None if points is None else Path(points),
         mask=None if mask is None else Path(mask),
     )
-    return None if given == HintFiles() else read_hints(given)
+    if given == HintFiles():
+        return None
+    return AlignmentHints(
+        files=given,
+        homography=None if given.homography is None else read_homography(given.homography),
+        points=None if given.points is None else read_points(given.points),
+        left_out=None if given.mask is None else read_mask(given.mask),
+    )
 
 
-def read_hints(files: HintFiles) -> AlignmentHints:
-    """Read the files that the command line names.
+def read_points(path: Path) -> FeatureMatches:
+    """Read pairs of points.
 
     Raises
     ------
-    HintError, CalibrationError
-        If one cannot be read, or does not say what it should.
+    HintError, ImageFileError
+        If the file cannot be read, or is no table of at least four pairs of distinct points.
     """
-    return AlignmentHints(
-        files=files,
-        homography=None if files.homography is None else read_homography(files.homography),
-        points=None if files.points is None else read_points(files.points),
-        left_out=None if files.mask is None else read_mask(files.mask),
-    )
+    name = on_one_line(path)
+    try:
+        return parse_points(read_file(path, _MOST_TABLE_BYTES).decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise HintError(f"{name}: not a table of text in UTF-8") from error
+    except ValueError as error:
+        raise HintError(f"{name}: {error}") from error
 
 
 def read_mask(path: Path) -> BoolArray:
@@ -216,6 +227,20 @@ def white_level_dn(photograph: Photograph, stated: float | None) -> float | None
     encoding = photograph.encoding
     level = np.full((1, 1, max(len(encoding.curves), 1)), float(stated))
     return float(encoding.decode(level, photograph.white_dn).max())
+
+
+def _refuse_points_outside(
+    points_px: FloatArray, shape: tuple[int, int], name: str, photograph: str
+) -> None:
+    """Check that points ``(x, y)``, shape (n, 2), lie in a photograph of ``(rows, cols)``."""
+    rows, cols = shape
+    is_outside = np.any((points_px < -0.5) | (points_px > [cols - 0.5, rows - 0.5]), axis=1)
+    if is_outside.any():
+        x_px, y_px = points_px[is_outside][0]
+        raise HintError(
+            f"{name}: the point {x_px:g}, {y_px:g} lies outside {photograph}, which has "
+            f"{cols} x {rows} px"
+        )
 
 
 def _shown(path: Path | None) -> str:

@@ -1,9 +1,6 @@
 """Finds what changed between two photograph files, and writes a list and maps of the changes."""
 
-import csv
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from io import StringIO
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -11,14 +8,19 @@ from typing import Any
 import numpy as np
 
 from analysis.changes import (
-    Change,
     ChangeOptions,
     ChangeResult,
+    change_table,
     find_changes as changes_between,
 )
 from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError
-from analysis.reports import plot_changes
+from analysis.reports import (
+    compared_pictures,
+    plot_changes,
+    render_changes_report,
+    view_figures,
+)
 from analysis.results_file import write_results
 from calibration.documents import json_object
 from calibration.errors import CalibrationError
@@ -28,7 +30,6 @@ from simulation.arrays import BoolArray, Float32Array
 from simulation.choices import PsfShape
 from standoff.library.call import Call, Progress
 from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files, white_level_dn
-from standoff.library.comparison.change_page import page_of_changes
 from standoff.library.files import (
     make_folder,
     write_figure,
@@ -107,7 +108,16 @@ class ComparedPhotographs(ChangeResult):
 
     def page(self) -> str:
         """Return the report as one HTML document."""
-        return page_of_changes(self.reference, self.followup, self, self.summary, self.left_out)
+        rows, cols = self.followup_dn.shape
+        pictures = compared_pictures(self.reference.grey_dn, self, self.left_out)
+        return render_changes_report(
+            self.summary,
+            view_figures(pictures, self.summary.changes, (cols, rows)),
+            tuple(
+                (f"{when}, taken", photograph.facts.taken or "not stated")
+                for when, photograph in (("before", self.reference), ("after", self.followup))
+            ),
+        )
 
     def write_report(self, path: FilePath) -> None:
         """Write the report, HTML or PDF.
@@ -295,12 +305,3 @@ def write_changes(out: Path, found: ComparedPhotographs) -> None:
     write_file(out / "changes.csv", change_table(found.summary.changes))
     write_file(out / "report.html", found.page().encode("utf-8"))
     write_results(out / "changes.json", found.summary)
-
-
-def change_table(changes: Sequence[Change]) -> bytes:
-    """Return the list of changes as CSV, a line a change."""
-    text = StringIO(newline="")
-    writer = csv.DictWriter(text, list(Change.model_fields), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(change.model_dump() for change in changes)
-    return text.getvalue().encode("utf-8")

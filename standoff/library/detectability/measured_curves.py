@@ -1,10 +1,9 @@
 """Measures curves of d' against zoom on many photographs, and draws them."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
 from os import PathLike
 from pathlib import Path
 
@@ -21,14 +20,13 @@ from analysis.detectability import (
     SweepSums,
     curves_of,
 )
-from analysis.errors import RefusedPhotographError
 from analysis.reports import plot_detectability
 from analysis.results_file import write_results
-from analysis.sweep import Manifest, SweepOptions, SweepSummary, run_sweep, sorted_lines
+from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep
 from simulation import Psf
 from simulation.capture_noise import CaptureNoise
 from simulation.choices import PsfShape
-from standoff.errors import ApplicationError, ArgumentError, ImageFileError
+from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.files import each_image, write_figure, written_together
 from standoff.library.inputs import (
@@ -37,9 +35,11 @@ from standoff.library.inputs import (
     NoiseLike,
     PsfLike,
     camera_noise,
+    listed_paths,
     path_of,
 )
 from standoff.library.psf import camera_psf
+from standoff.library.swept_photographs import refusing
 from standoff.photographs import Inputs, ReadOptions, read_image
 
 _MOST_INPUTS = 10_000
@@ -159,8 +159,7 @@ def measure_curves(
         psf=None if psf is None else camera_psf(call, psf, transfer),
         noise=camera_noise(noise),
     )
-    listed = [images] if isinstance(images, str | PathLike) else images
-    paths = each_image(path_of(image, "images") for image in listed)
+    paths = each_image(listed_paths(images, "images"))
     folder = path_of(state, "state").absolute()
     measured = _measured(call, paths, folder, asked, sweep or SweepOptions())
     if measured.curves is None:
@@ -201,10 +200,7 @@ def _measured(
     with Manifest(images, state) as manifest:
         plan = replace(asked.task.plan(asked.psf, len(manifest)), reading=str(inputs.options))
         work = ArtefactWork(plan=plan, load=partial(_scene, inputs.options), folder=state)
-        with call.bar("measuring images", len(manifest)) as advance_to:
-            summary = run_sweep(manifest, work, options, advance_to)
-        for sentence in summary.notes:
-            call.announce(sentence)
+        summary = announced_sweep(call, "measuring images", manifest, work, options)
         if options.part[1] > 1:
             return MeasuredCurves(curves=None, photographs=summary)
         if summary.images == 0:
@@ -212,7 +208,7 @@ def _measured(
         sums = SweepSums(manifest, work)
         sums.drop_others(state)
     _list_inputs(sums, inputs, state)
-    copies = _list_copies(sums, state)
+    copies = sums.list_copies(state / _COPIES_NAME)
     task = asked.task_on(sums)
     with call.bar("computing d'", len(task.models)) as advance_to:
         curves = curves_of(sums.artefacts, sums.images, plan, task, advance_to)
@@ -225,17 +221,14 @@ def _measured(
 
 
 def _scene(options: ReadOptions, path: Path) -> SceneImage:
-    try:
+    with refusing():
         photograph = read_image(path, options)
-        grey_dn = photograph.grey_dn
-    except ImageFileError as error:
-        raise RefusedPhotographError(str(error)) from error
-    return SceneImage(
-        grey_dn=grey_dn,
-        sha256=photograph.sha256 or "",
-        encoding=photograph.encoding.name,
-        notes=photograph.remarks,
-    )
+        return SceneImage(
+            grey_dn=photograph.grey_dn,
+            sha256=photograph.sha256 or "",
+            encoding=photograph.encoding.name,
+            notes=photograph.remarks,
+        )
 
 
 def _list_inputs(sums: SweepSums, inputs: Inputs, state: Path) -> None:
@@ -253,27 +246,6 @@ def _list_inputs(sums: SweepSums, inputs: Inputs, state: Path) -> None:
             file.write(f"{one.sha256}  {one.path}\n")
     for encoding in sorted(encodings):
         inputs.add_known(str(listed), file_sha256(listed), encoding)
-
-
-def _list_copies(sums: SweepSums, state: Path) -> int:
-    """List the photographs with the content of another one; each counts as often as it comes."""
-    lines = (f"{one.sha256}  {one.path}\n".encode() for one in sums.photographs())
-    copies = 0
-    listed = state / _COPIES_NAME
-    with listed.open("wb") as file:
-        for same in _of_one_content(sorted_lines(lines, state)):
-            copies += len(same) - 1
-            file.writelines(same)
-    if copies == 0:
-        listed.unlink()
-    return copies
-
-
-def _of_one_content(lines: Iterable[bytes]) -> Iterator[list[bytes]]:
-    for _, same in groupby(lines, lambda line: line.partition(b" ")[0]):
-        found = list(same)
-        if len(found) > 1:
-            yield found
 
 
 def curve_figure_paths(out: Path) -> list[Path]:

@@ -1,9 +1,6 @@
-from .figure_files import write_figure as write_figure
 from .image_files import (
     each_image as each_image,
-    expanded_images as expanded_images,
     image_files_in as image_files_in,
-    tiff_bytes as tiff_bytes,
     write_float_tiff as write_float_tiff,
     write_mask as write_mask,
 )
@@ -15,4 +12,4 @@ from .output_files import (
     write_file as write_file,
     written_together as written_together,
 )
-from .pages import write_page as write_page
+from .report_files import write_figure as write_figure, write_page as write_page

@@ -1,38 +1,17 @@
 """Finds the images of a folder, and writes simulated images and masks."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from io import BytesIO
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
-import tifffile
 
 from acquisition.session import atomic_write
+from analysis.float_tiff import tiff_bytes
 from simulation.arrays import BoolArray, Float32Array
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.photographs import IMAGE_SUFFIXES
-
-
-def expanded_images(paths: Sequence[Path]) -> list[Path]:
-    """Replace each folder by the images in it, sorted by name.
-
-    Raises
-    ------
-    ApplicationError
-        If a folder holds no image, or cannot be read.
-    """
-    files: list[Path] = []
-    for path in paths:
-        if not path.is_dir():
-            files.append(path)
-            continue
-        inside = image_files_in(path)
-        if not inside:
-            raise ApplicationError(f"{path}: the folder holds no image")
-        files += inside
-    return files
 
 
 def each_image(paths: Iterable[Path]) -> Iterator[Path]:
@@ -82,10 +61,7 @@ def write_float_tiff(path: Path, image: Float32Array, description: str) -> None:
     ImageFileError
         If the file cannot be written.
     """
-    try:
-        atomic_write(path, tiff_bytes(image, description))
-    except OSError as error:
-        raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
+    _write(path, tiff_bytes(image, description))
 
 
 def write_mask(path: Path, mask: BoolArray) -> None:
@@ -96,22 +72,11 @@ def write_mask(path: Path, mask: BoolArray) -> None:
     ImageFileError
         If the file cannot be written.
     """
-    data = cv2.imencode(".png", mask.astype(np.uint8) * np.uint8(255))[1].tobytes()
+    _write(path, cv2.imencode(".png", mask.astype(np.uint8) * np.uint8(255))[1].tobytes())
+
+
+def _write(path: Path, data: bytes) -> None:
     try:
         atomic_write(path, data)
     except OSError as error:
         raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
-
-
-def tiff_bytes(image: Float32Array, description: str) -> bytes:
-    """Return a float32 TIFF, grey or RGB, as the bytes of its file."""
-    buffer = BytesIO()
-    tifffile.imwrite(
-        buffer,
-        np.ascontiguousarray(image, dtype=np.float32),
-        photometric="rgb" if image.ndim == 3 else "minisblack",
-        # TIFF has no other letters, though names of files do.
-        description=description.encode("ascii", "backslashreplace").decode("ascii"),
-        metadata=None,
-    )
-    return buffer.getvalue()

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from acquisition.bench import BenchConfig, BenchDevices
+from acquisition.bench import BenchConfig
 from acquisition.capture import CaptureProgress, RunOperator, run_plan
 from acquisition.plan import CapturePlan, plan_entries
 from standoff.errors import ApplicationError
-from standoff.library.bench import open_bench, place_in_simulation
+from standoff.library.bench import devices_of, open_bench, place_in_simulation
 from standoff.library.call import Call
 
 
@@ -36,8 +36,6 @@ def capture_simulated(
         run_plan(
             path,
             plan,
-            BenchDevices(
-                config=config, camera=devices.camera, stage=devices.stage, clock=devices.clock
-            ),
+            devices_of(devices, config),
             RunOperator(name=operator, place=place_in_simulation(devices.simulated), progress=show),
         )

@@ -1,7 +1,5 @@
 from .pose_work import (
     JudgedPose as JudgedPose,
-    PoseDemand as PoseDemand,
-    beyond_curve_sentence as beyond_curve_sentence,
     judge_pose as judge_pose,
 )
 from .series import (

@@ -6,6 +6,7 @@ from typing import Any
 
 from acquisition.printable import on_one_line
 from analysis.change_series import ComparedFollowup
+from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
 from simulation.choices import PsfShape
@@ -18,14 +19,12 @@ from standoff.library.comparison import (
     write_changes,
 )
 from standoff.library.files import make_folder
-from standoff.library.series.folder_names import FolderNames
-from standoff.library.series.record import FollowupRecord
-from standoff.library.series.work import FollowupWork, Written
+from standoff.library.swept_photographs import refusing
 from standoff.photographs import Photograph
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChangeWork(FollowupWork[ComparedPhotographs]):
+class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
     """Finds the changes of follow-ups.
 
     Parameters
@@ -64,7 +63,8 @@ class ChangeWork(FollowupWork[ComparedPhotographs]):
     def find(self, near: Photograph, photograph: Photograph) -> ComparedPhotographs:
         """Find the changes of one follow-up."""
         psf = self._field_for(near, photograph) or self.psf
-        return compared(near, photograph, psf, self.rules)
+        with refusing():
+            return compared(near, photograph, psf, self.rules)
 
     def write(self, photograph: Photograph, found: ComparedPhotographs) -> Written:
         """Write the folder of one follow-up."""

@@ -9,6 +9,7 @@ from acquisition.printable import on_one_line
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice, DetectabilityCurve
 from analysis.errors import AnalysisError
+from analysis.followup_series import FollowupWork, Written
 from analysis.pose import JudgedFollowup, PoseQuality, PoseSummary, judge_pose as pose_quality
 from analysis.reports import plot_pose
 from calibration.errors import CalibrationError
@@ -21,7 +22,7 @@ from standoff.library.detectability import CurveLike, given_curve
 from standoff.library.files import write_figure
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, path_of
 from standoff.library.psf import camera_psf
-from standoff.library.series.work import FollowupWork, Written
+from standoff.library.swept_photographs import refusing
 from standoff.photographs import Photograph, ReadOptions
 
 if TYPE_CHECKING:
@@ -160,7 +161,7 @@ def judge_pose(
     for warning in found.warnings:
         call.announce(warning)
     if found.quality.beyond_curve:
-        call.note(beyond_curve_sentence(found.quality))
+        call.note(found.quality.beyond_curve_sentence)
     return replace(found, provenance=call.provenance(), notes=call.notes)
 
 
@@ -211,7 +212,7 @@ def _prepared(near: Photograph) -> RegistrationReference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseWork(FollowupWork[JudgedPose]):
+class PoseWork(FollowupWork[Photograph, JudgedPose]):
     """Judges the poses of follow-ups by one curve."""
 
     listed = JudgedFollowup
@@ -231,21 +232,14 @@ class PoseWork(FollowupWork[JudgedPose]):
 
     def find(self, near: Photograph, photograph: Photograph) -> JudgedPose:
         """Judge one follow-up."""
-        return judged_pose(near, photograph, self.demand)
+        with refusing():
+            return judged_pose(near, photograph, self.demand)
 
     def write(self, photograph: Photograph, found: JudgedPose) -> Written:
         """Return the verdict; there is nothing but the commit to write."""
         name, quality = on_one_line(photograph.path), found.quality
         notes = {f"warning {k}": f"{name}: {text}" for k, text in enumerate(found.warnings)}
         if quality.beyond_curve:
-            notes["beyond"] = f"{name}: {beyond_curve_sentence(quality)}"
+            notes["beyond"] = f"{name}: {quality.beyond_curve_sentence}"
         row = JudgedFollowup.of(name, photograph.sha256, found.summary)
         return Written(row=row.model_dump(mode="json"), notes=notes)
-
-
-def beyond_curve_sentence(quality: PoseQuality) -> str:
-    """Say how much of the overlap the curve does not reach."""
-    return (
-        f"{100 * quality.beyond_curve:.0f} % of the overlap lies beyond the curve's zoom of "
-        f"{quality.curve.zoom[-1]:g}; its d' is taken as 0"
-    )

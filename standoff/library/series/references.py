@@ -1,67 +1,40 @@
 """What follow-ups are compared with: one reference for all, or one of the same stem for each."""
 
 import os
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Self
 
 from acquisition.printable import on_one_line
+from analysis.followup_series import References
 from analysis.sweep import SweepItem
 from simulation.arrays import FloatArray
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.library.files import each_image
+from standoff.library.swept_photographs import refusing
 from standoff.photographs import Inputs, Photograph, ReadOptions, read_image
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class References(ABC):
-    """Finds the reference of a follow-up, in any process.
+class _PhotographReferences(References[Photograph]):
+    """References and follow-ups that are read from image files, all in the way of ``reading``."""
 
-    Parameters
-    ----------
-    path
-        The reference, or the folder of references, absolute.
-    name
-        The same as it was named by the user, for people.
-    reading
-        How references are read, and follow-ups too.
-    kinds
-        Kinds of remarks that were made already.
-    """
-
-    path: Path
-    name: str
     reading: ReadOptions
-    kinds: frozenset[str] = frozenset()
-
-    @abstractmethod
-    def of(self, followup: Path) -> Photograph:
-        """Read the reference of a follow-up.
-
-        Raises
-        ------
-        ImageFileError
-            If it cannot be read.
-        """
 
     @property
-    def shared_dn(self) -> FloatArray | None:
-        """Grey levels of the reference that all share; None where each has its own."""
-        return None
+    def how_read(self) -> str:
+        """The options of reading."""
+        return str(self.reading)
 
-    @abstractmethod
-    def name_for(self, followup: Path) -> str | None:
-        """Name the reference of this follow-up alone; None where all share one."""
-
-    @abstractmethod
-    def state_for(self, followup: Path) -> str:
-        """Say what may change of the reference of this follow-up alone, as text."""
+    def followup(self, path: Path) -> Photograph:
+        """Read a follow-up."""
+        with refusing():
+            return read_image(path, self.reading)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OneReference(References):
+class OneReference(_PhotographReferences):
     """The photograph that all follow-ups are compared with; every process reads it once.
 
     ``shape`` is ``(rows, cols)``; ``sha256`` must be the same for every process.
@@ -94,7 +67,7 @@ class OneReference(References):
         return _same_photograph(self)
 
     @property
-    def shared_dn(self) -> FloatArray:
+    def grey_dn(self) -> FloatArray:
         """Grey levels of the one reference."""
         return _same_photograph(self).grey_dn
 
@@ -120,7 +93,7 @@ def _same_photograph(reference: OneReference) -> Photograph:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReferenceFolder(References):
+class ReferenceFolder(_PhotographReferences):
     """A folder with a reference of the same stem for each follow-up."""
 
     @classmethod
@@ -131,7 +104,8 @@ class ReferenceFolder(References):
 
     def of(self, followup: Path) -> Photograph:
         """Read the reference of the follow-up's stem."""
-        return read_image(self._partner(followup), self.reading)
+        with refusing():
+            return read_image(self._partner(followup), self.reading)
 
     def name_for(self, followup: Path) -> str:
         """Name the reference of the follow-up's stem."""

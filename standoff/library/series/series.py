@@ -1,21 +1,31 @@
-"""Runs a series of follow-ups on the sweep engine, and writes its tables."""
+"""Many follow-ups compared with one reference or one each, or their poses judged."""
 
-import json
 import os
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from heapq import nlargest
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import chain, islice
-from os import PathLike
 from pathlib import Path
-from typing import Any, Generic, TypeVar
 
-from analysis.change_series import ChangesSeries, ComparedFollowup
+from analysis.change_series import ChangesSeries, ComparedFollowup, time_line_of
 from analysis.choices import FALSE_ALARMS, Criterion
 from analysis.detectability import CurveChoice
+from analysis.followup_series import (
+    STATE_NAME,
+    SUMMARY_NAME,
+    CommittedRows,
+    FolderNames,
+    References,
+    Row,
+    SeriesResult as SeriesResult,
+    SeriesTables,
+    is_refused,
+    run_series,
+)
 from analysis.pose import JudgedFollowup, PoseSeries
-from analysis.results_file import ResultsDocument, StoredValues
-from analysis.sweep import Manifest, SweepOptions, SweepSummary, run_sweep
+from analysis.reports import render_series_report
+from analysis.results_file import write_results
+from analysis.sweep import Manifest, SweepOptions
+from simulation.arrays import FloatArray
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
@@ -26,29 +36,15 @@ from standoff.library.comparison import (
     hint_files,
 )
 from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.files import each_image
-from standoff.library.inputs import FilePath, NoiseLike, PsfLike, path_of
+from standoff.library.files import each_image, write_file, write_page
+from standoff.library.inputs import FilePath, NoiseLike, PsfLike, listed_paths, path_of
 from standoff.library.psf import psf_and_field
 from standoff.library.series.change_work import ChangeWork
-from standoff.library.series.folder_names import FolderNames
 from standoff.library.series.pose_work import PoseDemand, PoseWork, registration_psf
-from standoff.library.series.references import (
-    OneReference,
-    ReferenceFolder,
-    References,
-    pair_by_stem,
-)
-from standoff.library.series.rows import CommittedRows, Row
-from standoff.library.series.tables import write_csv, write_summary
-from standoff.library.series.time_line import (
-    PAGE_NAME,
-    TIME_LINE_NAME,
-    write_series_page,
-)
-from standoff.library.series.work import STATE_NAME, FollowupWork
-from standoff.photographs import ReadOptions
+from standoff.library.series.references import OneReference, ReferenceFolder, pair_by_stem
+from standoff.photographs import Photograph, ReadOptions
 
-SUMMARY_NAME = "summary.json"
+TIME_LINE_NAME, PAGE_NAME = "series.json", "report.html"
 CHANGES_TABLE, POSES_TABLE = "changes.csv", "poses.csv"
 FILES_OF_SERIES = (SUMMARY_NAME, CHANGES_TABLE, TIME_LINE_NAME, PAGE_NAME)
 """Written at the end, in the folder that holds those of the follow-ups."""
@@ -56,61 +52,10 @@ FILES_OF_SERIES = (SUMMARY_NAME, CHANGES_TABLE, TIME_LINE_NAME, PAGE_NAME)
 FILES_OF_POSE_SERIES = (SUMMARY_NAME, POSES_TABLE)
 """The same, where poses are judged."""
 
-_SHOWN_WHOLE, _SHOWN_OF_MANY = 20, 5
+_TIME_LINE_MOST = 500
+"""Follow-ups of a time line: it says something of every track in every follow-up."""
 
-Listed = TypeVar("Listed", bound=StoredValues)
-Document = TypeVar("Document", bound=ResultsDocument)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Series:
-    """The call at work, where the results go, and who works."""
-
-    call: Call
-    out: Path
-    sweep: SweepOptions
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SeriesResult(Generic[Document, Listed]):
-    """What a series gave.
-
-    Parameters
-    ----------
-    sweep
-        Counts of this run and of earlier ones, for its part.
-    summary
-        Where the whole is written.
-    document
-        The summary without its follow-ups; None while other parts are not done.
-    first, worst
-        Every follow-up and none, or, of many, the first and the worst few.
-    """
-
-    sweep: SweepSummary
-    summary: Path
-    document: Document | None = None
-    first: tuple[Listed, ...] = ()
-    worst: tuple[Listed, ...] = ()
-    notes: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the whole summary, as ``--json`` prints it; it must fit into memory."""
-        summary: dict[str, Any] = json.loads(self.summary.read_bytes())
-        return summary
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Tables(Generic[Document, Listed]):
-    """How a series is told: table, order of the worst lines, document, other files and writer."""
-
-    table: str
-    columns: tuple[str, ...]
-    listed: Callable[[Row], Listed]
-    badness: Callable[[Row], float]
-    document: Callable[[CommittedRows], Document]
-    others: tuple[str, ...] = ()
-    finish: Callable[[CommittedRows, Document], None] = lambda rows, document: None
+_ON_PAGE_MOST = 1000
 
 
 def holds_series(out: Path, table: str) -> bool:
@@ -176,7 +121,9 @@ def find_changes_of_series(
     Raises
     ------
     ApplicationError, CalibrationError
-        If reference or PSF cannot be read, or results not be written.
+        If reference or PSF cannot be read.
+    ApplicationError, ResultsFileError
+        If results cannot be written.
     SweepError
         If no worker is fit, or, when strict, a follow-up is refused.
 
@@ -187,11 +134,12 @@ def find_changes_of_series(
     """
     call = Call("find_changes_of_series", progress, reading, (psf, noise, *hint_files(hints)))
     rules = comparison_rules(noise, false_alarms, false_discovery_rate, hints, white_level)
-    series = _Series(call=call, out=path_of(out, "out"), sweep=sweep or SweepOptions())
-    first, given = path_of(reference, "reference"), _listed(followups)
+    folder = path_of(out, "out")
+    first, given = path_of(reference, "reference"), tuple(listed_paths(followups, "followups"))
     page = None if report is None else path_of(report, "report")
     known, field = (None, None) if psf is None else psf_and_field(call, psf, "matched", transfer)
-    references: References
+    references: References[Photograph]
+    shared = None
     unpaired: tuple[str, ...] = ()
     if first.is_dir():
         _refuse_pairs(first, given)
@@ -199,11 +147,11 @@ def find_changes_of_series(
         unpaired, named = paired.unpaired, iter(paired.followups)
         references = ReferenceFolder.at(first, call.inputs.options)
     else:
-        references = OneReference.read(first, call.inputs)
-        named = _followups(given, references)
-    with Manifest(named, series.out / STATE_NAME) as manifest:
+        references = shared = OneReference.read(first, call.inputs)
+        named = _followups(given, shared)
+    with Manifest(named, folder / STATE_NAME) as manifest:
         work = ChangeWork(
-            out=_absolute(series.out),
+            out=_absolute(folder),
             references=references,
             provenance=call.provenance(),
             psf=known,
@@ -214,7 +162,7 @@ def find_changes_of_series(
         )
 
         def document(rows: CommittedRows) -> ChangesSeries:
-            refused = rows.count(_is_refused)
+            refused = rows.count(is_refused)
             return ChangesSeries(
                 reference=references.name,
                 compared=len(manifest) - refused,
@@ -224,18 +172,19 @@ def find_changes_of_series(
                 provenance=work.provenance,
             )
 
-        tables = _Tables(
+        tables = SeriesTables(
+            out=folder,
             table=CHANGES_TABLE,
             columns=tuple(ComparedFollowup.model_fields),
             listed=ComparedFollowup.model_validate,
             badness=lambda row: row["changed_px"],
             document=document,
             others=(TIME_LINE_NAME, PAGE_NAME),
-            finish=lambda rows, document: write_series_page(
-                call, series.out, page, document, rows, references.shared_dn
+            finish=lambda rows, document: _write_pages(
+                call, (folder, page), document, rows, None if shared is None else shared.grey_dn
             ),
         )
-        return _swept(series, work, manifest, tables)
+        return replace(run_series(call, work, manifest, tables, sweep), notes=call.notes)
 
 
 def judge_poses(
@@ -272,7 +221,7 @@ def judge_poses(
 
     Raises
     ------
-    ApplicationError
+    ApplicationError, ResultsFileError
         If the reference cannot be read, or results not be written.
     SweepError
         If no worker is fit, or, when strict, a follow-up is refused.
@@ -289,12 +238,12 @@ def judge_poses(
         psf=registration_psf(call, psf),
         hints=hints,
     )
-    series = _Series(call=call, out=path_of(out, "out"), sweep=sweep or SweepOptions())
+    folder = path_of(out, "out")
     near = OneReference.read(path_of(reference, "reference"), call.inputs)
-    followed = _followups(_listed(followups), near)
-    with Manifest(followed, series.out / STATE_NAME) as manifest:
+    followed = _followups(tuple(listed_paths(followups, "followups")), near)
+    with Manifest(followed, folder / STATE_NAME) as manifest:
         work = PoseWork(
-            out=_absolute(series.out),
+            out=_absolute(folder),
             references=near,
             provenance=call.provenance(),
             demand=demand,
@@ -308,58 +257,46 @@ def judge_poses(
                 curve=demand.curve.choice,
                 accepted=rows.count(lambda row: row["is_accepted"] is True),
                 rejected=rows.count(lambda row: row["is_accepted"] is False),
-                refused=rows.count(_is_refused),
+                refused=rows.count(is_refused),
                 provenance=work.provenance,
             )
 
-        tables = _Tables(
+        tables = SeriesTables(
+            out=folder,
             table=POSES_TABLE,
             columns=tuple(name for name in JudgedFollowup.model_fields if name != "homography"),
             listed=JudgedFollowup.model_validate,
             badness=lambda row: -row["dprime_decisive"],
             document=document,
         )
-        return _swept(series, work, manifest, tables)
+        return replace(run_series(call, work, manifest, tables, sweep), notes=call.notes)
 
 
-def _swept(
-    series: _Series,
-    work: FollowupWork[Any],
-    manifest: Manifest,
-    tables: _Tables[Document, Listed],
-) -> SeriesResult[Document, Listed]:
-    call, out = series.call, series.out
-    summary = out / SUMMARY_NAME
-    for path in (summary, out / tables.table, *map(out.joinpath, tables.others)):
-        path.unlink(missing_ok=True)  # of before: there is none until all are done
-    with call.bar("follow-ups", len(manifest)) as advance_to:
-        sweep = run_sweep(manifest, work, series.sweep, advance_to)
-    for sentence in sweep.notes:
-        call.announce(sentence)
-    with CommittedRows(work, manifest) as rows:
-        if not rows.is_whole:
-            return SeriesResult(sweep=sweep, summary=summary, notes=call.notes)
-        document = tables.document(rows)
-        tables.finish(rows, document)
-        write_csv(out / tables.table, tables.columns, rows)
-        write_summary(summary, document, rows)
-        first, worst = list(islice(rows, _SHOWN_WHOLE + 1)), []
-        if len(first) > _SHOWN_WHOLE:
-            given = (row for row in rows if not _is_refused(row))
-            first, worst = first[:_SHOWN_OF_MANY], nlargest(_SHOWN_OF_MANY, given, tables.badness)
-    return SeriesResult(
-        sweep=sweep,
-        summary=summary,
-        document=document,
-        first=tuple(map(tables.listed, first)),
-        worst=tuple(map(tables.listed, worst)),
-        notes=call.notes,
-    )
+def _write_pages(
+    call: Call,
+    where: tuple[Path, Path | None],
+    series: ChangesSeries,
+    rows: Iterable[Row],
+    reference_dn: FloatArray | None,
+) -> None:
+    """Write the time line of the changes, if they have one reference, and a page on all.
 
-
-def _listed(followups: FilePath | Iterable[FilePath]) -> tuple[Path, ...]:
-    listed = [followups] if isinstance(followups, str | PathLike) else followups
-    return tuple(path_of(one, "followups") for one in listed)
+    ``where`` is the folder that holds the follow-ups' own, and where the page goes, too.
+    """
+    out, report = where
+    listed = [ComparedFollowup.model_validate(row) for row in islice(rows, _ON_PAGE_MOST)]
+    line = None
+    if reference_dn is not None and series.compared <= _TIME_LINE_MOST:
+        line = time_line_of(out, series, rows, reference_dn.shape)
+        write_results(out / TIME_LINE_NAME, line)
+    elif reference_dn is not None:
+        call.note(
+            f"no time line of more than {_TIME_LINE_MOST} follow-ups; each has its changes.json"
+        )
+    page = render_series_report(series, listed, line, reference_dn)
+    write_file(out / PAGE_NAME, page.encode("utf-8"))
+    if report is not None:
+        write_page(report, page)
 
 
 def _refuse_pairs(references: Path, followups: tuple[Path, ...]) -> None:
@@ -384,7 +321,3 @@ def _followups(given: tuple[Path, ...], reference: OneReference) -> Iterator[Pat
 
 def _absolute(path: Path) -> Path:
     return Path(os.path.abspath(path))  # noqa: PTH100  resolve() follows links
-
-
-def _is_refused(row: Row) -> bool:
-    return row["refused"] is not None

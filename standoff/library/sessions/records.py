@@ -1,7 +1,6 @@
 """What a capture session holds, whether it is whole, and what is noted in it."""
 
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from acquisition.session import (
     verify,
 )
 from standoff.errors import ApplicationError
-from standoff.library.inputs import FilePath, path_of
+from standoff.library.inputs import FilePath, opened_session, path_of
 
 _QUOTED = 300
 """Characters of a lost line that a note shows."""
@@ -151,7 +150,7 @@ def show_session(session: Session | FilePath) -> dict[str, Any]:
     --------
     >>> standoff.show_session("session")["captured"]
     """
-    opened = Session(session) if isinstance(session, str | PathLike) else session
+    opened = opened_session(session)
     return {
         **session_summary(opened),
         "captures": [

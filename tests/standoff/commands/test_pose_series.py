@@ -15,7 +15,7 @@ from analysis.pose.series import read_pose_series
 from analysis.results_file import write_results
 from calibration.registration.pair import Registration, register
 from simulation.arrays import FloatArray
-from standoff.library.series import pose_work, references, work
+from standoff.library.series import pose_work, references
 from standoff.photographs.reader import read_image
 from tests.analysis.detectability.test_curves import curve
 from tests.calibration.registration.test_tracking import pose, scene, seen_from
@@ -207,8 +207,7 @@ def test_the_reference_is_read_once_by_whoever_works(
         read.append(path.name)
         return read_image(path, *options)
 
-    for module in (work, references):
-        monkeypatch.setattr(f"{module.__name__}.read_image", listing)
+    monkeypatch.setattr(f"{references.__name__}.read_image", listing)
     references._same_photograph.cache_clear()
     assert command(*asked(folder), "--out", tmp_path / "out").status == 0
     assert sorted(read) == ["frame-0.tif", "frame-1.tif", "frame-2.tif", "reference.tif"]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from analysis.sr_dataset.settings import SrDatasetSettings, split_of
 from simulation import GaussianPsf
-from standoff.library.sr_pairs.settings import SrDatasetSettings, split_of
 from standoff.photographs import ReadOptions, read_image
 from tests.standoff.conftest import Command, Outcome
 
@@ -91,7 +91,7 @@ def test_an_interrupted_run_goes_on_and_ends_as_if_it_had_not_been(
         return read_image(path, options)
 
     with monkeypatch.context() as patch:
-        patch.setattr("standoff.library.sr_pairs.shard_work.read_image", read_three)
+        patch.setattr("standoff.library.sr_pairs.read_image", read_three)
         assert make(command, folder, psf=psf, out=broken, more=()).status == 130
     # A power cut besides, which took the end of one commit.
     commit = sorted((broken / "shards").glob("*.json"))[0]
@@ -152,6 +152,7 @@ def test_the_split_of_an_image_depends_on_nothing_but_it_and_the_seed() -> None:
         test_fraction=0.25,
         seed=3,
         is_float=False,
+        reading={},
     )
     digests = [f"{number:064x}" for number in range(4000)]
     is_test = [split_of(digest, settings) == "test" for digest in digests]

@@ -1,15 +1,12 @@
 """A capture plan that names an earlier photograph of its target."""
 
 import json
-from math import cos, radians, sin
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from analysis.change_series.time_line import read_time_line
-from calibration.registration.distorted_pose import DistortedPose
-from standoff.library.bench.planned_comparison import describe_pose
 from tests.analysis.html_page import Page
 from tests.standoff.conftest import SMALL_BENCH, Command
 
@@ -123,26 +120,3 @@ def test_poses_and_changes_among_the_results_are_in_the_report(
     refused = command("report", session_dir)
     assert refused.status == 1
     assert "not what standoff pose --json prints" in refused.err
-
-
-@pytest.mark.parametrize(
-    ("zoom", "turn_deg", "aside", "said"),
-    [
-        (1.0, 0.0, (0.0, 0.0), "the same distance (zoom 1.000), turned by 0.0 degrees"),
-        (1.25, 10.0, (30.0, 40.0), "further away (zoom 1.250), turned by 10.0 degrees, aside by"),
-        (0.8, -5.0, (0.0, 0.0), "nearer (zoom 0.800), turned by -5.0 degrees"),
-    ],
-)
-def test_a_pose_is_told_in_an_operators_words(
-    zoom: float, turn_deg: float, aside: tuple[float, float], said: str
-) -> None:
-    c, s = zoom * cos(radians(turn_deg)), zoom * sin(radians(turn_deg))
-    turn = np.array([[c, -s], [s, c]])
-    shift = np.array([199.5, 149.5]) + aside - turn @ [99.5, 74.5]
-    matrix = np.array([[*turn[0], shift[0]], [*turn[1], shift[1]], [0, 0, 1]])
-    pose = DistortedPose(
-        matrix=matrix, k1=0.0, reference_shape=(300, 400), followup_shape=(150, 200)
-    )
-    assert describe_pose(pose).startswith(said)
-    if any(aside):
-        assert describe_pose(pose).endswith("aside by 50 px (12 % of the frame)")

@@ -89,7 +89,7 @@ def test_a_watched_folder_is_read_until_ctrl_c(
         else:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("standoff.library.poses.pose_stream.time.sleep", wait)
+    monkeypatch.setattr("standoff.library.pose_stream.time.sleep", wait)
     done = command(*asked, "--stream", folder, "--watch", "--json")
     assert done.status == 130
     assert json.loads(done.out)["frames"] == 4
@@ -171,7 +171,7 @@ def test_a_reference_that_cannot_be_followed_is_named_before_any_frame(
 def test_an_image_that_stays_broken_in_a_watched_folder_ends_the_watch(
     command: Command, asked: tuple[object, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("standoff.library.poses.pose_stream.time.sleep", lambda _: None)
+    monkeypatch.setattr("standoff.library.pose_stream.time.sleep", lambda _: None)
     (folder / "frame-9.tif").write_bytes(b"II*\0half")  # and grows no more
     done = command(*asked, "--stream", folder, "--watch", "--json")
     assert done.status == 1
@@ -182,9 +182,7 @@ def test_an_image_that_stays_broken_in_a_watched_folder_ends_the_watch(
 def test_a_watched_folder_that_is_taken_away_ends_the_watch_in_one_line(
     command: Command, asked: tuple[object, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "standoff.library.poses.pose_stream.time.sleep", lambda _: shutil.rmtree(folder)
-    )
+    monkeypatch.setattr("standoff.library.pose_stream.time.sleep", lambda _: shutil.rmtree(folder))
     done = command(*asked, "--stream", folder, "--watch", "--json")
     assert done.status == 1
     assert f"cannot read the folder {folder}: No such file or directory" in done.err

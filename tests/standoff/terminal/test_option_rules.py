@@ -9,7 +9,7 @@ import typer
 
 from standoff.terminal.app import COMMANDS, application
 from standoff.terminal.option_rules import (
-    Option,
+    Given,
     OptionRule,
     check_options,
     exactly_one,
@@ -43,7 +43,7 @@ def said(rule: OptionRule, *arguments: str) -> str | None:
 
 
 def test_one_of_the_options_that_are_needed_is_enough() -> None:
-    rule = needs("is_quick", "session", Option("mode", ("fast", "rough")))
+    rule = needs("is_quick", "session", Given("mode", ("fast", "rough")))
     assert said(rule) is None
     assert said(rule, "--session", "s") is None
     assert said(rule, "--quick", "--session", "s") is None

@@ -12,15 +12,15 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from PIL import Image
 
 from calibration.errors import CalibrationError
+from calibration.registration.point_table import POINT_COLUMNS
 from standoff.errors import ApplicationError, HintError
 from standoff.library.comparison.alignment_hints import (
     AlignmentHints,
-    HintFiles,
-    read_hints,
+    alignment_hints,
     read_mask,
+    read_points,
     white_level_dn,
 )
-from standoff.library.comparison.point_table import POINT_COLUMNS, read_points
 from standoff.photographs.encoding import LINEAR, SRGB
 from standoff.photographs.photograph import Photograph
 
@@ -34,6 +34,12 @@ def table(
     lines = [header, *(",".join(map(str, row)) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def hints_of(**files: Path) -> AlignmentHints:
+    hints = alignment_hints(**files)  # type: ignore[arg-type]  # a path for each
+    assert hints is not None
+    return hints
 
 
 def test_points_are_read_by_the_names_of_their_columns(tmp_path: Path) -> None:
@@ -118,7 +124,7 @@ def test_no_bytes_do_anything_but_be_read_or_refused(
     path.write_bytes(data)
     kind = {"p.csv": "points", "H.json": "homography", "mask.png": "mask"}[name]
     with pytest.raises((ApplicationError, CalibrationError)):
-        read_hints(HintFiles(**{kind: path}))  # type: ignore[arg-type]  # a path for each
+        hints_of(**{kind: path})
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -154,12 +160,12 @@ def test_a_mask_that_leaves_nothing_to_compare_is_refused(tmp_path: Path) -> Non
 
 def test_hints_of_another_size_name_both_sizes(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((150, 201), np.uint8)).save(tmp_path / "mask.png")
-    masked = read_hints(HintFiles(mask=tmp_path / "mask.png"))
+    masked = hints_of(mask=tmp_path / "mask.png")
     with pytest.raises(HintError, match=r"mask.png: 201 x 150 px, but far.tif has 200 x 150"):
         masked.of_pair(NEAR, FAR, "far.tif")
     document = {"schema": "standoff.homography/1", "matrix": np.eye(3).tolist(), "size": [640, 480]}
     (tmp_path / "H.json").write_text(json.dumps(document))
-    posed = read_hints(HintFiles(homography=tmp_path / "H.json"))
+    posed = hints_of(homography=tmp_path / "H.json")
     with pytest.raises(HintError, match=r"H.json: for follow-ups of 640 x 480 px, but far.tif"):
         posed.of_pair(NEAR, FAR, "far.tif")
     assert posed.of_pair(NEAR, (480, 640), "far.tif") is not None
@@ -171,7 +177,7 @@ def test_hints_of_another_size_name_both_sizes(tmp_path: Path) -> None:
 def test_a_point_outside_its_photograph_is_named(
     tmp_path: Path, point: tuple[float, ...], where: str
 ) -> None:
-    hints = read_hints(HintFiles(points=table(tmp_path / "p.csv", [*SQUARE, point])))
+    hints = hints_of(points=table(tmp_path / "p.csv", [*SQUARE, point]))
     with pytest.raises(HintError, match=f"lies outside {where}"):
         hints.of_pair(NEAR, FAR, "far.tif")
 

@@ -1,0 +1,132 @@
+"""Where the pairs of a shard are written: image files in folders, or a tar file for each split."""
+
+import json
+import tarfile
+from contextlib import ExitStack
+from io import BytesIO
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from analysis.sr_dataset.encoded_pairs import EncodedPair
+from analysis.sr_dataset.record import PairRecord, TarRecord
+from analysis.sr_dataset.settings import SPLITS, Split
+from analysis.sweep import whole_file
+
+
+class PairFiles(Protocol):
+    """Takes the pairs of one shard; a context, in which an error leaves no half of a tar file."""
+
+    def add(self, split: Split, pair: EncodedPair, facts: dict[str, Any]) -> PairRecord:
+        """Write a pair; ``facts`` is what the dataset's manifest says of it, but for its files."""
+        ...
+
+    def finished(self) -> tuple[TarRecord, ...]:
+        """Give the files their names; called once, when all pairs are written."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...
+
+
+class ImageFiles(PairFiles):
+    """Two image files for each pair, ``split/high/key.png`` and ``split/low/key.png``.
+
+    They are written in place: no manifest lists one before its shard is committed.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+
+    def add(self, split: Split, pair: EncodedPair, facts: dict[str, Any]) -> PairRecord:
+        """Write both images."""
+        high, low = (f"{split}/{side}/{pair.key}{pair.suffix}" for side in ("high", "low"))
+        (self._out / high).write_bytes(pair.high)
+        (self._out / low).write_bytes(pair.low)
+        return _record(pair, high, low)
+
+    def finished(self) -> tuple[TarRecord, ...]:
+        """Return no tar file."""
+        return ()
+
+    def __exit__(self, *_: object) -> None:
+        """Leave all as it is."""
+
+    def __enter__(self) -> Self:
+        return self
+
+
+class TarFiles(PairFiles):
+    """A tar file for each split, as the library webdataset reads them.
+
+    A pair has the members ``key.high.png``, ``key.low.png`` and ``key.json``. The headers hold
+    neither time nor owner, so that the same pairs are the same bytes.
+    """
+
+    def __init__(self, folder: Path, number: int) -> None:
+        self._folder = folder
+        self._names: dict[Split, str] = {split: f"{number:016x}-{split}.tar" for split in SPLITS}
+        self._open: dict[Split, tarfile.TarFile] = {}
+        self._files = ExitStack()
+
+    def add(self, split: Split, pair: EncodedPair, facts: dict[str, Any]) -> PairRecord:
+        """Append the members of a pair."""
+        # What follows the first dot of a member's name is its extension.
+        key = pair.key.replace(".", "_")
+        high, low = (f"{key}.{side}{pair.suffix}" for side in ("high", "low"))
+        if split not in self._open:
+            file = self._files.enter_context(whole_file(self._folder / self._names[split]))
+            self._open[split] = self._files.enter_context(
+                tarfile.TarFile(fileobj=file, mode="w", format=tarfile.GNU_FORMAT)
+            )
+        tar = self._open[split]
+        for name, data in (
+            (high, pair.high),
+            (f"{key}.json", json.dumps(facts).encode("ascii")),
+            (low, pair.low),
+        ):
+            member = tarfile.TarInfo(name)
+            member.size = len(data)
+            tar.addfile(member, BytesIO(data))
+        return _record(pair, high, low)
+
+    def finished(self) -> tuple[TarRecord, ...]:
+        """Return the tar files."""
+        self._files.close()
+        return tuple(
+            TarRecord(
+                split=split,
+                name=self._names[split],
+                size_bytes=(self._folder / self._names[split]).stat().st_size,
+            )
+            for split in SPLITS
+            if split in self._open
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._files.__exit__(kind, error, trace)
+
+
+def _record(pair: EncodedPair, high: str, low: str) -> PairRecord:
+    return PairRecord(
+        high=high,
+        low=low,
+        high_bytes=len(pair.high),
+        low_bytes=len(pair.low),
+        top_px=pair.top_px,
+        left_px=pair.left_px,
+    )

@@ -1,0 +1,3 @@
+"""Layouts that callers choose from; imports no library."""
+
+from analysis.choices import PairFormat as PairFormat

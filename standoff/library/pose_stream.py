@@ -1,0 +1,172 @@
+"""Live guidance: frames from a folder or a camera, each with a verdict on its pose."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from acquisition.focus import newest_frames
+from analysis.choices import Criterion
+from analysis.pose import PoseTracker, PoseVerdict, StreamSummary
+from calibration.errors import CalibrationError
+from simulation.arrays import AnyArray
+from standoff.errors import ApplicationError, ImageFileError
+from standoff.library.bench import OpenCamera
+from standoff.library.call import Call
+from standoff.library.detectability import CurveChoice, CurveLike, given_curve
+from standoff.library.files import image_files_in
+from standoff.library.inputs import FilePath, ImageLike, path_of
+from standoff.photographs import Inputs, ReadOptions
+
+_POLL_S = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedFrame:
+    """One image of a stream, named after its file or its frame number."""
+
+    name: str
+    image: AnyArray
+
+
+class PoseWatch:
+    """Judges frame after frame: ``run`` goes on until they end; ``summary`` is there at any time.
+
+    Parameters
+    ----------
+    reference
+        The earlier, nearer photograph: an array or a file.
+    curve, min_d_prime, choice, criterion
+        As in ``judge_pose``.
+    reading
+        How files are read; see ``standoff.reading``.
+
+    Raises
+    ------
+    ArgumentError
+        If several curves are meant, or the threshold is not positive.
+    CalibrationError
+        If the reference has too few features.
+
+    Examples
+    --------
+    >>> watch = standoff.PoseWatch("before.tif", "curves.json", 2)
+    >>> watch.run(watch.folder("captures"), lambda name, verdict: print(name, verdict.reason))
+    """
+
+    def __init__(
+        self,
+        reference: ImageLike,
+        curve: CurveLike,
+        min_d_prime: float,
+        *,
+        choice: CurveChoice | None = None,
+        criterion: Criterion = "min",
+        reading: ReadOptions | None = None,
+    ) -> None:
+        self._call = Call("PoseWatch", None, reading, (curve,))
+        self.curve = given_curve(curve, min_d_prime, choice)
+        self.min_d_prime, self.criterion = min_d_prime, criterion
+        self.summary = StreamSummary()
+        near = self._call.photograph(reference, "reference")
+        try:
+            self._tracker = PoseTracker(near.grey_dn, self.curve, min_d_prime, criterion)
+        except (CalibrationError, ValueError) as error:
+            raise CalibrationError(f"{near.path}: {error}") from error
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What there is to say of the photographs."""
+        return self._call.notes
+
+    def run(
+        self,
+        frames: Iterable[NamedFrame],
+        show: Callable[[str, PoseVerdict], None] = lambda _name, _verdict: None,
+        *,
+        count: int | None = None,
+        is_kept: bool = True,
+    ) -> StreamSummary:
+        """Judge frame after frame, until they end or ``count`` are judged.
+
+        Raises
+        ------
+        ApplicationError
+            If a frame cannot be judged.
+        """
+        for frame in frames:
+            begin_s = time.perf_counter()
+            try:
+                verdict = self._tracker.update(frame.image)
+            except ValueError as error:
+                raise ApplicationError(f"{frame.name}: {error}") from error
+            busy_s = time.perf_counter() - begin_s
+            self.summary.add(frame.name, verdict, busy_s, is_kept=is_kept)
+            show(frame.name, verdict)
+            if self.summary.frames == count:
+                break
+        return self.summary
+
+    def folder(self, path: FilePath, *, is_watched: bool = False) -> Iterator[NamedFrame]:
+        """Return the images of a folder; then, if it is watched, new ones as they come."""
+        return folder_frames(path_of(path, "path"), self._call.inputs, is_watched=is_watched)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the verdicts as ``standoff pose --json`` prints them."""
+        summary = self.summary
+        return {
+            "criterion": self.criterion,
+            "min_dprime": self.min_d_prime,
+            "curve": self.curve.choice.model_dump(),
+            "is_upper_bound": True,
+            "provenance": self._call.provenance().model_dump(mode="json"),
+            "frames": summary.frames,
+            "accepted": summary.accepted,
+            "lost": summary.unknown,
+            "anchors": summary.anchors,
+            "frames_per_s": summary.frames_per_s,
+            "last": None if summary.last is None else summary.last.to_json(),
+            "verdicts": summary.verdicts,
+        }
+
+
+@contextmanager
+def camera_frames(opened: OpenCamera) -> Iterator[Iterator[NamedFrame]]:
+    """Yield frames of a camera, always the newest; the stream ends with the block."""
+    with closing(newest_frames(opened.camera)) as frames:
+        yield (NamedFrame(f"frame {frame.frame_id}", frame.image_dn) for frame in frames)
+
+
+def folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterator[NamedFrame]:
+    """Yield the images of a folder by name; then, if it is watched, new ones as they come.
+
+    Raises
+    ------
+    ImageFileError
+        If an image cannot be read. In a watched folder, an incomplete image is waited for until
+        it no longer grows.
+    ApplicationError
+        If the folder cannot be read, or holds no image and is not watched.
+    """
+    seen: set[Path] = set()
+    sizes: dict[Path, int] = {}
+    while True:
+        files = [path for path in image_files_in(folder) if path not in seen]
+        if not files and not seen and not is_watched:
+            raise ApplicationError(f"{folder}: the folder holds no image")
+        for path in files:
+            size = path.stat().st_size if path.exists() else 0
+            try:
+                image = inputs.grey(path)
+            except ImageFileError:
+                if is_watched and sizes.get(path) != size:
+                    sizes[path] = size
+                    continue
+                raise
+            seen.add(path)
+            yield NamedFrame(path.name, image)
+        if not is_watched:
+            return
+        time.sleep(_POLL_S)

@@ -1,0 +1,140 @@
+"""Pairs of crops that train super-resolution, cut from any number of photographs."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from analysis.choices import PairFormat
+from analysis.errors import SrDatasetError
+from analysis.sr_dataset import (
+    PairPhotograph,
+    SrDatasetSettings,
+    SrDatasetSummary as SrDatasetSummary,
+    write_sr_dataset,
+)
+from analysis.sweep import SweepOptions as SweepOptions
+from simulation.choices import DEFAULT_MODEL, Model, PsfShape
+from standoff.errors import ApplicationError
+from standoff.library.call import Call, Progress
+from standoff.library.files import each_image
+from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
+from standoff.library.psf import psf_and_field
+from standoff.library.swept_photographs import refusing
+from standoff.photographs import ReadOptions, marked_png, read_image
+
+
+def training_pairs(
+    images: FilePath | Iterable[FilePath],
+    out: FilePath,
+    *,
+    psf: PsfLike,
+    zoom: float,
+    model: Model = DEFAULT_MODEL,
+    transfer: PsfShape = "best",
+    crop_px: int = 192,
+    stride_px: int | None = None,
+    test_fraction: float = 0.1,
+    seed: int = 0,
+    is_float: bool = False,
+    format: PairFormat = "folder",  # noqa: A002 - the word of the command line
+    threads: int = 1,
+    sweep: SweepOptions | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> SrDatasetSummary:
+    """Cut photographs into crops, each paired with its image from ``zoom`` times further away.
+
+    A second call writes what is missing. A photograph that cannot be read, or is too small for a
+    crop, is left out and named in the summary; of several with the same content one is taken.
+
+    Parameters
+    ----------
+    images
+        Photographs, or folders of them.
+    out
+        Folder for the pairs.
+    psf
+        Of the camera.
+    zoom
+        Ratio of the distances, at least 1.
+    model, transfer
+        Capture model, and which PSF of a calibration; as in ``simulate``.
+    crop_px, stride_px
+        Side of the high-resolution crops, and the distance between them, by default their side.
+    test_fraction, seed
+        Share of the photographs kept for testing, and the seed of that choice.
+    is_float
+        Write float32 TIFFs instead of rounded PNGs.
+    format
+        ``folder``, or ``webdataset`` for tar files.
+    threads
+        Threads that share the rows of an image.
+    sweep
+        Who works, and on what part; by default this process, on all.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Who watches.
+
+    Raises
+    ------
+    ApplicationError
+        If ``out`` holds pairs with other settings, or cannot be written.
+    SweepError
+        If no worker is fit, or, when strict, an image is refused.
+
+    Examples
+    --------
+    >>> standoff.training_pairs("photographs", "pairs", psf="psf.json", zoom=2).train
+    """
+    call = Call("training_pairs", progress, reading, (psf,))
+    known, field = psf_and_field(call, psf, model, transfer)
+    options = call.inputs.options
+    settings = SrDatasetSettings(
+        zoom=zoom,
+        model=model,
+        psf=known,
+        field=field,
+        threads=threads,
+        crop_px=crop_px,
+        stride_px=stride_px or crop_px,
+        test_fraction=test_fraction,
+        seed=seed,
+        is_float=is_float,
+        reading={
+            "encoding": "auto" if options.encoding is None else options.encoding.name,
+            "page": options.page,
+            "is_mean": options.is_mean,
+        },
+        format=format,
+    )
+    paths = each_image(listed_paths(images, "images"))
+    source = partial(pair_photograph, options)
+    try:
+        found = write_sr_dataset(call, path_of(out, "out"), paths, settings, source, sweep)
+    except SrDatasetError as error:
+        raise ApplicationError(str(error)) from error
+    return replace(found, notes=call.notes)
+
+
+def pair_photograph(options: ReadOptions, path: Path) -> PairPhotograph:
+    """Read a photograph that pairs are cut from.
+
+    Raises
+    ------
+    RefusedPhotographError
+        If it cannot be read, or is a raw mosaic.
+    """
+    with refusing():
+        photograph = read_image(path, options)
+        return PairPhotograph(
+            path=path,
+            stored=photograph.stored,
+            linear=photograph.colour_planes,
+            encode=lambda linear: photograph.encoding.encode(linear, photograph.white_dn),
+            marked=lambda png: marked_png(png, photograph.encoding),
+            encoding=photograph.encoding.name,
+            sha256=photograph.sha256 or "",
+            notes=photograph.remarks,
+        )

@@ -1,0 +1,174 @@
+"""Results as tables: a PSF, the edges it stands on, their verdict, and a validation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibration.blind import is_clear
+from calibration.psf import Estimate, PsfCalibration
+from calibration.sharpness import (
+    MODEL_REMARK,
+    NORMAL_95,
+    VERDICT_COLUMNS,
+    SharpnessVerdict,
+    edge_cells,
+    reported_mtf50,
+    verdict_rows,
+    with_reach,
+)
+from standoff.terminal.output import note, print_table, say
+
+if TYPE_CHECKING:
+    from analysis.validation import Validation
+
+_LISTED_MOST = 12
+_AT_EITHER_END = 5
+
+
+def print_psf(calibration: PsfCalibration) -> None:
+    """Print widths and correlation, and what they are based on."""
+    _print_source(calibration)
+    total, optical = calibration.total, calibration.optical
+    print_table(
+        "PSF",
+        ["", "total", "95 % interval", "optical", "95 % interval"],
+        [
+            [name, *_cells(with_pixel), *_cells(lens)]
+            for name, with_pixel, lens in (
+                ("sigma_x / px", total.sigma_x_px, optical.sigma_x_px),
+                ("sigma_y / px", total.sigma_y_px, optical.sigma_y_px),
+                ("rho", total.rho, optical.rho),
+            )
+            if with_pixel is not None
+        ],
+    )
+    if calibration.transfer_2d is not None:
+        say(f"measured transfer: {calibration.transfer_2d}")
+    if calibration.channels is not None:
+        print_table(
+            "Colours",
+            ["", "total sigma_x / px", "total sigma_y / px", "edges"],
+            [
+                [
+                    name,
+                    _cells(one.total.sigma_x_px)[0],
+                    _cells(one.total.sigma_y_px)[0],
+                    "" if one.edge_count is None else str(one.edge_count),
+                ]
+                for name, one in calibration.channels.items()
+            ],
+        )
+    if calibration.field is not None and calibration.field.worst_err is not None:
+        say(
+            "the PSF changes over the frame: psf.json holds its field, with every width known to "
+            f"± {100 * NORMAL_95 * calibration.field.worst_err:.1f} % (95 %) or better"
+        )
+    if calibration.softness_px2 is not None:
+        say(f"the scene's own edges have a mean blur of {calibration.softness_px2**0.5:.2f} px")
+        note(
+            "one image cannot tell a soft scene from a soft lens; the intervals assume a scene "
+            "with edges sharper than a pixel; --method two-distance does better"
+        )
+
+
+def _print_source(calibration: PsfCalibration) -> None:
+    """Print the pairs, or how many edges counted."""
+    if calibration.pairs:
+        print_table(
+            "Pairs, ± at 95 %",
+            ["near", "far", "zoom", "sigma_x / px", "sigma_y / px"],
+            [
+                [
+                    Path(pair.near).name,
+                    Path(pair.far).name,
+                    f"{pair.zoom:.4f}",
+                    with_reach(pair.sigma_x_px, NORMAL_95 * pair.sigma_x_err_px, 4),
+                    with_reach(pair.sigma_y_px, NORMAL_95 * pair.sigma_y_err_px, 4),
+                ]
+                for pair in calibration.pairs
+            ],
+        )
+    elif calibration.softness_px2 is not None:
+        clear = sum(is_clear(edge) for edge in calibration.edges)
+        say(f"{clear} of {len(calibration.edges)} edges are clear enough")
+    else:
+        say(f"{len(calibration.edges_used)} of {len(calibration.edges)} edges used")
+
+
+def _cells(estimate: Estimate | None) -> list[str]:
+    if estimate is None:
+        return ["not determined", ""]
+    return [f"{estimate.value:.4f}", f"{estimate.low:.4f} to {estimate.high:.4f}"]
+
+
+def print_edges(calibration: PsfCalibration) -> None:
+    """Print every edge, or the softest and the sharpest of many, with 95 % uncertainties."""
+    edges = calibration.edges_used
+    if not edges:
+        return
+    ranked = sorted(edges, key=lambda edge: reported_mtf50(edge).cy_per_px)
+    is_many = len(edges) > _LISTED_MOST
+    shown = [*ranked[:_AT_EITHER_END], *ranked[-_AT_EITHER_END:]] if is_many else list(edges)
+    has_image = len({edge.image for edge in calibration.edges}) > 1
+    columns, rows = edge_cells(shown, calibration.pixel_pitch_um, has_image=has_image)
+    if len(rows) == 1:
+        [row] = rows
+        facts = [*zip(columns[1:], row[1:], strict=True)]
+        print_table(f"Edge at {row[0]}", ["", "± at 95 %"], facts)
+    else:
+        name = f"The {_AT_EITHER_END} softest and {_AT_EITHER_END} sharpest edges" * is_many
+        print_table(f"{name or 'Edges'}, ± at 95 %", columns, rows)
+    if is_many:
+        middle = reported_mtf50(ranked[len(ranked) // 2]).cy_per_px
+        say(
+            f"median MTF50 of {len(edges)} edges: {middle:.4f} cy/px; psf.json and the table of "
+            "--csv list them all"
+        )
+    _say_units(calibration, has_model=not all(reported_mtf50(e).is_model_free for e in shown))
+
+
+def _say_units(calibration: PsfCalibration, *, has_model: bool) -> None:
+    """Say what the units stand on: picture height and pixel pitch, and whose MTF50 is a model's."""
+    height, pitch_um = calibration.picture_height_px, calibration.pixel_pitch_um
+    parts = [
+        "the picture height (PH) is that of each photograph"
+        if height is None
+        else f"picture height (PH) {height} px, the rows of the photograph",
+        "pixel pitch unknown, so no lp/mm: give --pixel-pitch-um"
+        if pitch_um is None
+        else f"pixel pitch {pitch_um:g} µm ({calibration.pixel_pitch_from})",
+    ]
+    say("; ".join([*parts, MODEL_REMARK] if has_model else parts))
+
+
+def print_verdict(verdict: SharpnessVerdict) -> None:
+    """Print the verdict, and every limit with its figure."""
+    print_table(
+        f"Verdict by {verdict.limits_file}: {verdict.outcome}",
+        VERDICT_COLUMNS[:-1],
+        [_with_place_first(*row) for row in verdict_rows(verdict)],
+    )
+
+
+def _with_place_first(limit: str, *others: str) -> list[str]:
+    """The cells of a limit, with where it was measured beside its name: that column may wrap."""
+    *figures, where = others
+    return [f"{limit}: {where}" if where else limit, *figures]
+
+
+def print_validation(validation: Validation) -> None:
+    """Print both tables, the paper's rows below ours."""
+    from analysis.validation import both_tables
+
+    for table in both_tables(validation):
+        print_table(table.title, table.columns, [*table.rows, *table.paper])
+
+
+def value_cells(
+    value: float | None, err: float | None, digits: int, factor: float = NORMAL_95
+) -> list[str]:
+    """The cells of a value and of half its 95 % interval, ``factor`` standard errors."""
+    if value is None or err is None:
+        return ["not determined", ""]
+    return [f"{value:.{digits}f}", f"{factor * err:.{digits}f}"]
