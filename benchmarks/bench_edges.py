@@ -117,7 +117,7 @@ def calibrated(checkout: Path, image: Path) -> Cost:
     out = image.with_suffix(".json")
     environment = os.environ | {"PYTHONPATH": str(checkout)}
     with subprocess.Popen(
-        [*command, str(out)],
+        [*command, str(out), "--force"],
         cwd=checkout,
         env=environment,
         stdout=subprocess.DEVNULL,

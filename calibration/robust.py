@@ -1,14 +1,14 @@
 """Scatter that a few outliers do not move."""
 
 import numpy as np
-from numba.extending import register_jitable
 
 from simulation.arrays import FloatImage
+from simulation.compiled import compiled_part
 
 _MAD_PER_SIGMA = 0.6744897501960817  # median absolute deviation of a unit normal
 
 
-@register_jitable
+@compiled_part()
 def robust_sigma(deviations: FloatImage) -> float:
     """Standard deviation of Gaussian deviations about 0, from the median of their moduli.
 

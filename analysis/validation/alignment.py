@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numba import njit
 
 from analysis.errors import OverlapError
 from calibration.registration import OVERLAP_MIN_PX, DistortedPose
 from simulation.arrays import AnyArray, FloatArray, IntArray
+from simulation.compiled import compiled, compiled_part
 
 Procedure = Literal["as-in-paper", "reference-grid", "followup-grid"]
 PROCEDURES: tuple[Procedure, ...] = get_args(Procedure)
@@ -101,7 +101,7 @@ def scaled_up(image: AnyArray, zoom: float, shape: tuple[int, int]) -> FloatArra
     return bicubic_at(image, *np.meshgrid(y, x, indexing="ij"))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _interpolate(levels: FloatArray, y_px: FloatArray, x_px: FloatArray, found: FloatArray) -> None:
     rows, cols = levels.shape
     row, col = np.empty(4, np.int64), np.empty(4, np.int64)
@@ -116,7 +116,7 @@ def _interpolate(levels: FloatArray, y_px: FloatArray, x_px: FloatArray, found: 
         found[i] = total
 
 
-@njit(cache=True, nogil=True)
+@compiled_part()
 def _four_taps(position_px: float, size: int, pixel: IntArray, weight: FloatArray) -> None:
     """Pixels around a position, and Keys' weights of them."""
     first = int(np.floor(position_px)) - 1
@@ -125,7 +125,7 @@ def _four_taps(position_px: float, size: int, pixel: IntArray, weight: FloatArra
         weight[k] = _keys(abs(position_px - (first + k)))
 
 
-@njit(cache=True, nogil=True)
+@compiled_part()
 def _keys(x: float) -> float:
     a = _KEYS_A
     if x <= 1:

@@ -9,11 +9,11 @@ not seen.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit.level_steps import LevelSteps
 from calibration.edge_fit.residuals import cut_variance
 from simulation.arrays import BoolArray, FloatArray
+from simulation.compiled import compiled_part
 
 NEARLY_SATURATED = 0.995  # of the saturation level
 _BLACK_DN = 0.0
@@ -38,7 +38,7 @@ class LevelIntervals(NamedTuple):
     usual_noise_dn: float
 
 
-@njit(cache=True)
+@compiled_part()
 def clipped_pixels(stored: FloatArray, saturation_dn: float) -> BoolArray:
     """Which pixels are at the saturation level or at black; none where the former is not known.
 
@@ -46,20 +46,21 @@ def clipped_pixels(stored: FloatArray, saturation_dn: float) -> BoolArray:
     """
     if not np.isfinite(saturation_dn):
         return np.zeros(len(stored), np.bool_)
-    is_bright = stored >= NEARLY_SATURATED * saturation_dn
-    if stored.min() < _BLACK_DN:
-        return is_bright
-    return is_bright | (stored <= _BLACK_DN)
+    is_bound = stored >= NEARLY_SATURATED * saturation_dn
+    if stored.min() >= _BLACK_DN:
+        for i in range(len(stored)):
+            is_bound[i] |= stored[i] <= _BLACK_DN
+    return is_bound
 
 
-@njit(cache=True)
+@compiled_part()
 def is_censored(is_clipped: BoolArray) -> bool:
     """Whether so many pixels are clipped that it matters, and others are left."""
     count = np.count_nonzero(is_clipped)
     return bool(_CENSORED_FROM * len(is_clipped) < count < len(is_clipped))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def level_intervals(
     stored: FloatArray,
     steps: LevelSteps,
@@ -82,23 +83,34 @@ def level_intervals(
     contrast_dn
         Contrast of the edge.
     """
-    noise = np.sqrt(cut_variance(scatter[~is_clipped]))
+    told, count = np.empty(len(scatter)), 0
+    for i in range(len(scatter)):
+        if not is_clipped[i]:
+            told[count] = scatter[i]
+            count += 1
+    noise = np.sqrt(cut_variance(told[:count]))
     lower, upper, step = steps.lower.copy(), steps.upper.copy(), steps.step_dn
     if not steps.is_found:
         step = max(_FINE_STEP * noise, _LEAST_STEP * contrast_dn)
         lower, upper = stored - 0.5 * step, stored + 0.5 * step
     # The bound is one and the same for all, or levels just below it would count twice.
-    middle = 0.5 * (stored.min() + stored.max())
-    bright, dark = is_clipped & (stored > middle), is_clipped & (stored <= middle)
-    if np.any(bright):
-        lower[bright] = lower[bright].min() if steps.is_found else stored[bright].min()
-        upper[bright] = stored.max() + _UNBOUNDED * contrast_dn
-    if np.any(dark):
-        upper[dark] = upper[dark].max() if steps.is_found else stored[dark].max()
-        lower[dark] = stored.min() - _UNBOUNDED * contrast_dn
+    least, largest = stored.min(), stored.max()
+    middle = 0.5 * (least + largest)
+    bright, dark = np.inf, -np.inf
+    for i in range(len(stored)):
+        if is_clipped[i] and stored[i] > middle:
+            bright = min(bright, lower[i] if steps.is_found else stored[i])
+        elif is_clipped[i]:
+            dark = max(dark, upper[i] if steps.is_found else stored[i])
+    for i in range(len(stored)):
+        if is_clipped[i] and stored[i] > middle:
+            lower[i], upper[i] = bright, largest + _UNBOUNDED * contrast_dn
+        elif is_clipped[i]:
+            lower[i], upper[i] = least - _UNBOUNDED * contrast_dn, dark
+    has_clipped = bright < np.inf or dark > -np.inf
     usual = _USUAL_NOISE * step
     return LevelIntervals(
-        lower, upper, is_clipped, step, max(usual, noise) if np.any(is_clipped) else usual
+        lower, upper, is_clipped, step, max(usual, noise) if has_clipped else usual
     )
 
 

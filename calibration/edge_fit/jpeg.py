@@ -15,11 +15,15 @@ from dataclasses import dataclass, field, replace
 from math import ceil, cos, floor, sin, sqrt
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit.likely_edge import LikelyEdge, WidthFit
 from calibration.edge_fit.model import LOG_SIGMA
-from calibration.edge_fit.rounded import Intervals, cosine_transform, maximise_intervals
+from calibration.edge_fit.rounded import (
+    Intervals,
+    cosine_transform,
+    is_more_likely,
+    maximise_intervals,
+)
 from calibration.edge_search import (
     SMOOTHING_PX,
     ArtefactGradient,
@@ -28,6 +32,7 @@ from calibration.edge_search import (
     band_half_width,
 )
 from simulation.arrays import AnyArray, FloatArray
+from simulation.compiled import compiled, compiled_part
 
 _SIDE = 8
 _CODES = 256
@@ -142,18 +147,14 @@ def behind_compression(
     )
     if len(data.lower) == 0:
         return _less_sure(likely, compression)
-    total = maximise_intervals(data, likely.total.parameters, False)
+    starts = likely.total.parameters, likely.optical.parameters
+    total, optical = maximise_intervals(data, starts, likely.optical.is_found)
     if not total.is_found:
         return _less_sure(likely, compression)
-    optical, is_square = likely.optical, False
-    if optical.is_found:
-        behind = maximise_intervals(data, optical.parameters, True)
-        optical = WidthFit(behind.is_found, behind.parameters, behind.log_sigma_variance)
-        is_square = behind.is_found and behind.log_likelihood > total.log_likelihood
     return likely._replace(
         total=WidthFit(total.is_found, total.parameters, total.log_sigma_variance),
-        optical=optical,
-        is_square=is_square,
+        optical=WidthFit(optical.is_found, optical.parameters, optical.log_sigma_variance),
+        is_square=is_more_likely(optical, total),
     )
 
 
@@ -168,7 +169,7 @@ def _less_sure(likely: LikelyEdge, compression: JpegCompression) -> LikelyEdge:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def block_intervals(
     image_dn: FloatArray,
     line: EdgeLine,
@@ -244,7 +245,7 @@ def block_intervals(
     return _with_bounds(pixels, steps, code_levels_dn)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _with_bounds(pixels: BandPixels, steps: FloatArray, code_levels_dn: FloatArray) -> Intervals:
     """Bounds of the cosines before compression, from the decoded codes.
 

@@ -8,7 +8,6 @@ shows what that gains.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit.model import (
     CURVATURE,
@@ -22,6 +21,7 @@ from calibration.edge_fit.model import (
 )
 from calibration.edge_search import BandPixels
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled_part
 
 _LOG_SIGMA_MIN = -3.5  # 0.03 px: narrower than a pixel can resolve
 _LOG_SIGMA_MAX = 4.0
@@ -37,7 +37,7 @@ class _NormalEquations(NamedTuple):
     squares: float
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _normal_equations(
     pixels: BandPixels, weights: FloatArray, parameters: FloatArray, is_square: bool
 ) -> _NormalEquations:
@@ -77,7 +77,7 @@ def _normal_equations(
     return _products(slopes, residuals, weights)
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@compiled_part(fastmath={"reassoc", "contract"})
 def _products(slopes: FloatArray, residuals: FloatArray, weights: FloatArray) -> _NormalEquations:
     """Weighted products of the derivatives and of the residuals.
 
@@ -117,7 +117,7 @@ class Minimum(NamedTuple):
     squares: float
 
 
-@njit(cache=True)
+@compiled_part()
 def levenberg_marquardt(
     pixels: BandPixels, weights: FloatArray, start: FloatArray, is_square: bool, tolerance: float
 ) -> Minimum:
@@ -134,11 +134,17 @@ def levenberg_marquardt(
         trial, there = best, here
         for _ in range(_MAX_DAMPINGS):
             change = solved(here.hessian, here.gradient, damping)
-            trial = best + change
+            trial = np.empty(best.size)
+            largest = gain = 0.0
+            for k in range(best.size):
+                trial[k] = best[k] + change[k]
+                gain += change[k] * here.gradient[k]
+                if k < LOW and not abs(change[k]) <= largest:
+                    largest = abs(change[k])
             trial[LOG_SIGMA] = min(max(trial[LOG_SIGMA], _LOG_SIGMA_MIN), _LOG_SIGMA_MAX)
-            if np.abs(change[:LOW]).max() < tolerance:
+            if largest < tolerance:
                 # What so small a step gains follows from the equations that it solves.
-                gain = min(max(np.dot(change, here.gradient), 0.0), here.squares)
+                gain = min(max(gain, 0.0), here.squares)
                 return _minimum(trial, here.hessian, here.squares - gain)
             there = _normal_equations(pixels, weights, trial, is_square)
             if there.squares <= here.squares:
@@ -155,7 +161,7 @@ def levenberg_marquardt(
     return Minimum(False, best, here.hessian, here.squares)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def solved(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
     """Solve for a step, the diagonal damped in proportion; NaN where that is not positive.
 
@@ -187,10 +193,12 @@ def solved(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatAr
         for m in range(j + 1, count):
             step[j] -= factor[m, j] * step[m]
         step[j] /= factor[j, j]
-    return step / scale
+    for j in range(count):
+        step[j] /= scale[j]
+    return step
 
 
-@njit(cache=True)
+@compiled_part()
 def inverse_element(hessian: FloatArray, index: int) -> float:
     """Diagonal element of the inverse; NaN where the matrix is not positive."""
     unit = np.zeros(len(hessian))
@@ -198,6 +206,9 @@ def inverse_element(hessian: FloatArray, index: int) -> float:
     return float(solved(hessian, unit, 1e-14)[index])
 
 
-@njit(cache=True)
+@compiled_part()
 def _minimum(parameters: FloatArray, hessian: FloatArray, squares: float) -> Minimum:
-    return Minimum(bool(np.all(np.isfinite(parameters))), parameters, hessian, squares)
+    is_finite = True
+    for value in parameters:
+        is_finite &= bool(np.isfinite(value))
+    return Minimum(is_finite, parameters, hessian, squares)

@@ -9,10 +9,10 @@ they show none - the luma of three channels, a resampled image - rounding is fin
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from calibration.edge_fit.residuals import cut_variance
+from calibration.edge_fit.residuals import between, cut_variance
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled_part
 
 _FIRST_PIXELS = 64
 _FIRST_LEVELS = 44  # more among so many pixels: the noise is far above one step
@@ -38,7 +38,7 @@ class LevelSteps(NamedTuple):
     step_dn: float
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def level_steps(values: FloatArray) -> LevelSteps:
     """Find the steps of levels of shape ``(n,)``, where all are those of one grid.
 
@@ -49,9 +49,9 @@ def level_steps(values: FloatArray) -> LevelSteps:
         return none
     span = values.max() - values.min()
     near = _COINCIDE * span
-    if len(_distinct(values[:: len(values) // _FIRST_PIXELS], near)) > _FIRST_LEVELS:
+    if len(_distinct(values, len(values) // _FIRST_PIXELS, near)) > _FIRST_LEVELS:
         return none
-    levels = _distinct(values, near)
+    levels = _distinct(values, 1, near)
     if not _FEWEST_LEVELS <= len(levels) <= _MOST_LEVELS:
         return none
     steps = levels[1:] - levels[:-1]
@@ -70,16 +70,18 @@ def level_steps(values: FloatArray) -> LevelSteps:
     return found if found.step_dn * _MOST_LEVELS >= span else none
 
 
-@njit(cache=True)
-def _distinct(values: FloatArray, near: float) -> FloatArray:
-    """Distinct levels in rising order, at most one more than ``_MOST_LEVELS``."""
+@compiled_part()
+def _distinct(values: FloatArray, stride: int, near: float) -> FloatArray:
+    """Distinct levels of every ``stride``-th pixel, rising; at most one above ``_MOST_LEVELS``."""
     levels = np.empty(_MOST_LEVELS + 1)
     count = 0
-    for value in values:
+    for i in range(0, len(values), stride):
+        value = values[i]
         k = np.searchsorted(levels[:count], value - near)
         if k < count and levels[k] <= value + near:
             continue
-        levels[k + 1 : count + 1] = levels[k:count].copy()
+        for j in range(count, k, -1):
+            levels[j] = levels[j - 1]
         levels[k] = value
         count += 1
         if count > _MOST_LEVELS:
@@ -87,7 +89,7 @@ def _distinct(values: FloatArray, near: float) -> FloatArray:
     return levels[:count]
 
 
-@njit(cache=True)
+@compiled_part()
 def _between_neighbours(values: FloatArray, levels: FloatArray, steps: FloatArray) -> LevelSteps:
     """Half way to either neighbouring level; where that one is missing, half a step near by."""
     last = len(steps) - 1
@@ -103,7 +105,7 @@ def _between_neighbours(values: FloatArray, levels: FloatArray, steps: FloatArra
     return LevelSteps(True, lower, upper, float(np.mean(upper - lower)))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def is_coarse(scatter: FloatArray, edges: FloatArray, steps: LevelSteps) -> bool:
     """Whether the noise of either side is too small for rounding to be noise of its own.
 
@@ -113,8 +115,10 @@ def is_coarse(scatter: FloatArray, edges: FloatArray, steps: LevelSteps) -> bool
     """
     if not steps.is_found:
         return False
-    relative = scatter / (steps.upper - steps.lower)
-    dark, bright = relative[edges < 0.5], relative[edges >= 0.5]
+    relative = np.empty(len(scatter))
+    for i in range(len(scatter)):
+        relative[i] = scatter[i] / (steps.upper[i] - steps.lower[i])
+    dark, bright = between(relative, edges, -1.0, 0.5), between(relative, edges, 0.5, 2.0)
     if min(len(dark), len(bright)) == 0:
         return False
     return bool(min(cut_variance(dark), cut_variance(bright)) < _COARSE**2)

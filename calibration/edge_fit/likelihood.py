@@ -7,11 +7,10 @@ between would double the time, as ``benchmarks/bench_edge_fit.py`` says.
 ``calibration.edge_fit.fit`` makes the result readable.
 """
 
-from math import log
+from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit.clipping import clipped_pixels, is_censored, level_intervals
 from calibration.edge_fit.least_squares import Minimum, inverse_element, levenberg_marquardt
@@ -37,8 +36,8 @@ from calibration.edge_fit.residuals import (
 )
 from calibration.edge_fit.rounded import (
     Intervals,
-    LikelyParameters,
     expected_residuals,
+    is_more_likely,
     maximise_intervals,
     pixel_intervals,
 )
@@ -53,6 +52,7 @@ from calibration.edge_search import (
     side_level,
 )
 from simulation.arrays import BoolArray, FloatArray
+from simulation.compiled import compiled, compiled_part
 
 _ROUGH, _FINE = 1e-2, 1e-4  # last step of a fit, in px and parts of sigma
 _WINDOW_ROUNDS = 4
@@ -89,7 +89,7 @@ class _Widths(NamedTuple):
     optical: Minimum
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def maximise(
     image_dn: FloatArray,
     line: EdgeLine,
@@ -168,7 +168,7 @@ def maximise(
     return _likely(fits, pixels, weighed, clipped, is_shaded or has_slopes, rounding)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _likely(
     fits: _Fits,
     pixels: BandPixels,
@@ -180,28 +180,31 @@ def _likely(
     """The fits with what their residuals say, and with the pixels that were fitted as bounds."""
     values, weights = pixels.values, weighed.weights
     is_bound, clipped_fraction = clipped
-    counted = weights > 0
-    is_level = counted & ~is_bound
-    residuals = (values - fits.found.levels)[is_level]
+    count, total, squares, weighed_squares = 0, 0.0, 0.0, 0.0
+    for i in range(len(values)):
+        if weights[i] > 0 and not is_bound[i]:
+            residual = values[i] - fits.found.levels[i]
+            count += 1
+            total += residual
+            squares += residual * residual
+            weighed_squares += weights[i] * residual * residual
     sigma = np.exp(fits.total.parameters[LOG_SIGMA])
     return LikelyEdge(
         fits.total,
         fits.optical,
         fits.is_square,
-        np.sum(weights[is_level] * residuals**2) / _freedom(weights[is_level]),
-        float(np.std(residuals)),
+        weighed_squares / max(count - FLAT_PARAMETERS, 1),
+        sqrt(max(squares / count - (total / count) ** 2, 0.0)),
         clipped_fraction,
         bool(np.any(is_bound)),
         weighed.has_outliers,
         is_shaded,
-        profile_figures(
-            values[counted], fits.residuals[counted], fits.found.distances[counted], sigma
-        ),
+        profile_figures(values, fits.residuals, fits.found.distances, weights, sigma),
         rounding,
     )
 
 
-@njit(cache=True)
+@compiled_part()
 def _is_within(fit: Minimum, half_width_px: float) -> bool:
     """Whether an edge was found, and in its band: a fit to what is no edge may leave it for good.
 
@@ -212,12 +215,12 @@ def _is_within(fit: Minimum, half_width_px: float) -> bool:
     return bool(fit.is_found and p[HIGH] > p[LOW] and moved_px <= half_width_px)
 
 
-@njit(cache=True)
+@compiled_part()
 def _freedom(weights: FloatArray) -> int:
     return max(int(np.count_nonzero(weights)) - FLAT_PARAMETERS, 1)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _smooth_fits(
     pixels: BandPixels, weights: FloatArray, widths: _Widths, found: EdgeLevels
 ) -> _Fits:
@@ -233,14 +236,12 @@ def _smooth_fits(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _interval_fits(data: Intervals, widths: _Widths) -> _Fits:
     """From the least squares to the most likely edges before rounding and clipping."""
-    total = maximise_intervals(data, widths.total.parameters, False)
-    optical = LikelyParameters(False, widths.optical.parameters, 0.0, -np.inf, (0.0, 0.0))
-    if widths.optical.is_found:
-        optical = maximise_intervals(data, widths.optical.parameters, True)
-    is_square = bool(optical.is_found and optical.log_likelihood > total.log_likelihood)
+    starts = widths.total.parameters, widths.optical.parameters
+    total, optical = maximise_intervals(data, starts, widths.optical.is_found)
+    is_square = is_more_likely(optical, total)
     best = optical if is_square else total
     return _Fits(
         WidthFit(total.is_found, total.parameters, total.log_sigma_variance),
@@ -252,7 +253,7 @@ def _interval_fits(data: Intervals, widths: _Widths) -> _Fits:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _window(
     image_dn: FloatArray,
     line: EdgeLine,
@@ -285,7 +286,7 @@ def _window(
     return _Window(rough, pixels, weights, half_width)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _without_shading(
     image_dn: FloatArray,
     line: EdgeLine,
@@ -320,7 +321,7 @@ def _without_shading(
     return _Window(rough, even, window.weights, window.half_width_px), True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _widths(pixels: BandPixels, weights: FloatArray, start: FloatArray) -> _Widths:
     """Fit the plain edge, and from there the one behind pixel squares."""
     total = levenberg_marquardt(pixels, weights, start, False, _FINE)
@@ -329,20 +330,20 @@ def _widths(pixels: BandPixels, weights: FloatArray, start: FloatArray) -> _Widt
     return _Widths(total, levenberg_marquardt(pixels, weights, start, True, _FINE))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _is_square(widths: _Widths) -> bool:
     """Whether the edge behind pixel squares fits better."""
     return bool(widths.optical.is_found and widths.optical.squares < widths.total.squares)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _best_levels(pixels: BandPixels, widths: _Widths) -> EdgeLevels:
     if _is_square(widths):
         return edge_values(pixels, widths.optical.parameters, True)
     return edge_values(pixels, widths.total.parameters, False)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _with_slopes_along(
     pixels: BandPixels, weights: FloatArray, flat: _Widths, found: EdgeLevels
 ) -> tuple[_Widths, bool]:
@@ -354,8 +355,7 @@ def _with_slopes_along(
     # The score estimates what the slopes could gain; mostly that is too little.
     if freedom <= 0 or _p_of_two_more(gain, best.squares - gain, freedom) > _SHADING_SCORE_P:
         return flat, False
-    start = np.zeros(SHADED_PARAMETERS)
-    start[:FLAT_PARAMETERS] = best.parameters
+    start = _with_slopes(best.parameters, np.zeros(2))
     # Constants, as each shape is compiled for itself.
     if is_square:
         trial = levenberg_marquardt(pixels, weights, start, True, _FINE)
@@ -366,21 +366,27 @@ def _with_slopes_along(
     least = _SHADING_LEAST * (trial.parameters[HIGH] - trial.parameters[LOW])
     if not (trial.is_found and p <= _SHADING_P and np.abs(slopes).max() >= least):
         return flat, False
-    start[:FLAT_PARAMETERS] = flat.total.parameters
-    start[FLAT_PARAMETERS:] = slopes
+    start = _with_slopes(flat.total.parameters, slopes)
     total = levenberg_marquardt(pixels, weights, start, False, _FINE)
     if not total.is_found:
         return flat, False
-    start[:FLAT_PARAMETERS] = (
-        flat.optical.parameters if flat.optical.is_found else total.parameters[:FLAT_PARAMETERS]
-    )
+    width = flat.optical.parameters if flat.optical.is_found else total.parameters
+    start = _with_slopes(width, slopes)
     optical = levenberg_marquardt(pixels, weights, start, True, _FINE)
     is_found = flat.optical.is_found and optical.is_found
     optical = Minimum(is_found, optical.parameters, optical.hessian, optical.squares)
     return _Widths(total, optical), True
 
 
-@njit(cache=True)
+@compiled_part()
+def _with_slopes(parameters: FloatArray, slopes: FloatArray) -> FloatArray:
+    out = np.empty(SHADED_PARAMETERS)
+    for k in range(SHADED_PARAMETERS):
+        out[k] = parameters[k] if k < FLAT_PARAMETERS else slopes[k - FLAT_PARAMETERS]
+    return out
+
+
+@compiled_part()
 def _p_of_two_more(gain: float, left: float, freedom: int) -> float:
     """Probability that two superfluous parameters gain that much: F-test, in closed form."""
     if left <= 0:
@@ -388,7 +394,7 @@ def _p_of_two_more(gain: float, left: float, freedom: int) -> float:
     return float((1.0 + max(gain, 0.0) / left) ** (-0.5 * freedom))
 
 
-@njit(cache=True)
+@compiled_part()
 def _width_fit(minimum: Minimum, freedom: int) -> WidthFit:
     """Fit with the variance of log sigma from the inverse Hessian, scaled by the scatter."""
     if not minimum.is_found:

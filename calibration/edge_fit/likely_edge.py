@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit.model import FLAT_PARAMETERS
 from calibration.edge_fit.residuals import ProfileFigures
 from calibration.edge_fit.rounding import Rounding
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled_part
 
 
 class WidthFit(NamedTuple):
@@ -44,7 +44,7 @@ class LikelyEdge(NamedTuple):
     rounding: Rounding
 
 
-@njit(cache=True)
+@compiled_part()
 def no_edge() -> LikelyEdge:
     """Return the result where no edge fits."""
     void = WidthFit(False, np.zeros(FLAT_PARAMETERS), 0.0)

@@ -18,11 +18,11 @@ from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.special import ndtr
 
 from calibration.edge_search import BandPixels
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled, compiled_part
 
 # Indices into the parameter vector. Lengths are in units of the half length h of the edge, so
 # that all columns of the Jacobian have the same scale.
@@ -49,7 +49,7 @@ _NORMAL = _normal_table()
 _NORMAL_LAST = len(_NORMAL) // 2 / _STEPS
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _normal(x: float) -> tuple[float, float]:
     """Phi and its density: cubics in steps, off by 6e-12 and 3e-9 at most."""
     if x < -_NORMAL_LAST:
@@ -64,7 +64,7 @@ def _normal(x: float) -> tuple[float, float]:
     return cumulative, (first + t * (2.0 * second + t * 3.0 * third)) * _STEPS
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def unit_edge(
     d: float, s: float, a: float, b: float, is_square: bool
 ) -> tuple[float, float, float]:
@@ -101,7 +101,7 @@ def unit_edge(
     return value * per_area, slope * per_area, s * s * by_s * per_area
 
 
-@njit(cache=True)
+@compiled_part()
 def slopes_gain(
     pixels: BandPixels, weights: FloatArray, residuals: FloatArray, edges: FloatArray
 ) -> float:
@@ -135,7 +135,7 @@ class EdgeLevels(NamedTuple):
     edges: FloatArray
 
 
-@njit(cache=True)
+@compiled_part()
 def edge_values(pixels: BandPixels, parameters: FloatArray, is_square: bool) -> EdgeLevels:
     """Evaluate the model at each pixel."""
     x, y, half_length = pixels.x, pixels.y, pixels.half_length_px
@@ -163,7 +163,7 @@ def edge_values(pixels: BandPixels, parameters: FloatArray, is_square: bool) -> 
     return EdgeLevels(levels, distances, edges)
 
 
-@njit(cache=True)
+@compiled()
 def _profile(d: FloatArray, sigma: float, a: float, b: float, is_square: bool) -> FloatArray:
     out = np.empty(d.size)
     for i in range(d.size):
@@ -200,7 +200,7 @@ class EdgeJacobian(NamedTuple):
     jacobian: FloatArray
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def edge_jacobian(pixels: BandPixels, parameters: FloatArray, is_square: bool) -> EdgeJacobian:
     """Evaluate the model and its derivatives, shape ``(n, parameters)``, at each pixel."""
     x, y, half_length = pixels.x, pixels.y, pixels.half_length_px
@@ -252,13 +252,13 @@ def edge_shape(sigma_px: float, optical_sigma_px: float | None, normal_rad: floa
     return EdgeShape(optical_sigma_px, abs(cos(normal_rad)), abs(sin(normal_rad)), True)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def shape_value(shape: EdgeShape, distance_px: float) -> float:
     """Unit edge at a signed distance."""
     return unit_edge(distance_px, shape.sigma_px, shape.cosine, shape.sine, shape.is_square)[0]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def shape_slopes(shape: EdgeShape, distance_px: float) -> tuple[float, float, float]:
     """Unit edge at a signed distance, its slope per px and its derivative by log sigma."""
     return unit_edge(distance_px, shape.sigma_px, shape.cosine, shape.sine, shape.is_square)

@@ -1,14 +1,14 @@
 """What the residuals of an edge fit show: outliers, sharpening, a PSF that is not Gaussian."""
 
-from math import sqrt
+from math import pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.special import chdtrc
 
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray, IntArray
+from simulation.compiled import compiled_part
 
 _NEIGHBOURS = 25  # pixels at nearly the same distance from the edge
 COARSE = 2e-3  # of the contrast: from this step on, the median of levels is one of few
@@ -25,7 +25,7 @@ _NON_GAUSSIAN_P = 1e-5
 _NON_GAUSSIAN_LEAST = 0.004  # rms of the residual profile, of the contrast
 
 
-@njit(cache=True)
+@compiled_part()
 def noise_part(residuals: FloatArray, distances: FloatArray, is_coarse: bool = False) -> FloatArray:
     """Residuals less the running median over pixels at nearly the same distance.
 
@@ -36,12 +36,14 @@ def noise_part(residuals: FloatArray, distances: FloatArray, is_coarse: bool = F
     if is_coarse:
         return _without_means(residuals, distances)
     order = _by_distance(distances)
+    sorted_noise = _without_running_median(residuals[order])
     noise = np.empty_like(residuals)
-    noise[order] = _without_running_median(residuals[order])
+    for i in range(len(order)):
+        noise[order[i]] = sorted_noise[i]
     return noise
 
 
-@njit(cache=True)
+@compiled_part()
 def _by_distance(distances: FloatArray) -> IntArray:
     """Indices in the order of the distances: by counting into steps, then by insertion."""
     n = len(distances)
@@ -50,7 +52,8 @@ def _by_distance(distances: FloatArray) -> IntArray:
     first = np.zeros(n + 1, np.int64)
     for d in distances:
         first[int((d - least) * per_step) + 1] += 1
-    first = np.cumsum(first)
+    for k in range(n):
+        first[k + 1] += first[k]
     order = np.empty(n, np.int64)
     for i in range(n):
         step = int((distances[i] - least) * per_step)
@@ -66,15 +69,18 @@ def _by_distance(distances: FloatArray) -> IntArray:
     return order
 
 
-@njit(cache=True, fastmath={"nnan", "nsz"})
+@compiled_part(fastmath={"nnan", "nsz"})
 def _without_running_median(values: FloatArray) -> FloatArray:
     """Values less the median of the ``_NEIGHBOURS`` around each; the ends are repeated."""
     half = _NEIGHBOURS // 2
     last = len(values) - 1
     window = np.full(_NEIGHBOURS + 1, np.inf)  # sorted, with a bound behind its last element
     for k in range(_NEIGHBOURS):
-        window[k] = values[min(max(k - half, 0), last)]
-    window.sort()
+        value, place = values[min(max(k - half, 0), last)], k
+        while place > 0 and window[place - 1] > value:
+            window[place] = window[place - 1]
+            place -= 1
+        window[place] = value
     others = np.empty(_NEIGHBOURS + 1)  # with a bound before its first element
     others[0] = -np.inf
     rest = np.empty_like(values)
@@ -93,7 +99,7 @@ def _without_running_median(values: FloatArray) -> FloatArray:
     return rest
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _without_means(residuals: FloatArray, distances: FloatArray) -> FloatArray:
     """Residuals less their mean over pixels at nearly the same distance, outliers left out."""
     n = len(residuals)
@@ -120,14 +126,17 @@ def _without_means(residuals: FloatArray, distances: FloatArray) -> FloatArray:
     return noise
 
 
-@njit(cache=True)
+@compiled_part()
 def cut_variance(deviations: FloatArray) -> float:
     """Mean square about 0 without what lies beyond four of its standard deviations.
 
     Unlike the median of the moduli it is not 0 where rounding makes most values equal.
     """
     # The mean modulus of a normal is sqrt(2 / pi) of its sigma.
-    variance = float(0.5 * np.pi * np.mean(np.abs(deviations)) ** 2)
+    moduli = 0.0
+    for x in deviations:
+        moduli += abs(x)
+    variance = 0.5 * pi * (moduli / len(deviations)) ** 2
     for _ in range(_CUTS):
         total, count = 0.0, 0
         for x in deviations:
@@ -140,7 +149,19 @@ def cut_variance(deviations: FloatArray) -> float:
     return float(variance)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
+def between(values: FloatArray, edges: FloatArray, least: float, below: float) -> FloatArray:
+    """Those of the values whose pixel's unit edge is at least the one bound and below the other."""
+    chosen = np.empty(len(values))
+    count = 0
+    for i in range(len(values)):
+        if least <= edges[i] < below:
+            chosen[count] = values[i]
+            count += 1
+    return chosen[:count]
+
+
+@compiled_part()
 def outlier_weights(
     noise: FloatArray, is_clipped: BoolArray, spread: FloatArray, contrast: float, step_dn: float
 ) -> tuple[bool, FloatArray]:
@@ -150,14 +171,20 @@ def outlier_weights(
     the pixels of the dark side would else set the scale. Levels come in steps of ``step_dn``, 0
     where they are fine; clipped ones do not scatter.
     """
-    scale = robust_sigma((noise / spread)[~is_clipped])
+    relative = np.empty(len(noise))
+    count = 0
+    for i in range(len(noise)):
+        if not is_clipped[i]:
+            relative[count] = noise[i] / spread[i]
+            count += 1
+    scale = robust_sigma(relative[:count])
     least = max(_OUTLIER_LEAST * contrast, _OUTLIER_STEPS * step_dn)
     found = False
     weights = np.empty_like(noise)
     for i in range(len(noise)):
         found |= abs(noise[i]) > max(_OUTLIER_SIGMAS * scale * spread[i], least)
         reach = noise[i] / max(_TUKEY_SIGMAS * scale * spread[i], least)
-        weights[i] = (1 - reach**2) ** 2 if abs(reach) < 1 else 0.0
+        weights[i] = (1 - reach * reach) ** 2 if abs(reach) < 1 else 0.0
     return found, weights
 
 
@@ -193,9 +220,13 @@ def profile_flags(figures: ProfileFigures, contrast: float) -> tuple[str, ...]:
     return tuple(flags)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def profile_figures(
-    values: FloatArray, residuals: FloatArray, distances: FloatArray, sigma_px: float
+    values: FloatArray,
+    residuals: FloatArray,
+    distances: FloatArray,
+    weights: FloatArray,
+    sigma_px: float,
 ) -> ProfileFigures:
     """Bin the profile across the edge.
 
@@ -203,6 +234,8 @@ def profile_figures(
     ----------
     values, residuals, distances
         Level, level minus model and signed distance (px) of each pixel, shape ``(n,)``.
+    weights
+        Pixels without weight do not count.
     sigma_px
         Total width of the edge.
     """
@@ -210,7 +243,11 @@ def profile_figures(
     size = int(np.floor(distances.max() / _BIN_PX) - first) + 1
     count, total, distance_sum = np.zeros(size), np.zeros(size), np.zeros(size)
     squares = 0.0
+    pixels = 0
     for i in range(len(values)):
+        if not weights[i] > 0:
+            continue
+        pixels += 1
         k = int(np.floor(distances[i] / _BIN_PX) - first)
         count[k] += 1
         total[k] += residuals[i]
@@ -228,9 +265,10 @@ def profile_figures(
             bins += 1
             chi2 += count[k] * mean * mean
             mean_squares += mean * mean
-    scatter = max(squares, 0.0) / max(len(values) - filled, 1)
+    scatter = max(squares, 0.0) / max(pixels - filled, 1)
     overshoot = min(
-        _overshoot(values, distances, -1.0, sigma_px), _overshoot(values, distances, 1.0, sigma_px)
+        _overshoot(values, distances, weights, -1.0, sigma_px),
+        _overshoot(values, distances, weights, 1.0, sigma_px),
     )
     return ProfileFigures(
         overshoot,
@@ -238,12 +276,14 @@ def profile_figures(
         chi2 / scatter if scatter > 0 else 0.0,
         mean_squares / max(bins, 1),
         bins,
-        len(values),
+        pixels,
     )
 
 
-@njit(cache=True, error_model="numpy")
-def _overshoot(values: FloatArray, distances: FloatArray, side: float, sigma_px: float) -> float:
+@compiled_part()
+def _overshoot(
+    values: FloatArray, distances: FloatArray, weights: FloatArray, side: float, sigma_px: float
+) -> float:
     """How far the profile of one side goes beyond its far level; 0 where the side is missing."""
     inner, outer = 1.2 * sigma_px + 0.5, 3.0 * sigma_px + 1.5
     size = int(np.floor((outer - inner) / _BIN_PX)) + 1
@@ -251,7 +291,7 @@ def _overshoot(values: FloatArray, distances: FloatArray, side: float, sigma_px:
     far = np.empty(len(values))
     n_far = 0
     for i in range(len(values)):
-        d = side * distances[i]
+        d = side * distances[i] if weights[i] > 0 else 0.0
         if d > outer:
             far[n_far] = values[i]
             n_far += 1
@@ -259,7 +299,10 @@ def _overshoot(values: FloatArray, distances: FloatArray, side: float, sigma_px:
             k = int(np.floor((d - inner) / _BIN_PX))
             count[k] += 1
             total[k] += values[i]
-    if n_far < 10 or count.sum() < 10:
+    inside = 0.0
+    for k in range(size):
+        inside += count[k]
+    if min(n_far, inside) < 10:
         return 0.0
     far_level = np.median(far[:n_far])
     highest = -np.inf

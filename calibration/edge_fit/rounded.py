@@ -25,7 +25,6 @@ from math import erfc, exp, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit.clipping import LevelIntervals
 from calibration.edge_fit.least_squares import inverse_element, solved
@@ -38,6 +37,7 @@ from calibration.edge_fit.model import (
 )
 from calibration.edge_search import BandPixels
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled, compiled_part
 
 _LEAST_NOISE = 0.03  # of a step: what noise-free edges at random angles look like
 _LOG_NOISE_PRIOR = 1.0  # standard deviation of log s about that
@@ -94,7 +94,7 @@ class _Equations(NamedTuple):
     log_likelihood: float
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _mills_ratio(x: float) -> float:
     """Upper tail of the normal distribution over its density, for ``x`` from ``_FAR`` on.
 
@@ -106,7 +106,7 @@ def _mills_ratio(x: float) -> float:
     return 1 / below
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def interval_terms(
     below: float, above: float, s: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -143,7 +143,7 @@ def interval_terms(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equations:
     """Log likelihood with the priors of the noise, its gradient and its negative Hessian."""
     count = len(parameters)
@@ -187,7 +187,7 @@ def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equ
     return _Equations(hessian, gradient, total)
 
 
-@njit(cache=True)
+@compiled_part()
 def cosine_transform() -> FloatArray:
     """The orthonormal cosine transform of eight values, shape ``(8, 8)``, by rising frequency."""
     matrix = np.empty((_BLOCK, _BLOCK))
@@ -198,7 +198,7 @@ def cosine_transform() -> FloatArray:
     return matrix
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _observed(data: Intervals, parameters: FloatArray, is_square: bool) -> EdgeJacobian:
     """The model of the observations: of the pixels, or of the cosines of their codes."""
     model = edge_jacobian(data.pixels, parameters, is_square)
@@ -211,25 +211,42 @@ def _observed(data: Intervals, parameters: FloatArray, is_square: bool) -> EdgeJ
         k = min(max(np.searchsorted(code_levels, levels[i]) - 1, 0), last - 1)
         slope = 1.0 / (code_levels[k + 1] - code_levels[k])
         levels[i] = k + slope * (levels[i] - code_levels[k]) - _EVEN_CODE
-        jacobian[i] *= slope
-    transform = cosine_transform()
-    for k in range(0, len(levels), _BLOCK**2):
-        block = slice(k, k + _BLOCK**2)
-        # Of a block away from the edge the first cosine alone is not 0.
-        edges[block] = np.mean(edges[block])
-        levels[block] = _cosines(transform, levels[block])
         for j in range(jacobian.shape[1]):
-            jacobian[block, j] = _cosines(transform, jacobian[block, j].copy())
+            jacobian[i, j] *= slope
+    transform = cosine_transform()
+    values = np.empty(_BLOCK**2)
+    for k in range(0, len(levels), _BLOCK**2):
+        # Of a block away from the edge the first cosine alone is not 0.
+        mean = np.mean(edges[k : k + _BLOCK**2])
+        for i in range(_BLOCK**2):
+            edges[k + i] = mean
+        _cosines(transform, levels[k : k + _BLOCK**2])
+        for j in range(jacobian.shape[1]):
+            for i in range(_BLOCK**2):
+                values[i] = jacobian[k + i, j]
+            _cosines(transform, values)
+            for i in range(_BLOCK**2):
+                jacobian[k + i, j] = values[i]
     return EdgeJacobian(levels, edges, jacobian)
 
 
-@njit(cache=True)
-def _cosines(transform: FloatArray, values: FloatArray) -> FloatArray:
-    block = values.copy().reshape(_BLOCK, _BLOCK)
-    return (transform @ block @ transform.T).copy().reshape(_BLOCK * _BLOCK)
+@compiled_part()
+def _cosines(transform: FloatArray, block: FloatArray) -> None:
+    """Put the cosines of a block of 64 values, row by row, in their place."""
+    by_row = np.zeros(_BLOCK**2)
+    for k in range(_BLOCK):
+        for m in range(_BLOCK):
+            for n in range(_BLOCK):
+                by_row[k * _BLOCK + n] += transform[k, m] * block[m * _BLOCK + n]
+    for k in range(_BLOCK):
+        for n in range(_BLOCK):
+            total = 0.0
+            for m in range(_BLOCK):
+                total += by_row[k * _BLOCK + m] * transform[n, m]
+            block[k * _BLOCK + n] = total
 
 
-@njit(cache=True)
+@compiled_part()
 def _add_priors(
     hessian: FloatArray, gradient: FloatArray, parameters: FloatArray, usual_noise_dn: float
 ) -> float:
@@ -250,23 +267,40 @@ def _add_priors(
     return float(total - 0.5 * apart * apart)
 
 
-@njit(cache=True, error_model="numpy")
-def maximise_intervals(data: Intervals, start: FloatArray, is_square: bool) -> LikelyParameters:
-    """Maximise the likelihood by damped Newton steps.
+@compiled()
+def maximise_intervals(
+    data: Intervals, starts: tuple[FloatArray, FloatArray], has_optical: bool
+) -> tuple[LikelyParameters, LikelyParameters]:
+    """Maximise the likelihood of the plain edge, and of the one behind pixel squares.
 
     Parameters
     ----------
     data
         Pixels with their intervals.
-    start
-        The edge's parameters, as in ``calibration.edge_fit.model``.
-    is_square
-        Whether the edge lies behind pixel squares.
+    starts
+        Parameters of either, as in ``calibration.edge_fit.model``.
+    has_optical
+        Whether the second is to be found.
     """
+    total = _most_likely(data, starts[0], False)
+    if not has_optical:
+        return total, LikelyParameters(False, starts[1], 0.0, -np.inf, (0.0, 0.0))
+    return total, _most_likely(data, starts[1], True)
+
+
+@compiled_part()
+def is_more_likely(one: LikelyParameters, other: LikelyParameters) -> bool:
+    """Whether an edge was found, and fits better than another."""
+    return bool(one.is_found and one.log_likelihood > other.log_likelihood)
+
+
+@compiled_part()
+def _most_likely(data: Intervals, start: FloatArray, is_square: bool) -> LikelyParameters:
+    """Maximise the likelihood of one edge by damped Newton steps."""
     edge_count = len(start)
-    best = np.empty(edge_count + 2)
-    best[:edge_count] = start
-    best[edge_count:] = log(_START * data.usual_noise_dn)
+    best = np.full(edge_count + 2, log(_START * data.usual_noise_dn))
+    for k in range(edge_count):
+        best[k] = start[k]
     here = _equations(data, best, is_square)
     damping = 1e-3
     if not np.isfinite(here.log_likelihood):
@@ -303,7 +337,7 @@ def maximise_intervals(data: Intervals, start: FloatArray, is_square: bool) -> L
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def expected_residuals(data: Intervals, fit: LikelyParameters, is_square: bool) -> FloatArray:
     """Mean deviation from the model before rounding that each pixel's interval implies, in DN.
 
@@ -319,7 +353,7 @@ def expected_residuals(data: Intervals, fit: LikelyParameters, is_square: bool) 
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def pixel_intervals(
     pixels: BandPixels,
     stored: FloatArray,
@@ -342,7 +376,7 @@ def pixel_intervals(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _one_code_weights(
     levels: LevelIntervals, weights: FloatArray, edges: FloatArray, contrast: float
 ) -> FloatArray:
@@ -352,10 +386,21 @@ def _one_code_weights(
     single pixels they would place the level in the middle of the code's interval.
     """
     weights = weights.copy()
-    lower, is_open, step_dn = levels.lower, ~levels.is_clipped, levels.step_dn
+    lower, step_dn = levels.lower, levels.step_dn
     reach = _FLAT * step_dn / contrast
-    for flat in (is_open & (edges < reach), is_open & (edges > 1 - reach)):
-        own = lower[flat & (weights > 0)]
-        if len(own) > 0 and own.max() - own.min() < 0.5 * step_dn:
-            weights[flat] /= len(own)
+    # Which side a pixel is flat on: 0 or 1, -1 for none.
+    side = np.full(len(weights), -1)
+    count, least, largest = np.zeros(2), np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(len(weights)):
+        if levels.is_clipped[i] or reach <= edges[i] <= 1 - reach:
+            continue
+        k = int(edges[i] >= reach)
+        side[i] = k
+        if weights[i] > 0:
+            count[k] += 1
+            least[k], largest[k] = min(least[k], lower[i]), max(largest[k], lower[i])
+    for i in range(len(weights)):
+        k = side[i]
+        if k >= 0 and count[k] > 0 and largest[k] - least[k] < 0.5 * step_dn:
+            weights[i] /= count[k]
     return weights

@@ -4,10 +4,10 @@ from math import exp, pi, sin
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit.level_steps import LevelSteps
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled, compiled_part
 
 _TERMS = 8
 _LEAST_NOISE = 0.095  # of a step: below, the error jumps at levels that no fit places so well
@@ -30,15 +30,18 @@ class Rounding(NamedTuple):
         return float(0.5 * (self.dark_step_dn + self.bright_step_dn) / np.sqrt(12.0))
 
 
-@njit(cache=True)
+@compiled_part()
 def rounding_of(steps: LevelSteps, edges: FloatArray, noise_dn: tuple[float, float]) -> Rounding:
     """Return the mean steps on either half of an edge; the noise is that before rounding."""
-    widths = steps.upper - steps.lower
-    dark, bright = float(np.mean(widths[edges < 0.5])), float(np.mean(widths[edges >= 0.5]))
-    return Rounding(dark, bright, noise_dn[0], noise_dn[1])
+    count, total = np.zeros(2), np.zeros(2)
+    for i in range(len(edges)):
+        side = int(edges[i] >= 0.5)
+        count[side] += 1
+        total[side] += steps.upper[i] - steps.lower[i]
+    return Rounding(total[0] / count[0], total[1] / count[1], noise_dn[0], noise_dn[1])
 
 
-@njit(cache=True)
+@compiled()
 def rounding_bias(
     levels_dn: FloatArray, expected_dn: FloatArray, edges: FloatArray, rounding: Rounding
 ) -> FloatArray:

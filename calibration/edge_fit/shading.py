@@ -11,10 +11,11 @@ from math import ceil, erf, exp, floor, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from calibration.edge_fit.least_squares import inverse_element, solved
 from calibration.edge_search import EdgeLine
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled, compiled_part
 
 _ZONE_PX = 16.0  # width of either zone beyond the fitted band
 _ZONE_LEAST_PX = 8.0
@@ -46,7 +47,7 @@ class Shading(NamedTuple):
     bright_bend_along: float
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def slopes_across(
     image_dn: FloatArray,
     line: EdgeLine,
@@ -80,7 +81,7 @@ def slopes_across(
     return Shading(dark, bright, dark_bend, bright_bend, dark_along, bright_along)
 
 
-@njit(cache=True)
+@compiled_part()
 def unclipped_slopes(shading: Shading, clipped_distances_px: FloatArray) -> Shading:
     """The shading of those sides of the edge that have no clipped pixels."""
     dark = 0.0 if np.any(clipped_distances_px < 0) else 1.0
@@ -95,7 +96,7 @@ def unclipped_slopes(shading: Shading, clipped_distances_px: FloatArray) -> Shad
     )
 
 
-@njit(cache=True)
+@compiled_part()
 def is_even(shading: Shading) -> bool:
     """Whether there is no shading."""
     for value in shading:  # noqa: SIM110 - numba compiles no generator
@@ -104,7 +105,7 @@ def is_even(shading: Shading) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def shading_levels(
     shading: Shading, distances: FloatArray, along: FloatArray, sigma_px: float
 ) -> FloatArray:
@@ -139,14 +140,14 @@ class _Zone(NamedTuple):
     bend_along_error: float
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _side_slope(sums: FloatArray, least: float) -> tuple[float, float]:
     """Slope at the edge and bend of one side, from the sums over its near and its far zone.
 
     A tail rises towards the bright side, and the less the farther out; anything else that differs
     between the zones is vignetting.
     """
-    near, far, both = _zone(sums[0]), _zone(sums[1]), _zone(sums[0] + sums[1])
+    near, far, both = _zone(sums[0]), _zone(sums[1]), _zone(sums[2])
     apart = sqrt(near.error**2 + far.error**2)
     may_be_tail = near.slope > far.slope > -_FAR_ERRORS * far.error
     if abs(near.slope - far.slope) > _BEND_ERRORS * apart and not may_be_tail:
@@ -161,21 +162,21 @@ def _side_slope(sums: FloatArray, least: float) -> tuple[float, float]:
     return (both.slope if is_seen else 0.0), 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _bend_along(sums: FloatArray, least: float) -> float:
     """Bend along the edge of one side, per square of its half length."""
-    both = _zone(sums[0] + sums[1])
+    both = _zone(sums[2])
     is_seen = abs(both.bend_along) > max(least, _SLOPE_ERRORS * both.bend_along_error)
     return both.bend_along if is_seen else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _zone_sums(image_dn: FloatArray, line: EdgeLine, inner: float, zone: float) -> FloatArray:
-    """Products of the levels' terms, per side (dark, bright) and zone (near, far).
+    """Products of the levels' terms, per side (dark, bright) and zone (near, far, both).
 
     The terms are 1, the distance, the position along the edge and its square, and the level.
     """
-    sums = np.zeros((2, 2, _TERMS + 1, _TERMS + 1))
+    sums = np.zeros((2, 3, _TERMS + 1, _TERMS + 1))
     rows, cols = image_dn.shape
     x_px, y_px, half_length = line.x_px, line.y_px, line.half_length_px
     c, s = np.cos(line.normal_rad), np.sin(line.normal_rad)
@@ -203,10 +204,14 @@ def _zone_sums(image_dn: FloatArray, line: EdgeLine, inner: float, zone: float) 
                 for k in range(j + 1):
                     m[j, k] += term[j] * term[k]
         row += _STRIDE_PX
+    for side in range(2):
+        for j in range(_TERMS + 1):
+            for k in range(j + 1):
+                sums[side, 2, j, k] = sums[side, 0, j, k] + sums[side, 1, j, k]
     return sums
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _zone(m: FloatArray) -> _Zone:
     """Slope of the level across the edge from the products over a zone.
 
@@ -222,9 +227,11 @@ def _zone(m: FloatArray) -> _Zone:
         for k in range(j + 1):
             matrix[j, k] = matrix[k, j] = m[j, k]
         matrix[j, j] *= 1 + _RIDGE
-    inverse = np.linalg.inv(matrix)
-    found = inverse @ right
-    variance = max(m[_TERMS, _TERMS] - np.dot(found, right), 0.0) / (n - _TERMS)
-    across_error = sqrt(variance * max(inverse[1, 1], 0.0))
-    along_error = sqrt(variance * max(inverse[3, 3], 0.0))
+    found = solved(matrix, right, 0.0)
+    left = m[_TERMS, _TERMS]
+    for j in range(_TERMS):
+        left -= found[j] * right[j]
+    variance = max(left, 0.0) / (n - _TERMS)
+    across_error = sqrt(variance * inverse_element(matrix, 1))
+    along_error = sqrt(variance * inverse_element(matrix, 3))
     return _Zone(found[1], across_error, m[1, 0] / n, found[3], along_error)

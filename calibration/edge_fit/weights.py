@@ -4,10 +4,10 @@ from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from calibration.edge_fit.residuals import cut_variance, outlier_weights
+from calibration.edge_fit.residuals import between, cut_variance, outlier_weights
 from simulation.arrays import BoolArray, FloatArray
+from simulation.compiled import compiled_part
 
 _UNEVEN_SIGMAS = 3.1  # one in a thousand
 _SIDE_PIXELS = 30
@@ -23,7 +23,7 @@ class PixelWeights(NamedTuple):
     has_outliers: bool
 
 
-@njit(cache=True)
+@compiled_part()
 def known_weights(
     across: FloatArray, sigma: float, low: float, high: float, noise_line: FloatArray
 ) -> FloatArray:
@@ -38,7 +38,7 @@ def known_weights(
     return weights
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def pixel_weights(
     noise: tuple[FloatArray, BoolArray],
     edges: FloatArray,
@@ -65,26 +65,28 @@ def pixel_weights(
     scatter, is_clipped = noise
     least = step_dn**2 / 12 + (_LEAST_NOISE * contrast) ** 2
     weights = known if len(known) > 0 else _side_weights(scatter, edges, least)
-    found, outliers = outlier_weights(
-        scatter, is_clipped, 1.0 / np.sqrt(weights), contrast, step_dn
-    )
+    spread = np.empty(len(weights))
+    for i in range(len(weights)):
+        spread[i] = 1.0 / sqrt(weights[i])
+    found, outliers = outlier_weights(scatter, is_clipped, spread, contrast, step_dn)
     return PixelWeights(weights * outliers if found else weights, outliers, found)
 
 
-@njit(cache=True)
+@compiled_part()
 def _side_weights(scatter: FloatArray, edges: FloatArray, least_variance: float) -> FloatArray:
     """Inverse variances where one side of the edge is noisier than the other, else ones."""
-    even = np.ones(len(scatter))
-    dark, bright = edges < _SIDE, edges > 1 - _SIDE
-    n_dark, n_bright = np.count_nonzero(dark), np.count_nonzero(bright)
-    if min(n_dark, n_bright) < _SIDE_PIXELS:
-        return even
-    low = max(cut_variance(scatter[dark]), least_variance)
-    high = max(cut_variance(scatter[bright]), least_variance)
+    weights = np.ones(len(scatter))
+    dark, bright = between(scatter, edges, -1.0, _SIDE), between(scatter, edges, 1 - _SIDE, 2.0)
+    if min(len(dark), len(bright)) < _SIDE_PIXELS:
+        return weights
+    low = max(cut_variance(dark), least_variance)
+    high = max(cut_variance(bright), least_variance)
     if min(low, high) <= 1e-12 * max(low, high):
-        return even
+        return weights
     # The logarithm of a ratio of two variances is nearly normal.
-    scatter_of_log = sqrt(2.0 / n_dark + 2.0 / n_bright)
+    scatter_of_log = sqrt(2.0 / len(dark) + 2.0 / len(bright))
     if abs(log(high / low)) < _UNEVEN_SIGMAS * scatter_of_log:
-        return even
-    return sqrt(low * high) / (low + (high - low) * edges)
+        return weights
+    for i in range(len(weights)):
+        weights[i] = sqrt(low * high) / (low + (high - low) * edges[i])
+    return weights

@@ -3,13 +3,13 @@
 from math import cos, sin
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_search.segments import EdgeLine
 from simulation.arrays import FloatArray, IntArray
+from simulation.compiled import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def nearest_others(
     points: FloatArray, line: EdgeLine, own_px: float, reach_px: float
 ) -> FloatArray:
@@ -50,7 +50,7 @@ def nearest_others(
     return nearest
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def clear_stretches(nearest: FloatArray, least_px: float, margin_steps: int) -> IntArray:
     """First and last step of each stretch with nothing nearer than ``least_px``.
 

@@ -9,9 +9,9 @@ from math import ceil, floor, log1p, sqrt
 
 import cv2
 import numpy as np
-from numba import njit
 
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from simulation.compiled import compiled, compiled_part
 
 SMOOTHING_PX = 1.0
 # Where edges fill the picture, as squares of 25 px do, the median gradient is theirs: then it is
@@ -198,7 +198,7 @@ def _sampled(
     return np.concatenate(magnitudes), np.concatenate(levels)
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _squares(gx: Float32Array, gy: Float32Array, out: Float32Array) -> float:
     """Squared magnitude of the gradient into ``out``; the largest is returned."""
     largest = np.float32(0.0)
@@ -210,7 +210,7 @@ def _squares(gx: Float32Array, gy: Float32Array, out: Float32Array) -> float:
     return float(largest)
 
 
-@njit(cache=True)
+@compiled_part()
 def _at(squares: Float32Array, r: int, c: int) -> float:
     """Squared magnitude; 0 outside."""
     if r < 0 or c < 0 or r >= squares.shape[0] or c >= squares.shape[1]:
@@ -218,7 +218,7 @@ def _at(squares: Float32Array, r: int, c: int) -> float:
     return float(squares[r, c])
 
 
-@njit(cache=True)
+@compiled_part()
 def _is_ridge(squares: Float32Array, r: int, c: int, x: float, y: float) -> bool:
     """Whether the gradient (x, y) of a pixel is largest across itself (Canny 1986)."""
     if abs(y) <= _TAN_22_5 * abs(x):
@@ -232,7 +232,7 @@ def _is_ridge(squares: Float32Array, r: int, c: int, x: float, y: float) -> bool
     return bool(here > before and here >= after)
 
 
-@njit(cache=True)
+@compiled()
 def _ridge_pixels(
     gx: Float32Array,
     gy: Float32Array,

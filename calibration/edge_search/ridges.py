@@ -9,11 +9,11 @@ from math import atan2, cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_search.gradient import Gradient, RidgePixels
 from calibration.edge_search.segments import ROUNDED_PX, EdgeLine
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from simulation.compiled import compiled, compiled_part
 
 SHORTEST_REGION_PX = 8
 _NOISE_MEAN, _NOISE_SOLID = 4.0, 8.0  # of a region's mean gradient
@@ -89,7 +89,7 @@ def _first_of(pixels: RidgePixels, height: int) -> IntArray:
     return np.searchsorted(pixels.rows, np.arange(height + 1))
 
 
-@njit(cache=True)
+@compiled_part()
 def _first_near(cols: IntArray, first_of: IntArray, row: int, col: int) -> tuple[int, int]:
     """First index in a row that is not left of ``col``, and the row's end."""
     if row < 0 or row >= len(first_of) - 1:
@@ -105,7 +105,7 @@ def _first_near(cols: IntArray, first_of: IntArray, row: int, col: int) -> tuple
     return low, end
 
 
-@njit(cache=True)
+@compiled()
 def _beside_strong(
     rows: IntArray, cols: IntArray, first_of: IntArray, is_strong: BoolArray
 ) -> BoolArray:
@@ -131,7 +131,7 @@ def _beside_strong(
     return kept
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _regions(
     rows: IntArray, cols: IntArray, first_of: IntArray, gx: Float32Array, gy: Float32Array
 ) -> tuple[IntArray, IntArray]:
@@ -176,7 +176,7 @@ def _regions(
     return members, starts[: count + 1]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _lines(
     rows: IntArray,
     cols: IntArray,
@@ -194,12 +194,13 @@ def _lines(
             continue
         line, is_straight = _line(rows, cols, gradient, members[first:last])
         if is_straight:
-            lines[count] = line
+            for i in range(4):
+                lines[count, i] = line[i]
             count += 1
     return lines[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _line(
     rows: IntArray,
     cols: IntArray,
@@ -225,7 +226,7 @@ def _line(
             y[i] += shifts[k]
     normal = atan2(sum_y, sum_x)
     cx, cy = x.mean(), y.mean()
-    kept = np.ones(n, np.bool_)
+    kept, away = np.ones(n, np.bool_), np.empty(n)
     for _ in range(_LINE_ROUNDS):
         along, across = _projected(x, y, cx, cy, normal)
         slope, shift = _weighted_line(along, across, weight, kept)
@@ -235,8 +236,11 @@ def _line(
         cy += shift * sin(normal)
         normal -= np.arctan(slope)
         # The ridge runs around a corner for its last pixels: they are not part of this line.
-        away = np.abs(across - slope * along - shift)
-        kept = away <= max(_ROUGHEST_PX, 2.5 * np.median(away))
+        for i in range(n):
+            away[i] = abs(across[i] - slope * along[i] - shift)
+        limit = max(_ROUGHEST_PX, 2.5 * np.median(away))
+        for i in range(n):
+            kept[i] = away[i] <= limit
     along, across = _projected(x, y, cx, cy, normal)
     along, across = along[kept], across[kept]
     if len(along) < max(SHORTEST_REGION_PX, 0.6 * n):
@@ -245,16 +249,18 @@ def _line(
     length = high - low
     if not _is_straight(along, across, length):
         # Pixels that turn with a corner within the distance kept above bend a short ridge.
-        is_inner = (along >= low + ROUNDED_PX) & (along <= high - ROUNDED_PX)
-        if np.count_nonzero(is_inner) < SHORTEST_REGION_PX:
-            return none, False
-        if not _is_straight(along[is_inner], across[is_inner], length):
+        inner = 0
+        for i in range(len(along)):
+            if low + ROUNDED_PX <= along[i] <= high - ROUNDED_PX:
+                along[inner], across[inner] = along[i], across[i]
+                inner += 1
+        if inner < SHORTEST_REGION_PX or not _is_straight(along[:inner], across[:inner], length):
             return none, False
     middle = 0.5 * (low + high)
     return (cx - middle * sin(normal), cy + middle * cos(normal), normal, length + 1), True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _projected(
     x: FloatArray, y: FloatArray, cx: float, cy: float, normal: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -267,7 +273,7 @@ def _projected(
     return along, across
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _weighted_line(
     along: FloatArray, across: FloatArray, weight: FloatArray, kept: BoolArray
 ) -> tuple[float, float]:
@@ -290,7 +296,7 @@ def _weighted_line(
     return slope, (wa - slope * wt) / w
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _is_straight(along: FloatArray, across: FloatArray, length: float) -> bool:
     """Whether points lie along a line so long with a bend that a fit takes up, and no more."""
     bend, rough = _parabola(along, across)
@@ -298,20 +304,33 @@ def _is_straight(along: FloatArray, across: FloatArray, length: float) -> bool:
     return bool(rough <= _ROUGHEST_PX and sagitta <= max(_LARGEST_SAGITTA * length, 0.5))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _parabola(along: FloatArray, across: FloatArray) -> tuple[float, float]:
     """Second-order coefficient of the parabola through the points, and their rms distance."""
     scale = max(np.abs(along).max(), 1.0)
-    design = np.ones((len(along), 3))
-    design[:, 1] = along / scale
-    design[:, 2] = design[:, 1] ** 2
-    transposed = np.ascontiguousarray(design.T)
-    found = np.linalg.solve(transposed @ design, transposed @ across)
-    rest = across - design @ found
-    return found[2] / scale**2, sqrt(np.mean(rest**2))
+    mean, level = along.mean() / scale, across.mean()
+    # Two more polynomials that are orthogonal over the points to the constant and to each other.
+    linear, parabola = np.empty(len(along)), np.empty(len(along))
+    squares = cubes = sloped = 0.0
+    for i in range(len(along)):
+        t = along[i] / scale - mean
+        linear[i] = t
+        squares += t * t
+        cubes += t * t * t
+        sloped += t * across[i]
+    fourths = bent = 0.0
+    for i in range(len(along)):
+        parabola[i] = linear[i] * (linear[i] - cubes / squares) - squares / len(along)
+        fourths += parabola[i] * parabola[i]
+        bent += parabola[i] * across[i]
+    rest = 0.0
+    for i in range(len(along)):
+        fitted = level + sloped / squares * linear[i] + bent / fourths * parabola[i]
+        rest += (across[i] - fitted) ** 2
+    return bent / fourths / scale**2, sqrt(rest / len(along))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def refined(
     rows: IntArray,
     cols: IntArray,

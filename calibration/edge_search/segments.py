@@ -5,9 +5,9 @@ from math import ceil, floor
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from simulation.arrays import BoolArray, FloatArray
+from simulation.compiled import compiled, compiled_part
 
 SHORTEST_PX = 6.0
 """Least length of what is fitted: down to it the widths of squares' sides are within their errors,
@@ -86,7 +86,7 @@ class EdgeSegment:
         ]
 
 
-@njit(cache=True)
+@compiled()
 def corner_reach(sigma_px: float) -> float:
     """How far an edge of this total width reaches beside its line and beyond its end, in px."""
     return _CORNER_SIGMAS * sigma_px + _CORNER_EXTRA_PX
@@ -98,13 +98,13 @@ def least_side_px(sigma_px: float) -> float:
     return max(SHORTEST_PX + ends_px, _SHORTEST_FOUND_PX)
 
 
-@njit(cache=True)
+@compiled()
 def band_half_width(sigma_px: float) -> float:
     """How far from an edge of this total width its pixels are used, in px."""
     return _BAND_SIGMAS * sigma_px + _BAND_EXTRA_PX
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def band_pixels(
     image_dn: FloatArray | BoolArray, line: EdgeLine, half_width_px: float
 ) -> BandPixels:
@@ -135,7 +135,7 @@ def band_pixels(
     )
 
 
-@njit(cache=True)
+@compiled_part()
 def side_level(values: FloatArray, outwards: FloatArray, sigma_px: float) -> float:
     """Mean level on one side, away from the edge where there are such pixels."""
     far = near = 0.0

@@ -13,7 +13,6 @@ from math import sinh
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit import (
     EdgeFit,
@@ -26,6 +25,7 @@ from calibration.edge_fit import (
 from calibration.edges.samples import EdgeSamples
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray, IntArray
+from simulation.compiled import compiled, compiled_part
 
 _STEP = 1 / 16  # px, at the edge
 _WIDENS_PX = 2.0  # from about this distance on, bins grow in proportion to it
@@ -137,7 +137,7 @@ class _Bins(NamedTuple):
     weight: FloatArray
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _shape_values(shape: EdgeShape, distance_px: FloatArray) -> FloatArray:
     values = np.empty(distance_px.size)
     for i in range(distance_px.size):
@@ -145,7 +145,7 @@ def _shape_values(shape: EdgeShape, distance_px: FloatArray) -> FloatArray:
     return values
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _binned(
     distance: FloatArray,
     levels: FloatArray,
@@ -170,7 +170,7 @@ def _binned(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _numbers(distance: FloatArray) -> tuple[IntArray, int]:
     """Bin of each distance, counted from the first one, and the first one's index."""
     farthest = np.abs(distance).max()
@@ -203,7 +203,7 @@ class _Sums(NamedTuple):
     squares: FloatArray
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _sums(number: IntArray, distance: FloatArray, along: FloatArray, left: FloatArray) -> _Sums:
     """Sums over the pixels of each bin; ``left`` is what the Gaussian leaves of their levels."""
     bins = number.max() + 1
@@ -223,7 +223,7 @@ def _sums(number: IntArray, distance: FloatArray, along: FloatArray, left: Float
     return _Sums(count, table[:, 1] * per_pixel, table[:, 2] * per_pixel, mean, squares)
 
 
-@njit(cache=True)
+@compiled_part()
 def _farthest(number: IntArray, left: FloatArray, mean: FloatArray) -> float:
     """Largest distance of a pixel from the mean of its bin."""
     farthest = 0.0
@@ -232,19 +232,21 @@ def _farthest(number: IntArray, left: FloatArray, mean: FloatArray) -> float:
     return farthest
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _without_outliers(distance: FloatArray, left: FloatArray) -> BoolArray:
     """Pixels that are not far from the median at their distance: dust and defects are."""
     order = np.argsort(distance)
     away = np.empty(distance.size)
     for start in range(0, distance.size, _MEDIAN_PIXELS):
         some = order[start : start + _MEDIAN_PIXELS]
-        away[some] = left[some] - np.median(left[some])
+        median = np.median(left[some])
+        for i in some:
+            away[i] = left[i] - median
     limit = max(_OUTLIER_SIGMAS * robust_sigma(away), _OUTLIER_LEAST)
     return np.abs(away) <= limit
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _variances(
     count: FloatArray, squares: FloatArray, level: FloatArray, least_noise: float
 ) -> FloatArray:

@@ -11,7 +11,6 @@ from math import atan, atan2, cos, exp, pi, sin
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from calibration.edge_fit import EdgeShape, edge_shape, shape_slopes, shape_value
@@ -25,6 +24,7 @@ from calibration.edges.penalised_spline import (
     variances,
 )
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled, compiled_part
 
 SFR_FREQ_CY_PER_PX = tuple(round(0.05 * k, 2) for k in range(1, 11))
 """Frequencies at which tables list the contrast, up to Nyquist."""
@@ -150,7 +150,7 @@ def widest_gap_px(edge: BinnedEdge) -> float:
     return float(_widest_gap(edge.distance_px, core))
 
 
-@njit(cache=True)
+@compiled()
 def _widest_gap(distance: FloatArray, core: float) -> float:
     widest = 0.0
     for i in range(1, distance.size):
@@ -181,7 +181,7 @@ def gap_message(edge: BinnedEdge, gap_px: float) -> str:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _fitted(
     distance: FloatArray,
     levels: FloatArray,
@@ -211,14 +211,17 @@ def _fitted(
     fit = fit_penalised_spline(positions, left, weights, terms, precision, stiffness)
     if not fit.is_found:
         return _Curve(shape, tail_px, knot_px, fit, fit.coefficients, 0.0)
-    steps = np.diff(fit.coefficients)
-    rise = 1.0 + fit.terms[0] + np.sum(steps)
+    steps = np.empty(fit.coefficients.size - 1)
+    rise = 1.0 + fit.terms[0]
+    for k in range(steps.size):
+        steps[k] = fit.coefficients[k + 1] - fit.coefficients[k]
+        rise += steps[k]
     return _Curve(
         shape, tail_px, knot_px, _marked(fit, abs(rise - 1.0) < _UNEVEN_MOST), steps, rise
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _misfit(
     distance: FloatArray, levels: FloatArray, weights: FloatArray, shape: EdgeShape
 ) -> float:
@@ -228,21 +231,21 @@ def _misfit(
     return total
 
 
-@njit(cache=True)
+@compiled_part()
 def _marked(fit: SplineFit, is_found: bool) -> SplineFit:
     return SplineFit(
         is_found, fit.coefficients, fit.terms, fit.factor, fit.cross, fit.border, fit.scale
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _terms(shape: EdgeShape, tail_px: float, distance: float) -> tuple[float, float, float, float]:
     """The Gaussian edge, its derivatives by log sigma and by place, and what a tail changes."""
     value, slope, by_log_sigma = shape_slopes(shape, distance)
     return value, by_log_sigma, slope, 0.5 + atan(distance / tail_px) / pi - value
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _stiffness(count: int, half_px: float, knot_px: float, sigma_px: float) -> FloatArray:
     """Penalty by position: far out, a PSF has no detail much finer than its distance.
 
@@ -255,7 +258,7 @@ def _stiffness(count: int, half_px: float, knot_px: float, sigma_px: float) -> F
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _transform(curve: _Curve, freq_cy_per_px: FloatArray) -> NDArray[np.complex128]:
     out = np.empty(freq_cy_per_px.size, dtype=np.complex128)
     for i in range(out.size):
@@ -263,7 +266,7 @@ def _transform(curve: _Curve, freq_cy_per_px: FloatArray) -> NDArray[np.complex1
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _transform_at(curve: _Curve, freq: float) -> complex:
     shape, terms, steps = curve.shape, curve.fit.terms, curve.steps
     gauss = pixel_transfer(freq, shape.sigma_px, shape.cosine, shape.sine)
@@ -289,7 +292,7 @@ def _transform_at(curve: _Curve, freq: float) -> complex:
     return complex(total + even * smooth, slope + odd * smooth) / curve.rise
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _errors(curve: _Curve, freq_cy_per_px: FloatArray, phase_rad: FloatArray) -> FloatArray:
     """Standard errors of the parts of the transform in given phases."""
     shape, fit = curve.shape, curve.fit
@@ -319,7 +322,7 @@ def _errors(curve: _Curve, freq_cy_per_px: FloatArray, phase_rad: FloatArray) ->
     return np.sqrt(variances(fit, by_coefficient, by_term)) / curve.rise
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _profile(curve: _Curve, distance: FloatArray) -> FloatArray:
     coefficients = curve.fit.coefficients
     half = 0.5 * (coefficients.size + 1) * curve.knot_px
@@ -336,7 +339,7 @@ def _profile(curve: _Curve, distance: FloatArray) -> FloatArray:
     return out / curve.rise
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _read(curve: _Curve) -> tuple[float, float, float]:
     """MTF50, its standard error and MTF20 in cy/px; each 0 where there is none."""
     half = fifth = 0.0
@@ -360,12 +363,12 @@ def _read(curve: _Curve) -> tuple[float, float, float]:
     return half, err * 2 * _SLOPE_STEP / -slope, fifth
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _contrast(curve: _Curve, freq_cy_per_px: float) -> float:
     return float(abs(_transform_at(curve, freq_cy_per_px)))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _falls_to(
     level: float, curve: _Curve, low: float, above_low: float, above_high: float
 ) -> float:

@@ -3,7 +3,8 @@
 from math import cos, exp, log, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
+
+from simulation.compiled import compiled, compiled_part
 
 _STEPS = 60  # of bisection and secant together: 12 are usual
 _EXACT = 1e-13
@@ -23,14 +24,14 @@ def pixel_mtf50(optical_sigma_px: float, normal_rad: float) -> float:
     return float(_half_contrast(optical_sigma_px, cos(normal_rad), sin(normal_rad)))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def pixel_transfer(freq_cy_per_px: float, sigma_px: float, cosine: float, sine: float) -> float:
     """Contrast that a Gaussian behind the unit square passes; without cosine and sine, alone."""
     contrast = exp(-2.0 * (pi * sigma_px * freq_cy_per_px) ** 2)
     return contrast * np.sinc(freq_cy_per_px * cosine) * np.sinc(freq_cy_per_px * sine)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _half_contrast(sigma_px: float, cosine: float, sine: float) -> float:
     # The square alone has its first zero at 1 cy/px or beyond and falls below a half before.
     low, high = 0.0, 1.0

@@ -15,9 +15,9 @@ from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled_part
 
 DEGREE = 3
 _BAND = 4  # the diagonal and three beside it
@@ -63,7 +63,7 @@ class _Equations(NamedTuple):
     samples: int
 
 
-@njit(cache=True)
+@compiled_part()
 def _basis(position: float, out: FloatArray) -> int:
     """Fill the four cubic B-splines at ``position`` (in knots); return the first one's number."""
     first = int(np.floor(position))
@@ -76,13 +76,13 @@ def _basis(position: float, out: FloatArray) -> int:
     return first
 
 
-@njit(cache=True)
+@compiled_part()
 def _tied(number: int, count: int) -> int:
     """Coefficient of B-spline ``number``: the first three share one, and the last three."""
     return min(max(number - 2, 0), count - 1)
 
 
-@njit(cache=True)
+@compiled_part()
 def _assemble(
     positions: FloatArray,
     values: FloatArray,
@@ -119,7 +119,7 @@ def _assemble(
     return _Equations(band, right, cross, square, terms_right, squares, positions.size)
 
 
-@njit(cache=True)
+@compiled_part()
 def _penalty_band(stiffness: FloatArray) -> FloatArray:
     count = stiffness.size - 3
     band = np.zeros((count, _BAND))
@@ -134,7 +134,7 @@ def _penalty_band(stiffness: FloatArray) -> FloatArray:
     return band
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _factor(data: FloatArray, penalty: FloatArray, weight: float) -> FloatArray:
     """Lower Cholesky factor in the band; its first element is 0 where there is none."""
     count = data.shape[0]
@@ -159,7 +159,7 @@ def _factor(data: FloatArray, penalty: FloatArray, weight: float) -> FloatArray:
     return factor[_BAND - 1 :]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _forward(factor: FloatArray, right: FloatArray) -> FloatArray:
     """Solve with the lower factor for columns of right sides, shape ``(n, k)``."""
     out = right.copy()
@@ -174,7 +174,7 @@ def _forward(factor: FloatArray, right: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _backward(factor: FloatArray, right: FloatArray) -> FloatArray:
     """Solve with the transposed factor."""
     out = right.copy()
@@ -186,7 +186,7 @@ def _backward(factor: FloatArray, right: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _lower(square: FloatArray) -> FloatArray:
     """Cholesky factor of the few terms: the library's takes longer to compile than to write."""
     factor = np.zeros_like(square)
@@ -199,14 +199,27 @@ def _lower(square: FloatArray) -> FloatArray:
     return factor
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _lower_solved(factor: FloatArray, right: FloatArray) -> FloatArray:
     """Solve with a small lower factor for columns of right sides, shape ``(m, k)``."""
-    out = right.copy()
+    out = np.empty_like(right)
     for i in range(factor.shape[0]):
-        for j in range(i):
-            out[i] -= factor[i, j] * out[j]
-        out[i] /= factor[i, i]
+        for k in range(out.shape[1]):
+            left = right[i, k]
+            for j in range(i):
+                left -= factor[i, j] * out[j, k]
+            out[i, k] = left / factor[i, i]
+    return out
+
+
+@compiled_part()
+def _products(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Products of the columns, ``left.T @ right``: in so few lines that they compile at once."""
+    out = np.zeros((left.shape[1], right.shape[1]))
+    for i in range(left.shape[0]):
+        for j in range(left.shape[1]):
+            for k in range(right.shape[1]):
+                out[j, k] += left[i, j] * right[i, k]
     return out
 
 
@@ -226,7 +239,7 @@ class _Reduced(NamedTuple):
     right: FloatArray
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _reduced(equations: _Equations, penalty: FloatArray, weight: float) -> _Reduced:
     """Eliminate the spline at a penalty's weight."""
     count, several = equations.cross.shape
@@ -235,27 +248,36 @@ def _reduced(equations: _Equations, penalty: FloatArray, weight: float) -> _Redu
         none = np.empty((1, 0))
         return _Reduced(False, -np.inf, 0.0, factor, none, none, none)
     sides = np.empty((count, several + 1))
-    sides[:, :several] = equations.cross
-    sides[:, several] = equations.right
+    for i in range(count):
+        for m in range(several):
+            sides[i, m] = equations.cross[i, m]
+        sides[i, several] = equations.right[i]
     sides = _forward(factor, sides)
-    products: FloatArray = np.ascontiguousarray(sides.T) @ sides
-    square = equations.terms - products[:several, :several]
+    products = _products(sides, sides)
+    square, right = np.empty((several, several)), np.empty((several, 1))
     for m in range(several):
+        for k in range(several):
+            square[m, k] = equations.terms[m, k] - products[m, k]
         square[m, m] = max(square[m, m], 0.0) + _RIDGE * equations.terms[m, m]
+        right[m, 0] = equations.terms_right[m] - products[m, several]
     border = _lower(square)
-    right = _lower_solved(border, (equations.terms_right - products[:several, several])[:, None])
-    left = equations.squares - products[several, several] - np.sum(right**2)
+    right = _lower_solved(border, right)
+    left = equations.squares - products[several, several]
+    for m in range(several):
+        left -= right[m, 0] * right[m, 0]
     freedom = max(equations.samples - several - 1, 1)
     scale = left / freedom
     # Only what is surely more than the weights say is taken from so few samples.
     if scale < 1.0 + _SURPRISING * sqrt(2.0 / freedom):
         scale = 1.0
     likelihood = (count - 1) * log(weight) - left
-    likelihood -= 2.0 * (_log_of_diagonal(factor) + np.sum(np.log(np.diag(border))))
+    likelihood -= 2.0 * _log_of_diagonal(factor)
+    for m in range(several):
+        likelihood -= 2.0 * log(border[m, m])
     return _Reduced(True, likelihood, scale, factor, sides, border, right)
 
 
-@njit(cache=True)
+@compiled_part()
 def _log_of_diagonal(factor: FloatArray) -> float:
     """Logarithm of the product of the diagonal, in parts that do not overflow."""
     total, product = 0.0, 1.0
@@ -267,24 +289,31 @@ def _log_of_diagonal(factor: FloatArray) -> float:
     return total + log(product)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _solved(reduced: _Reduced) -> SplineFit:
     """Go back from the terms to the spline."""
     several = reduced.border.shape[0]
     if not reduced.is_found:
         none = np.empty((1, 0))
         return SplineFit(False, none[0], none[0], reduced.factor, none, none, 0.0)
-    border, terms = reduced.border, reduced.right[:, 0].copy()
+    border, terms = reduced.border, np.empty(several)
     for i in range(several - 1, -1, -1):
+        terms[i] = reduced.right[i, 0]
         for j in range(i + 1, several):
             terms[i] -= border[j, i] * terms[j]
         terms[i] /= border[i, i]
-    cross = reduced.sides[:, :several].copy()
-    coefficients = _backward(reduced.factor, reduced.sides[:, several] - cross @ terms)
+    count = reduced.sides.shape[0]
+    cross, left = np.empty((count, several)), np.empty(count)
+    for i in range(count):
+        left[i] = reduced.sides[i, several]
+        for m in range(several):
+            cross[i, m] = reduced.sides[i, m]
+            left[i] -= cross[i, m] * terms[m]
+    coefficients = _backward(reduced.factor, left)
     return SplineFit(True, coefficients, terms, reduced.factor, cross, border, reduced.scale)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def fit_penalised_spline(
     positions: FloatArray,
     values: FloatArray,
@@ -319,7 +348,7 @@ def fit_penalised_spline(
     return _solved(_reduced(equations, penalty, np.exp(unit + at)))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def _lightest_likely(
     equations: _Equations, penalty: FloatArray, lightest: float, step: float
 ) -> float:
@@ -330,12 +359,14 @@ def _lightest_likely(
     where it matters.
     """
     likelihood = np.empty(_STEPS)
+    best = 0
     for k in range(0, _STEPS, 2):
         likelihood[k] = _reduced(equations, penalty, np.exp(lightest + k * step)).likelihood
         # Until it is known, a step counts as the one before.
         likelihood[min(k + 1, _STEPS - 1)] = likelihood[k]
-    best = 2 * int(np.argmax(likelihood[::2]))
-    for k in (best - 1, best + 1):
+        if likelihood[k] > likelihood[best]:
+            best = k
+    for k in range(best - 1, best + 2, 2):
         if 0 < k < _STEPS:
             likelihood[k] = _reduced(equations, penalty, np.exp(lightest + k * step)).likelihood
     best = int(np.argmax(likelihood))
@@ -354,7 +385,7 @@ def _lightest_likely(
     return float(k + 1 - (likelihood[k + 1] - lowest) / rise)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_part()
 def variances(fit: SplineFit, by_coefficient: FloatArray, by_term: FloatArray) -> FloatArray:
     """Posterior variances of what depends so on the coefficients and on the terms.
 
@@ -366,14 +397,22 @@ def variances(fit: SplineFit, by_coefficient: FloatArray, by_term: FloatArray) -
         Derivatives, shapes ``(count, k)`` and ``(m, k)`` for k quantities.
     """
     inner = _forward(fit.factor, by_coefficient)
-    outer = _lower_solved(fit.border, by_term - np.ascontiguousarray(fit.cross.T) @ inner)
-    out = np.empty(by_coefficient.shape[1])
+    outer = _products(fit.cross, inner)
+    for m in range(outer.shape[0]):
+        for k in range(outer.shape[1]):
+            outer[m, k] = by_term[m, k] - outer[m, k]
+    outer = _lower_solved(fit.border, outer)
+    out = np.zeros(by_coefficient.shape[1])
     for k in range(out.size):
-        out[k] = np.sum(inner[:, k] ** 2) + np.sum(outer[:, k] ** 2)
-    return out * fit.scale
+        for i in range(inner.shape[0]):
+            out[k] += inner[i, k] * inner[i, k]
+        for m in range(outer.shape[0]):
+            out[k] += outer[m, k] * outer[m, k]
+        out[k] *= fit.scale
+    return out
 
 
-@njit(cache=True)
+@compiled_part()
 def curve_values(positions: FloatArray, coefficients: FloatArray) -> FloatArray:
     """Values of the fitted curve at positions in knots."""
     out = np.empty(positions.size)

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field, replace
 from math import cos, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 
 from calibration.edge_fit import (
     EdgeFit,
@@ -16,6 +15,7 @@ from calibration.edge_fit import (
 )
 from calibration.edge_search import EdgeLine, EdgeSegment, band_half_width, band_pixels
 from simulation.arrays import BoolArray, FloatArray
+from simulation.compiled import compiled
 
 _ROUGHNESS_PIECE_PX = 4.0
 _ROUGHNESS_PIECES = 4  # fewer give no scatter
@@ -120,7 +120,7 @@ def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:
     return sqrt(max(variance, 0.0)) if variance > -np.inf else None
 
 
-@njit(cache=True, error_model="numpy")
+@compiled()
 def _roughness_px2(
     distance: FloatArray, along: FloatArray, unit_levels: FloatArray, sigma_px: float
 ) -> float:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
@@ -13,6 +12,7 @@ from calibration.registration.feature_matches import FeatureMatches
 from calibration.registration.features import ImageFeatures, homography_pose
 from calibration.registration.hints import RegistrationHints
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled
 from simulation.pose import projection_depth, projection_slopes
 
 _RATIO = 0.8
@@ -95,7 +95,7 @@ def _centred_mask(near: ImageFeatures, far: ImageFeatures, zoom: float) -> NDArr
     return _within(expected, near.points_px, 2 * _VOTE_REACH * max(near.shape))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _within(left: FloatArray, right: FloatArray, reach_px: float) -> NDArray[np.uint8]:
     """Whether points lie nearer to each other than that, of every pair."""
     found = np.empty((len(left), len(right)), np.uint8)

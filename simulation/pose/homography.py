@@ -6,21 +6,20 @@ shape (3, 3) and takes ``(x, y, 1)`` to the image's coordinates times their dept
 
 from typing import TypeVar
 
-from numba.extending import register_jitable
-
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled_part
 
 Coordinate = TypeVar("Coordinate", float, FloatArray)
 
 
-@register_jitable
+@compiled_part()
 def projection_depth(matrix: FloatArray, x: Coordinate, y: Coordinate) -> Coordinate:
     """Denominator of the homography: positive in front of the camera, 0 on the horizon."""
     depth: Coordinate = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
     return depth
 
 
-@register_jitable
+@compiled_part()
 def project(matrix: FloatArray, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
     """Coordinates (x, y) to which the homography maps a point."""
     depth = projection_depth(matrix, x, y)
@@ -30,7 +29,7 @@ def project(matrix: FloatArray, x: Coordinate, y: Coordinate) -> tuple[Coordinat
     )
 
 
-@register_jitable
+@compiled_part()
 def projection_slopes(
     matrix: FloatArray, x: Coordinate, y: Coordinate
 ) -> tuple[Coordinate, Coordinate, Coordinate, Coordinate]:

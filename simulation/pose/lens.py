@@ -14,9 +14,9 @@ the follow-up, x and y in the reference.
 from math import hypot, inf, isinf, sqrt
 
 import numpy as np
-from numba import njit
 
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled, compiled_part
 from simulation.pose.homography import project, projection_slopes
 
 DISTORTION_MAX = 0.12
@@ -86,10 +86,7 @@ def refuse_folding(distortion_k1: float, lens: FloatArray, follow_up: tuple[int,
         )
 
 
-_compiled = njit(cache=True, error_model="numpy")
-
-
-@_compiled
+@compiled_part()
 def _fold_square(k1: float, k2: float) -> float:
     """Square of the ideal radius at which seen radii stop increasing; infinite if they do not."""
     # The first positive zero of the derivative 1 + 3 k1 q + 5 k2 q^2, without taking a difference.
@@ -101,7 +98,7 @@ def _fold_square(k1: float, k2: float) -> float:
     return 2 / (sqrt(discriminant) - 3 * k1)
 
 
-@_compiled
+@compiled_part()
 def _ideal_factor(k1: float, k2: float) -> float:
     """Ideal radius for the seen radius 1: bracketed Newton's method, up to the fold.
 
@@ -137,7 +134,7 @@ def _ideal_factor(k1: float, k2: float) -> float:
     return factor
 
 
-@_compiled
+@compiled_part()
 def _seen_factor(k1: float, k2: float, square: float, frame: float) -> float:
     """Factor from an ideal point, its radius squared, to the seen one; infinite if far outside."""
     factor = 1 + square * (k1 + square * k2)
@@ -148,7 +145,7 @@ def _seen_factor(k1: float, k2: float, square: float, frame: float) -> float:
     return inf if is_folded and factor * sqrt(square) < frame else factor
 
 
-@_compiled
+@compiled()
 def ideal_factors(k1: float, k2: float, squares: FloatArray) -> FloatArray:
     """Factors from seen points to ideal ones.
 
@@ -166,7 +163,7 @@ def ideal_factors(k1: float, k2: float, squares: FloatArray) -> FloatArray:
     return factors
 
 
-@_compiled
+@compiled()
 def seen_factors(k1: float, k2: float, squares: FloatArray, frame: float) -> FloatArray:
     """Factors from ideal points to seen ones.
 
@@ -186,7 +183,7 @@ def seen_factors(k1: float, k2: float, squares: FloatArray, frame: float) -> Flo
     return factors
 
 
-@_compiled
+@compiled()
 def ideal_points(lens: FloatArray, points_px: FloatArray) -> FloatArray:
     """Ideal points of seen points of the follow-up; both of shape (n, 2), order (x, y)."""
     ideal = np.empty_like(points_px)
@@ -197,14 +194,14 @@ def ideal_points(lens: FloatArray, points_px: FloatArray) -> FloatArray:
     return ideal
 
 
-@_compiled
+@compiled_part()
 def _distortion_slopes(k1: float, x: float, y: float) -> tuple[float, float, float]:
     """Derivative xx, xy, yy of the seen point by the ideal one, both about the centre."""
     factor = 1 + k1 * (x * x + y * y)
     return factor + 2 * k1 * x * x, 2 * k1 * x * y, factor + 2 * k1 * y * y
 
 
-@_compiled
+@compiled_part()
 def warp(
     matrix: FloatArray, lens: FloatArray, col: float, row: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -241,7 +238,7 @@ def warp(
     )
 
 
-@_compiled
+@compiled()
 def warped(matrix: FloatArray, lens: FloatArray, points_px: FloatArray) -> FloatArray:
     """Reference points of follow-up points; both of shape (n, 2), order (x, y)."""
     found = np.empty_like(points_px)

@@ -9,9 +9,9 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled, compiled_part
 from simulation.pose.lens import warp
 
 NEARER_TOLERANCE_PX2 = 1e-3
@@ -40,10 +40,7 @@ class BlurredWarp(NamedTuple):
     frame: FloatArray
 
 
-_compiled = njit(cache=True, error_model="numpy", nogil=True)
-
-
-@_compiled
+@compiled_part(nogil=True)
 def _covariance(
     psf: FloatArray, frame: FloatArray, x_px: float, y_px: float
 ) -> tuple[float, float, float]:
@@ -65,7 +62,7 @@ def _covariance(
     return xx, xy, yy
 
 
-@_compiled
+@compiled_part(nogil=True)
 def _missing_blur(
     matrix: FloatArray,
     lens: FloatArray,
@@ -89,7 +86,7 @@ def _missing_blur(
     )
 
 
-@_compiled
+@compiled_part(nogil=True)
 def surveyed(
     matrix: FloatArray,
     lens: FloatArray,
@@ -104,7 +101,7 @@ def surveyed(
     return x, y, a, c, (xx + yy) / 2 - sqrt(half * half + xy * xy)
 
 
-@_compiled
+@compiled(nogil=True)
 def survey(view: BlurredWarp, rows: FloatArray, cols: FloatArray) -> FloatArray:
     """(x, y, xx, xy, yy) of the missing blur at ``[i, j]`` of a lattice; it may be indefinite."""
     matrix, lens, psf, frame = view
@@ -117,7 +114,7 @@ def survey(view: BlurredWarp, rows: FloatArray, cols: FloatArray) -> FloatArray:
     return seen
 
 
-@_compiled
+@compiled(nogil=True)
 def derivatives(
     matrix: FloatArray, lens: FloatArray, points_px: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -9,9 +9,9 @@ sharper of the two images is in doubt, every pixel is evaluated. Measured by
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
+from simulation.compiled import compiled, compiled_part
 from simulation.pose.missing_blur import NEARER_TOLERANCE_PX2, BlurredWarp, surveyed
 
 BORDER_PX = 0.5 + 1e-6
@@ -58,19 +58,10 @@ class Tile(NamedTuple):
 
 
 # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
-_compiled = njit(
-    cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy", nogil=True
-)
-_inlined = njit(
-    cache=True,
-    fastmath={"reassoc", "contract", "nsz"},
-    error_model="numpy",
-    nogil=True,
-    forceinline=True,
-)
+_FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 
 
-@_compiled
+@compiled(**_FREE_ORDER)
 def render(
     view: BlurredWarp, window: CoefficientWindow, first: tuple[int, int], shape: tuple[int, int]
 ) -> Tile:
@@ -105,7 +96,7 @@ def render(
     return Tile(image, nearer, outside)
 
 
-@_compiled
+@compiled_part(**_FREE_ORDER)
 def _place_row(view: BlurredWarp, row: int, first: int, places: FloatArray) -> None:
     """Fill in positions x, y and the least eigenvalues of the missing blur for a row's pixels."""
     matrix, lens, psf, frame = view
@@ -142,7 +133,7 @@ def _place_row(view: BlurredWarp, row: int, first: int, places: FloatArray) -> N
         start, length = start + length, min(2 * length, _BLOCK_PX)
 
 
-@_compiled
+@compiled_part(**_FREE_ORDER)
 def _put_weights(fraction: FloatImage, pieces: FloatImage, out: FloatImage) -> None:
     """Sampling kernel at ``t + 2 ... t - 3`` for every t from 0 to 1, shape (6, n)."""
     a0, a1, a2 = pieces[2, 0], pieces[2, 1], pieces[2, 2]
@@ -164,7 +155,7 @@ def _put_weights(fraction: FloatImage, pieces: FloatImage, out: FloatImage) -> N
         w2[j], w3[j] = one - (first + second) - (fifth + last) - fourth, fourth
 
 
-@_compiled
+@compiled_part(**_FREE_ORDER)
 def _sample_row(
     coefficients: FloatImage,
     places: tuple[FloatArray, int, FloatArray, int],
@@ -211,7 +202,7 @@ def _sample_row(
         out[j] = upper + middle + lower
 
 
-@_inlined
+@compiled_part(**_FREE_ORDER, forceinline=True)
 def _dot(
     pixels: FloatImage, i: int, along: tuple[float, float, float, float, float, float]
 ) -> float:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numba import njit
 from scipy.linalg import cholesky, solve_triangular
 
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
+from simulation.compiled import compiled, compiled_part
 
 _CORRELATION_PX = 30.0
 _EVEN = 7**0.5
@@ -203,12 +203,10 @@ def _interpolated(
 
 
 # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
-_compiled = njit(
-    cache=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy", nogil=True
-)
+_FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 
 
-@_compiled
+@compiled_part(**_FREE_ORDER)
 def _add_rows(
     pixels: FloatImage, first: int, stride: int, taps: FloatImage, out: FloatImage
 ) -> None:
@@ -243,7 +241,7 @@ def _add_rows(
             out[j] += a0 * r0[j]
 
 
-@_compiled
+@compiled_part(**_FREE_ORDER)
 def _fold_rows(
     pixels: FloatImage, first: int, stride: int, sums: FloatImage, differences: FloatImage
 ) -> None:
@@ -266,7 +264,7 @@ def _fold_rows(
                 difference[j] = below[j] - above[j]
 
 
-@_compiled
+@compiled(**_FREE_ORDER)
 def _filter(
     window: FloatImage,
     along_y: FloatImage,

@@ -13,10 +13,10 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
-from numba import njit
 from scipy import sparse
 
 from simulation.arrays import Float32Array, FloatArray, FloatImage, IntArray
+from simulation.compiled import compiled, compiled_part
 
 _UNROLL = 4
 """Input rows combined at a time; the bands of pairs are widened to a multiple of this."""
@@ -270,12 +270,10 @@ def _combined(
 
 
 # Sums may be reordered, which vectorises them; NaN and infinity keep their meaning.
-_compiled = njit(
-    cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy"
-)
+_FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 
 
-@_compiled
+@compiled_part(**_FREE_ORDER)
 def _combine_into_two(
     first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
 ) -> None:
@@ -301,7 +299,7 @@ def _combine_into_two(
             second[j] += b * r0[j]
 
 
-@_compiled
+@compiled(**_FREE_ORDER)
 def _combine_rows(
     image: FloatImage, starts: IntArray, weights: FloatImage, out: FloatImage
 ) -> None:

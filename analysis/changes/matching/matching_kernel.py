@@ -15,10 +15,10 @@ of D. M. Bramich, "A new algorithm for difference image analysis", 2008, for a b
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from analysis.changes.matching.relative_blur import Smoothing
 from simulation.arrays import Float32Array, FloatArray, IntArray
+from simulation.compiled import compiled, compiled_part
 
 KERNEL_RADIUS_PX = 3
 """Kernels of 5 x 5 to 9 x 9 do as well: the photographs are of one sharpness before."""
@@ -91,7 +91,7 @@ def _polynomial(coefficients: FloatArray, shape: tuple[int, int]) -> Float32Arra
     return made
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(nogil=True, fastmath={"contract"})
 def _applied(source: Float32Array, level_dn: float, coefficients: FloatArray) -> Float32Array:
     """Kernel and light at all pixels; mirrored at the border."""
     height, width = source.shape
@@ -134,7 +134,7 @@ def _applied(source: Float32Array, level_dn: float, coefficients: FloatArray) ->
     return made
 
 
-@njit(cache=True, nogil=True)
+@compiled_part()
 def _mirrored(at: int, size: int) -> int:
     """Index of a line beyond the border, the border's own not repeated."""
     while at < 0 or at >= size:
@@ -142,7 +142,7 @@ def _mirrored(at: int, size: int) -> int:
     return at
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled_part(fastmath={"contract"})
 def _add_scaled(
     first: Float32Array, second: Float32Array, line: Float32Array, own: float, other: float
 ) -> None:
@@ -151,7 +151,7 @@ def _add_scaled(
         second[col] += other * line[col]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _applied_at(
     source: Float32Array, level_dn: float, rows: IntArray, cols: IntArray, coefficients: FloatArray
 ) -> FloatArray:
@@ -176,7 +176,7 @@ def _applied_at(
     return made
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def design_matrix(
     source: Float32Array, level_dn: float, rows: IntArray, cols: IntArray
 ) -> FloatArray:

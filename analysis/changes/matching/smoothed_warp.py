@@ -12,9 +12,9 @@ from typing import Self
 
 import cv2
 import numpy as np
-from numba import njit
 
 from simulation.arrays import BoolArray, Float32Array, FloatArray
+from simulation.compiled import compiled, compiled_part
 
 Window = tuple[slice, slice]
 """Rows and columns of a part of the grid."""
@@ -121,7 +121,7 @@ class PixelPositions:
         return _inside(mask, self.nodes_y, self.nodes_x, np.array(self.shape), border_px)
 
 
-@njit(cache=True, nogil=True)
+@compiled_part()
 def _cubic(t: float, weight: FloatArray) -> None:
     """Lagrange's weights of four nodes, of which the second is at 0."""
     weight[0] = -t * (t - 1) * (t - 2) / 6
@@ -130,7 +130,7 @@ def _cubic(t: float, weight: FloatArray) -> None:
     weight[3] = (t + 1) * t * (t - 1) / 6
 
 
-@njit(cache=True, nogil=True)
+@compiled_part()
 def _weights_in_cell() -> FloatArray:
     table = np.empty((_NODE_STEP_PX, 4))
     for step in range(_NODE_STEP_PX):
@@ -138,7 +138,7 @@ def _weights_in_cell() -> FloatArray:
     return table
 
 
-@njit(cache=True, nogil=True)
+@compiled_part()
 def _node_row(nodes: FloatArray, row: int, table: FloatArray, out: FloatArray) -> None:
     first, weight = row // _NODE_STEP_PX, table[row % _NODE_STEP_PX]
     for col in range(nodes.shape[1]):
@@ -148,7 +148,7 @@ def _node_row(nodes: FloatArray, row: int, table: FloatArray, out: FloatArray) -
         out[col] = total
 
 
-@njit(cache=True, nogil=True)
+@compiled_part()
 def _between(nodes: FloatArray, col: int, table: FloatArray) -> float:
     first, weight = col // _NODE_STEP_PX, table[col % _NODE_STEP_PX]
     return float(
@@ -159,7 +159,7 @@ def _between(nodes: FloatArray, col: int, table: FloatArray) -> float:
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled_part()
 def _quintic(t: float, weight: Float32Array) -> None:
     """Quintic B-spline around a position ``t`` after the third of six samples."""
     near_one = np.float32(t)
@@ -180,7 +180,7 @@ def _quintic(t: float, weight: Float32Array) -> None:
         weight[last] = np.float32(1 / 120) * rest * fourth
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _seen(
     coefficients: Float32Array, nodes_y: FloatArray, nodes_x: FloatArray, corner: FloatArray
 ) -> Float32Array:
@@ -216,7 +216,7 @@ def _seen(
     return levels
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _inside(
     mask: BoolArray,
     nodes_y: FloatArray,

@@ -9,11 +9,11 @@ from itertools import pairwise
 from math import inf, pi, sqrt
 
 import numpy as np
-from numba import njit
 
 from analysis.changes.matching.pixels import away_from, sampled
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, Float32Array, FloatArray
+from simulation.compiled import compiled
 
 _EDGES = np.concatenate([np.linspace(0, 0.9, 13), [0.95, 0.98, 0.99, 1.0]])
 """Quantiles of the predicted variance between which the bins lie."""
@@ -61,7 +61,7 @@ class VarianceCalibration:
         return _interpolated(variance_dn2, self.log_variance, self.log_factor)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _interpolated(
     variance_dn2: Float32Array, log_variance: FloatArray, log_factor: FloatArray
 ) -> Float32Array:

@@ -131,5 +131,5 @@ def test_noise_is_not_mistaken_for_a_psf_that_is_not_gaussian() -> None:
         rng = np.random.default_rng(seed)
         values = CONTRAST_DN * point_edge(d, SIGMA_PX) + rng.normal(0.0, 50.0, PIXELS)
         residuals = values - CONTRAST_DN * point_edge(d, SIGMA_PX)
-        figures = profile_figures(values, residuals, d, SIGMA_PX)
+        figures = profile_figures(values, residuals, d, np.ones(len(d)), SIGMA_PX)
         assert "non_gaussian" not in profile_flags(figures, CONTRAST_DN)
