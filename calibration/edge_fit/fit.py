@@ -112,6 +112,7 @@ def fit_edge(
     noise_line = np.empty(0)
     if noise is not None:
         noise_line = np.array([noise.offset_dn2, noise.slope_dn, noise.floor_dn2])
+    image_dn = np.ascontiguousarray(image_dn, dtype=np.float32)  # nothing is done if it is
     likely = maximise(
         image_dn,
         segment.line,

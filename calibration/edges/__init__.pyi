@@ -24,5 +24,10 @@ from .measurement import (
 )
 from .mosaic import PITCH_PX as PITCH_PX, PlanePlace as PlanePlace, plane_places as plane_places
 from .orientation import Orientation as Orientation, orientation_of as orientation_of
-from .samples import EdgeSamples as EdgeSamples, edge_samples as edge_samples
+from .samples import (
+    EdgeSamples as EdgeSamples,
+    edge_samples as edge_samples,
+    roughness_px as roughness_px,
+    without_shading as without_shading,
+)
 from .selection import EdgeSelection as EdgeSelection, told_apart as told_apart

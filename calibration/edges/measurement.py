@@ -151,6 +151,8 @@ def measure_edges(
         source.refuse_beyond_frame(region)
         left, top = region.x_px // source.pitch_px, region.y_px // source.pitch_px
         source = source.within(region)
+    # One type of image: each is compiled for itself. Rounding is 1e-7 of the levels.
+    source = replace(source, image_dn=np.ascontiguousarray(source.image_dn, dtype=np.float32))
     artefacts = None if source.compression is None else source.compression.artefacts
     segments = find_edges(source.image_dn, artefacts=artefacts)
     found = (_measured_edge(source, each, method) for each in segments)

@@ -31,7 +31,8 @@ def flags_of(unit_edge: FloatArray, distance: FloatArray, noise_dn: float = 3.0)
     """Flags of this edge against the Gaussian one of SIGMA_PX."""
     values = CONTRAST_DN * unit_edge + gaussian_noise(noise_dn)
     residuals = values - CONTRAST_DN * point_edge(distance, SIGMA_PX)
-    return profile_flags(profile_figures(values, residuals, distance, SIGMA_PX), CONTRAST_DN)
+    figures = profile_figures(values, residuals, distance, np.ones(PIXELS), SIGMA_PX)
+    return profile_flags(figures, CONTRAST_DN)
 
 
 def test_what_depends_on_the_distance_alone_is_no_noise() -> None:
