@@ -214,6 +214,15 @@ class BenchConfig(WrittenTable):
     capture: CaptureConfig = CaptureConfig(frames_per_capture=10, mains_hz=50)
     simulated: SimulatedConfig | None = None
 
+    @property
+    def frame_shape(self) -> tuple[int, int] | None:
+        """Rows and columns of a frame, or None if the bench file does not say."""
+        if self.camera.region_px is not None:
+            return self.camera.region_px[3], self.camera.region_px[2]
+        if self.camera.driver == "simulated" and self.simulated is not None:
+            return self.simulated.height_px, self.simulated.width_px
+        return None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchDevices:

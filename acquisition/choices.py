@@ -6,5 +6,7 @@ CaptureKind = Literal["edge", "texture", "chart", "board", "flat", "dark"]
 
 FocusMeasure = Literal["squared-gradient", "tenengrad", "brenner", "laplacian"]
 
+StageAction = Literal["status", "home", "move", "stop", "unlock"]
+
 FEWEST_POSITIONS = 7
 """Fewest positions of a focus sweep: its curve has five parameters, two more test the fit."""

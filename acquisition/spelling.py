@@ -1,8 +1,9 @@
 """What was probably meant by text that is not understood: decimal commas, units, names of keys."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
+from itertools import pairwise
 
 from acquisition.quantities import PLAUSIBLE
 from acquisition.units import known_unit, stated_number, unit_of
@@ -30,6 +31,53 @@ def decimal_comma_remedy(text: str, name: str = "") -> str | None:
             ways = [way for way in ways if plausible.holds(float(way))] or ways
     forms = " or ".join(f'"{way}{unit}"' if unit else way for way in ways)
     return f"write {forms} with a decimal point" if "." in forms else f"write {forms}"
+
+
+def decimals_meant(
+    text: str, accepts: Callable[[float], bool], pair_most: float | None = None
+) -> str | None:
+    """Return a list of numbers with points for its decimal commas; None if nothing says it has any.
+
+    A list with a point in it is taken as it is. Signs of a decimal comma are another separator
+    beside it, a leading zero (``1,05``), a number out of bounds, a second of two numbers that is
+    too large, and pairs that ascend where the numbers do not (``1,5,2,5``).
+
+    Parameters
+    ----------
+    text
+        Numbers with commas between them.
+    accepts
+        Whether a number is within its bounds.
+    pair_most
+        Of two whole numbers, the second is probably a decimal if it is this or more.
+    """
+    parts = re.split(r"[;\s]+", text.strip())
+    if "," in text and len(parts) > 1 and all(re.fullmatch(r"\d+(,\d+)?", one) for one in parts):
+        return ",".join(part.replace(",", ".") for part in parts)
+    words = text.split(",")
+    if len(words) % 2 or not all(re.fullmatch(r"\d{1,9}", word) for word in words):
+        return None
+    joined = [
+        f"{whole}.{fraction}" for whole, fraction in zip(words[::2], words[1::2], strict=True)
+    ]
+    decimals = [float(one) for one in joined]
+    is_meant = (
+        any(len(word) > 1 and word.startswith("0") for word in words)
+        or not all(accepts(float(word)) for word in words)
+        or _is_odd([float(word) for word in words], decimals, pair_most)
+    )
+    return ",".join(joined) if is_meant and all(map(accepts, decimals)) else None
+
+
+def _is_odd(numbers: list[float], decimals: list[float], pair_most: float | None) -> bool:
+    """Whether whole numbers make less sense than the decimals that their pairs would be."""
+    if len(numbers) == 2:
+        return pair_most is not None and numbers[1] >= pair_most
+    return _ascends(decimals) and not _ascends(numbers)
+
+
+def _ascends(values: list[float]) -> bool:
+    return all(low < high for low, high in pairwise(values))
 
 
 def toml_slip(text: str) -> str | None:

@@ -21,7 +21,6 @@ from calibration.registration import DistortedPose, RegistrationHints, register
 from hil_mocks import BenchTruth
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
-from standoff.library import place_errors_px
 from standoff.shipped_configs import shipped_config
 
 TARGETS = ("grass", "lesion", "chart")
@@ -61,7 +60,7 @@ def judge(record: Recorder, width_px: int) -> None:
             start = time.process_time()
             found = register(near, far, psf, RegistrationHints(zoom=zoom))
             seconds = time.process_time() - start
-            error_px = float(np.median(place_errors_px(found.pose, truth, NEAR_MM, far_mm)))
+            error_px = float(np.median(truth.place_errors_px(found.pose, NEAR_MM, far_mm)))
             ours.append(error_px)
             peers = [
                 peer_error_px(near, far, found.pose, truth, far_mm, is_precise=is_precise)
@@ -143,7 +142,7 @@ def peer_error_px(
     if matrix is None:
         return float("inf")
     pose = replace(ours, matrix=np.asarray(matrix, dtype=np.float64), k1=0.0)
-    return float(np.median(place_errors_px(pose, truth, NEAR_MM, far_mm)))
+    return float(np.median(truth.place_errors_px(pose, NEAR_MM, far_mm)))
 
 
 if __name__ == "__main__":

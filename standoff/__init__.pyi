@@ -1,5 +1,12 @@
 from .errors import ArgumentError as ArgumentError
-from .library.bench import Bench as Bench
+from .library.bench import (
+    Bench as Bench,
+    capture_session as capture_session,
+    find_cameras as find_cameras,
+    find_focus as find_focus,
+    preview_plan as preview_plan,
+    watch_focus as watch_focus,
+)
 from .library.call import Progress as Progress
 from .library.comparison import (
     FeatureMatches as FeatureMatches,
@@ -45,9 +52,12 @@ from .library.series import (
     judge_poses as judge_poses,
 )
 from .library.sessions import (
-    SessionNotes as SessionNotes,
+    add_note as add_note,
+    correct_height as correct_height,
+    exclude_capture as exclude_capture,
     export_session as export_session,
     import_photographs as import_photographs,
+    include_capture as include_capture,
     list_sessions as list_sessions,
     show_session as show_session,
     validate as validate,

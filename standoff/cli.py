@@ -6,9 +6,8 @@ The application and the libraries of its command are imported when it runs; that
 import gc
 import os
 import sys
-from collections.abc import Callable
 
-from standoff.compile_notice import when_compiling
+from standoff.compile_notice import announce_compiling
 from standoff.compiled_cache import drop_stale_code
 from standoff.interrupts import interruption
 from standoff.shadowing import HiddenPackageError, refuse_hidden_packages
@@ -38,7 +37,7 @@ def _imported_and_run(arguments: list[str]) -> int:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         refuse_hidden_packages()
         drop_stale_code()
-        when_compiling(_note_once())
+        announce_compiling(_tell_of_compiling)
         return run(arguments)
     except HiddenPackageError as error:
         sys.stderr.write(f"standoff: {error}\n")
@@ -48,19 +47,10 @@ def _imported_and_run(arguments: list[str]) -> int:
         return EXIT_INTERRUPTED
 
 
-def _note_once() -> Callable[[str], None]:
-    """Says in one line, at the first function of many, why nothing happens for a while."""
-    is_said = False
+def _tell_of_compiling(sentence: str) -> None:
+    from standoff.terminal import note_in_passing
 
-    def say(_function: str) -> None:
-        nonlocal is_said
-        if not is_said:
-            is_said = True
-            from standoff.terminal import note_in_passing
-
-            note_in_passing("compiling the numerical code, once: a minute or two")
-
-    return say
+    note_in_passing(sentence)
 
 
 def run(arguments: list[str]) -> int:

@@ -1,9 +1,12 @@
 """Says when numerical code is compiled: what takes so long is never a riddle.
 
-Set-up compiles what the commands use (``standoff.warm_up``). Where that was not possible,
-as from a wheel, or the folder of the cache cannot be written, the first use compiles it.
+A command says so on stderr; a call from Python to the log of ``standoff``, which Python shows there
+unless a program has other plans. Set-up compiles what the commands use (``standoff.warm_up``).
+Where that was not possible, as from a wheel, or the folder of the cache cannot be written, the
+first use compiles it.
 """
 
+import logging
 import sys
 from collections.abc import Callable
 from importlib.abc import MetaPathFinder
@@ -13,6 +16,8 @@ from types import ModuleType
 from typing import Any
 
 _EVENTS = "numba.core.event"
+_SENTENCE = "compiling the numerical code, once: up to a minute"
+_has_teller = False
 
 
 class _AfterImport(MetaPathFinder):
@@ -57,3 +62,28 @@ def when_compiling(tell: Callable[[str], None]) -> None:
         listen(sys.modules[_EVENTS])
     else:
         sys.meta_path.insert(0, _AfterImport(listen))
+
+
+def announce_compiling(tell: Callable[[str], None] | None = None) -> None:
+    """Say in one line, at the first function of many, why nothing happens for a while.
+
+    Who comes first in a process is told; later calls do nothing.
+
+    Parameters
+    ----------
+    tell
+        Takes the line; by default the log.
+    """
+    global _has_teller
+    if _has_teller:
+        return
+    _has_teller = True
+    is_said = False
+
+    def say(_function: str) -> None:
+        nonlocal is_said
+        if not is_said:
+            is_said = True
+            (tell or logging.getLogger("standoff").warning)(_SENTENCE)
+
+    when_compiling(say)

@@ -1,12 +1,19 @@
-"""Drops compiled code that is older than its sources.
+"""Compiled code: made ahead in other processes, and dropped where it is older than its sources.
 
 numba caches compiled functions beside their module, and checks only that module's file to decide
 whether they are out of date. A function that calls one from another module contains a copy of it,
 which is not updated when the other module changes.
 """
 
+import os
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
+
+OF_THE_DEMO = (("edges",), ("profiles", "demo"))
+EVERYTHING = (("edges",), ("profiles", "demo", "pairs"))
+"""What ``standoff.warm_up`` compiles, a process each: one compiles one function at a time."""
 
 COMPILED_PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks")
 
@@ -40,3 +47,31 @@ def _drop(folder: Path) -> int:
             return dropped
         dropped += 1
     return dropped
+
+
+def holds_code() -> bool:
+    """Whether edges were measured here before, with code that is kept."""
+    kept = os.environ.get("NUMBA_CACHE_DIR")
+    folder = Path(kept) if kept else Path(__file__).parents[1] / "calibration" / "edge_fit"
+    return any(folder.rglob("likelihood.maximise-*.nbi"))
+
+
+def compile_ahead(works: tuple[tuple[str, ...], ...]) -> int:
+    """Compile in a process for each group of works; return how many functions there were.
+
+    Raises
+    ------
+    RuntimeError
+        If one of the processes fails.
+    """
+    processes = [
+        subprocess.Popen(  # noqa: S603 - our own program, without a shell
+            [sys.executable, "-m", "standoff.warm_up", *group], stdout=subprocess.PIPE, text=True
+        )
+        for group in works
+    ]
+    counts = [process.communicate()[0] for process in processes]
+    for group, process in zip(works, processes, strict=True):
+        if process.returncode != 0:
+            raise RuntimeError(f"compiling {', '.join(group)} ahead failed")
+    return sum(map(int, counts))

@@ -10,7 +10,14 @@ class ApplicationError(Exception):
 
 
 class ArgumentError(ValueError):
-    """An argument of a public function that cannot be, or does not go with the others."""
+    """An argument of a public function that cannot be, or does not go with the others.
+
+    ``argument`` names it, where the message leaves that to whoever shows it.
+    """
+
+    def __init__(self, text: str, *, argument: str | None = None) -> None:
+        super().__init__(text)
+        self.argument = argument
 
 
 class ImageFileError(ApplicationError):

@@ -2,11 +2,12 @@
 
 numba compiles a function when it is first called with arguments of some types, and keeps the result
 beside its module. Set-up runs the commands over small pictures, so that nobody waits for that in
-the middle of a measurement.
+the middle of a measurement: in two processes, as one compiles one function at a time.
 """
 
 import sys
 import time
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from itertools import product
@@ -21,13 +22,23 @@ from acquisition.bench import load_bench
 from acquisition.devices import FrameImage
 from acquisition.focus import FOCUS_MEASURES, focus_value
 from analysis.validation import scaled_up
+from calibration.edge_fit import EdgeFit
+from calibration.edge_search import find_edges
+from calibration.edges import (
+    bin_edge,
+    edge_samples,
+    esfr_half_width_px,
+    measure_esfr,
+    roughness_px,
+    without_shading,
+)
 from calibration.registration import RegistrationHints, register
 from hil_mocks.scene import PeriodicImage
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf
 from standoff.cli import run
 from standoff.compile_notice import when_compiling
-from standoff.compiled_cache import drop_stale_code
+from standoff.compiled_cache import EVERYTHING, compile_ahead, drop_stale_code
 from standoff.library import open_bench
 from standoff.shipped_configs import shipped_config
 
@@ -39,27 +50,28 @@ _HOMOGRAPHY = (
     '{"schema": "standoff.homography/1", "size": [120, 120],'
     ' "matrix": [[1.2, 0.02, 6.0], [0.01, 1.2, 6.0], [0.00005, 0.0, 1.0]]}'
 )
+_PSF = (
+    '{"schema": "standoff.psf/1", "sigma_x_px": 0.8, "sigma_y_px": 0.7, "rho": 0.1,'
+    ' "method": "all-angles", "edges": []}'
+)
 _FILES = (
     "squares.png",
     "texture.png",
     "followup.tif",
     "other.tif",
+    "measured.json",
     "psf.json",
     "pose.json",
     "curves.json",
     "changes",
 )
-_CALIBRATE = "calibrate {squares} --out {psf}"
-_COMMANDS = (
-    _CALIBRATE,
-    f"{_CALIBRATE} --region 1,1,157,157",
-    f"{_CALIBRATE} --bayer RGGB",
-    f"{_CALIBRATE} --method paper",
-    _CALIBRATE,  # the PSF of the commands below
-    *(
-        f"simulate {{texture}} --psf {{psf}} --model {model} --zoom 1.25 --out {{followup}}"
-        for model in ("paper", "matched", "lmmse")
-    ),
+_CALIBRATE = "calibrate {squares} --out {measured}"
+_OF_EDGES = (_CALIBRATE, f"{_CALIBRATE} --method paper", f"{_CALIBRATE} --bayer RGGB")
+_OF_THE_DEMO = tuple(
+    f"simulate {{texture}} --psf {{psf}} --model {model} --zoom 1.25 --out {{followup}}"
+    for model in ("paper", "matched", "lmmse")
+)
+_OF_PAIRS = (
     *(
         f"simulate {{{image}}} --psf {{psf}} --model {model} --homography {{pose}} --out {{other}}"
         for model in ("matched", "lmmse")
@@ -115,38 +127,89 @@ def _validate(rng: np.random.Generator) -> None:
     scaled_up(far, _ZOOM, near.shape)
 
 
-def warm_up() -> list[str]:
-    """Run the commands over small pictures; return the functions that were compiled."""
-    compiled: list[str] = []
-    when_compiling(compiled.append)
-    rng = np.random.default_rng(1)
+def _run(commands: tuple[str, ...], rng: np.random.Generator) -> None:
+    """Run command lines over small pictures, whose paths they name."""
     with TemporaryDirectory(prefix="standoff-") as folder:
         paths = {Path(name).stem: str(Path(folder) / name) for name in _FILES}
         for name, image in (("squares", squares(rng)), ("texture", texture(rng))):
             cv2.imwrite(paths[name], np.clip(np.rint(image), 0, 65535).astype(np.uint16))
-        Path(paths["pose"]).write_text(_HOMOGRAPHY, encoding="utf-8")
-        for command in _COMMANDS:
+        for name, text in (("pose", _HOMOGRAPHY), ("psf", _PSF)):
+            Path(paths[name]).write_text(text, encoding="utf-8")
+        for command in commands:
             said = StringIO()
             with redirect_stdout(said), redirect_stderr(said):
                 status = run([*(word.format(**paths) for word in command.split()), "--force"])
             if status != 0:
                 raise RuntimeError(f"standoff {command} ended with {status}: {said.getvalue()}")
+
+
+def _edges(rng: np.random.Generator) -> None:
+    _run(_OF_EDGES, rng)
+
+
+def _profiles(rng: np.random.Generator) -> None:
+    """What a calibration computes on an edge once it is fitted."""
+    image = squares(rng).astype(np.float32)
+    segment = find_edges(image)[0]
+    fit = EdgeFit(
+        x_px=segment.x_px,
+        y_px=segment.y_px,
+        angle_deg=float(np.rad2deg(segment.normal_rad) + 90.0) % 180.0,
+        length_px=segment.length_px,
+        sigma_px=0.85,
+        sigma_err_px=0.01,
+        optical_sigma_px=0.8,
+        optical_sigma_err_px=0.01,
+        low_dn=12e3,
+        high_dn=48e3,
+        noise_dn=60.0,
+        curvature_per_px=0.0,
+        chi2_reduced=None,
+        flags=(),
+    )
+    samples = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
+    binned = bin_edge(without_shading(samples, image, segment, fit), fit)
+    if binned is not None:
+        measure_esfr(binned)
+    roughness_px(samples, fit.sigma_px)
+
+
+def _demo(rng: np.random.Generator) -> None:
     _capture_and_focus()
     _validate(rng)
-    return compiled
+    _run(_OF_THE_DEMO, rng)
 
 
-def main() -> int:
+def _pairs(rng: np.random.Generator) -> None:
+    _run((*_OF_THE_DEMO[:1], *_OF_PAIRS), rng)
+
+
+_WORK: dict[str, Callable[[np.random.Generator], None]] = {
+    "edges": _edges,
+    "profiles": _profiles,
+    "demo": _demo,
+    "pairs": _pairs,
+}
+
+
+def main(arguments: list[str]) -> int:
     """Compile, and say so; what was compiled from other sources is removed first."""
+    if arguments:
+        compiled: list[str] = []
+        when_compiling(compiled.append)
+        for work in arguments:
+            _WORK[work](np.random.default_rng(1))
+        sys.stdout.write(f"{len(compiled)}\n")
+        return 0
     drop_stale_code()
-    sys.stdout.write("Compiling the numerical code, once (about three minutes) ...\n")
+    sys.stdout.write("Compiling the numerical code, once (about a minute) ...\n")
     sys.stdout.flush()
     started = time.perf_counter()
-    compiled = warm_up()
+    count = compile_ahead(EVERYTHING)
     taken_s = time.perf_counter() - started
-    sys.stdout.write(f"{len(compiled)} functions compiled in {taken_s:.0f} s\n")
+    sys.stdout.write(f"{count} functions compiled in {taken_s:.0f} s\n")
     return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(sys.argv[1:]))

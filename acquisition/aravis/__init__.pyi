@@ -3,6 +3,7 @@ from .controls import COUNTS as COUNTS, StatedValue as StatedValue
 from .device import open_device as open_device
 from .discovery import (
     CameraProbe as CameraProbe,
+    FoundCamera as FoundCamera,
     list_cameras as list_cameras,
     probe_camera as probe_camera,
 )

@@ -5,6 +5,7 @@ from .auto_exposure import (
     flicker_fraction as flicker_fraction,
     without_flicker as without_flicker,
 )
+from .preview import PlanPreview as PlanPreview, flicker_warnings as flicker_warnings
 from .quality import QualityFinding as QualityFinding, check_capture as check_capture
 from .runner import (
     CaptureProgress as CaptureProgress,

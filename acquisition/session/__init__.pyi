@@ -6,7 +6,7 @@ from .capture_file import (
 from .capture_files import file_sha256 as file_sha256
 from .durable_write import atomic_write as atomic_write, fsync_directory as fsync_directory
 from .journal import SYSTEM_STAMPS as SYSTEM_STAMPS, Stamps as Stamps
-from .journal_event import EventKind as EventKind
+from .journal_event import EventKind as EventKind, JournalEvent as JournalEvent
 from .manifest import (
     MANIFEST_NAME as MANIFEST_NAME,
     Manifest as Manifest,

@@ -99,6 +99,37 @@ class Session:
         cells = (f"<tr><th>{key}</th><td>{escape(text)}</td></tr>" for key, text in rows.items())
         return f"<table>{''.join(cells)}</table>"
 
+    @property
+    def summary(self) -> dict[str, Any]:
+        """How much of its plan the session holds, and who made it when, as plain values."""
+        current = [capture for capture in self.captures if not capture.is_superseded]
+        return {
+            "session": str(self._path),
+            "plan": self.plan.name,
+            "operator": self.manifest.operator,
+            "created_utc": self.manifest.created_utc,
+            "captured": len({capture.record.index for capture in current}),
+            "planned": len(self.entries),
+            "excluded": sum(capture.excluded_because is not None for capture in current),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the summary, the captures, and whether they are used, the notes and remarks."""
+        return {
+            **self.summary,
+            "captures": [
+                {
+                    **capture.record.to_json(),
+                    "superseded": capture.is_superseded,
+                    "excluded_because": capture.excluded_because,
+                    "uncorrected_height_mm": capture.uncorrected_height_mm,
+                }
+                for capture in sorted(self.captures, key=lambda capture: capture.record.index)
+            ],
+            "notes": [{"utc": e.utc, **e.facts} for e in self.events if e.kind == "note"],
+            "remarks": list(self.remarks),
+        }
+
     def to_dataframe(self) -> "DataFrame":
         """Return the captures as a pandas table, a line each in order of time.
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from acquisition.errors import SessionError
 from acquisition.plan import plan_entries
@@ -29,6 +30,9 @@ from acquisition.session.vouched_lines import LostLine, vouched_lines
 
 _TEXT_MAX = 2000
 """Characters of a lost line that are quoted."""
+
+_QUOTED = 300
+"""Those of them that a remark shows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +58,30 @@ class RepairReport:
     lost: tuple[LostLine, ...] = ()
     recovered: tuple[CaptureRecord, ...] = ()
     unknown_files: tuple[str, ...] = ()
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was done, in sentences."""
+        if self.kept_as is None:
+            return ("the journal is sound; nothing was repaired",)
+        lost = ((one.number, one.text[:_QUOTED] or "nothing is left of it") for one in self.lost)
+        return (
+            f"the journal was made anew of {self.lines} lines; the old one is {self.kept_as.name}",
+            *(f"capture {one.index} was brought back from {one.file}" for one in self.recovered),
+            *(f"line {number} is lost: {text}" for number, text in lost),
+            *(f"{file} is not a capture of this session and was left out"
+              for file in self.unknown_files),
+        )  # fmt: skip
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what was done as plain lists, numbers and text."""
+        return {
+            "kept_as": None if self.kept_as is None else str(self.kept_as),
+            "lines": self.lines,
+            "recovered": [record.index for record in self.recovered],
+            "lost": [{"line": line.number, "text": line.text} for line in self.lost],
+            "unknown_files": list(self.unknown_files),
+        }
 
 
 def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:

@@ -3,6 +3,7 @@ from .captures import (
     capture_images as capture_images,
     edge_images as edge_images,
     edge_records as edge_records,
+    origin_of as origin_of,
     scene_records as scene_records,
 )
 from .comparison import PsfChange as PsfChange, compare_psfs as compare_psfs

@@ -1,6 +1,6 @@
-"""The edge captures of a session as input to the PSF calibration."""
+"""The captures of a session as input to the PSF calibration, and the camera that took them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from acquisition.session import CaptureRecord, Session
 from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
+from calibration.psf.document import CameraIdentity, PsfOrigin
 
 EDGE_KINDS = ("edge", "board")
 SCENE_KINDS = ("texture", "chart")
@@ -132,3 +133,41 @@ def capture_images(
             saturation_dn=record.max_level_dn,
             clipped=clipped,
         )
+
+
+def origin_of(session: Session, records: Sequence[CaptureRecord]) -> PsfOrigin:
+    """Return the camera of a session, and when the first of these captures was taken."""
+    camera = session.devices.get("camera", {})
+    return PsfOrigin(
+        camera=CameraIdentity(
+            serial=_text(camera, "DeviceSerialNumber"),
+            model=_text(camera, "DeviceModelName"),
+            vendor=_text(camera, "DeviceVendorName"),
+        ),
+        captured_utc=min(record.started_utc for record in records),
+        photograph=_taken_with(session, records),
+    )
+
+
+def _taken_with(
+    session: Session, records: Sequence[CaptureRecord]
+) -> dict[str, str | float] | None:
+    """Lens, exposure and pixel pitch of a session: of its bench, or of imported photographs."""
+    bench = session.bench or {}
+    tables = (session.devices.get("camera"), session.devices.get("lens"), bench.get("optics"))
+    stated = {key: value for one in tables if isinstance(one, dict) for key, value in one.items()}
+    facts: dict[str, str | float] = {}
+    for name in ("lens", "focal_length_mm", "f_number", "iso", "pixel_pitch_um"):
+        value = stated.get(name)
+        if isinstance(value, str | int | float) and value:
+            facts[name] = value
+    exposures = {record.exposure_us for record in records}
+    exposure_us = exposures.pop() if len(exposures) == 1 else None
+    if exposure_us is not None:
+        facts["exposure_s"] = exposure_us / 1e6
+    return facts or None
+
+
+def _text(snapshot: Mapping[str, object], key: str) -> str | None:
+    value = snapshot.get(key)
+    return None if value in (None, "") else str(value)

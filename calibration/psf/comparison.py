@@ -1,7 +1,8 @@
 """Has the lens moved? Compares two calibrations parameter by parameter."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import erfc, hypot, sqrt
+from typing import Any
 
 from calibration.errors import CalibrationError
 from calibration.psf.document import PsfCalibration
@@ -63,6 +64,11 @@ class ParameterChange:
     def is_changed(self) -> bool:
         """Whether the change is significant."""
         return self.p_value_holm < CHANGED_P
+
+    def to_json(self) -> dict[str, Any]:
+        """Return both values and the test as plain values."""
+        derived = ("difference", "z", "p_value", "is_changed")
+        return {**asdict(self), **{name: getattr(self, name) for name in derived}}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,7 @@
 """The truth of the simulated bench, for tests, benchmarks and the demo's summary."""
 
 from collections import OrderedDict
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,28 @@ from hil_mocks.scene.sensor import Sensor
 from hil_mocks.scene.targets import TARGETS, scene_of
 
 VIEWS_KEPT = 8
+_TRUTH_STEP_PX = 5
+_BORDER_PX = 4
+
+
+class FoundPose(Protocol):
+    """A pose that is held against the truth: where follow-up pixels lie in the reference."""
+
+    @property
+    def followup_shape(self) -> tuple[int, int]:
+        """Rows and columns of the follow-up."""
+        ...
+
+    @property
+    def reference_shape(self) -> tuple[int, int]:
+        """Rows and columns of the reference."""
+        ...
+
+    def to_reference_px(
+        self, y: NDArray[np.float64], x: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Reference coordinates ``(y, x)`` of follow-up pixels."""
+        ...
 
 
 class BenchTruth:
@@ -131,6 +154,36 @@ class BenchTruth:
             self.camera.homography_to_px(far_pose)
         )
         return np.asarray(matrix / matrix[2, 2])
+
+    def place_errors_px(
+        self, pose: FoundPose, near_mm: float, far_mm: float
+    ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """Distance in the reference between true pixel positions and those given by a pose.
+
+        Parameters
+        ----------
+        pose
+            Of a follow-up relative to its reference, both from an upright camera.
+        near_mm, far_mm
+            Heights of reference and follow-up.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            For every fifth follow-up pixel along both axes that the reference shows.
+        """
+        rows, cols = pose.followup_shape
+        y, x = np.mgrid[0:rows:_TRUTH_STEP_PX, 0:cols:_TRUTH_STEP_PX].astype(np.float64)
+        on_plane = self.camera.to_plane_mm(x, y, CameraPose(height_mm=far_mm))
+        true_x, true_y = self.camera.to_pixel(*on_plane, CameraPose(height_mm=near_mm))
+        found_y, found_x = pose.to_reference_px(y, x)
+        shown = (
+            (true_x > _BORDER_PX)
+            & (true_x < pose.reference_shape[1] - 1 - _BORDER_PX)
+            & (true_y > _BORDER_PX)
+            & (true_y < pose.reference_shape[0] - 1 - _BORDER_PX)
+        )
+        return np.asarray(np.hypot(found_x - true_x, found_y - true_y)[shown])
 
     def irradiance(
         self, target: str, orientation_deg: float, pose: CameraPose

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import getpass
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TextIO
@@ -17,11 +15,7 @@ from standoff import library, terminal
 from standoff.errors import ApplicationError
 
 if TYPE_CHECKING:
-    from acquisition.capture import CaptureProgress, Placement, RunSummary
-    from acquisition.plan import PlanEntry, PlanEstimate
-    from hil_mocks import SimulatedBench
-
-_PLANNED = ("index", "kind", "target", "orientation_deg", "height_mm", "exposure_us")
+    from acquisition.capture import CaptureProgress, PlanPreview
 
 
 def capture(
@@ -54,66 +48,49 @@ def capture(
     Press Enter to pause before the next capture. Ctrl-C ends the run; the same command
     resumes it.
     """
-    from acquisition.bench import BenchDevices
-    from acquisition.capture import RunOperator, run_plan
-    from acquisition.plan import estimate_plan, load_plan, plan_entries
-    from acquisition.session import MANIFEST_NAME
-
     config = terminal.read_bench(bench, settings)
-    planned = load_plan(plan)
-    entries = plan_entries(planned)
-    estimate = estimate_plan(planned, entries, config, terminal.frame_shape_of(config))
+    preview = library.preview_plan(plan, config, out)
     if dry_run:
-        _print_plan(entries, estimate, out, json=json)
-        terminal.note(*terminal.flicker_warnings(planned, entries, config))
-        if (out / MANIFEST_NAME).is_file():
-            terminal.note(
-                f"{out} already holds a session: with the same bench and plan it resumes where it "
-                "stopped; with others it is refused"
-            )
+        _print_plan(preview, out, json=json)
+        terminal.note(*preview.notes)
         return
-    comparisons = library.PlannedComparisons.of(planned, plan.parent, out)
+    placements = preview.estimate.placements
     is_simulated = "simulated" in (config.camera.driver, config.stage.driver)
-    if placed and not is_simulated and estimate.placements > 1:
+    if placed and not is_simulated and placements > 1:
         raise BadParameter(
-            f"the plan has {estimate.placements} targets or orientations to place in turn, but "
+            f"the plan has {placements} targets or orientations to place in turn, but "
             "--placed is for one only; run it at a terminal, or give --answers",
             param_hint="--placed",
         )
+    is_asked = not (placed or (yes and is_simulated))
     needs_nobody = (is_simulated and yes) or (placed and config.stage.driver != "manual")
+    progress = terminal.ShownProgress()
     with ExitStack() as opened:
-        person = _operator(opened, answers, estimate.placements, needs_nobody=needs_nobody)
-        devices = opened.enter_context(library.open_bench(config, ask=person.ask))
-        frame = devices.camera.settings
-        shape = (frame.height_px, frame.width_px)
-        expected = estimate_plan(planned, entries, config, shape)
-        terminal.ERRORS.print(terminal.preview_line(expected, out), markup=False)
-        terminal.note(*devices.warnings, *terminal.flicker_warnings(planned, entries, config))
-        bar = opened.enter_context(terminal.progress_bar("capturing", len(entries)))
-        person.hidden = bar.hidden
-        summary = run_plan(
+        person = _operator(opened, answers, placements, needs_nobody=needs_nobody)
+        person.hidden = progress.hidden
+        found = library.capture_session(
+            plan,
+            config,
             out,
-            planned,
-            BenchDevices(
-                config=config,
-                camera=devices.camera,
-                stage=devices.stage,
-                clock=devices.clock,
-                sleep=devices.sleep,
-            ),
-            RunOperator(
-                name=operator or getpass.getuser(),
-                place=_placement(
-                    devices.simulated, person, is_asked=not (placed or (yes and is_simulated))
-                ),
-                progress=_shown_on(bar, comparisons),
-                review=person.review,
-                before_capture=person.wait_if_asked,
-            ),
+            operator=operator,
+            place=person.place if is_asked else None,
+            review=person.review,
+            before_capture=person.wait_if_asked,
+            ask=person.ask,
             retake=retake or (),
+            begun=lambda expected: terminal.ERRORS.print(
+                terminal.preview_line(expected, out), markup=False
+            ),
+            captured=lambda done: progress.describe(_captured_text(done)),
+            progress=progress,
         )
-    terminal.note(*comparisons.write(terminal.ShownProgress()))
-    _print_summary(out, summary, json=json)
+    if json:
+        terminal.print_json(found.to_json())
+    else:
+        terminal.say(
+            f"{out}: {found.captured} captured, {found.already_captured} captured earlier, "
+            f"{found.skipped} skipped"
+        )
 
 
 def _operator(
@@ -145,77 +122,25 @@ def _lines(file: TextIO) -> Iterator[str]:
     return iter(partial(file.readline, terminal.LONGEST_ANSWER + 1), "")
 
 
-def _placement(
-    simulated: SimulatedBench | None, person: terminal.Operator, *, is_asked: bool
-) -> Callable[[PlanEntry], Placement]:
-    """Return the callback that has a target placed; it asks the operator only if told to."""
-    if simulated is None:
-        return person.place if is_asked else lambda _: "ready"
-    in_simulation = library.place_in_simulation(simulated)
-    if not is_asked:
-        return in_simulation
-
-    def ask_then_place(entry: PlanEntry) -> Placement:
-        return "skip" if person.place(entry) == "skip" else in_simulation(entry)
-
-    return ask_then_place
+def _captured_text(done: CaptureProgress) -> str:
+    entry, record = done.entry, done.record
+    return (
+        f"{entry.target} {entry.orientation_deg:g} deg at {record.height_mm:.3f} mm; frames "
+        f"{record.frames_used} good, {record.incomplete_frames} bad; "
+        f"{terminal.time_text(done.seconds_left)} left"
+    )
 
 
-def _shown_on(
-    bar: terminal.Bar, comparisons: library.PlannedComparisons
-) -> Callable[[CaptureProgress], None]:
-    def show(done: CaptureProgress) -> None:
-        entry, record = done.entry, done.record
-        bar.advance_to(
-            done.captured,
-            f"{entry.target} {entry.orientation_deg:g} deg at {record.height_mm:.3f} mm; frames "
-            f"{record.frames_used} good, {record.incomplete_frames} bad; "
-            f"{terminal.time_text(done.seconds_left)} left",
-        )
-        remarks = [f"{finding.problem}: {finding.text}" for finding in done.findings]
-        compared = comparisons.pose_sentence(record)
-        remarks += [*done.remarks, *([] if compared is None else [compared])]
-        terminal.note(*(f"capture {entry.index}: {remark}" for remark in remarks))
-
-    return show
-
-
-def _print_summary(out: Path, summary: RunSummary, *, json: bool) -> None:
+def _print_plan(preview: PlanPreview, out: Path, *, json: bool) -> None:
     if json:
-        terminal.print_json({"session": str(out), **asdict(summary)})
-    else:
-        terminal.say(
-            f"{out}: {summary.captured} captured, {summary.already_captured} captured earlier, "
-            f"{summary.skipped} skipped"
-        )
-
-
-def _print_plan(
-    entries: tuple[PlanEntry, ...], estimate: PlanEstimate, out: Path, *, json: bool
-) -> None:
-    if json:
-        captures = [
-            {
-                **{name: getattr(entry, name) for name in _PLANNED},
-                "bracket": None if entry.bracket is None else entry.bracket.model_dump(),
-            }
-            for entry in entries
-        ]
-        terminal.print_json(
-            {
-                "captures": captures,
-                "placements": estimate.placements,
-                "seconds": round(estimate.seconds, 1),
-                "bytes": estimate.bytes_,
-            }
-        )
+        terminal.print_json(preview.to_json())
         return
     terminal.print_table(
-        f"{len(entries)} captures",
+        f"{len(preview.entries)} captures",
         ["index", "kind", "target", "orientation / deg", "height / mm"],
         [
             [str(e.index), e.kind, e.target, f"{e.orientation_deg:g}", f"{e.height_mm:g}"]
-            for e in entries
+            for e in preview.entries
         ],
     )
-    terminal.say(terminal.preview_line(estimate, out))
+    terminal.say(terminal.preview_line(preview.estimate, out))

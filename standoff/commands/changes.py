@@ -23,7 +23,6 @@ _RULES = (
     ),
 )
 _SHOWN_WHOLE, _SHOWN_OF_MANY = 20, 10
-_NORMAL_95 = 1.96
 _UNPAIRED_SHOWN = 5
 
 
@@ -163,8 +162,9 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
 
 def _change_cells(number: int, change: Change) -> list[str]:
     from analysis.reports import q_text
+    from calibration.sharpness import NORMAL_95
 
-    reach_dn = _NORMAL_95 * change.amplitude_err_dn
+    reach_dn = NORMAL_95 * change.amplitude_err_dn
     return [
         str(number),
         f"{change.x_px:.1f}",

@@ -19,17 +19,14 @@ def demo(
     json: terminal.Json = False,
 ) -> None:
     """Run the whole chain on the simulated bench, and compare the results with its truth."""
-    from acquisition.plan import load_plan
     from acquisition.session import MANIFEST_NAME
 
     if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
         terminal.refuse_overwriting([out / name for name in library.DEMO_FILES], force=force)
     config = terminal.read_bench(shipped_config("demo_bench.toml"), settings)
-    plan = load_plan(shipped_config("demo_plan.toml"))
-    call = library.Call("run_demo", terminal.ShownProgress())
-    result = library.run_demo(call, out, config, plan)
+    result = library.run_demo(out, config, progress=terminal.ShownProgress())
     if json:
-        terminal.print_json(result.document())
+        terminal.print_json(result.to_json())
     else:
         _print_summary(result)
 
@@ -44,7 +41,9 @@ def _print_summary(result: library.DemoResult) -> None:
                 f"{row.truth:.4f}",
                 f"{row.estimate.value:.4f}",
                 f"{row.estimate.low:.4f} to {row.estimate.high:.4f}",
-                f"{100 * row.error / row.truth:+.2f} %" if row.truth else f"{row.error:+.4f}",
+                f"{row.error:+.4f}"
+                if row.relative_error is None
+                else f"{100 * row.relative_error:+.2f} %",
                 "yes" if row.is_inside else "no",
             ]
             for row in result.truth

@@ -86,7 +86,8 @@ def detectability(
     if psf is None and set(models) != {"bicubic"}:
         raise BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
     sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
-    replaces = force or sweep.part[1] > 1 or _is_of_same_command(out)  # a part writes no curves
+    is_part = sweep.part[1] > 1  # which writes no curves
+    replaces = force or is_part or terminal.is_same_command(library.curves_made_by(out))
     terminal.refuse_overwriting([out], [*images, psf, signal], force=replaces)
     from analysis.detectability import DetectionTask, GaussianSignal
 
@@ -129,20 +130,6 @@ def detectability(
         else f"{done.refused} photographs could not be measured ({done.refused_list} lists them); "
         f"the curves are of the {done.images} others",
     )
-
-
-def _is_of_same_command(out: Path) -> bool:
-    """Whether there are curves of the same command, which goes on with what it measured."""
-    from analysis.detectability import read_curves
-    from analysis.errors import ResultsFileError
-
-    if not out.is_file():
-        return False
-    try:
-        stored = read_curves(out).provenance
-    except ResultsFileError:
-        return False
-    return stored is not None and terminal.is_same_command(stored.command)
 
 
 def _show_curves(out: Path, figures: list[Path], found: DetectabilityCurves, *, json: bool) -> None:

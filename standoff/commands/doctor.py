@@ -6,7 +6,7 @@ from typing import Annotated
 
 from typer import Context, Exit, Option
 
-from standoff import terminal
+from standoff import library, terminal
 
 _RULES = (terminal.needs("settings", "bench"),)
 
@@ -41,9 +41,7 @@ def doctor(
 
 def cameras(*, json: terminal.Json = False) -> None:
     """Search for cameras; this BROADCASTS on every network interface of this computer."""
-    from acquisition.aravis import list_cameras
-
-    found = list_cameras()
+    found = library.find_cameras()
     if json:
         terminal.print_json({"cameras": [asdict(camera) for camera in found]})
         return

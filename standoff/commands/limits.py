@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import BadParameter, Context, Option
+from typer import Context, Option
 
 from standoff import library, terminal
 
@@ -69,8 +68,6 @@ def limits(
     terminal.check_options(context, _RULES)
     terminal.refuse_suffix(plot, "--plot", {".png", ".svg"})
     terminal.refuse_overwriting([plot], [curves, geometry], force=force)
-    from analysis.reports import plot_limits
-
     library.require_writable([plot])
     found = library.pose_limits(
         curves,
@@ -78,14 +75,14 @@ def limits(
         choice=terminal.curve_choice(model, observer, noise, contrast),
         geometry=geometry,
         focal_length_px=focal_length_px,
-        image_size=None if image_size is None else _size(image_size),
+        image_size=None if image_size is None else terminal.parsed_size(image_size),
         reference_tilt_deg=reference_tilt,
         direction_deg=tilt_direction,
         at_zoom=at_zoom,
         at_tilt_deg=at_tilt,
     )
     if plot is not None:
-        library.write_figure(plot, plot_limits(found))
+        found.write_plot(plot)
     if json:
         terminal.print_json(found.to_json())
         return
@@ -96,13 +93,6 @@ def limits(
             f"at zoom {at_zoom:g}, tilt {at_tilt:g} degrees: contrasts from "
             f"{found.contrast_found_dn:.3g} DN are detectable"
         )
-
-
-def _size(text: str) -> tuple[int, int]:
-    size = re.fullmatch(r"(\d{1,6})\s*[x,×]\s*(\d{1,6})", text.strip().lower(), re.ASCII)
-    if size is None:
-        raise BadParameter(f"--image-size must be WxH in px, such as 780x580, got {text}")
-    return int(size[1]), int(size[2])
 
 
 def _print_limits(found: PoseLimits, min_dprime: float, where: str) -> None:

@@ -60,7 +60,7 @@ def _print(found: NoiseMeasurement) -> None:
     if transfer.linearity is not None:
         rows.append(["linearity error / %", f"{100 * transfer.linearity.mean_deviation:.3f}", ""])
     rows += [
-        ["DSNU / e", f"{pixels.dsnu_dn * transfer.gain_e_per_dn:.2f}", ""],
+        ["DSNU / e", f"{calibration.dsnu_e:.2f}", ""],
         ["PRNU / %", f"{100 * pixels.prnu:.3f}", ""],
         ["shading / %", f"{100 * pixels.shading:.1f}", ""],
         ["defect pixels", str(pixels.defects), ""],

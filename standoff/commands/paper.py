@@ -6,11 +6,8 @@ from typing import Annotated
 
 from typer import Option
 
-from analysis.choices import PAPER_TRAINING_STEPS
 from standoff import library, terminal
 from standoff.shipped_configs import shipped_config
-
-_SHORT_STEPS = 25
 
 
 def paper(
@@ -32,34 +29,23 @@ def paper(
     json: terminal.Json = False,
 ) -> None:
     """Repeat the paper's experiment on the simulated bench: Tables I and II, Figures 2 and 3."""
-    from acquisition.plan import load_plan
     from acquisition.session import MANIFEST_NAME
-    from analysis.validation import KernelBook, ValidationSettings
-    from calibration.documents import json_object
 
     if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
         terminal.refuse_overwriting([out / name for name in library.VALIDATION_FILES], force=force)
     config = terminal.read_bench(shipped_config("paper_bench.toml"), settings)
-    plan = "paper_validation_short.toml" if short else "paper_validation.toml"
-    steps = _SHORT_STEPS if short else PAPER_TRAINING_STEPS
-    call = library.Call("run_paper", terminal.ShownProgress())
-    chosen = library.default_models(call) if models is None else terminal.chosen_models(models)
     result = library.run_paper(
-        call,
         out,
-        library.short_bench(config) if short else config,
-        load_plan(shipped_config(plan)),
-        ValidationSettings(
-            models=chosen,
-            kernels=KernelBook(folder=out / "kernels", steps=steps),
-            workers=1 if short else workers,
-        ),
+        config,
+        models=None if models is None else terminal.chosen_models(models),
+        workers=workers,
+        is_short=short,
+        progress=terminal.ShownProgress(),
     )
-    errors_px = result.registration_errors_px
     if json:
-        document = json_object(result.validation)
-        terminal.print_json({**document, "registration_errors_px": list(errors_px)})
+        terminal.print_json(result.to_json())
         return
+    errors_px = result.registration_errors_px
     terminal.print_validation(result.validation)
     terminal.say(
         "alignment against the bench's truth: median error "

@@ -140,12 +140,9 @@ def pose(
         source = watched.folder(stream, is_watched=watch)
         _watch(watched, source, frames, is_live=False, json=json)
     if bench is not None:
-        with library.opened_camera(terminal.read_bench(bench, settings)) as opened:
-            terminal.note(*opened.warnings)
-            if target is not None:
-                terminal.place_target(opened.simulated, target)
-            with library.camera_frames(opened) as source:
-                _watch(watched, source, frames, is_live=True, json=json)
+        config = terminal.read_bench(bench, settings)
+        with watched.camera(config, target=target, progress=terminal.ShownProgress()) as source:
+            _watch(watched, source, frames, is_live=True, json=json)
 
 
 def _watch(

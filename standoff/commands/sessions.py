@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +12,7 @@ from standoff import library, terminal
 from standoff.errors import ApplicationError
 
 if TYPE_CHECKING:
-    from acquisition.session import SessionCapture, SessionNotes
+    from acquisition.session import SessionCapture
 
 Index = Annotated[int, Argument(help="Index of the capture.", show_default=False, min=0)]
 Reason = Annotated[str, Option(help="Reason, recorded in the session.")]
@@ -127,7 +126,7 @@ def exclude(
     operator: terminal.OperatorName = None,
 ) -> None:
     """Exclude a capture from calibration and analysis."""
-    _notes(directory, operator).exclude(index, reason)
+    library.exclude_capture(directory, index, reason, operator=operator)
     terminal.say(f"{directory}: capture {index} is excluded: {reason}")
 
 
@@ -139,7 +138,7 @@ def include(
     operator: terminal.OperatorName = None,
 ) -> None:
     """Use an excluded capture again."""
-    _notes(directory, operator).include(index, reason)
+    library.include_capture(directory, index, reason, operator=operator)
     terminal.say(f"{directory}: capture {index} is used again")
 
 
@@ -156,7 +155,7 @@ def set_height(
     """Correct the height of imported photographs; what was recorded before is kept."""
     if not math.isfinite(height_mm):
         raise BadParameter(f"a height must be a finite number, got {height_mm}")
-    for event in _notes(directory, operator).correct_height(indices, height_mm, reason):
+    for event in library.correct_height(directory, indices, height_mm, reason, operator=operator):
         terminal.say(
             f"{directory}: capture {event.facts['index']} is at {height_mm:g} mm "
             f"(was {event.facts['was_mm']:g} mm): {reason}"
@@ -170,14 +169,8 @@ def write_note(
     operator: terminal.OperatorName = None,
 ) -> None:
     """Add a note to the session's journal."""
-    _notes(directory, operator).note(text)
+    library.add_note(directory, text, operator=operator)
     terminal.say(f"{directory}: noted")
-
-
-def _notes(directory: Path, operator: str | None) -> SessionNotes:
-    from acquisition.session import SessionNotes
-
-    return SessionNotes(directory, operator=operator or getpass.getuser())
 
 
 def _cells(capture: SessionCapture) -> list[str]:

@@ -1,15 +1,25 @@
 from .bench import (
     Bench as Bench,
+    CapturedSession as CapturedSession,
+    FoundFocus as FoundFocus,
     OpenBench as OpenBench,
     OpenCamera as OpenCamera,
     PlannedComparisons as PlannedComparisons,
+    WatchedFocus as WatchedFocus,
+    bench_config as bench_config,
+    capture_session as capture_session,
     devices_of as devices_of,
+    find_cameras as find_cameras,
+    find_focus as find_focus,
     height_series as height_series,
     open_bench as open_bench,
     open_camera as open_camera,
     open_stage as open_stage,
     opened_camera as opened_camera,
+    operate_stage as operate_stage,
     place_in_simulation as place_in_simulation,
+    place_target as place_target,
+    preview_plan as preview_plan,
     refuse_half_simulated as refuse_half_simulated,
     watch_focus as watch_focus,
 )
@@ -32,6 +42,7 @@ from .detectability import (
     DetectionTask as DetectionTask,
     MeasuredCurves as MeasuredCurves,
     curve_figure_paths as curve_figure_paths,
+    curves_made_by as curves_made_by,
     d_prime_curves as d_prime_curves,
     given_curve as given_curve,
     measure_curves as measure_curves,
@@ -55,11 +66,7 @@ from .geometry import calibrate_geometry as calibrate_geometry, write_geometry a
 from .inputs import FilePath as FilePath, path_of as path_of
 from .noise import measure_noise as measure_noise, write_noise as write_noise
 from .photographs import read_image as read_image, reading as reading
-from .pose_stream import (
-    NamedFrame as NamedFrame,
-    PoseWatch as PoseWatch,
-    camera_frames as camera_frames,
-)
+from .pose_stream import NamedFrame as NamedFrame, PoseWatch as PoseWatch
 from .psf import (
     GaussianPsf as GaussianPsf,
     PsfComparison as PsfComparison,
@@ -78,7 +85,6 @@ from .psf import (
 from .rehearsal import (
     DEMO_FILES as DEMO_FILES,
     DemoResult as DemoResult,
-    place_errors_px as place_errors_px,
     run_demo as run_demo,
     run_paper as run_paper,
     short_bench as short_bench,
@@ -100,12 +106,15 @@ from .sessions import (
     VALIDATION_FILES as VALIDATION_FILES,
     ExportedSession as ExportedSession,
     ImportedPhotographs as ImportedPhotographs,
-    SessionNotes as SessionNotes,
     VerifiedSession as VerifiedSession,
     WrittenReport as WrittenReport,
+    add_note as add_note,
+    correct_height as correct_height,
     default_models as default_models,
+    exclude_capture as exclude_capture,
     export_session as export_session,
     import_photographs as import_photographs,
+    include_capture as include_capture,
     list_sessions as list_sessions,
     show_session as show_session,
     validate as validate,

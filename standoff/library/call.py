@@ -9,6 +9,7 @@ from typing import Protocol
 from acquisition.printable import on_one_line
 from acquisition.session import Session
 from calibration.provenance import Provenance
+from standoff.compile_notice import announce_compiling
 from standoff.library.caller import caller
 from standoff.library.inputs import ImageLike, photograph
 from standoff.photographs import Inputs, Photograph, ReadOptions
@@ -64,6 +65,7 @@ class Call:
         reading: ReadOptions | None = None,
         files: Iterable[object] = (),
     ) -> None:
+        announce_compiling()
         self._function = function
         self._progress = progress or Silent()
         self._notes: dict[str, None] = {}

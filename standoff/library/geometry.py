@@ -95,9 +95,20 @@ def calibrate_geometry(
 def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
     """Write a geometry.json, whole or not at all.
 
+    Parameters
+    ----------
+    path
+        Of the file.
+    geometry
+        As ``calibrate_geometry`` returns it.
+
     Raises
     ------
     GeometryFileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> standoff.write_geometry("geometry.json", standoff.calibrate_geometry("session"))
     """
     write_geometry_file(path_of(path, "path"), geometry)

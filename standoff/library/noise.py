@@ -64,10 +64,26 @@ def measure_noise(
 def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
     """Write noise.json and its maps beside it, all or none; return the document.
 
+    Parameters
+    ----------
+    path
+        Of noise.json.
+    noise
+        As ``measure_noise`` returns it.
+
+    Returns
+    -------
+    NoiseCalibration
+        The document, with the names of the maps.
+
     Raises
     ------
     NoiseFileError, ApplicationError
         If a file cannot be written.
+
+    Examples
+    --------
+    >>> standoff.write_noise("noise.json", standoff.measure_noise("session"))
     """
     out = path_of(path, "path")
     with written_together(out) as folder:

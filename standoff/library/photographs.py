@@ -18,6 +18,11 @@ def reading(encoding: str = "auto", *, page: int | None = None, mean: bool = Fal
     mean
         Whether a stack is one capture: its mean, with the temporal variance.
 
+    Returns
+    -------
+    ReadOptions
+        For ``reading=``.
+
     Raises
     ------
     ArgumentError
@@ -64,5 +69,10 @@ def read_image(
         If the encoding is unknown, or both ``page`` and ``mean`` are given.
     ImageFileError
         If the file cannot be read; the message says why.
+
+    Examples
+    --------
+    >>> photograph = standoff.read_image("near.jpg")
+    >>> photograph.encoding, photograph.grey_dn.mean()
     """
     return read(path_of(path, "path"), reading(encoding, page=page, mean=mean))

@@ -1,20 +1,21 @@
 """Live guidance: frames from a folder or a camera, each with a verdict on its pose."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from acquisition.bench import BenchConfig
 from acquisition.focus import newest_frames
 from analysis.choices import Criterion
 from analysis.pose import PoseTracker, PoseVerdict, StreamSummary
 from calibration.errors import CalibrationError
 from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.library.bench import OpenCamera
-from standoff.library.call import Call
+from standoff.library.bench import bench_config, opened_camera, place_target
+from standoff.library.call import Call, Progress, Silent
 from standoff.library.detectability import CurveChoice, CurveLike, given_curve
 from standoff.library.files import image_files_in
 from standoff.library.inputs import FilePath, ImageLike, path_of
@@ -113,6 +114,41 @@ class PoseWatch:
         """Return the images of a folder; then, if it is watched, new ones as they come."""
         return folder_frames(path_of(path, "path"), self._call.inputs, is_watched=is_watched)
 
+    @contextmanager
+    def camera(
+        self,
+        bench: BenchConfig | FilePath,
+        *,
+        settings: Mapping[str, Any] | None = None,
+        target: str | None = None,
+        progress: Progress | None = None,
+    ) -> Iterator[Iterator[NamedFrame]]:
+        """Open the camera of a bench, and give the block its frames, always the newest.
+
+        Parameters
+        ----------
+        bench, settings
+            A bench file or what one says, and keys that replace those of the file.
+        target
+            Placed under a simulated camera.
+        progress
+            Who watches.
+
+        Raises
+        ------
+        ArgumentError
+            If the target cannot be placed.
+        BenchConfigError, DeviceError
+            If the bench or the camera is at fault.
+        """
+        with opened_camera(bench_config(bench, settings)) as opened:
+            for remark in opened.warnings:
+                self._call.announce(remark)
+                (progress or Silent()).note(remark)
+            place_target(opened.simulated, target)
+            with closing(newest_frames(opened.camera)) as frames:
+                yield (NamedFrame(f"frame {frame.frame_id}", frame.image_dn) for frame in frames)
+
     def to_json(self) -> dict[str, Any]:
         """Return the verdicts as ``standoff pose --json`` prints them."""
         summary = self.summary
@@ -130,13 +166,6 @@ class PoseWatch:
             "last": None if summary.last is None else summary.last.to_json(),
             "verdicts": summary.verdicts,
         }
-
-
-@contextmanager
-def camera_frames(opened: OpenCamera) -> Iterator[Iterator[NamedFrame]]:
-    """Yield frames of a camera, always the newest; the stream ends with the block."""
-    with closing(newest_frames(opened.camera)) as frames:
-        yield (NamedFrame(f"frame {frame.frame_id}", frame.image_dn) for frame in frames)
 
 
 def folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterator[NamedFrame]:

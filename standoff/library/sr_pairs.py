@@ -77,6 +77,11 @@ def training_pairs(
     progress
         Who watches.
 
+    Returns
+    -------
+    SrDatasetSummary
+        How many pairs there are for training and testing, and what was left out.
+
     Raises
     ------
     ApplicationError

@@ -12,7 +12,7 @@ from calibration.choices import Pattern
 from calibration.notebook import html_table
 from calibration.psf import REC601_LUMA, luma_plane
 from simulation.arrays import AnyArray, FloatArray
-from standoff.errors import ImageFileError
+from standoff.errors import HintError, ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import refuse_unusable
@@ -220,6 +220,27 @@ class Photograph(PhotographHead):
     def white_dn(self) -> float:
         """Level that decoding leaves as it is; 1 for floating-point levels."""
         return 1.0 if self.full_scale_dn is None else self.full_scale_dn
+
+    def white_level_dn(self, stated: float | None) -> float | None:
+        """Linear level at which the photograph is clipped; None if nothing is known.
+
+        Parameters
+        ----------
+        stated
+            ``--white-level``, in levels of the file; without it, the file's own counts.
+
+        Raises
+        ------
+        HintError
+            If the file has no such level.
+        """
+        if stated is None:
+            return self.saturation_dn
+        full_scale = self.full_scale_dn
+        if full_scale is not None and stated > full_scale:
+            raise HintError(f"{self.name}: no level {stated:g}; its levels end at {full_scale:g}")
+        level = np.full((1, 1, max(len(self.encoding.curves), 1)), float(stated))
+        return float(self.encoding.decode(level, self.white_dn).max())
 
 
 def full_scale_dn(pixels: AnyArray) -> float | None:

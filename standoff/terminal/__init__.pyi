@@ -59,7 +59,7 @@ from .options import (
     chosen_models as chosen_models,
     curve_choice as curve_choice,
     parsed_region as parsed_region,
-    place_target as place_target,
+    parsed_size as parsed_size,
     quantity as quantity,
     read_bench as read_bench,
     reading_options as reading_options,
@@ -81,12 +81,7 @@ from .output import (
     say as say,
     say_error as say_error,
 )
-from .plan_preview import (
-    flicker_warnings as flicker_warnings,
-    frame_shape_of as frame_shape_of,
-    preview_line as preview_line,
-    time_text as time_text,
-)
+from .plan_preview import preview_line as preview_line, time_text as time_text
 from .result_tables import (
     print_edges as print_edges,
     print_psf as print_psf,

@@ -117,7 +117,8 @@ def run_application(app: typer.Typer, arguments: list[str]) -> int:
         say_error(" ".join(said.split()))
         return EXIT_USAGE
     except ArgumentError as error:
-        say_error(error)
+        named = "" if error.argument is None else f"Invalid value for --{error.argument}: "
+        say_error(f"{named}{error}")
         return EXIT_USAGE
     except REPORTED_ERRORS as error:
         say_error(error)

@@ -31,12 +31,12 @@ def _command_line() -> str:
     return shlex.join(("standoff", *_ARGUMENTS.get()))
 
 
-def is_same_command(line: str) -> bool:
-    """Whether a command line of before asks for what the command that runs does.
+def is_same_command(line: str | None) -> bool:
+    """Whether a command line of before, if there is one, asks for what the command that runs does.
 
     How the work is shared out and told does not count.
     """
-    return _asked(line) == _asked(_command_line())
+    return line is not None and _asked(line) == _asked(_command_line())
 
 
 def _asked(line: str) -> list[str]:

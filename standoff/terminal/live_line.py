@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Self
 
 from rich.live import Live
 from rich.text import Text
@@ -20,32 +19,21 @@ _ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ fal
 
 
 class LiveLine(ExitStack):
-    """Shows texts on stderr: in place on a terminal, else as one plain line per second.
+    """Shows texts on stderr: in place on a terminal, else as one plain line per second."""
 
-    Parameters
-    ----------
-    clock
-        Seconds; texts that come faster than the eye can follow are not drawn.
-    """
-
-    def __init__(self, clock: Callable[[], float]) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._clock = clock
         self._shown_s: float | None = None
         self._live = Live(console=ERRORS, auto_refresh=False) if ERRORS.is_terminal else None
 
-    def __enter__(self) -> Self:
-        if self._live is not None:
-            self.enter_context(self._live)
-        return self
-
-    def show(self, text: str, style: str = "") -> None:
-        """Draw a text, unless one was drawn a moment ago."""
+    def show(self, text: str, style: str = "", *, now_s: float) -> None:
+        """Draw a text, unless one was drawn a moment before: faster than the eye can follow."""
         text = on_one_line(text)
-        now_s = self._clock()
         interval_s = _PLAIN_INTERVAL_S if self._live is None else _INTERVAL_S
         if self._shown_s is not None and now_s - self._shown_s < interval_s:
             return
+        if self._live is not None and self._shown_s is None:
+            self.enter_context(self._live)
         self._shown_s = now_s
         if self._live is None:
             ERRORS.print(text, markup=False)
@@ -54,11 +42,11 @@ class LiveLine(ExitStack):
 
 
 @contextmanager
-def focus_display(clock: Callable[[], float]) -> Iterator[Callable[[FocusReading], None]]:
-    """Yield a callback that shows a reading of the focus aid."""
-    with LiveLine(clock) as line:
-        yield lambda reading: line.show(
-            _reading_text(reading), "yellow" if reading.is_past_peak else ""
+def focus_display() -> Iterator[Callable[[FocusReading, float], None]]:
+    """Yield a callback that shows a reading of the focus aid, given that and its time in s."""
+    with LiveLine() as line:
+        yield lambda reading, now_s: line.show(
+            _reading_text(reading), "yellow" if reading.is_past_peak else "", now_s=now_s
         )
 
 
@@ -95,9 +83,11 @@ def verdict_display(
         Show nothing on stdout, which is for a JSON document; a camera's still go to stderr.
     """
     if is_live:
-        with LiveLine(time.monotonic) as line:
+        with LiveLine() as line:
             yield lambda name, verdict: line.show(
-                verdict_line(name, verdict), "bold green" if verdict.accepted else "bold red"
+                verdict_line(name, verdict),
+                "bold green" if verdict.accepted else "bold red",
+                now_s=time.monotonic(),
             )
     elif is_silent:
         yield lambda name, verdict: None

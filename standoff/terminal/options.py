@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from acquisition.bench import BenchConfig
     from analysis.sweep import SweepOptions
     from calibration.geometry import CharucoBoard
-    from hil_mocks import SimulatedBench
     from standoff.photographs import ReadOptions
 
 Region = TypeVar("Region")
@@ -70,18 +69,6 @@ def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
         return load_bench(path, parse_overrides(settings)) if settings else as_written
     except BenchConfigError as error:
         raise BadParameter(str(error)) from error
-
-
-def place_target(
-    simulated: SimulatedBench | None, target: str, orientation_deg: float = 0.0
-) -> None:
-    """Place a target under the simulated camera; refuse a real one."""
-    if simulated is None:
-        raise BadParameter("only a simulated bench takes a target", param_hint="--target")
-    try:
-        simulated.place(target, orientation_deg)
-    except ValueError as error:
-        raise BadParameter(str(error), param_hint="--target") from error
 
 
 def checked_zoom(zoom: float | None) -> float | None:
@@ -146,6 +133,14 @@ def parsed_region(text: str, expected: str, make: Callable[..., Region]) -> Regi
         return make(x_px=x, y_px=y, width_px=width, height_px=height)
     except ValueError as error:
         raise BadParameter(f"expected {expected}, got {text}", param_hint="--region") from error
+
+
+def parsed_size(text: str) -> tuple[int, int]:
+    """Return the width and height in px that ``WxH`` names."""
+    size = re.fullmatch(r"(\d{1,6})\s*[x,×]\s*(\d{1,6})", text.strip().lower(), re.ASCII)
+    if size is None:
+        raise BadParameter(f"--image-size must be WxH in px, such as 780x580, got {text}")
+    return int(size[1]), int(size[2])
 
 
 EncodingName = Annotated[

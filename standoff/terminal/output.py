@@ -5,7 +5,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -59,10 +59,12 @@ class Bar:
         self._begun_s = self._told_s = time.monotonic()
         self._every_s = _plain_period_s()
 
-    def advance_to(self, done: int, description: str | None = None) -> None:
+    def describe(self, description: str) -> None:
+        """Say from the next piece on what is at work."""
+        self._description = description
+
+    def advance_to(self, done: int) -> None:
         """Show that ``done`` of the total are done."""
-        if description is not None:
-            self._description = description
         if self._is_plain:
             self._tell(done)
             return
@@ -109,11 +111,24 @@ def progress_bar(description: str, total: int) -> Iterator[Bar]:
 class ShownProgress:
     """Shows on stderr what a call of the library does."""
 
+    def __init__(self) -> None:
+        self._bar: Bar | None = None
+
     @contextmanager
     def bar(self, task: str, total: int) -> Iterator[Callable[[int], None]]:
         """Show a bar on a terminal, else a line now and then."""
-        with progress_bar(task, total) as shown:
-            yield shown.advance_to
+        with progress_bar(task, total) as self._bar:
+            yield self._bar.advance_to
+        self._bar = None
+
+    def describe(self, text: str) -> None:
+        """Say on the bar, from the next piece on, what is at work."""
+        if self._bar is not None:
+            self._bar.describe(text)
+
+    def hidden(self) -> AbstractContextManager[None]:
+        """Hide the bar while the operator is asked something."""
+        return nullcontext() if self._bar is None else self._bar.hidden()
 
     def note(self, text: str) -> None:
         """Print a remark at once."""

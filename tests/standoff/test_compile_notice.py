@@ -11,9 +11,9 @@ said = []
 when_compiling(said.append)
 import sys
 assert "numba" not in sys.modules
-from calibration.edges.penalised_spline import curve_values
+from simulation.pose.lens import ideal_factors
 import numpy as np
-curve_values(np.zeros(3), np.zeros(4))
+ideal_factors(0.1, 0.0, np.zeros(3))
 print(",".join(said))
 """
 
@@ -34,5 +34,5 @@ def test_each_function_is_told_when_it_is_compiled_and_not_when_it_is_loaded(
     tmp_path: Path,
 ) -> None:
     first = compiled(tmp_path)
-    assert "curve_values" in first
+    assert "ideal_factors" in first
     assert compiled(tmp_path) == [""]

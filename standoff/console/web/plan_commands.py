@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
+from acquisition.capture import flicker_warnings
 from acquisition.plan import CapturePlan, estimate_plan, plan_entries
 from standoff.console.bench_hub import BenchHub
 from standoff.console.plan_drafts import DraftError, plan_of
 from standoff.console.web import messages
 from standoff.console.web.view_model import Document, preview_document
-from standoff.terminal import flicker_warnings
 
 
 class PlanCommands:

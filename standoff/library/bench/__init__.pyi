@@ -1,4 +1,5 @@
 from .bench import Bench as Bench, height_series as height_series
+from .cameras import find_cameras as find_cameras
 from .devices import (
     OpenBench as OpenBench,
     OpenCamera as OpenCamera,
@@ -8,7 +9,19 @@ from .devices import (
     open_stage as open_stage,
     opened_camera as opened_camera,
     place_in_simulation as place_in_simulation,
+    place_target as place_target,
     refuse_half_simulated as refuse_half_simulated,
 )
-from .live_focus import watch_focus as watch_focus
+from .focus import (
+    FoundFocus as FoundFocus,
+    WatchedFocus as WatchedFocus,
+    find_focus as find_focus,
+    watch_focus as watch_focus,
+)
+from .plan_preview import bench_config as bench_config, preview_plan as preview_plan
 from .planned_comparison import PlannedComparisons as PlannedComparisons
+from .session_capture import (
+    CapturedSession as CapturedSession,
+    capture_session as capture_session,
+)
+from .stage_control import operate_stage as operate_stage

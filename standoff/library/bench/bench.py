@@ -11,7 +11,6 @@ from acquisition.capture import (
     run_plan,
 )
 from acquisition.choices import CaptureKind, FocusMeasure
-from acquisition.errors import PlanError
 from acquisition.focus import (
     FocusOptions,
     FocusPeak,
@@ -22,7 +21,7 @@ from acquisition.focus import (
 )
 from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries
 from acquisition.session import Session
-from standoff.library.bench.devices import place_in_simulation
+from standoff.library.bench.devices import placement_of
 from standoff.library.bench.movable_bench import MovableBench
 from standoff.library.bench_capture import BenchCapture
 from standoff.library.inputs import FilePath, path_of
@@ -229,29 +228,12 @@ class Bench(MovableBench):
             As ``standoff capture``; what was captured until then is kept.
         """
         planned = plan if isinstance(plan, CapturePlan) else load_plan(path_of(plan, "plan"))
-        person = RunOperator(
-            name=self.operator, place=self._placement(planned, place), progress=progress
-        )
+        placed = placement_of(planned, self.simulated, None if self.is_simulated else place)
+        person = RunOperator(name=self.operator, place=placed, progress=progress)
         self._asked_mm = None
         self._exposure_control().settle(self.config.camera.exposure_us)
         run_plan(path_of(out, "out"), planned, self.devices, person, retake=retake)
         return Session(out)
-
-    def _placement(
-        self, plan: CapturePlan, place: Callable[[PlanEntry], Placement] | None
-    ) -> Callable[[PlanEntry], Placement]:
-        simulated = self._open().simulated
-        if simulated is not None:
-            return place_in_simulation(simulated)
-        if place is not None:
-            return place
-        targets = len({entry.placement for entry in plan_entries(plan)})
-        if targets > 1:
-            raise PlanError(
-                f"plan {plan.name} has {targets} targets or orientations to place in turn; "
-                "give place=, which has each one placed"
-            )
-        return lambda _: "ready"
 
 
 def height_series(

@@ -12,11 +12,12 @@ from acquisition.bench import BenchConfig, BenchDevices, CameraConfig, StageConf
 from acquisition.capture import Placement
 from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, PlanError
-from acquisition.plan import PlanEntry
+from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.stages import ManualStage, MotorStage
 from acquisition.stages.grbl import open_grbl_stage
 from acquisition.stages.zaber import open_zaber_stage
 from hil_mocks import SimulatedBench
+from standoff.errors import ArgumentError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,6 +198,54 @@ def place_in_simulation(bench: SimulatedBench) -> Callable[[PlanEntry], Placemen
         return "ready"
 
     return place
+
+
+def placement_of(
+    plan: CapturePlan,
+    simulated: SimulatedBench | None,
+    place: Callable[[PlanEntry], Placement] | None,
+) -> Callable[[PlanEntry], Placement]:
+    """Return the callback that has a target placed: by ``place``, and by a simulated bench.
+
+    Raises
+    ------
+    PlanError
+        If a real bench has several targets to place, and nobody to place them.
+    """
+    if simulated is not None:
+        in_simulation = place_in_simulation(simulated)
+        if place is None:
+            return in_simulation
+        return lambda entry: "skip" if place(entry) == "skip" else in_simulation(entry)
+    if place is not None:
+        return place
+    targets = len({entry.placement for entry in plan_entries(plan)})
+    if targets > 1:
+        raise PlanError(
+            f"plan {plan.name} has {targets} targets or orientations to place in turn; "
+            "give place=, which has each one placed"
+        )
+    return lambda _: "ready"
+
+
+def place_target(
+    simulated: SimulatedBench | None, target: str | None, orientation_deg: float = 0.0
+) -> None:
+    """Place a target, if one is named, under the simulated camera.
+
+    Raises
+    ------
+    ArgumentError
+        If the camera is a real one, or there is no such target.
+    """
+    if target is None:
+        return
+    if simulated is None:
+        raise ArgumentError("only a simulated bench takes a target", argument="target")
+    try:
+        simulated.place(target, orientation_deg)
+    except ValueError as error:
+        raise ArgumentError(str(error), argument="target") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

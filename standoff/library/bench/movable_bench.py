@@ -3,17 +3,17 @@
 import getpass
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from os import PathLike
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from acquisition.bench import BenchConfig, BenchDevices, load_bench
+from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.bracket import ExposureControl
 from acquisition.devices import Camera, Stage
 from acquisition.errors import DeviceError, StageNotHomedError
 from acquisition.stages import home_timeout_s, move_timeout_s
-from standoff.library import OpenBench, open_bench
+from hil_mocks import SimulatedBench
+from standoff.library.bench.devices import OpenBench, open_bench
+from standoff.library.bench.plan_preview import bench_config
 from standoff.library.inputs import FilePath
 
 
@@ -28,7 +28,7 @@ class MovableBench:
         operator: str | None = None,
         ask: Callable[[str], str] | None = None,
     ) -> None:
-        self.config = _config(bench, settings)
+        self.config = bench_config(bench, settings)
         self.operator = operator or getpass.getuser()
         self._ask = ask
         self._resources = ExitStack()
@@ -118,9 +118,14 @@ class MovableBench:
         return self.height_mm if self._asked_mm is None else self._asked_mm
 
     @property
+    def simulated(self) -> SimulatedBench | None:
+        """The simulated bench of this process behind both devices; None of a real one."""
+        return self._open().simulated
+
+    @property
     def is_simulated(self) -> bool:
         """Whether camera, stage and scene are the simulated ones of this process."""
-        return self._open().simulated is not None
+        return self.simulated is not None
 
     def home(self) -> float:
         """Find the reference switch, and return the height there.
@@ -170,7 +175,7 @@ class MovableBench:
         ValueError
             If there is no such target; the message lists them.
         """
-        simulated = self._open().simulated
+        simulated = self.simulated
         if simulated is None:
             raise DeviceError("only a simulated bench places its own targets; place it by hand")
         simulated.place(target, orientation_deg)
@@ -186,18 +191,6 @@ class MovableBench:
         if self._opened is None:
             raise DeviceError("the bench is closed; use it inside `with bench:`, or call open()")
         return self._opened
-
-
-def _config(bench: object, settings: Mapping[str, Any] | None) -> BenchConfig:
-    if isinstance(bench, str | PathLike):
-        return load_bench(Path(bench), dict(settings or {}))
-    if not isinstance(bench, BenchConfig):
-        raise TypeError(
-            f"bench: expected the path of a bench file or a config, got {type(bench).__name__}"
-        )
-    if settings:
-        raise TypeError("settings: expected None, got keys beside a config; change the config")
-    return bench
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from calibration.registration import (
 from simulation.arrays import BoolArray, FloatArray
 from standoff.errors import HintError
 from standoff.library.inputs import FilePath
-from standoff.photographs import LINEAR, Photograph, ReadOptions, read_file, read_image
+from standoff.photographs import LINEAR, ReadOptions, read_file, read_image
 
 _AS_NUMBERS = ReadOptions(encoding=LINEAR)
 _MOST_TABLE_BYTES = 16 << 20
@@ -153,6 +153,11 @@ def alignment_hints(
     ------
     HintError, CalibrationError
         If a file cannot be read, or does not say what it should.
+
+    Examples
+    --------
+    >>> hints = standoff.alignment_hints(2.1, mask="moving-parts.png")
+    >>> standoff.find_changes("before.tif", "after.tif", hints=hints)
     """
     given = HintFiles(
         zoom=zoom,
@@ -202,31 +207,6 @@ def read_mask(path: Path) -> BoolArray:
             f"{on_one_line(path)}: leaves out every pixel; a mask is 0 where pixels count"
         )
     return left_out
-
-
-def white_level_dn(photograph: Photograph, stated: float | None) -> float | None:
-    """Linear level at which a photograph is clipped; None if nothing is known.
-
-    Parameters
-    ----------
-    photograph
-        The photograph.
-    stated
-        ``--white-level``, in levels of the file; without it, the file's own counts.
-
-    Raises
-    ------
-    HintError
-        If the file has no such level.
-    """
-    if stated is None:
-        return photograph.saturation_dn
-    full_scale = photograph.full_scale_dn
-    if full_scale is not None and stated > full_scale:
-        raise HintError(f"{photograph.name}: no level {stated:g}; its levels end at {full_scale:g}")
-    encoding = photograph.encoding
-    level = np.full((1, 1, max(len(encoding.curves), 1)), float(stated))
-    return float(encoding.decode(level, photograph.white_dn).max())
 
 
 def _refuse_points_outside(

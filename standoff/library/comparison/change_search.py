@@ -29,7 +29,7 @@ from simulation import Psf, PsfField
 from simulation.arrays import BoolArray, Float32Array
 from simulation.choices import PsfShape
 from standoff.library.call import Call, Progress
-from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files, white_level_dn
+from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files
 from standoff.library.files import (
     make_folder,
     write_figure,
@@ -259,7 +259,7 @@ def compared(
         rules.options,
         hints=hints,
         left_out=rules.left_out,
-        white_level_dn=(white_level_dn(near, stated), white_level_dn(far, stated)),
+        white_level_dn=(near.white_level_dn(stated), far.white_level_dn(stated)),
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
     )
     try:

@@ -46,6 +46,10 @@ def register(
         If an argument has the wrong type.
     RegistrationError
         If the two cannot be aligned; ``reason`` and ``at_fault`` say why.
+
+    Examples
+    --------
+    >>> standoff.register("before.tif", "after.tif", "psf.json").zoom
     """
     near, far = grey_image(reference, "reference"), grey_image(followup, "followup")
     return registered(

@@ -10,5 +10,6 @@ from .limits import (
 from .measured_curves import (
     MeasuredCurves as MeasuredCurves,
     curve_figure_paths as curve_figure_paths,
+    curves_made_by as curves_made_by,
     measure_curves as measure_curves,
 )

@@ -26,6 +26,7 @@ from analysis.pose import (
 from calibration.files import read_geometry
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
+from standoff.library.files import write_figure
 from standoff.library.inputs import (
     FilePath,
     ImageLike,
@@ -65,6 +66,11 @@ def d_prime_curves(
         If an argument has the wrong type.
     ValueError
         If an image is too small, or a model needs a PSF.
+
+    Examples
+    --------
+    >>> curves = standoff.d_prime_curves(["scene.tif"], "psf.json")
+    >>> curves.plot()
     """
     scenes = [
         grey_image(image, f"images[{number}]") for number, image in enumerate(listed_images(images))
@@ -106,6 +112,18 @@ class AllowedMovement(PoseLimits):
             "contrast_found_dn": self.contrast_found_dn,
         }
 
+    def write_plot(self, path: FilePath) -> None:
+        """Write the figure of ``plot`` as PNG or SVG, as the name says.
+
+        Raises
+        ------
+        ApplicationError
+            If the file cannot be written.
+        """
+        from analysis.reports import plot_limits
+
+        write_figure(path_of(path, "path"), plot_limits(self))
+
 
 _LIMITS = ("zoom", "is_zoom_beyond_curve", "tilt_deg", "zoom_by_tilt", "overlap_by_shift")
 
@@ -143,6 +161,11 @@ def pose_limits(
         Of the follow-up's tilt, from +x towards +y; the worst by default.
     at_zoom, at_tilt_deg
         Pose at which the least detectable contrast is wanted as well.
+
+    Returns
+    -------
+    AllowedMovement
+        Zoom, tilt and overlap; d' is an upper bound, and so are they.
 
     Raises
     ------

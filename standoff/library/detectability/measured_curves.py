@@ -19,7 +19,9 @@ from analysis.detectability import (
     SceneImage,
     SweepSums,
     curves_of,
+    read_curves,
 )
+from analysis.errors import ResultsFileError
 from analysis.reports import plot_detectability
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep
@@ -140,6 +142,11 @@ def measure_curves(
     progress
         Who watches.
 
+    Returns
+    -------
+    MeasuredCurves
+        ``curves``, unless only a part was measured, and what became of the photographs.
+
     Raises
     ------
     ArgumentError
@@ -246,6 +253,15 @@ def _list_inputs(sums: SweepSums, inputs: Inputs, state: Path) -> None:
             file.write(f"{one.sha256}  {one.path}\n")
     for encoding in sorted(encodings):
         inputs.add_known(str(listed), file_sha256(listed), encoding)
+
+
+def curves_made_by(path: Path) -> str | None:
+    """Return what made the curves of a curves.json; None if there are none, or nobody knows."""
+    try:
+        stored = read_curves(path).provenance if path.is_file() else None
+    except ResultsFileError:
+        return None
+    return None if stored is None else stored.command
 
 
 def curve_figure_paths(out: Path) -> list[Path]:

@@ -54,6 +54,10 @@ def zoom_out(
         If the image or the PSF has the wrong type.
     ValueError
         If the zoom is below 1, the image is too small for it, or the model needs a PSF.
+
+    Examples
+    --------
+    >>> far = standoff.zoom_out(near, 2.0, standoff.GaussianPsf(sigma_px=0.8))
     """
     if model not in MODELS:
         raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
@@ -98,6 +102,11 @@ def simulate_pose(
         If an argument has the wrong type.
     ValueError
         If no camera in front of the plane has such a homography.
+
+    Examples
+    --------
+    >>> far = standoff.simulate_pose("near.tif", "H.json", "psf.json")
+    >>> far.image[far.outside] = 0
     """
     planes = colour_planes(image)
     frame = planes.shape[1], planes.shape[0]

@@ -19,6 +19,7 @@ from calibration.psf import (
     calibrate_mosaic,
     calibrate_psf as psf_of_edges,
     capture_images,
+    origin_of,
     scene_records,
 )
 from calibration.sharpness import read_limits
@@ -38,7 +39,6 @@ from standoff.library.psf.edge_sources import (
     Reading,
     from_images,
     from_session,
-    origin_of,
     taken_with,
 )
 from standoff.photographs import ReadOptions

@@ -1,7 +1,7 @@
 """Has the PSF changed? Two calibrations, or all of them over time."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -46,16 +46,7 @@ class PsfComparison(PsfChange):
             "verdict": self.verdict,
             "remarks": list(self.remarks),
             "shared_inputs": list(self.shared_inputs),
-            "parameters": [
-                {
-                    **asdict(one),
-                    "difference": one.difference,
-                    "z": one.z,
-                    "p_value": one.p_value,
-                    "is_changed": one.is_changed,
-                }
-                for one in self.parameters
-            ],
+            "parameters": [one.to_json() for one in self.parameters],
         }
 
 
@@ -145,6 +136,11 @@ def psf_history(
         Any number of psf.json, or folders; what cannot be read below a folder is left out.
     progress
         Who watches.
+
+    Returns
+    -------
+    PsfHistory
+        The calibrations of each camera in order of time.
 
     Raises
     ------

@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.session import CaptureRecord, Session
+from acquisition.session import Session
 from calibration.choices import Channel, Pattern
 from calibration.edge_fit import JpegCompression
 from calibration.edges import EdgeImage, plane_places
 from calibration.errors import CalibrationError
 from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
 from calibration.psf import (
-    CameraIdentity,
     PsfOrigin,
     edge_images,
     edge_records,
     luma_plane,
+    origin_of,
 )
 from simulation.arrays import FloatArray
 from standoff.library.call import Call
@@ -140,39 +140,6 @@ def from_images(given: Sequence[ImageLike], reading: Reading, call: Call) -> Edg
     )
 
 
-def origin_of(session: Session, records: Sequence[CaptureRecord]) -> PsfOrigin:
-    """Return the camera of a session, and when the first of these captures was taken."""
-    camera = session.devices.get("camera", {})
-    return PsfOrigin(
-        camera=CameraIdentity(
-            serial=_text(camera, "DeviceSerialNumber"),
-            model=_text(camera, "DeviceModelName"),
-            vendor=_text(camera, "DeviceVendorName"),
-        ),
-        captured_utc=min(record.started_utc for record in records),
-        photograph=_taken_with(session, records),
-    )
-
-
-def _taken_with(
-    session: Session, records: Sequence[CaptureRecord]
-) -> dict[str, str | float] | None:
-    """Lens, exposure and pixel pitch of a session: of its bench, or of imported photographs."""
-    bench = session.bench or {}
-    tables = (session.devices.get("camera"), session.devices.get("lens"), bench.get("optics"))
-    stated = {key: value for one in tables if isinstance(one, dict) for key, value in one.items()}
-    facts: dict[str, str | float] = {}
-    for name in ("lens", "focal_length_mm", "f_number", "iso", "pixel_pitch_um"):
-        value = stated.get(name)
-        if isinstance(value, str | int | float) and value:
-            facts[name] = value
-    exposures = {record.exposure_us for record in records}
-    exposure_us = exposures.pop() if len(exposures) == 1 else None
-    if exposure_us is not None:
-        facts["exposure_s"] = exposure_us / 1e6
-    return facts or None
-
-
 def taken_with(sources: EdgeSources) -> PsfOrigin:
     """Return the origin with what the photographs state, once all of them are read."""
     if sources.session is not None:
@@ -198,11 +165,6 @@ def _stated_pitch(
         return reading.pixel_pitch_um, "--pixel-pitch-um"
     pitch = facts.get("pixel_pitch_um")
     return (float(pitch), source) if isinstance(pitch, int | float) else (None, None)
-
-
-def _text(snapshot: Mapping[str, object], key: str) -> str | None:
-    value = snapshot.get(key)
-    return None if value in (None, "") else str(value)
 
 
 def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:

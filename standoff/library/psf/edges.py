@@ -33,6 +33,10 @@ def measure_edges(
     ------
     TypeError
         If the image is neither an array nor a path.
+
+    Examples
+    --------
+    >>> [edge.sigma_px for edge in standoff.measure_edges("edge.tif")]
     """
     source = edge_image(photograph(image), Reading())
     if region is not None:
@@ -43,12 +47,26 @@ def measure_edges(
 def read_psf(path: FilePath) -> PsfCalibration:
     """Read a psf.json.
 
+    Parameters
+    ----------
+    path
+        Of the file.
+
+    Returns
+    -------
+    PsfCalibration
+        All that the file says; functions with ``psf=`` take it.
+
     Raises
     ------
     TypeError
         If it is not a path.
     PsfFileError
         If the file cannot be read, or is not a psf.json.
+
+    Examples
+    --------
+    >>> standoff.read_psf("psf.json").sigma_x_px
     """
     return read_psf_file(path_of(path, "path"))
 
@@ -56,12 +74,23 @@ def read_psf(path: FilePath) -> PsfCalibration:
 def write_psf(path: FilePath, psf: PsfCalibration) -> None:
     """Write a psf.json, whole or not at all.
 
+    Parameters
+    ----------
+    path
+        Of the file.
+    psf
+        As ``calibrate_psf`` returns it.
+
     Raises
     ------
     TypeError
         If the arguments are not a path and a calibration.
     PsfFileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> standoff.write_psf("psf.json", standoff.calibrate_psf("edge.tif"))
     """
     if not isinstance(psf, PsfCalibration):
         raise TypeError(f"psf: expected a PSF calibration, got {type(psf).__name__}")
@@ -71,9 +100,20 @@ def write_psf(path: FilePath, psf: PsfCalibration) -> None:
 def write_edge_table(path: FilePath, psf: PsfCalibration) -> None:
     """Write the edges of a calibration as CSV, a line an edge, with their SFR.
 
+    Parameters
+    ----------
+    path
+        Of the file.
+    psf
+        A calibration with its edges.
+
     Raises
     ------
     ApplicationError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> standoff.write_edge_table("edges.csv", standoff.calibrate_psf("edge.tif"))
     """
     write_file(path_of(path, "path"), edge_csv(psf).encode("utf-8"))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from acquisition.bench import BenchConfig
-from acquisition.plan import CapturePlan
+from acquisition.plan import load_plan
 from acquisition.session import Session
 from analysis.reports import plot_furthest, png_bytes
 from analysis.validation import Validation, furthest_pair
@@ -15,11 +15,12 @@ from calibration.files import write_psf
 from calibration.provenance import Provenance
 from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images, edge_records
 from hil_mocks import BenchTruth
-from standoff.library.call import Call
+from standoff.library.call import Call, Progress
 from standoff.library.files import RESULTS_FOLDER, make_folder, write_file
 from standoff.library.psf import Reading, from_session
 from standoff.library.rehearsal.simulated_session import capture_simulated
 from standoff.library.sessions import session_validation, write_session_report
+from standoff.shipped_configs import shipped_config
 
 DEMO_FILES = _PAGE, _PICTURE = "report.html", "comparison.png"
 """What ``run_demo`` writes beside its session."""
@@ -39,6 +40,11 @@ class TruthRow:
         return self.estimate.value - self.truth
 
     @property
+    def relative_error(self) -> float | None:
+        """The error as a fraction of the true value; None if that is 0."""
+        return self.error / self.truth if self.truth else None
+
+    @property
     def is_inside(self) -> bool:
         """Whether the 95 % interval contains the truth."""
         return self.estimate.low <= self.truth <= self.estimate.high
@@ -56,8 +62,8 @@ class DemoResult:
     validation: Validation
     provenance: Provenance
 
-    def document(self) -> dict[str, Any]:
-        """Return the result as plain lists and numbers."""
+    def to_json(self) -> dict[str, Any]:
+        """Return the result as ``standoff demo --json`` prints it."""
         return {
             "session": str(self.session),
             "psf": str(self.psf),
@@ -69,7 +75,7 @@ class DemoResult:
                     "measured": row.estimate.value,
                     "err": row.estimate.err,
                     "interval_95": [row.estimate.low, row.estimate.high],
-                    "relative_error": row.error / row.truth if row.truth else None,
+                    "relative_error": row.relative_error,
                 }
                 for row in self.truth
             ],
@@ -82,17 +88,19 @@ class DemoResult:
         }
 
 
-def run_demo(call: Call, out: Path, config: BenchConfig, plan: CapturePlan) -> DemoResult:
+def run_demo(out: Path, config: BenchConfig, *, progress: Progress | None = None) -> DemoResult:
     """Capture, calibrate, simulate, compare and report, below the folder ``out``.
 
-    An interrupted demo resumes where it stopped.
+    The bench is a simulated one, such as ``demo_bench.toml``. An interrupted demo resumes where it
+    stopped.
 
     Raises
     ------
     ApplicationError, AnalysisError, CalibrationError, DeviceError, SessionError
         If a step fails; the results of the steps before it are kept.
     """
-    session_path = out / "session"
+    call, session_path = Call("run_demo", progress), out / "session"
+    plan = load_plan(shipped_config("demo_plan.toml"))
     make_folder(out)
     capture_simulated(call, session_path, config, plan, operator="demo", what="the demo")
     session = Session(session_path)

@@ -1,28 +1,31 @@
 """The paper's experiment on the simulated bench: captures, calibration, tables and figures."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from acquisition.bench import BenchConfig
-from acquisition.plan import CapturePlan
+from acquisition.plan import load_plan
 from acquisition.session import Session
-from analysis.validation import Validation, ValidationSettings
+from analysis.choices import PAPER_TRAINING_STEPS, ValidationModel
+from analysis.validation import KernelBook, Validation, ValidationSettings
+from calibration.documents import json_object
 from calibration.edges import EdgeImage, EdgeSelection, Region
 from calibration.files import read_psf, write_psf
 from calibration.psf import calibrate_psf, edge_images, edge_records
-from calibration.registration import DistortedPose
-from hil_mocks import BenchTruth, CameraPose
-from standoff.library.call import Call
+from hil_mocks import BenchTruth
+from standoff.library.call import Call, Progress
 from standoff.library.files import RESULTS_FOLDER, make_folder
 from standoff.library.psf import Reading, from_session
 from standoff.library.rehearsal.simulated_session import capture_simulated
-from standoff.library.sessions import run_validation
+from standoff.library.sessions import default_models, run_validation
+from standoff.shipped_configs import shipped_config
 
 SHORT_WIDTH_PX, SHORT_HEIGHT_PX = 260, 192
-_TRUTH_STEP_PX = 5
-_BORDER_PX = 4
+_SHORT_STEPS = 25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +37,11 @@ class PaperResult:
 
     validation: Validation
     registration_errors_px: tuple[float, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the result as ``standoff paper --json`` prints it."""
+        errors_px = list(self.registration_errors_px)
+        return {**json_object(self.validation), "registration_errors_px": errors_px}
 
 
 def short_bench(config: BenchConfig) -> BenchConfig:
@@ -51,17 +59,35 @@ def short_bench(config: BenchConfig) -> BenchConfig:
 
 
 def run_paper(
-    call: Call, out: Path, config: BenchConfig, plan: CapturePlan, settings: ValidationSettings
+    out: Path,
+    config: BenchConfig,
+    *,
+    models: Iterable[ValidationModel] | None = None,
+    workers: int = 2,
+    is_short: bool = False,
+    progress: Progress | None = None,
 ) -> PaperResult:
     """Capture, calibrate for the centre, and validate, below the folder ``out``.
 
-    After an interruption, the same command resumes where it stopped.
+    The bench is a simulated one, such as ``paper_bench.toml``; a short trial has a ninth of its
+    pixels and few heights and training steps. After an interruption, the same call resumes where
+    it stopped.
 
     Raises
     ------
     AnalysisError, ApplicationError, CalibrationError, DeviceError, SessionError
         If a step fails; the results of the steps before it are kept.
     """
+    call = Call("run_paper", progress)
+    steps = _SHORT_STEPS if is_short else PAPER_TRAINING_STEPS
+    settings = ValidationSettings(
+        models=default_models(call) if models is None else tuple(models),
+        kernels=KernelBook(folder=out / "kernels", steps=steps),
+        workers=1 if is_short else workers,
+    )
+    config = short_bench(config) if is_short else config
+    name = "paper_validation_short.toml" if is_short else "paper_validation.toml"
+    plan = load_plan(shipped_config(name))
     make_folder(out)
     session_path = out / "session"
     capture_simulated(
@@ -78,50 +104,14 @@ def run_paper(
     errors = tuple(
         float(
             np.median(
-                place_errors_px(
-                    pair.pose(shape, shape),
-                    truth,
-                    pair.reference_height_mm,
-                    pair.followup_height_mm,
+                truth.place_errors_px(
+                    pair.pose(shape, shape), pair.reference_height_mm, pair.followup_height_mm
                 )
             )
         )
         for pair in validation.pairs
     )
     return PaperResult(validation=validation, registration_errors_px=errors)
-
-
-def place_errors_px(
-    pose: DistortedPose, truth: BenchTruth, near_mm: float, far_mm: float
-) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Distance in the reference between true pixel positions and those given by a pose.
-
-    Parameters
-    ----------
-    pose
-        Pose of a follow-up relative to its reference, both from an upright camera.
-    truth
-        Truth of the bench.
-    near_mm, far_mm
-        Heights of reference and follow-up.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        For every fifth follow-up pixel along both axes that the reference shows.
-    """
-    rows, cols = pose.followup_shape
-    y, x = np.mgrid[0:rows:_TRUTH_STEP_PX, 0:cols:_TRUTH_STEP_PX].astype(np.float64)
-    on_plane = truth.camera.to_plane_mm(x, y, CameraPose(height_mm=far_mm))
-    true_x, true_y = truth.camera.to_pixel(*on_plane, CameraPose(height_mm=near_mm))
-    found_y, found_x = pose.to_reference_px(y, x)
-    shown = (
-        (true_x > _BORDER_PX)
-        & (true_x < pose.reference_shape[1] - 1 - _BORDER_PX)
-        & (true_y > _BORDER_PX)
-        & (true_y < pose.reference_shape[0] - 1 - _BORDER_PX)
-    )
-    return np.asarray(np.hypot(found_x - true_x, found_y - true_y)[shown])
 
 
 def _calibrate_centre(call: Call, session: Session, path: Path) -> None:

@@ -135,6 +135,11 @@ def judge_pose(
     progress
         Who watches.
 
+    Returns
+    -------
+    JudgedPose
+        ``quality`` with the verdict and d' over the frame; ``summary`` describes the pose.
+
     Raises
     ------
     ArgumentError

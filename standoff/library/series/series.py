@@ -118,6 +118,11 @@ def find_changes_of_series(
     reading, progress
         As in ``find_changes``.
 
+    Returns
+    -------
+    SeriesResult
+        Its ``document`` has the counts; it is None after a part of the work.
+
     Raises
     ------
     ApplicationError, CalibrationError
@@ -218,6 +223,11 @@ def judge_poses(
         Who works, and on what part; by default this process, on all.
     reading, progress
         As in ``judge_pose``.
+
+    Returns
+    -------
+    SeriesResult
+        As of ``find_changes_of_series``, with a verdict for each follow-up.
 
     Raises
     ------

@@ -4,8 +4,11 @@ from .photograph_import import (
     import_photographs as import_photographs,
 )
 from .records import (
-    SessionNotes as SessionNotes,
     VerifiedSession as VerifiedSession,
+    add_note as add_note,
+    correct_height as correct_height,
+    exclude_capture as exclude_capture,
+    include_capture as include_capture,
     list_sessions as list_sessions,
     show_session as show_session,
     verify_session as verify_session,

@@ -66,6 +66,11 @@ def export_session(
     progress
         Who watches.
 
+    Returns
+    -------
+    ExportedSession
+        How many captures were written, and how many of them with a scale.
+
     Raises
     ------
     ApplicationError, ExportError

@@ -77,6 +77,11 @@ def import_photographs(
     progress
         Who watches.
 
+    Returns
+    -------
+    ImportedPhotographs
+        How many were imported now.
+
     Raises
     ------
     ArgumentError

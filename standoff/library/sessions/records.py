@@ -1,5 +1,7 @@
 """What a capture session holds, whether it is whole, and what is noted in it."""
 
+import getpass
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -7,18 +9,16 @@ from typing import Any
 from acquisition.errors import SessionError
 from acquisition.session import (
     MANIFEST_NAME,
+    JournalEvent,
     RepairReport,
     Session,
-    SessionNotes as SessionNotes,
+    SessionNotes,
     VerifyReport,
     repair_session,
     verify,
 )
 from standoff.errors import ApplicationError
 from standoff.library.inputs import FilePath, opened_session, path_of
-
-_QUOTED = 300
-"""Characters of a lost line that a note shows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,22 +37,7 @@ class VerifiedSession:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is odd but no fault, and what a repair did."""
-        return (*self._repair_notes(), *self.report.remarks)
-
-    def _repair_notes(self) -> list[str]:
-        done = self.repaired
-        if done is None:
-            return []
-        if done.kept_as is None:
-            return ["the journal is sound; nothing was repaired"]
-        lost = [f"line {one.number} is lost: {_quoted(one.text)}" for one in done.lost]
-        return [
-            f"the journal was made anew of {done.lines} lines; the old one is {done.kept_as.name}",
-            *(f"capture {one.index} was brought back from {one.file}" for one in done.recovered),
-            *lost,
-            *(f"{file} is not a capture of this session and was left out"
-              for file in done.unknown_files),
-        ]  # fmt: skip
+        return (*(self.repaired.remarks if self.repaired else ()), *self.report.remarks)
 
     def to_json(self) -> dict[str, Any]:
         """Return the checks as ``standoff verify --json`` prints them."""
@@ -65,7 +50,7 @@ class VerifiedSession:
             ],
             "faults": list(self.report.faults),
             "remarks": list(self.report.remarks),
-            "repaired": None if self.repaired is None else _repair_facts(self.repaired),
+            "repaired": None if self.repaired is None else self.repaired.to_json(),
         }
 
 
@@ -79,6 +64,11 @@ def verify_session(session: FilePath, *, repair: bool = False) -> VerifiedSessio
     repair
         Make a new journal of what a damaged one and the captures themselves still say, first; the
         old one is kept.
+
+    Returns
+    -------
+    VerifiedSession
+        The state of each file, and what a repair did.
 
     Raises
     ------
@@ -103,6 +93,11 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
     folder
         Of sessions, or one session. One that cannot be read has an ``error`` instead.
 
+    Returns
+    -------
+    list of dict
+        A session each, as ``standoff session list --json`` prints it.
+
     Raises
     ------
     ApplicationError
@@ -118,28 +113,24 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
     found = []
     for manifest in [*path.glob(MANIFEST_NAME), *sorted(path.glob(f"*/{MANIFEST_NAME}"))]:
         try:
-            found.append(session_summary(Session(manifest.parent)))
+            found.append(Session(manifest.parent).summary)
         except SessionError as error:
             found.append({"session": str(manifest.parent), "error": str(error)})
     return found
 
 
-def session_summary(session: Session) -> dict[str, Any]:
-    """Return how much of its plan a session holds, and who made it when."""
-    current = [capture for capture in session.captures if not capture.is_superseded]
-    return {
-        "session": str(session.path),
-        "plan": session.plan.name,
-        "operator": session.manifest.operator,
-        "created_utc": session.manifest.created_utc,
-        "captured": len({capture.record.index for capture in current}),
-        "planned": len(session.entries),
-        "excluded": sum(capture.excluded_because is not None for capture in current),
-    }
-
-
 def show_session(session: Session | FilePath) -> dict[str, Any]:
     """Return a session's captures, whether they are used, and its notes.
+
+    Parameters
+    ----------
+    session
+        A session or its folder.
+
+    Returns
+    -------
+    dict
+        As ``standoff session show --json`` prints it.
 
     Raises
     ------
@@ -150,32 +141,109 @@ def show_session(session: Session | FilePath) -> dict[str, Any]:
     --------
     >>> standoff.show_session("session")["captured"]
     """
-    opened = opened_session(session)
-    return {
-        **session_summary(opened),
-        "captures": [
-            {
-                **capture.record.to_json(),
-                "superseded": capture.is_superseded,
-                "excluded_because": capture.excluded_because,
-                "uncorrected_height_mm": capture.uncorrected_height_mm,
-            }
-            for capture in sorted(opened.captures, key=lambda capture: capture.record.index)
-        ],
-        "notes": [{"utc": e.utc, **e.facts} for e in opened.events if e.kind == "note"],
-        "remarks": list(opened.remarks),
-    }
+    return opened_session(session).to_json()
 
 
-def _repair_facts(done: RepairReport) -> dict[str, Any]:
-    return {
-        "kept_as": None if done.kept_as is None else str(done.kept_as),
-        "lines": done.lines,
-        "recovered": [record.index for record in done.recovered],
-        "lost": [{"line": line.number, "text": line.text} for line in done.lost],
-        "unknown_files": list(done.unknown_files),
-    }
+def exclude_capture(
+    session: Session | FilePath, index: int, reason: str, *, operator: str | None = None
+) -> None:
+    """Exclude a capture from calibration and analysis; its file stays.
+
+    Parameters
+    ----------
+    session
+        A session or its folder.
+    index
+        Of the capture.
+    reason
+        Recorded in the journal.
+    operator
+        Whose decision it is; the login name if None.
+
+    Raises
+    ------
+    SessionError
+        If it is no session, is being written, or has no such capture.
+
+    Examples
+    --------
+    >>> standoff.exclude_capture("session", 3, "a hair on the target")
+    """
+    _notes(session, operator).exclude(index, reason)
 
 
-def _quoted(text: str) -> str:
-    return text[:_QUOTED] or "nothing is left of it"
+def include_capture(
+    session: Session | FilePath, index: int, reason: str = "", *, operator: str | None = None
+) -> None:
+    """Use an excluded capture again.
+
+    Parameters
+    ----------
+    session, index, reason, operator
+        As in ``exclude_capture``.
+
+    Examples
+    --------
+    >>> standoff.include_capture("session", 3)
+    """
+    _notes(session, operator).include(index, reason)
+
+
+def correct_height(
+    session: Session | FilePath,
+    indices: Sequence[int],
+    height_mm: float,
+    reason: str,
+    *,
+    operator: str | None = None,
+) -> tuple[JournalEvent, ...]:
+    """Correct the height of imported photographs; what was recorded before is kept.
+
+    Parameters
+    ----------
+    session, reason, operator
+        As in ``exclude_capture``.
+    indices
+        Of the captures.
+    height_mm
+        The right height of the camera.
+
+    Returns
+    -------
+    tuple of JournalEvent
+        A line of the journal for each capture.
+
+    Raises
+    ------
+    ValueError
+        If the height is not a finite number.
+    SessionError
+        Besides, if a stage has read the heights back.
+
+    Examples
+    --------
+    >>> standoff.correct_height("session", [0, 1], 262.5, "measured with a tape")
+    """
+    return _notes(session, operator).correct_height(indices, height_mm, reason)
+
+
+def add_note(session: Session | FilePath, text: str, *, operator: str | None = None) -> None:
+    """Add a note to the session's journal.
+
+    Parameters
+    ----------
+    session, operator
+        As in ``exclude_capture``.
+    text
+        Of the note.
+
+    Examples
+    --------
+    >>> standoff.add_note("session", "the lamp was changed after capture 12")
+    """
+    _notes(session, operator).note(text)
+
+
+def _notes(session: Session | FilePath, operator: str | None) -> SessionNotes:
+    path = session.path if isinstance(session, Session) else path_of(session, "session")
+    return SessionNotes(path, operator=operator or getpass.getuser())

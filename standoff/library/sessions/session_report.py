@@ -65,6 +65,11 @@ def write_report(
     progress
         Who watches.
 
+    Returns
+    -------
+    WrittenReport
+        Where it is.
+
     Raises
     ------
     ApplicationError

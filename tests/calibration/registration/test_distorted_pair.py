@@ -12,7 +12,6 @@ from hil_mocks import BenchTruth
 from hil_mocks.scene.pinhole import CameraPose
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
-from standoff.library.rehearsal.paper import place_errors_px
 from tests.hil_mocks.benches import bench_config
 
 NEAR_MM = 160.0
@@ -51,7 +50,7 @@ def psf() -> GaussianPsf:
 
 
 def errors_px(found: Registration, zoom: float) -> FloatArray:
-    return place_errors_px(found.pose, truth(), NEAR_MM, zoom * (NEAR_MM + 10.0) - 10.0)
+    return truth().place_errors_px(found.pose, NEAR_MM, zoom * (NEAR_MM + 10.0) - 10.0)
 
 
 @pytest.mark.slow

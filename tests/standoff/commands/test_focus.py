@@ -132,7 +132,7 @@ def test_ctrl_c_ends_the_live_aid_well_once_a_value_was_shown(
         yield from islice(focus_values(camera, options), before)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("standoff.library.bench.live_focus.focus_values", interrupted)
+    monkeypatch.setattr("standoff.library.bench.focus.focus_values", interrupted)
     done = command("focus", "--bench", bench)
     assert done.status == status
     assert ("% of peak" in done.err) == (before > 0)

@@ -3,11 +3,10 @@ from pathlib import Path
 
 import pytest
 
-import standoff.library
 from acquisition.bench import load_bench
 from acquisition.plan import PlanEntry
 from acquisition.session.reader import JOURNAL_NAME
-from standoff.terminal.plan_preview import frame_shape_of, time_text
+from standoff.terminal.plan_preview import time_text
 from tests.standoff.conftest import SMALL_PLAN, Command
 
 
@@ -116,7 +115,8 @@ def test_ctrl_c_leaves_a_session_that_resumes(
 
     arguments = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     with monkeypatch.context() as patch:
-        patch.setattr(standoff.library, "place_in_simulation", interrupt_at_the_second)
+        where = "standoff.library.bench.devices.place_in_simulation"
+        patch.setattr(where, interrupt_at_the_second)
         assert command(*arguments, "--yes").status == 130
     resumed = json.loads(command(*arguments, "--yes", "--json").out)
     assert resumed == {
@@ -326,14 +326,14 @@ def test_a_duration_is_told_in_the_units_of_its_size(seconds: float, text: str) 
 
 
 def test_the_frame_is_the_bench_files_region_where_it_names_one(bench_file: Path) -> None:
-    assert frame_shape_of(load_bench(bench_file)) == (128, 160)
+    assert load_bench(bench_file).frame_shape == (128, 160)
     region = {
         "camera.driver": "aravis",
         "camera.address": "127.0.0.1",
         "stage.driver": "manual",
         "camera.region_px": [8, 16, 320, 240],
     }
-    assert frame_shape_of(load_bench(bench_file, region)) == (240, 320)
+    assert load_bench(bench_file, region).frame_shape == (240, 320)
 
 
 def test_the_report_says_which_files_of_a_session_are_gone_or_changed(

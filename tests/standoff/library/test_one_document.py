@@ -102,6 +102,8 @@ def test_calibrate(command: Command, edge_file: Path, noise_file: Path, tmp_path
     assert printed(done) == without_caller(json_object(psf))
     assert any("not determined by 1 edge" in note for note in psf.notes)
     assert all(note in done.err for note in psf.notes)
+    table = psf.to_dataframe()
+    assert table["sigma_px"].tolist() == [edge.sigma_px for edge in psf.edges]
     standoff.write_psf(tmp_path / "again.json", psf)
     assert standoff.read_psf(tmp_path / "again.json").sigma_x_px == psf.sigma_x_px
 

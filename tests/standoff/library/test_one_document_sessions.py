@@ -42,9 +42,8 @@ def test_verify_list_and_show(command: Command, session_dir: Path) -> None:
     assert printed(command("verify", session_dir, "--json")) == found.to_json()
     repaired = standoff.verify_session(session_dir, repair=True)
     assert printed(command("verify", session_dir, "--repair", "--json")) == repaired.to_json()
-    notes = standoff.SessionNotes(session_dir, operator="somebody")
-    notes.exclude(1, "a hair")
-    notes.note("warm day")
+    standoff.exclude_capture(session_dir, 1, "a hair", operator="somebody")
+    standoff.add_note(session_dir, "warm day")
     listed = json.loads(command("session", "list", session_dir, "--json").out)
     assert listed == standoff.list_sessions(session_dir)
     shown = printed(command("session", "show", session_dir, "--json"))
@@ -53,6 +52,34 @@ def test_verify_list_and_show(command: Command, session_dir: Path) -> None:
     table = standoff.Session(session_dir).to_dataframe()
     assert table["excluded_because"].dropna().tolist() == ["a hair"]
     assert set(table["height_mm"]) == {180.0, 300.0}
+
+
+def test_what_is_decided_about_a_capture_stands_in_the_session(
+    command: Command, edge_file: Path, tmp_path: Path
+) -> None:
+    session = tmp_path / "session"
+    standoff.import_photographs([edge_file], session, kind="edge", height_mm=250)
+    standoff.exclude_capture(session, 0, "a hair", operator="Ada")
+    standoff.include_capture(standoff.Session(session), 0, "no hair", operator="Ada")
+    (event,) = standoff.correct_height(session, [0], 262.5, "a tape", operator="Ada")
+    standoff.add_note(session, "warm day", operator="Ada")
+    assert (event.facts["was_mm"], event.facts["height_mm"]) == (250.0, 262.5)
+    by_function = [dict(one.facts) for one in standoff.Session(session).events[-4:]]
+    words = ("--operator", "Ada")
+    for done in (
+        command("session", "exclude", 0, session, "--reason", "a hair", *words),
+        command("session", "include", 0, session, "--reason", "no hair", *words),
+        command("session", "set-height", 0, session, "--height-mm", 262.5, "--reason", "a tape",
+                *words),
+        command("session", "note", "warm day", session, *words),
+    ):  # fmt: skip
+        assert done.status == 0, done.err
+    by_command = [dict(one.facts) for one in standoff.Session(session).events[-4:]]
+    assert by_command == [
+        one | ({"was_mm": 262.5} if "was_mm" in one else {}) for one in by_function
+    ]
+    with pytest.raises(ValueError, match="finite"):
+        standoff.correct_height(session, [0], float("nan"), "a slip")
 
 
 def test_export(command: Command, session_dir: Path, tmp_path: Path) -> None:

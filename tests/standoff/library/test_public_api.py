@@ -1,9 +1,12 @@
 """What ``import standoff`` gives: on arrays and on files, with results that a person can read."""
 
+import inspect
+import re
 import subprocess
 import sys
 from math import erf, radians
 from pathlib import Path
+from types import FunctionType
 from typing import Any, cast
 
 import numpy as np
@@ -58,6 +61,25 @@ def test_the_names_are_those_of_the_guide() -> None:
     guide = (Path(__file__).parents[3] / "docs" / "library.md").read_text("utf-8")
     for name in dir(standoff):
         assert f"{name}(" in guide
+
+
+def sections(function: FunctionType) -> dict[str, str]:
+    """The sections of a numpydoc docstring, by title."""
+    _, *found = re.split(r"^([A-Z]\w+)\n-+$", inspect.getdoc(function) or "", flags=re.MULTILINE)
+    return dict(zip(found[::2], found[1::2], strict=True))
+
+
+@pytest.mark.parametrize(
+    "function",
+    [one for name in dir(standoff) if isinstance(one := getattr(standoff, name), FunctionType)],
+    ids=lambda function: function.__name__,
+)
+def test_a_function_says_what_it_takes_and_returns_and_shows_how(function: FunctionType) -> None:
+    told, signature = sections(function), inspect.signature(function)
+    lines = [line for line in told.get("Parameters", "").splitlines() if line[:1].strip()]
+    assert {name for line in lines for name in line.split(", ")} == set(signature.parameters)
+    assert ("Returns" in told) == (signature.return_annotation is not None)
+    assert f"standoff.{function.__name__}(" in told["Examples"]
 
 
 def test_importing_it_loads_nothing() -> None:

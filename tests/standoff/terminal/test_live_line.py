@@ -11,10 +11,9 @@ def shown(monkeypatch: pytest.MonkeyPatch, *, is_terminal: bool, at_s: tuple[flo
     stream = StringIO()
     console = Console(file=stream, force_terminal=is_terminal, color_system=None, width=40)
     monkeypatch.setattr("standoff.terminal.live_line.ERRORS", console)
-    times_s = iter(at_s)
-    with LiveLine(lambda: next(times_s)) as line:
-        for number in range(len(at_s)):
-            line.show(f"text {number}")
+    with LiveLine() as line:
+        for number, now_s in enumerate(at_s):
+            line.show(f"text {number}", now_s=now_s)
     return stream.getvalue()
 
 

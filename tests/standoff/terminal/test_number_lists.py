@@ -4,7 +4,8 @@ import pytest
 import typer
 from hypothesis import given, strategies as st
 
-from standoff.terminal.number_lists import ListedNumbers, decimals_meant, number_list
+from acquisition.spelling import decimals_meant
+from standoff.terminal.number_lists import ListedNumbers, number_list
 
 ZOOMS = ListedNumbers(option="--zooms", least=1.0, pair_most=10.0)
 NOISES = ListedNumbers(option="--noise")
@@ -26,7 +27,7 @@ NOISES = ListedNumbers(option="--noise")
 def test_a_list_that_makes_sense_with_decimal_commas_only_is_refused_with_points(
     text: str, listed: ListedNumbers, meant: str
 ) -> None:
-    assert decimals_meant(text, listed) == meant
+    assert decimals_meant(text, listed.accepts, listed.pair_most) == meant
     with pytest.raises(typer.BadParameter) as refused:
         number_list(text, listed)
     assert f"write {meant}" in str(refused.value)

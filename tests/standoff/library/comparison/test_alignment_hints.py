@@ -19,7 +19,6 @@ from standoff.library.comparison.alignment_hints import (
     alignment_hints,
     read_mask,
     read_points,
-    white_level_dn,
 )
 from standoff.photographs.encoding import LINEAR, SRGB
 from standoff.photographs.photograph import Photograph
@@ -189,15 +188,15 @@ def test_without_hints_there_are_none() -> None:
 def test_the_level_of_clipping_is_that_of_the_light() -> None:
     grey = np.array([[0, 128, 255]], np.uint8)
     linear = Photograph(path=Path("a"), stored=grey, full_scale_dn=255.0, saturation_dn=255.0)
-    assert white_level_dn(linear, None) == 255
-    assert white_level_dn(linear, 240) == 240
+    assert linear.white_level_dn(None) == 255
+    assert linear.white_level_dn(240) == 240
     encoded = Photograph(path=Path("b"), stored=grey, full_scale_dn=255.0, encoding=SRGB)
     # IEC 61966-2-1: ((240 / 255 + 0.055) / 1.055)^2.4 of white.
-    assert white_level_dn(encoded, 240) == pytest.approx(
+    assert encoded.white_level_dn(240) == pytest.approx(
         255 * ((240 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-6
     )
     with pytest.raises(ApplicationError, match="no level 300; its levels end at 255"):
-        white_level_dn(linear, 300)
+        linear.white_level_dn(300)
     floats = Photograph(path=Path("c"), stored=grey.astype(np.float32), encoding=LINEAR)
-    assert white_level_dn(floats, None) is None
-    assert white_level_dn(floats, 300) == 300
+    assert floats.white_level_dn(None) is None
+    assert floats.white_level_dn(300) == 300

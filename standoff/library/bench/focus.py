@@ -1,0 +1,306 @@
+"""How sharp the picture of a bench's camera is, live, and the height at which it is sharpest."""
+
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from acquisition.bench import BenchConfig
+from acquisition.choices import FocusMeasure
+from acquisition.focus import (
+    FocusOptions,
+    FocusPeak,
+    FocusPoint,
+    FocusReading,
+    FocusSweep,
+    FocusTrace,
+    NoFocusPeakError,
+    Region,
+    SweepRequest,
+    focus_values,
+    positions_of,
+    sweep_bench,
+)
+from calibration.noise import level_noise
+from calibration.sharpness import NORMAL_95
+from standoff.errors import ArgumentError
+from standoff.library.bench.devices import OpenCamera, opened_camera, place_target
+from standoff.library.bench.movable_bench import MovableBench
+from standoff.library.bench.plan_preview import bench_config
+from standoff.library.call import Call, Progress
+from standoff.library.files import write_file
+from standoff.library.inputs import FilePath, NoiseLike, camera_noise, path_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LIVE_FRAMES = 3
+_CLIPPED = 0.01
+_EDGE_ORIENTATION_DEG = 5.0
+_READING = ("value", "peak", "percent_of_peak", "trend", "is_past_peak", "noise")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchedFocus:
+    """The last reading of the live aid."""
+
+    reading: FocusReading
+    measure: FocusMeasure
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the reading as ``standoff focus --json`` prints it."""
+        return {**{name: getattr(self.reading, name) for name in _READING}, "metric": self.measure}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundFocus:
+    """A sweep through the focus; ``tolerance_mm`` is that of the stage."""
+
+    sweep: FocusSweep
+    measure: FocusMeasure
+    tolerance_mm: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def peak(self) -> FocusPeak:
+        """The height of best focus, with its standard error.
+
+        Raises
+        ------
+        NoFocusPeakError
+            If there is none; the message says where to look.
+        """
+        if self.sweep.peak is None:
+            raise NoFocusPeakError(self.sweep.why_not or "no peak")
+        return self.sweep.peak
+
+    @property
+    def half_interval_mm(self) -> float:
+        """Half the 95 % interval of the height of the peak."""
+        return NORMAL_95 * self.peak.err_mm
+
+    @property
+    def is_finer_than_stage(self) -> bool:
+        """Whether the peak is known to more than the stage can hold."""
+        return self.half_interval_mm < self.tolerance_mm
+
+    def plot(self) -> "Figure":
+        """Return a figure of the focus value against the height, with the peak."""
+        from analysis.reports import plot_focus_sweep  # matplotlib, for whoever looks
+
+        heights_mm, values, errs = self.sweep.columns()
+        return plot_focus_sweep(heights_mm, values, errs, self.sweep.peak, self.measure)
+
+    def write_plot(self, path: FilePath) -> None:
+        """Write the figure as PNG.
+
+        Raises
+        ------
+        ApplicationError
+            If the file cannot be written.
+        """
+        from analysis.reports import png_bytes
+
+        write_file(path_of(path, "path"), png_bytes(self.plot()))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the peak as ``standoff focus --sweep --json`` prints it."""
+        peak, points = self.peak, self.sweep.points
+        return {
+            "height_mm": peak.height_mm,
+            "height_err_mm": peak.err_mm,
+            "value": peak.value,
+            "shape": peak.shape,
+            "width_mm": peak.width_mm,
+            "metric": self.measure,
+            "positions": [
+                {"height_mm": p.height_mm, "value": p.value, "value_err": p.err} for p in points
+            ],
+        }
+
+
+def watch_focus(
+    bench: BenchConfig | FilePath,
+    show: Callable[[FocusReading, float], None] = lambda *_: None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    measure: FocusMeasure = "squared-gradient",
+    region: Region | None = None,
+    frames: int = _LIVE_FRAMES,
+    readings: int | None = None,
+    noise: NoiseLike | None = None,
+    target: str | None = None,
+    progress: Progress | None = None,
+) -> WatchedFocus:
+    """Show how sharp the picture is, until Ctrl-C or for a number of readings.
+
+    Ctrl-C is the normal way to end this, so it is not an error once a value has been shown.
+
+    Parameters
+    ----------
+    bench, settings
+        A bench file or what one says, and keys that replace those of the file.
+    show
+        Called with each reading and its time in s.
+    measure
+        Focus measure.
+    region
+        Part of the frame to use, in px; None for all of it.
+    frames
+        In the running median that is shown; an even number counts as the next odd one.
+    readings
+        End after this many.
+    noise
+        Of the camera; it is measured if None.
+    target
+        Placed under a simulated camera.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    WatchedFocus
+        The last reading.
+
+    Raises
+    ------
+    ArgumentError
+        If the region reaches beyond the frame, or the target cannot be placed.
+    BenchConfigError, DeviceError, NoiseFileError
+        If the bench, the camera or the noise is at fault.
+    KeyboardInterrupt
+        If Ctrl-C came before the first value.
+
+    Examples
+    --------
+    >>> standoff.watch_focus("bench.toml", lambda reading, _: print(reading.value), readings=100)
+    """
+    call, config = Call("watch_focus", progress), bench_config(bench, settings)
+    options = _options(measure, region, noise)
+    smoothed = frames // 2 * 2 + 1
+    trace = FocusTrace(smoothed=smoothed, window=max(12, smoothed))
+    last: FocusReading | None = None
+    with opened_camera(config) as opened:
+        _prepare(call, opened, target, options)
+        try:
+            with closing(focus_values(opened.camera, options)) as values:
+                for number, value in enumerate(values, start=1):
+                    last = trace.add(value)
+                    show(last, opened.clock())
+                    if number == readings:
+                        break
+        except KeyboardInterrupt:
+            if last is None:
+                raise
+    assert last is not None
+    return WatchedFocus(reading=last, measure=measure, notes=call.notes)
+
+
+def find_focus(
+    bench: BenchConfig | FilePath,
+    heights_mm: tuple[float, float] | None = None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    steps: int = 15,
+    frames: int | None = None,
+    ends_at_peak: bool = False,
+    measure: FocusMeasure = "squared-gradient",
+    region: Region | None = None,
+    noise: NoiseLike | None = None,
+    target: str | None = None,
+    measured: Callable[[FocusPoint], None] = lambda _: None,
+    progress: Progress | None = None,
+) -> FoundFocus:
+    """Sweep the stage through the focus, and fit the height at which the picture is sharpest.
+
+    Parameters
+    ----------
+    bench, settings, measure, region, noise, target, progress
+        As in ``watch_focus``.
+    heights_mm
+        Lowest and highest height; if None, the whole travel, then finely about the best.
+    steps
+        Number of heights, at least 7.
+    frames
+        At each height, at least 2; as the bench says if None.
+    ends_at_peak
+        Move to the peak at the end.
+    measured
+        Called at each height.
+
+    Returns
+    -------
+    FoundFocus
+        Its ``peak`` is the height with its error; ``sweep.why_not`` says where to look otherwise.
+
+    Raises
+    ------
+    ArgumentError
+        Besides, if the heights are not in order.
+    BenchConfigError, DeviceError, NoiseFileError
+        If the bench, a device or the noise is at fault; the stage is stopped first.
+
+    Examples
+    --------
+    >>> found = standoff.find_focus("bench.toml", (250, 340), ends_at_peak=True)
+    >>> found.peak.height_mm, found.half_interval_mm
+    """
+    if heights_mm is not None and not heights_mm[0] < heights_mm[1]:
+        raise ArgumentError(f"heights_mm: expected the lower one first, got {heights_mm}")
+    call, config = Call("find_focus", progress), bench_config(bench, settings)
+    options = _options(measure, region, noise)
+    request = SweepRequest(
+        heights_mm=heights_mm,
+        steps=steps,
+        frames=frames or config.capture.frames_per_capture,
+        ends_at_peak=ends_at_peak,
+    )
+    with MovableBench(config) as opened:
+        _prepare(call, opened, target, options)
+        with call.bar("sweeping", positions_of(request)) as advance_to:
+            done = count(1)
+
+            def show(point: FocusPoint) -> None:
+                measured(point)
+                advance_to(next(done))
+
+            found = sweep_bench(opened.devices, options, request, show)
+    if max(point.saturated_fraction for point in found.points) > _CLIPPED:
+        call.note(
+            "parts of the picture are saturated, which blunts the peak; use a shorter exposure"
+        )
+    tolerance_mm = config.stage.tolerance_mm
+    return FoundFocus(sweep=found, measure=measure, tolerance_mm=tolerance_mm, notes=call.notes)
+
+
+def _options(measure: FocusMeasure, region: Region | None, noise: NoiseLike | None) -> FocusOptions:
+    camera = camera_noise(noise)
+    model = None if camera is None else level_noise(camera)
+    return FocusOptions(
+        measure=measure,
+        region=region,
+        noise=None
+        if model is None
+        else lambda level_dn: float(model.variance_dn2(np.array([level_dn]))[0]),
+    )
+
+
+def _prepare(
+    call: Call, opened: MovableBench | OpenCamera, target: str | None, options: FocusOptions
+) -> None:
+    for remark in opened.warnings:
+        call.note(remark)
+    place_target(opened.simulated, target, _EDGE_ORIENTATION_DEG)
+    region, frame = options.region, opened.camera.settings
+    if region is not None and (
+        region.x_px + region.width_px > frame.width_px
+        or region.y_px + region.height_px > frame.height_px
+    ):
+        raise ArgumentError(
+            f"the region reaches beyond the frame of {frame.width_px} x {frame.height_px} px",
+            argument="region",
+        )

@@ -1,0 +1,79 @@
+"""A bench and a plan as a caller gives them, and what the plan asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from acquisition.bench import BenchConfig, load_bench
+from acquisition.capture import PlanPreview
+from acquisition.plan import CapturePlan, load_plan
+
+if TYPE_CHECKING:
+    from standoff.library.inputs import FilePath
+
+
+def preview_plan(
+    plan: CapturePlan | FilePath,
+    bench: BenchConfig | FilePath,
+    out: FilePath | None = None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+) -> PlanPreview:
+    """Say what a capture plan asks for; opens and writes nothing.
+
+    Parameters
+    ----------
+    plan, bench, out, settings
+        As in ``capture_session``. A session that ``out`` holds already is noted.
+
+    Returns
+    -------
+    PlanPreview
+        The captures in order, with placements, time and disk use.
+
+    Raises
+    ------
+    BenchConfigError, PlanError
+        If the bench or the plan is not valid.
+
+    Examples
+    --------
+    >>> standoff.preview_plan("plan.toml", "bench.toml").estimate.seconds
+    """
+    config, folder = bench_config(bench, settings), None if out is None else Path(out)
+    return PlanPreview.of(given_plan(plan), config, folder)
+
+
+def given_plan(plan: CapturePlan | FilePath) -> CapturePlan:
+    """Return a plan as given, or read from its file.
+
+    Raises
+    ------
+    PlanError
+        If the file cannot be read, or is not valid.
+    """
+    return plan if isinstance(plan, CapturePlan) else load_plan(Path(plan))
+
+
+def bench_config(bench: object, settings: Mapping[str, Any] | None) -> BenchConfig:
+    """Return a bench as its file says, with the keys that replace those of the file.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a path nor a config, or a config with further keys.
+    BenchConfigError
+        If a key is unknown, missing or out of range.
+    """
+    if isinstance(bench, str | PathLike):
+        return load_bench(Path(bench), dict(settings or {}))
+    if not isinstance(bench, BenchConfig):
+        raise TypeError(
+            f"bench: expected the path of a bench file or a config, got {type(bench).__name__}"
+        )
+    if settings:
+        raise TypeError("settings: expected None, got keys beside a config; change the config")
+    return bench
