@@ -14,7 +14,7 @@ COMPILED := $(VENV)/.compiled
 export PYTHONDONTWRITEBYTECODE :=
 SOURCES := $(shell find acquisition calibration simulation analysis hil_mocks -name '*.py')
 
-.PHONY: demo paper test setup lint coverage docs bench fuzz lock licences sbom clean
+.PHONY: demo paper test check setup lint coverage docs bench fuzz lock licences sbom clean
 
 demo: $(CORE)  ## The whole chain on the simulated bench; needs no system package.
 	$(BIN)/standoff demo --out demo-output
@@ -27,7 +27,12 @@ test: $(FULL) $(COMPILED)  ## Lint, types, layers and every test, the fast ones 
 	$(MAKE) --no-print-directory lint
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist worksteal
 
-setup: $(FULL)  ## Everything, in .venv.
+# What to run after each change: a few minutes.
+check: $(FULL) $(COMPILED)  ## Lint, types, layers and the fast tests.
+	$(MAKE) --no-print-directory lint
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not waits"
+
+setup: $(FULL) $(COMPILED)  ## Everything, in .venv.
 
 lint: $(FULL)
 	$(BIN)/ruff format --check .
@@ -67,8 +72,7 @@ $(CORE): pyproject.toml requirements/build.txt requirements/core.txt
 	$(LOCKED)/build.txt
 	$(LOCKED)/core.txt
 	$(PIP) -e .
-	@$(BIN)/python -m standoff.warm_up
-	@touch $@ $(COMPILED)
+	@touch $@
 
 # Compiled by one process, once, and not by every test that comes first.
 $(COMPILED): $(SOURCES) | $(FULL)

@@ -6,6 +6,7 @@ Where that was not possible, as from a wheel, or the folder of the cache cannot 
 first use compiles it.
 """
 
+import gc
 import logging
 import sys
 from collections.abc import Callable
@@ -46,15 +47,24 @@ def when_compiling(tell: Callable[[str], None]) -> None:
     """Call ``tell`` with the name of each function that is compiled from here on.
 
     What the cache has is not compiled. Nothing is imported: numba takes a quarter of a second.
+    Python's collector rests meanwhile: it would look through millions of objects that stay.
     """
 
     def listen(events: Any) -> None:  # noqa: ANN401 - numba has no types
         class Listener(events.Listener):  # type: ignore[misc]
+            depth, collects = 0, False
+
             def on_start(self, event: Any) -> None:  # noqa: ANN401
+                if self.depth == 0:
+                    self.collects = gc.isenabled()
+                    gc.disable()
+                self.depth += 1
                 tell(event.data["dispatcher"].py_func.__qualname__)
 
             def on_end(self, event: Any) -> None:  # noqa: ANN401
-                pass
+                self.depth -= 1
+                if self.depth == 0 and self.collects:
+                    gc.enable()
 
         events.register("numba:compile", Listener())
 

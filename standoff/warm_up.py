@@ -13,6 +13,7 @@ from io import StringIO
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import cv2
 import numpy as np
@@ -149,7 +150,7 @@ def _edges(rng: np.random.Generator) -> None:
 
 def _profiles(rng: np.random.Generator) -> None:
     """What a calibration computes on an edge once it is fitted."""
-    image = squares(rng).astype(np.float32)
+    image: Any = squares(rng).astype(np.float32)  # as `measure_edges` passes it on
     segment = find_edges(image)[0]
     fit = EdgeFit(
         x_px=segment.x_px,

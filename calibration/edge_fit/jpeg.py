@@ -16,11 +16,11 @@ from math import ceil, cos, floor, sin, sqrt
 
 import numpy as np
 
+from calibration.edge_fit.block_cosines import cosine_transform
 from calibration.edge_fit.likely_edge import LikelyEdge, WidthFit
 from calibration.edge_fit.model import LOG_SIGMA
 from calibration.edge_fit.rounded import (
     Intervals,
-    cosine_transform,
     is_more_likely,
     maximise_intervals,
 )

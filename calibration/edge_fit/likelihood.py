@@ -1,21 +1,30 @@
-"""The most likely edge for the pixels of a rotated rectangle, compiled as a whole.
+"""The most likely edge for the pixels of a rotated rectangle.
 
 The stages: a band of pixels that fits the edge's width, with a rough fit; slopes across the edge
 taken off; weights from the residuals; the total and the optical width; slopes along the edge, where
-the pixels ask for them. Together they take some six passes over the pixels; calls from Python in
-between would double the time, as ``benchmarks/bench_edge_fit.py`` says.
+the pixels ask for them. Together they take some six passes over the pixels, compiled as a whole:
+calls from Python in between would double the time, as ``benchmarks/bench_edge_fit.py`` says. Where
+levels are rounded or clipped so that it matters, a second part goes on from there.
 ``calibration.edge_fit.fit`` makes the result readable.
 """
 
-from math import log, sqrt
+from math import log
 from typing import NamedTuple
 
 import numpy as np
 
-from calibration.edge_fit.clipping import clipped_pixels, is_censored, level_intervals
-from calibration.edge_fit.least_squares import Minimum, inverse_element, levenberg_marquardt
+from calibration.edge_fit.bounded_levels import Bounded, within_bounds
+from calibration.edge_fit.clipping import clipped_pixels, is_censored
+from calibration.edge_fit.least_squares import Minimum, levenberg_marquardt
 from calibration.edge_fit.level_steps import is_coarse, level_steps
-from calibration.edge_fit.likely_edge import LikelyEdge, WidthFit, no_edge
+from calibration.edge_fit.likely_edge import (
+    Fits,
+    LikelyEdge,
+    Widths,
+    likely_edge,
+    no_edge,
+    width_fit,
+)
 from calibration.edge_fit.model import (
     CURVATURE,
     FLAT_PARAMETERS,
@@ -32,18 +41,10 @@ from calibration.edge_fit.model import (
 from calibration.edge_fit.residuals import (
     COARSE,
     noise_part,
-    profile_figures,
 )
-from calibration.edge_fit.rounded import (
-    Intervals,
-    expected_residuals,
-    is_more_likely,
-    maximise_intervals,
-    pixel_intervals,
-)
-from calibration.edge_fit.rounding import Rounding, rounding_of
+from calibration.edge_fit.rounding import Rounding
 from calibration.edge_fit.shading import is_even, shading_levels, slopes_across, unclipped_slopes
-from calibration.edge_fit.weights import PixelWeights, known_weights, pixel_weights
+from calibration.edge_fit.weights import known_weights, pixel_weights
 from calibration.edge_search import (
     BandPixels,
     EdgeLine,
@@ -62,17 +63,6 @@ _SHADING_SCORE_P = 1e-2  # the score is only an estimate of the F-test
 _SHADING_LEAST = 2e-3  # of the contrast over half an edge: less does not move sigma by 0.01 %
 
 
-class _Fits(NamedTuple):
-    """Both shapes, the levels of the better one, its residuals and the noise before rounding."""
-
-    total: WidthFit
-    optical: WidthFit
-    is_square: bool
-    found: EdgeLevels
-    residuals: FloatArray
-    noise_dn: tuple[float, float]
-
-
 class _Window(NamedTuple):
     """The pixels that are fitted, their weights and a rough fit; void where none is found."""
 
@@ -82,14 +72,6 @@ class _Window(NamedTuple):
     half_width_px: float
 
 
-class _Widths(NamedTuple):
-    """The plain edge and the one behind pixel squares, fitted to the same pixels."""
-
-    total: Minimum
-    optical: Minimum
-
-
-@compiled()
 def maximise(
     image_dn: FloatArray,
     line: EdgeLine,
@@ -112,20 +94,42 @@ def maximise(
     saturation_dn
         Infinite if not known.
     """
+    found = _by_squares(image_dn, line, sigma_px, clearance_px, noise_line, saturation_dn)
+    if found is None:
+        return no_edge()
+    likely, has_bounds, bounded = found
+    if has_bounds:
+        # What few edges need is compiled when the first one does.
+        before = within_bounds(bounded)
+        if before.total.is_found:
+            return before
+    return likely
+
+
+@compiled()
+def _by_squares(
+    image_dn: FloatArray,
+    line: EdgeLine,
+    sigma_px: float,
+    clearance_px: float,
+    noise_line: FloatArray,
+    saturation_dn: float,
+) -> tuple[LikelyEdge, bool, Bounded] | None:
+    """The edge by least squares; whether levels were rounded or clipped so that it matters."""
     window = _window(image_dn, line, sigma_px, clearance_px, noise_line)
     if not _is_within(window.rough, window.half_width_px):
-        return no_edge()
+        return None
     stored = window.pixels.values
     found = edge_values(window.pixels, window.rough.parameters, False)
     is_clipped = clipped_pixels(stored, saturation_dn)
     clipped_fraction = float(np.mean(is_clipped))
     if not is_censored(is_clipped):
-        is_clipped[:] = False
+        is_clipped = np.zeros(len(stored), np.bool_)
     window, is_shaded = _without_shading(
         image_dn, line, clearance_px, window, (found.distances, is_clipped)
     )
     if not window.rough.is_found:
-        return no_edge()
+        return None
     pixels, parameters = window.pixels, window.rough.parameters
     if is_shaded:
         found = edge_values(pixels, parameters, False)
@@ -145,63 +149,30 @@ def maximise(
     )
     flat = _widths(pixels, weighed.weights, parameters)
     if not _is_within(flat.total, window.half_width_px):
-        return no_edge()
+        return None
     found = _best_levels(pixels, flat)
     widths, has_slopes = _with_slopes_along(pixels, weighed.weights, flat, found)
     if has_slopes:
         found = _best_levels(pixels, widths)
     fits = _smooth_fits(pixels, weighed.weights, widths, found)
-    rounding = Rounding(0.0, 0.0, 0.0, 0.0)
     is_rounded = is_coarse(scatter, found.edges, steps)
-    if np.any(is_clipped) or is_rounded:
-        levels = level_intervals(stored, steps, scatter, is_clipped, contrast)
-        # Of mere noise, biweights take what is large: errors would come out 3 % small.
-        trust = weighed.outliers if is_rounded or weighed.has_outliers else np.ones(len(stored))
-        data = pixel_intervals(pixels, stored, levels, trust, found)
-        likely = _interval_fits(data, widths)
-        is_clipped &= likely.total.is_found
-        if likely.total.is_found:
-            fits = likely
-            if is_rounded:
-                rounding = rounding_of(steps, found.edges, likely.noise_dn)
-    clipped = (is_clipped, clipped_fraction)
-    return _likely(fits, pixels, weighed, clipped, is_shaded or has_slopes, rounding)
-
-
-@compiled_part()
-def _likely(
-    fits: _Fits,
-    pixels: BandPixels,
-    weighed: PixelWeights,
-    clipped: tuple[BoolArray, float],
-    is_shaded: bool,
-    rounding: Rounding,
-) -> LikelyEdge:
-    """The fits with what their residuals say, and with the pixels that were fitted as bounds."""
-    values, weights = pixels.values, weighed.weights
-    is_bound, clipped_fraction = clipped
-    count, total, squares, weighed_squares = 0, 0.0, 0.0, 0.0
-    for i in range(len(values)):
-        if weights[i] > 0 and not is_bound[i]:
-            residual = values[i] - fits.found.levels[i]
-            count += 1
-            total += residual
-            squares += residual * residual
-            weighed_squares += weights[i] * residual * residual
-    sigma = np.exp(fits.total.parameters[LOG_SIGMA])
-    return LikelyEdge(
-        fits.total,
-        fits.optical,
-        fits.is_square,
-        weighed_squares / max(count - FLAT_PARAMETERS, 1),
-        sqrt(max(squares / count - (total / count) ** 2, 0.0)),
-        clipped_fraction,
-        bool(np.any(is_bound)),
-        weighed.has_outliers,
-        is_shaded,
-        profile_figures(values, fits.residuals, fits.found.distances, weights, sigma),
-        rounding,
+    is_shaded |= has_slopes
+    # Where the clipped pixels turn out to tell nothing, they are levels like the others.
+    levels = np.zeros(len(stored), np.bool_), clipped_fraction
+    none = Rounding(0.0, 0.0, 0.0, 0.0)
+    likely = likely_edge(fits, pixels, weighed, levels, is_shaded, none)
+    bounded = (
+        (pixels.x, pixels.y, pixels.values, pixels.across, pixels.normal_rad),
+        pixels.half_length_px,
+        (weighed.weights, weighed.outliers, weighed.has_outliers),
+        (found.levels, found.distances, found.edges),
+        (widths.total.parameters, widths.optical.parameters, widths.optical.is_found),
+        (stored, scatter, contrast),
+        (steps.is_found, steps.lower, steps.upper, steps.step_dn),
+        (is_clipped, clipped_fraction),
+        (is_shaded, is_rounded),
     )
+    return likely, is_rounded or bool(np.any(is_clipped)), bounded
 
 
 @compiled_part()
@@ -222,34 +193,17 @@ def _freedom(weights: FloatArray) -> int:
 
 @compiled_part()
 def _smooth_fits(
-    pixels: BandPixels, weights: FloatArray, widths: _Widths, found: EdgeLevels
-) -> _Fits:
+    pixels: BandPixels, weights: FloatArray, widths: Widths, found: EdgeLevels
+) -> Fits:
     """The least squares as they are, with their scatter as the noise."""
     freedom = _freedom(weights)
-    return _Fits(
-        _width_fit(widths.total, freedom),
-        _width_fit(widths.optical, freedom),
+    return Fits(
+        width_fit(widths.total, freedom),
+        width_fit(widths.optical, freedom),
         _is_square(widths),
         found,
         pixels.values - found.levels,
         (0.0, 0.0),
-    )
-
-
-@compiled_part()
-def _interval_fits(data: Intervals, widths: _Widths) -> _Fits:
-    """From the least squares to the most likely edges before rounding and clipping."""
-    starts = widths.total.parameters, widths.optical.parameters
-    total, optical = maximise_intervals(data, starts, widths.optical.is_found)
-    is_square = is_more_likely(optical, total)
-    best = optical if is_square else total
-    return _Fits(
-        WidthFit(total.is_found, total.parameters, total.log_sigma_variance),
-        WidthFit(optical.is_found, optical.parameters, optical.log_sigma_variance),
-        is_square,
-        edge_values(data.pixels, best.parameters, is_square),
-        expected_residuals(data, best, is_square),
-        best.noise_dn,
     )
 
 
@@ -322,22 +276,22 @@ def _without_shading(
 
 
 @compiled_part()
-def _widths(pixels: BandPixels, weights: FloatArray, start: FloatArray) -> _Widths:
+def _widths(pixels: BandPixels, weights: FloatArray, start: FloatArray) -> Widths:
     """Fit the plain edge, and from there the one behind pixel squares."""
     total = levenberg_marquardt(pixels, weights, start, False, _FINE)
     start = total.parameters.copy()
     start[LOG_SIGMA] = 0.5 * log(max(np.exp(2 * start[LOG_SIGMA]) - 1 / 12, 0.02))
-    return _Widths(total, levenberg_marquardt(pixels, weights, start, True, _FINE))
+    return Widths(total, levenberg_marquardt(pixels, weights, start, True, _FINE))
 
 
 @compiled_part()
-def _is_square(widths: _Widths) -> bool:
+def _is_square(widths: Widths) -> bool:
     """Whether the edge behind pixel squares fits better."""
     return bool(widths.optical.is_found and widths.optical.squares < widths.total.squares)
 
 
 @compiled_part()
-def _best_levels(pixels: BandPixels, widths: _Widths) -> EdgeLevels:
+def _best_levels(pixels: BandPixels, widths: Widths) -> EdgeLevels:
     if _is_square(widths):
         return edge_values(pixels, widths.optical.parameters, True)
     return edge_values(pixels, widths.total.parameters, False)
@@ -345,8 +299,8 @@ def _best_levels(pixels: BandPixels, widths: _Widths) -> EdgeLevels:
 
 @compiled_part()
 def _with_slopes_along(
-    pixels: BandPixels, weights: FloatArray, flat: _Widths, found: EdgeLevels
-) -> tuple[_Widths, bool]:
+    pixels: BandPixels, weights: FloatArray, flat: Widths, found: EdgeLevels
+) -> tuple[Widths, bool]:
     """Also fit slopes of the levels along the edge, if significant; and whether they are."""
     is_square = _is_square(flat)
     best = flat.optical if is_square else flat.total
@@ -375,7 +329,7 @@ def _with_slopes_along(
     optical = levenberg_marquardt(pixels, weights, start, True, _FINE)
     is_found = flat.optical.is_found and optical.is_found
     optical = Minimum(is_found, optical.parameters, optical.hessian, optical.squares)
-    return _Widths(total, optical), True
+    return Widths(total, optical), True
 
 
 @compiled_part()
@@ -392,12 +346,3 @@ def _p_of_two_more(gain: float, left: float, freedom: int) -> float:
     if left <= 0:
         return 1.0 if gain <= 0 else 0.0
     return float((1.0 + max(gain, 0.0) / left) ** (-0.5 * freedom))
-
-
-@compiled_part()
-def _width_fit(minimum: Minimum, freedom: int) -> WidthFit:
-    """Fit with the variance of log sigma from the inverse Hessian, scaled by the scatter."""
-    if not minimum.is_found:
-        return WidthFit(False, minimum.parameters, 0.0)
-    variance = inverse_element(minimum.hessian, LOG_SIGMA)
-    return WidthFit(True, minimum.parameters, variance * minimum.squares / freedom)

@@ -1,13 +1,17 @@
 """What the fit of an edge finds: two shapes, and what the pixels beside them say."""
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from calibration.edge_fit.model import FLAT_PARAMETERS
-from calibration.edge_fit.residuals import ProfileFigures
+from calibration.edge_fit.least_squares import Minimum, inverse_element
+from calibration.edge_fit.model import FLAT_PARAMETERS, LOG_SIGMA, EdgeLevels
+from calibration.edge_fit.residuals import ProfileFigures, profile_figures
 from calibration.edge_fit.rounding import Rounding
-from simulation.arrays import FloatArray
+from calibration.edge_fit.weights import PixelWeights
+from calibration.edge_search import BandPixels
+from simulation.arrays import BoolArray, FloatArray
 from simulation.compiled import compiled_part
 
 
@@ -51,3 +55,66 @@ def no_edge() -> LikelyEdge:
     profile = ProfileFigures(0.0, 0.0, 0.0, 0.0, 0, 0)
     none = Rounding(0.0, 0.0, 0.0, 0.0)
     return LikelyEdge(void, void, False, 0.0, 0.0, 0.0, False, False, False, profile, none)
+
+
+class Fits(NamedTuple):
+    """Both shapes, the levels of the better one, its residuals and the noise before rounding."""
+
+    total: WidthFit
+    optical: WidthFit
+    is_square: bool
+    found: EdgeLevels
+    residuals: FloatArray
+    noise_dn: tuple[float, float]
+
+
+class Widths(NamedTuple):
+    """The plain edge and the one behind pixel squares, fitted to the same pixels."""
+
+    total: Minimum
+    optical: Minimum
+
+
+@compiled_part()
+def width_fit(minimum: Minimum, freedom: int) -> WidthFit:
+    """Fit with the variance of log sigma from the inverse Hessian, scaled by the scatter."""
+    if not minimum.is_found:
+        return WidthFit(False, minimum.parameters, 0.0)
+    variance = inverse_element(minimum.hessian, LOG_SIGMA)
+    return WidthFit(True, minimum.parameters, variance * minimum.squares / freedom)
+
+
+@compiled_part()
+def likely_edge(
+    fits: Fits,
+    pixels: BandPixels,
+    weighed: PixelWeights,
+    clipped: tuple[BoolArray, float],
+    is_shaded: bool,
+    rounding: Rounding,
+) -> LikelyEdge:
+    """The fits with what their residuals say, and with the pixels that were fitted as bounds."""
+    values, weights = pixels.values, weighed.weights
+    is_bound, clipped_fraction = clipped
+    count, total, squares, weighed_squares = 0, 0.0, 0.0, 0.0
+    for i in range(len(values)):
+        if weights[i] > 0 and not is_bound[i]:
+            residual = values[i] - fits.found.levels[i]
+            count += 1
+            total += residual
+            squares += residual * residual
+            weighed_squares += weights[i] * residual * residual
+    sigma = np.exp(fits.total.parameters[LOG_SIGMA])
+    return LikelyEdge(
+        fits.total,
+        fits.optical,
+        fits.is_square,
+        weighed_squares / max(count - FLAT_PARAMETERS, 1),
+        sqrt(max(squares / count - (total / count) ** 2, 0.0)),
+        clipped_fraction,
+        bool(np.any(is_bound)),
+        weighed.has_outliers,
+        is_shaded,
+        profile_figures(values, fits.residuals, fits.found.distances, weights, sigma),
+        rounding,
+    )

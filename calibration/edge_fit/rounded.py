@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibration.edge_fit.block_cosines import BLOCK, cosine_transform, put_cosines
 from calibration.edge_fit.clipping import LevelIntervals
 from calibration.edge_fit.least_squares import inverse_element, solved
 from calibration.edge_fit.model import (
@@ -49,7 +50,6 @@ _MAX_DAMPINGS = 12
 _GAIN = 1e-4  # of the logarithm of the likelihood: 0.014 standard errors
 _START = 4.0  # of the usual noise: a smoother likelihood, from which the walls are approached
 _FLAT = 0.05  # of a step from its level: a pixel that tells nothing but the level
-_BLOCK = 8
 _EVEN_CODE = 128  # taken off before the transform
 _SQRT_HALF = sqrt(0.5)
 _INV_SQRT_2PI = 1 / sqrt(2 * pi)
@@ -188,17 +188,6 @@ def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equ
 
 
 @compiled_part()
-def cosine_transform() -> FloatArray:
-    """The orthonormal cosine transform of eight values, shape ``(8, 8)``, by rising frequency."""
-    matrix = np.empty((_BLOCK, _BLOCK))
-    for k in range(_BLOCK):
-        scale = sqrt((1.0 if k == 0 else 2.0) / _BLOCK)
-        for n in range(_BLOCK):
-            matrix[k, n] = scale * np.cos(pi * (2 * n + 1) * k / (2 * _BLOCK))
-    return matrix
-
-
-@compiled_part()
 def _observed(data: Intervals, parameters: FloatArray, is_square: bool) -> EdgeJacobian:
     """The model of the observations: of the pixels, or of the cosines of their codes."""
     model = edge_jacobian(data.pixels, parameters, is_square)
@@ -214,36 +203,20 @@ def _observed(data: Intervals, parameters: FloatArray, is_square: bool) -> EdgeJ
         for j in range(jacobian.shape[1]):
             jacobian[i, j] *= slope
     transform = cosine_transform()
-    values = np.empty(_BLOCK**2)
-    for k in range(0, len(levels), _BLOCK**2):
+    values = np.empty(BLOCK**2)
+    for k in range(0, len(levels), BLOCK**2):
         # Of a block away from the edge the first cosine alone is not 0.
-        mean = np.mean(edges[k : k + _BLOCK**2])
-        for i in range(_BLOCK**2):
+        mean = np.mean(edges[k : k + BLOCK**2])
+        for i in range(BLOCK**2):
             edges[k + i] = mean
-        _cosines(transform, levels[k : k + _BLOCK**2])
+        put_cosines(transform, levels[k : k + BLOCK**2])
         for j in range(jacobian.shape[1]):
-            for i in range(_BLOCK**2):
+            for i in range(BLOCK**2):
                 values[i] = jacobian[k + i, j]
-            _cosines(transform, values)
-            for i in range(_BLOCK**2):
+            put_cosines(transform, values)
+            for i in range(BLOCK**2):
                 jacobian[k + i, j] = values[i]
     return EdgeJacobian(levels, edges, jacobian)
-
-
-@compiled_part()
-def _cosines(transform: FloatArray, block: FloatArray) -> None:
-    """Put the cosines of a block of 64 values, row by row, in their place."""
-    by_row = np.zeros(_BLOCK**2)
-    for k in range(_BLOCK):
-        for m in range(_BLOCK):
-            for n in range(_BLOCK):
-                by_row[k * _BLOCK + n] += transform[k, m] * block[m * _BLOCK + n]
-    for k in range(_BLOCK):
-        for n in range(_BLOCK):
-            total = 0.0
-            for m in range(_BLOCK):
-                total += by_row[k * _BLOCK + m] * transform[n, m]
-            block[k * _BLOCK + n] = total
 
 
 @compiled_part()

@@ -9,6 +9,7 @@ from typer import Option
 
 from simulation.choices import MODELS
 from standoff import library, terminal
+from standoff.compiled_cache import OF_THE_DEMO, compile_ahead, holds_code
 from standoff.shipped_configs import shipped_config
 
 
@@ -24,6 +25,9 @@ def demo(
     if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
         terminal.refuse_overwriting([out / name for name in library.DEMO_FILES], force=force)
     config = terminal.read_bench(shipped_config("demo_bench.toml"), settings)
+    if not holds_code():
+        terminal.note_in_passing("compiling the numerical code, once: up to a minute")
+        compile_ahead(OF_THE_DEMO)
     result = library.run_demo(out, config, progress=terminal.ShownProgress())
     if json:
         terminal.print_json(result.to_json())
