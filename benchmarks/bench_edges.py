@@ -141,8 +141,8 @@ def costs(checkouts: list[Path], image: Path, rounds: int) -> list[Cost]:
     return least
 
 
-def parser() -> ArgumentParser:
-    options = bench_parser(__doc__)
+def parser(description: str | None = __doc__) -> ArgumentParser:
+    options = bench_parser(description)
     options.add_argument(
         "--beside", type=Path, metavar="DIR", help="checkout of this project that is the peer"
     )
