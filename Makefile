@@ -30,7 +30,7 @@ test: $(FULL) $(COMPILED)  ## Lint, types, layers and every test, the fast ones 
 # What to run after each change: a few minutes.
 check: $(FULL) $(COMPILED)  ## Lint, types, layers and the fast tests.
 	$(MAKE) --no-print-directory lint
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not waits"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist worksteal -m "not slow and not waits"
 
 setup: $(FULL) $(COMPILED)  ## Everything, in .venv.
 

@@ -23,6 +23,7 @@ def test_our_common_names_are_imported_from_this_checkout(name: str) -> None:
     assert Path(module.__file__).parent == ROOT / name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PACKAGES)
 def test_no_other_distribution_ships_our_names(name: str) -> None:
     owners = set(packages_distributions().get(name, []))

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
 from radon.visitors import ComplexityVisitor
 
 import standoff
@@ -91,6 +92,7 @@ def test_a_module_is_read_in_one_sitting() -> None:
     assert {name: count for name, count in lines.items() if count > LINES_MOST} == {}
 
 
+@pytest.mark.slow
 def test_another_room_is_entered_by_its_front_door() -> None:
     assert [entry for path in MODULES for entry in other_entries(path)] == []
 
@@ -110,6 +112,7 @@ def other_entries(path: Path) -> Iterator[str]:
             yield f"{dotted(path)}, line {node.lineno}: {node.module}"
 
 
+@pytest.mark.slow
 def test_parts_of_compiled_code_that_take_time_are_not_called_from_python() -> None:
     # Python would run them as they stand, a hundred times slower.
     shared = {name for path in MODULES for name in parts_of(path) if not name.startswith("_")}
@@ -178,6 +181,7 @@ def test_a_function_takes_six_parameters_at_most() -> None:
     assert greedy == {}
 
 
+@pytest.mark.slow
 def test_no_block_is_of_complexity_d() -> None:
     tangled = {
         f"{dotted(path)}.{block.name}": block.complexity

@@ -64,6 +64,7 @@ def galsim_psf(camera: Camera, side: int) -> FloatArray:
     return np.asarray(image.array, dtype=np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "camera",
     [*ROUND_LENSES, astigmatic(5.6, ratio=1.6, axis_deg=30)],
@@ -112,6 +113,7 @@ def test_an_edge_of_a_gaussian_camera_is_the_normal_distribution() -> None:
     assert found == pytest.approx(ndtr(distance / 0.8), abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("normal_deg", [0.0, 31.0, 77.0])
 def test_a_soft_edge_is_the_psf_times_the_soft_step(normal_deg: float) -> None:
     """A step blurred by half a pixel is band-limited: a sum over samples is its integral."""

@@ -18,6 +18,7 @@ def test_the_scatter_of_three_values_by_hand() -> None:
     assert robust_sigma(np.array([-2.0, 9.0, 1.0])) == pytest.approx(2.0 / 0.6744898, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_compiled_code_gets_the_same_scatter() -> None:
     values = np.random.default_rng(3).normal(0.0, 1.0, 100)
     compiled = njit(lambda deviations: robust_sigma(deviations))

@@ -11,6 +11,7 @@ from tests.fuzz.wire_targets import WIRE_TARGETS
 TARGETS = (*SESSION_TARGETS, *RESULT_TARGETS, *PHOTOGRAPH_TARGETS, *WIRE_TARGETS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
 def test_only_the_documented_error_comes_out(target: FuzzTarget) -> None:
     target.search()

@@ -29,6 +29,7 @@ def moved_in_every_rendering(
     return renderings
 
 
+@pytest.mark.slow
 def test_a_stage_that_came_to_rest_during_a_rendering_is_seen_where_it_rests(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

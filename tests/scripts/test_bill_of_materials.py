@@ -92,6 +92,7 @@ def document() -> dict[str, Any]:
     return made
 
 
+@pytest.mark.slow
 def test_the_document_has_what_the_schema_requires(document: dict[str, Any]) -> None:
     assert REQUIRED["document"] <= set(document)
     assert document["bomFormat"] == "CycloneDX"
@@ -174,6 +175,7 @@ def test_an_extra_of_a_package_is_followed_where_somebody_asks_for_it() -> None:
     assert found["camera"] == ["sensor"]
 
 
+@pytest.mark.slow
 def test_an_environment_that_is_not_the_lock_has_no_bill(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -69,6 +69,7 @@ def test_the_lock_meets_what_pyproject_asks_for(target: dict[str, str]) -> None:
     assert not list(unmet(PYPROJECT["dependency-groups"]["build"], build, target, set()))
 
 
+@pytest.mark.slow
 @named
 def test_the_lock_meets_what_each_package_asks_for_in_turn(target: dict[str, str]) -> None:
     locked = versions(FOR_A_GPU, target)

@@ -67,6 +67,7 @@ def test_the_variance_of_a_level_is_worked_by_hand() -> None:
     np.testing.assert_allclose(noise.variance_dn2(np.array([0.0])), [10.0**2 / 25 / 4])
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(factor=st.floats(0.1, 10.0), zoom=st.floats(1.0, 2.5))
 def test_the_variance_is_linear_and_not_negative(factor: float, zoom: float) -> None:

@@ -32,6 +32,7 @@ def pose_of_zoom(shape: tuple[int, int], zoom: float) -> tuple[FloatArray, tuple
     return grid.matrix, (grid.cols, grid.rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("look", LOOKS)
 @pytest.mark.parametrize(("exposure", "vignetting"), [(1.0, 0.0), (1.6, 0.0), (1.0, 0.6)])
 def test_the_noise_is_that_of_the_light_that_arrives(

@@ -117,6 +117,7 @@ def test_a_measured_transfer_function_beats_the_best_gaussian_on_a_two_component
     assert np.mean(own["sampled"]) == pytest.approx(np.mean(own["exact"]), rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rho", [0.0, 0.3, -0.6])
 @pytest.mark.parametrize("zoom", [1.2, 2.0, 2.9])
 def test_a_blob_comes_out_with_the_covariance_of_a_gaussian_camera(rho: float, zoom: float) -> None:
@@ -135,6 +136,7 @@ def test_a_blob_comes_out_with_the_covariance_of_a_gaussian_camera(rho: float, z
     np.testing.assert_allclose(out, expected, atol=2e-4 * expected.max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zoom", [1.1, 2.0])
 def test_a_correlated_psf_beats_paper_and_its_own_uncorrelated_form_on_slanted_bars(
     zoom: float,
@@ -188,6 +190,7 @@ def test_a_noise_ratio_lowers_the_error_on_a_noisy_reference() -> None:
 # Invariants
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(zoom=st.floats(1.0, 4.0), noise=st.floats(0, 1), level=st.floats(0, 65535))
 def test_a_constant_stays_constant_with_noise_too(zoom: float, noise: float, level: float) -> None:
@@ -199,6 +202,7 @@ def test_a_constant_stays_constant_with_noise_too(zoom: float, noise: float, lev
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(zoom=st.floats(1.0, 3.0), rho=st.sampled_from([0.0, 0.3]))
 def test_a_ramp_stays_a_ramp_up_to_the_border(zoom: float, rho: float) -> None:
@@ -210,6 +214,7 @@ def test_a_ramp_stays_a_ramp_up_to_the_border(zoom: float, rho: float) -> None:
     np.testing.assert_allclose(out, expected, atol=1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(zoom=st.floats(1.0, 4.0), seed=st.integers(0, 1000))
 def test_it_is_linear(zoom: float, seed: int) -> None:

@@ -37,6 +37,7 @@ def test_crops_lie_inside_and_reach_both_borders(size: int, crop: int, stride: i
     assert all(b - a <= stride for a, b in pairwise(origins))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("zoom", [1.5, 2.0, 3.0])
 @pytest.mark.parametrize("psf", [PSF, TURNED_LENS])

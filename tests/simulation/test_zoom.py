@@ -210,6 +210,7 @@ def test_it_is_linear(zoom: float, model: Model, psf: GaussianPsf, seed: int) ->
     np.testing.assert_allclose(together, apart, atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(zoom=zooms, model=models, psf=psfs, level=st.floats(0, 65535))
 def test_a_constant_stays_constant(
@@ -219,6 +220,7 @@ def test_a_constant_stays_constant(
     np.testing.assert_allclose(out, level, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(zoom=st.floats(1.0, 3.0), psf=psfs, slope_y=st.floats(-2, 2), slope_x=st.floats(-2, 2))
 def test_a_ramp_stays_a_ramp_in_the_interior(
@@ -238,6 +240,7 @@ def test_zoom_1_is_the_identity(model: Model, dtype: type[np.generic]) -> None:
     np.testing.assert_array_equal(zoom_out(image, 1.0, TILTED_PSF, model), image)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     first=st.floats(1.0, 2.5),

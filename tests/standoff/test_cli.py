@@ -31,6 +31,7 @@ def test_the_version_is_printed(command: Command) -> None:
     assert (done.status, done.out) == (0, f"standoff {__version__}\n")
 
 
+@pytest.mark.slow
 def test_the_shell_completes_commands_and_options() -> None:
     for words, number, expected in (
         ("standoff cal", 1, "calibrate"),

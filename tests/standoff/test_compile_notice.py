@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 PROGRAM = """
 from standoff.compile_notice import when_compiling
 said = []
@@ -30,6 +32,7 @@ def compiled(cache: Path) -> list[str]:
     return done.stdout.strip().split(",")
 
 
+@pytest.mark.slow
 def test_each_function_is_told_when_it_is_compiled_and_not_when_it_is_loaded(
     tmp_path: Path,
 ) -> None:

@@ -118,6 +118,7 @@ def test_outside_of_imports_it_is_raised_at_once() -> None:
         signal.raise_signal(signal.SIGINT)
 
 
+@pytest.mark.slow
 def test_ctrl_c_at_any_call_of_an_import_is_raised_once_after_it(source: Source) -> None:
     source.write(MODELS)
     source.load()  # so that pydantic is there

@@ -35,6 +35,7 @@ def test_the_help_of_no_command_imports_what_computes() -> None:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["simulate", "--help"]])
 def test_a_process_that_computes_nothing_imports_nothing_for_it(arguments: list[str]) -> None:
     words = [sys.executable, "-X", "importtime", "-m", "standoff", *arguments]

@@ -52,12 +52,14 @@ def assert_bit_exact(bench: PracticeBench, camera: AravisCamera) -> None:
         camera.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pixel_format", MONO)
 def test_pictures_arrive_bit_exact(bench: PracticeBench, pixel_format: str) -> None:
     with opened(bench, pixel_format=pixel_format) as camera:
         assert_bit_exact(bench, camera)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pixel_format", BAYER)
 def test_mosaics_of_a_colour_camera_arrive_bit_exact(pixel_format: str) -> None:
     with (
@@ -149,6 +151,7 @@ def test_a_frame_rate_lowered_at_the_opening_rises_when_the_exposure_falls(
         assert camera.settings.frame_rate_hz == pytest.approx(60.0)
 
 
+@pytest.mark.slow
 def test_the_largest_packet_that_gets_through_is_negotiated_and_read_back() -> None:
     # At power-up the camera has 8228 bytes, more than the link of 1500 carries.
     for link_mtu_bytes, least, most in ((1500, 1500, 1500), (9000, 8000, 9000)):
@@ -283,6 +286,7 @@ def test_a_frame_that_lost_packets_is_incomplete_and_empty(bench: PracticeBench)
         assert camera.statistics().missing_packets > 0
 
 
+@pytest.mark.slow
 def test_waiting_is_bounded_by_the_time_given(bench: PracticeBench) -> None:
     with opened(bench, exposure_us=500_000.0) as camera:
         camera.start()

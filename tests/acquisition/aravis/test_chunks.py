@@ -37,6 +37,7 @@ def mean_of_frames(bench: PracticeBench, indices: range, exposure_us: float) -> 
     return np.asarray(np.mean(frames, axis=0, dtype=np.float64))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", CHUNKED)
 def test_frames_state_their_exposure_and_their_picture_is_that_without_chunks(
     maker: Maker,
@@ -60,6 +61,7 @@ def test_a_camera_without_chunks_and_one_that_is_not_asked_state_no_exposure() -
         assert camera.next_frame(1.0).exposure_us is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", CHUNKED)
 def test_a_frame_with_another_exposure_never_enters_a_mean(maker: Maker) -> None:
     with gige_bench(maker=maker) as bench, opened(bench) as camera:
@@ -73,6 +75,7 @@ def test_a_frame_with_another_exposure_never_enters_a_mean(maker: Maker) -> None
         )
 
 
+@pytest.mark.slow
 def test_a_camera_that_never_takes_over_the_exposure_is_an_error_with_the_count() -> None:
     with gige_bench(maker="flir") as bench, opened(bench) as camera:
         average_frames(camera, 2)
@@ -86,6 +89,7 @@ def test_a_camera_that_never_takes_over_the_exposure_is_an_error_with_the_count(
         assert "switch its automatic exposure and sequencer off" in str(refused.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", get_args(Maker))
 def test_with_the_software_trigger_each_frame_is_asked_for(maker: Maker) -> None:
     with gige_bench(maker=maker) as bench, opened(bench, trigger="software") as camera:
@@ -97,6 +101,7 @@ def test_with_the_software_trigger_each_frame_is_asked_for(maker: Maker) -> None
         assert camera.statistics().complete_frames == 4  # and none that nobody asked for
 
 
+@pytest.mark.slow
 def test_with_a_line_as_the_trigger_frames_come_with_its_pulses_and_silence_is_no_stall() -> None:
     with gige_bench() as bench, opened(bench, trigger="Line1", trigger_edge="falling") as camera:
         assert camera.settings.features["TriggerActivation"] == "FallingEdge"

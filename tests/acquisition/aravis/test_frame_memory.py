@@ -131,6 +131,7 @@ def test_an_image_outlives_its_stream() -> None:
     assert len(stream.waiting) == waiting
 
 
+@pytest.mark.slow
 @needs_aravis
 @pytest.mark.parametrize("pixel_format", ["Mono12", "Mono8", "Mono12Packed"])
 def test_kept_frames_stay_what_the_camera_sent_while_the_stream_goes_on(pixel_format: str) -> None:

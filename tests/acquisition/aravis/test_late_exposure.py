@@ -12,6 +12,7 @@ EXPOSURES_US = [500.0, 2000.0, 8000.0]
 FRAMES = 3
 
 
+@pytest.mark.slow
 @needs_aravis
 @pytest.mark.parametrize("delay", [0, 5])
 def test_a_bracket_over_the_wire_has_only_frames_of_its_exposures(delay: int) -> None:

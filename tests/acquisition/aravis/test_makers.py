@@ -23,6 +23,7 @@ STATED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", MAKERS)
 def test_what_a_viewer_left_switched_on_is_off_and_every_pixel_is_the_sensors(
     maker: Maker,

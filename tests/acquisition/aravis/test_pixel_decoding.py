@@ -36,6 +36,7 @@ def test_an_odd_last_pixel_takes_two_bytes() -> None:
     assert encoded_bytes("Mono12Packed", (3, 1)) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pixel_format", ["Mono12Packed", "BayerRG12Packed", "BayerGB12Packed"])
 @given(twelve_bit)
 def test_packed_pixels_come_back_bit_exact(pixel_format: str, levels: NDArray[np.uint16]) -> None:
@@ -44,6 +45,7 @@ def test_packed_pixels_come_back_bit_exact(pixel_format: str, levels: NDArray[np
     np.testing.assert_array_equal(decode_pixels(data, pixel_format, levels.shape), levels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pixel_format", ["Mono12", "Mono16", "BayerGR12", "BayerBG16", "Mono10"])
 @given(twelve_bit)
 def test_two_byte_pixels_are_little_endian_in_the_low_bits(

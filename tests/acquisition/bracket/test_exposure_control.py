@@ -33,6 +33,7 @@ def stale(camera: WatchedCamera, taken: Iterable[ExposedFrames]) -> int:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["step tablet", "edge"])
 @pytest.mark.parametrize("ratio", [2.0, 8.0])
 def test_no_stale_frame_enters_a_bracket_however_late_the_camera_is(

@@ -55,6 +55,7 @@ def test_a_journal_cut_at_any_byte_gives_every_event_before(data: bytes) -> None
         assert bool(reading.torn_tail) == cut
 
 
+@pytest.mark.slow
 @both
 def test_a_journal_cut_at_any_byte_goes_on_after_being_mended(path: Path, data: bytes) -> None:
     for length in range(len(data) + 1):

@@ -77,6 +77,7 @@ def edited(line: bytes, rng: np.random.Generator) -> bytes:
     return json.dumps(document, ensure_ascii=False).encode() + b"\n"
 
 
+@pytest.mark.slow
 def test_of_10000_alterations_none_that_changes_an_event_is_read() -> None:
     found = 0
     for what, journal, head in altered(10_000, 1):

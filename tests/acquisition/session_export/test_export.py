@@ -30,6 +30,7 @@ def out_of(format_: ExportFormat, folder: Path) -> Path:
     return folder / name
 
 
+@pytest.mark.slow
 @FORMATS
 def test_what_is_interrupted_leaves_what_was_there(format_: ExportFormat, tmp_path: Path) -> None:
     session = exported_session(tmp_path / "session")
@@ -82,6 +83,7 @@ def session_of(captures: int, path: Path) -> Session:
     return Session(path)
 
 
+@pytest.mark.slow
 @FORMATS
 def test_captures_are_held_one_at_a_time(format_: ExportFormat, tmp_path: Path) -> None:
     out = out_of(format_, tmp_path)

@@ -70,6 +70,7 @@ def test_photographs_of_several_sizes_are_entries_of_their_own(tmp_path: Path) -
         assert np.isnan(file["entry1/instrument/camera/count_time"][0])
 
 
+@pytest.mark.slow
 def test_the_committees_definitions_are_met(tmp_path: Path) -> None:
     validate: Any = pytest.importorskip(
         "nexusformat.nexus.validate", reason="needs nexusformat, a judge of the tests"

@@ -47,6 +47,7 @@ def correlation(one: FloatImage, other: FloatImage) -> float:
     return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("widths_px", [(0.9, 0.9), (0.9, 1.2), (1.2, 0.8)])
 @pytest.mark.parametrize("zoom", [1.0, 1.3])
 def test_swapped_photographs_show_the_same_with_the_other_sign(
@@ -68,6 +69,7 @@ def test_swapped_photographs_show_the_same_with_the_other_sign(
         assert places[nearest, 2] * change.amplitude_dn < 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise_dn", "is_warned"), [(0.3, True), (1.2, False)])
 def test_aliasing_beside_little_noise_is_said_to_raise_false_alarms(
     noise_dn: float, is_warned: bool
@@ -81,6 +83,7 @@ def test_aliasing_beside_little_noise_is_said_to_raise_false_alarms(
     assert any("more than the stated false alarms" in said for said in found.warnings) == is_warned
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise_dn", "is_warned"), [(0.05, True), (0.5, False)])
 def test_even_areas_in_8_bits_scatter_by_no_less_than_their_rounding(
     noise_dn: float, is_warned: bool
@@ -105,6 +108,7 @@ def test_light_of_the_follow_up_does_not_matter() -> None:
     assert ratio == pytest.approx(1.7, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_pixels_that_are_left_out_do_not_matter() -> None:
     pair = photographed(1.3, (0.9, 0.9), 0.0)
     reference, followup = pair.developed(NOISE, NOISE, 3)

@@ -166,6 +166,7 @@ def computed(scene: str, model: Model, noise_dn: float, zooms: list[float]) -> l
     return [np.array(one.dprime) for one in curves]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", PHOTOGRAPHS)
 @pytest.mark.parametrize("model", ["paper", "matched", "lmmse"])
 def test_from_zooms_1_and_1_25_the_reading_is_a_little_low_and_the_straight_line_far_too_high(

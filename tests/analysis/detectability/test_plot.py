@@ -34,6 +34,7 @@ def figure_of(observers: list[Observer], noises_dn: list[float]) -> Figure:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observers", [["npw"], ["npw", "hotelling", "cho"]])
 @pytest.mark.parametrize("noises_dn", [[2.0], [2.125, 4.25, 8.5, 17.75, 35.25, 123456.0]])
 def test_the_legend_lies_within_the_figure_and_below_the_panels(

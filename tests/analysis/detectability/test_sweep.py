@@ -109,6 +109,7 @@ def test_few_photographs_are_tiles_of_their_own_in_the_order_of_their_names(
     assert [one.mean_dn for one in kept] == [load(path).grey_dn.mean() for path in few]
 
 
+@pytest.mark.slow
 def test_many_photographs_are_64_groups_whose_sum_is_theirs(
     many: list[Path], tmp_path: Path
 ) -> None:
@@ -127,6 +128,7 @@ def test_many_photographs_are_64_groups_whose_sum_is_theirs(
             assert tiles.pixels.sum() == pytest.approx(one.pixels.sum(), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_intervals_of_groups_are_those_of_single_photographs(
     many: list[Path], tmp_path: Path
 ) -> None:
@@ -143,6 +145,7 @@ def test_intervals_of_groups_are_those_of_single_photographs(
     assert width == pytest.approx(expected_width, rel=0.4)
 
 
+@pytest.mark.slow
 def test_what_is_done_is_found_and_takes_one_file_a_block(
     many: list[Path], expected: list[bytes], tmp_path: Path
 ) -> None:
@@ -156,6 +159,7 @@ def test_what_is_done_is_found_and_takes_one_file_a_block(
     assert sorted((tmp_path / "state").glob("*.sums")) == sorted(files)
 
 
+@pytest.mark.slow
 def test_shards_in_any_order_and_in_parts_give_the_same_bits(
     many: list[Path], expected: list[bytes], tmp_path: Path
 ) -> None:
@@ -172,6 +176,7 @@ def test_shards_in_any_order_and_in_parts_give_the_same_bits(
         assert bits(SweepSums(manifest, work_in(work.folder, never))) == expected
 
 
+@pytest.mark.slow
 def test_a_merge_that_was_killed_before_it_deleted_is_ended_by_the_next_run(
     many: list[Path], expected: list[bytes], tmp_path: Path
 ) -> None:
@@ -190,6 +195,7 @@ def test_a_merge_that_was_killed_before_it_deleted_is_ended_by_the_next_run(
     assert not any(path.exists() for path in before)
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_measured_anew(
     many: list[Path], expected: list[bytes], tmp_path: Path
 ) -> None:

@@ -17,6 +17,7 @@ def page(session: Session, psf: PsfCalibration, validation: Validation) -> Page:
     return Page(render_session_report(session, psf, validation))
 
 
+@pytest.mark.slow
 def test_the_report_has_all_its_parts_in_order(page: Page) -> None:
     assert page.headings == [
         "Session small",
@@ -74,6 +75,7 @@ def test_a_session_without_results_reports_its_captures(tmp_path: Path) -> None:
     assert "6 of 6 planned; complete." in page.texts
 
 
+@pytest.mark.slow
 def test_edges_of_other_photographs_are_left_out_of_the_drawings(
     session: Session, psf: PsfCalibration
 ) -> None:
@@ -102,6 +104,7 @@ def test_what_is_left_out_stands_first_with_its_reason(
     assert "Remark: it is dim." in page.texts
 
 
+@pytest.mark.slow
 def test_a_session_with_a_psf_has_the_front_page_of_a_calibration(
     session: Session, psf: PsfCalibration
 ) -> None:

@@ -87,6 +87,7 @@ def test_every_pair_is_listed_once_in_the_order_of_the_images(
     assert places == [(0, 0), (0, 16), (6, 0), (6, 16)]
 
 
+@pytest.mark.slow
 @leaves_files_open
 def test_the_library_webdataset_reads_the_pairs_of_the_folders(
     photographs: Path, tmp_path: Path
@@ -132,6 +133,7 @@ def test_webdataset_decodes_colours_and_floats(tmp_path: Path) -> None:
     assert read_image(low).stored.dtype == np.float32
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["folder", "webdataset"])
 def test_a_shard_waits_for_the_disk_once(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, layout: str
@@ -152,6 +154,7 @@ def test_two_workers_write_the_same_bytes(photographs: Path, tmp_path: Path, lay
     assert files_of(two) == files_of(one)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["folder", "webdataset"])
 def test_parts_in_any_order_and_a_last_run_end_as_one_run(
     photographs: Path, tmp_path: Path, layout: str
@@ -168,6 +171,7 @@ def test_parts_in_any_order_and_a_last_run_end_as_one_run(
     assert files_of(parts) == files_of(one)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["folder", "webdataset"])
 @pytest.mark.parametrize("damage", ["missing", "empty", "short"])
 def test_what_a_power_cut_took_is_made_again(
@@ -226,6 +230,7 @@ def with_bad_ones(photographs: Path, folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["folder", "webdataset"])
 def test_what_gives_no_pairs_is_listed_and_the_rest_done(
     photographs: Path, tmp_path: Path, layout: str
@@ -252,6 +257,7 @@ def test_a_strict_run_stops_at_the_first_that_gives_no_pairs(
         write(tmp_path / "pairs", own, SweepOptions(strict=True))
 
 
+@pytest.mark.slow
 def test_what_a_kill_left_is_cleared_away(photographs: Path, tmp_path: Path) -> None:
     write(tmp_path, photographs)
     before = files_of(tmp_path)
@@ -261,6 +267,7 @@ def test_what_a_kill_left_is_cleared_away(photographs: Path, tmp_path: Path) -> 
     assert files_of(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_other_layouts_in_the_same_folder_are_refused(photographs: Path, tmp_path: Path) -> None:
     write(tmp_path, photographs)
     with pytest.raises(SrDatasetError, match="other settings"):

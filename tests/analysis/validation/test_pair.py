@@ -32,6 +32,7 @@ def agreements(found: PairMetrics) -> dict[ValidationModel, ImageMetrics]:
     return {one.model: one.agreement for one in found.models if one.alignment == "followup-grid"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zoom", [1.5, 2.0])
 def test_the_better_the_physics_the_smaller_the_error(zoom: float) -> None:
     found = agreements(compared(texture_dn(1.0), texture_dn(zoom)))
@@ -42,6 +43,7 @@ def test_the_better_the_physics_the_smaller_the_error(zoom: float) -> None:
     assert found["matched"].correlation > found["bicubic"].correlation
 
 
+@pytest.mark.slow
 def test_captured_and_simulated_lie_on_one_grid() -> None:
     pair, found = aligned(texture_dn(1.0), texture_dn(1.5))
     assert found.zoom == pytest.approx(1.5, rel=1e-4)
@@ -53,6 +55,7 @@ def test_captured_and_simulated_lie_on_one_grid() -> None:
     assert cols == pytest.approx(SHAPE[1] / 1.5 / 2, abs=1)
 
 
+@pytest.mark.slow
 def test_gain_and_offset_of_the_followup_do_not_count() -> None:
     reference, followup = texture_dn(1.0), texture_dn(1.5)
     plain = agreements(compared(reference, followup, "matched"))
@@ -87,6 +90,7 @@ def test_the_mean_of_no_pairs_is_refused() -> None:
         mean_metrics([])
 
 
+@pytest.mark.slow
 def test_the_inputs_are_left_as_they_were() -> None:
     reference, followup = texture_dn(1.0), texture_dn(1.5)
     copies = reference.copy(), followup.copy()

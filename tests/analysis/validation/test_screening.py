@@ -23,6 +23,7 @@ def excluded_of(screening: Screening) -> list[int]:
     return [one.capture for one in screening.excluded]
 
 
+@pytest.mark.slow
 def test_the_two_nearest_captures_are_references_of_all_further_ones(tmp_path: Path) -> None:
     session = height_series(tmp_path / "series")
     told: list[int] = []
@@ -41,6 +42,7 @@ def test_one_reference_pose_gives_the_pairs_with_the_nearest_alone(tmp_path: Pat
     assert pairs_of(screening) == [(0, 1), (0, 2), (0, 3)]
 
 
+@pytest.mark.slow
 def test_another_target_at_one_height_is_excluded_by_name_with_the_reason(tmp_path: Path) -> None:
     session = height_series(tmp_path / "series", other_target_at=150.0)
     screening = screen(session, PSF)
@@ -50,6 +52,7 @@ def test_another_target_at_one_height_is_excluded_by_name_with_the_reason(tmp_pa
     assert text.startswith("capture 2 (leaves at 150 mm): it does not match capture 0: ")
 
 
+@pytest.mark.slow
 def test_another_target_at_the_nearest_height_is_no_reference(tmp_path: Path) -> None:
     session = height_series(tmp_path / "series", other_target_at=100.0)
     screening = screen(session, PSF)
@@ -58,6 +61,7 @@ def test_another_target_at_the_nearest_height_is_no_reference(tmp_path: Path) ->
     assert pairs_of(screening) == [(1, 2), (1, 3), (2, 3)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_px", [0.4, 1.5, 6.0])
 def test_a_capture_that_was_shaken_in_mid_average_is_excluded(
     tmp_path: Path, step_px: float
@@ -69,6 +73,7 @@ def test_a_capture_that_was_shaken_in_mid_average_is_excluded(
     assert pairs_of(screening) == [(0, 1), (0, 3), (1, 3)]
 
 
+@pytest.mark.slow
 def test_a_capture_from_another_height_than_recorded_is_excluded(tmp_path: Path) -> None:
     session = height_series(tmp_path / "series", height_errors_mm={150.0: 12.0})
     screening = screen(session, PSF)
@@ -76,6 +81,7 @@ def test_a_capture_from_another_height_than_recorded_is_excluded(tmp_path: Path)
     assert "by the images" in screening.excluded[0].reason
 
 
+@pytest.mark.slow
 def test_a_capture_from_nearer_than_its_reference_is_excluded_with_the_reason(
     tmp_path: Path,
 ) -> None:
@@ -108,6 +114,7 @@ def test_edges_and_flats_are_not_compared(tmp_path: Path) -> None:
         screen(session, PSF)
 
 
+@pytest.mark.slow
 def test_a_pair_that_shows_two_targets_leaves_nothing(tmp_path: Path) -> None:
     session = height_series(tmp_path / "two", other_target_at=150.0, heights_mm=(100.0, 150.0))
     with pytest.raises(NothingToCompareError) as refused:

@@ -99,6 +99,7 @@ def test_the_difference_of_curves_is_symmetric_and_nothing_for_one_curve(
     assert curve_differences((point, point) for point in points).ssim == 0.0
 
 
+@pytest.mark.slow
 def test_the_models_that_know_the_psf_beat_the_one_that_does_not(validation: Validation) -> None:
     assert len(validation.pairs) == 5
     curves = {(row.alignment, row.model): row for row in validation.table_1}
@@ -125,6 +126,7 @@ def test_the_means_are_those_of_the_pairs(validation: Validation) -> None:
         assert all(getattr(row, name) == value for name, value in own)
 
 
+@pytest.mark.slow
 def test_progress_counts_the_pairs_of_a_validation_with_what_is_usual(series: Session) -> None:
     told: list[int] = []
     usual = validate(series, PSF, progress=told.append)
@@ -201,6 +203,7 @@ def test_the_document_comes_back_as_it_was_written(validation: Validation, tmp_p
     assert len(document["pairs"]) == 5
 
 
+@pytest.mark.slow
 def test_the_figures_and_the_report_show_every_model(
     validation: Validation, series: Session, shown: list[ShownPair]
 ) -> None:

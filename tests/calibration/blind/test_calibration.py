@@ -40,6 +40,7 @@ def widths(psf: PsfCalibration) -> tuple[float, float]:
     return psf.sigma_x_px, psf.sigma_y_px
 
 
+@pytest.mark.slow
 def test_two_distances_give_the_whole_psf_without_the_zoom(near: EdgeImage, far: EdgeImage) -> None:
     psf = calibrate_from_distances([[near, far]])
     assert widths(psf) == pytest.approx(np.sqrt([0.45, 0.33]), rel=0.01)
@@ -57,6 +58,7 @@ def test_a_region_of_the_nearest_photograph_gives_the_same(near: EdgeImage, far:
     assert widths(psf) == pytest.approx(np.sqrt([0.45, 0.33]), rel=0.02)
 
 
+@pytest.mark.slow
 def test_known_noise_of_the_nearest_photograph_is_taken_out(
     near: EdgeImage, far: EdgeImage
 ) -> None:
@@ -69,6 +71,7 @@ def test_known_noise_of_the_nearest_photograph_is_taken_out(
     assert untold[0] > 1.02 * told[0]
 
 
+@pytest.mark.slow
 def test_a_pair_that_cannot_be_used_is_left_out_and_counted_as_done(
     near: EdgeImage, far: EdgeImage
 ) -> None:
@@ -80,6 +83,7 @@ def test_a_pair_that_cannot_be_used_is_left_out_and_counted_as_done(
     assert done == [1, 2]
 
 
+@pytest.mark.slow
 def test_where_no_pair_is_left_the_first_ones_fault_is_told(near: EdgeImage) -> None:
     again = replace(near, name="again.tif")
     with pytest.raises(PairError) as refused:
@@ -108,6 +112,7 @@ def clipped_at(source: EdgeImage, share: float, level: float | None = None) -> E
     return replace(source, image_dn=np.minimum(image, top), saturation_dn=top)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.005, 0.03])
 def test_clipped_pixels_and_their_neighbours_do_not_count(
     near: EdgeImage, far: EdgeImage, share: float
@@ -121,6 +126,7 @@ def test_clipped_pixels_and_their_neighbours_do_not_count(
     assert widths(calibrate_from_distances([untold]))[1] < 0.98 * np.sqrt(0.33)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoilt", ["near.tif", "far.tif"])
 def test_a_highlight_in_one_photograph_alone_does_not_count(
     near: EdgeImage, far: EdgeImage, spoilt: str
@@ -156,6 +162,7 @@ def test_where_clipping_leaves_too_little_that_is_said(near: EdgeImage, far: Edg
     assert refused.value.reason == "saturated"
 
 
+@pytest.mark.slow
 def test_a_zoom_beside_photographs_of_equal_scale_is_named(near: EdgeImage) -> None:
     rng = np.random.default_rng(0)
     again = EdgeImage(name="again.tif", image_dn=near.image_dn + rng.normal(0, 3.0, WHOLE))
@@ -166,6 +173,7 @@ def test_a_zoom_beside_photographs_of_equal_scale_is_named(near: EdgeImage) -> N
     assert "focus" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_zoom_beside_a_crop_off_the_centre_is_named(near: EdgeImage, far: EdgeImage) -> None:
     crop = replace(far, image_dn=far.image_dn[40:, 60:])
     with pytest.raises(PairError, match="leave --zoom out") as refused:

@@ -35,6 +35,7 @@ def test_a_point_sampled_edge_gives_its_total_sigma_to_0_02_percent(
     assert fit.flags == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_px", [0.3, 0.5, 0.8, 1.5, 2.5])
 @pytest.mark.parametrize("normal_deg", ANGLES_DEG)
 def test_an_edge_behind_square_pixels_gives_its_optical_sigma_to_0_02_percent(
@@ -46,6 +47,7 @@ def test_an_edge_behind_square_pixels_gives_its_optical_sigma_to_0_02_percent(
     assert fit.sigma_px == pytest.approx(np.sqrt(sigma_px**2 + 1 / 12), rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("normal_deg", ANGLES_DEG)
 def test_sixteen_bit_quantisation_costs_at_most_0_05_percent(normal_deg: float) -> None:
     fit = only_fit(np.rint(edge_image(0.5, normal_deg, has_pixel=True)))
@@ -147,6 +149,7 @@ def test_a_curved_edge_is_fitted_with_its_curvature() -> None:
     assert fit.curvature_per_px == pytest.approx(2 * 0.6 / 45**2, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_px", [0.4, 0.8, 2.5])
 @pytest.mark.parametrize("normal_deg", [3.0, 45.0])
 @pytest.mark.parametrize("shading_deg", [0.0, 45.0, 90.0])
@@ -168,6 +171,7 @@ def test_a_halo_is_not_taken_for_shading() -> None:
     assert "shaded" not in only_fit(0.97 * core + 0.03 * halo).flags
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("seen", [1.0, 0.97])
 def test_a_clipped_bright_side_moves_sigma_by_no_more_than_its_error(

@@ -13,6 +13,7 @@ def eight_bits(noise_dn: float = 0.3, seed: int = 1) -> np.ndarray:
     return np.rint(edge + np.random.default_rng(seed).normal(0.0, noise_dn, edge.shape))
 
 
+@pytest.mark.slow
 @given(step=st.sampled_from([1 / 16, 1 / 3, 0.25, 1.0, 16.0, 257.0]), offset=st.floats(-50, 50))
 def test_the_step_of_an_even_grid_is_found(step: float, offset: float) -> None:
     values = (eight_bits() * step + offset).ravel()

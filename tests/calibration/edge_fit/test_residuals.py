@@ -44,6 +44,7 @@ def test_what_depends_on_the_distance_alone_is_no_noise() -> None:
     assert np.std(noise_part(structure + noise, d)) == pytest.approx(10.0, rel=0.05)
 
 
+@pytest.mark.slow
 @given(order_seed=st.integers(0, 1000))
 def test_the_order_of_the_pixels_does_not_matter(order_seed: int) -> None:
     d, noise = distances(), gaussian_noise(5.0)
@@ -125,6 +126,7 @@ def test_a_certain_but_tiny_deviation_is_gaussian_enough() -> None:
     assert flags_of(tiny, d, noise_dn=0.03) == ()
 
 
+@pytest.mark.slow
 def test_noise_is_not_mistaken_for_a_psf_that_is_not_gaussian() -> None:
     d = distances()
     # At the threshold of 1e-5, one of 100 trials would be surprising: 0.1 % probable.

@@ -32,6 +32,7 @@ def largest(edges: int) -> float:
     return float(norm.isf(0.5 * (1 - 0.999 ** (1 / edges))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise_dn", [0.2, 0.4, 0.8])
 def test_errors_in_eight_bits_are_as_large_as_stated(noise_dn: float) -> None:
     errors = scaled(noise_dn, seed=0)
@@ -40,6 +41,7 @@ def test_errors_in_eight_bits_are_as_large_as_stated(noise_dn: float) -> None:
     assert np.abs(errors).max() < largest(errors.size)
 
 
+@pytest.mark.slow
 def test_an_edge_without_noise_has_an_error_of_the_size_stated() -> None:
     errors = scaled(0.0, seed=8)
     assert np.sqrt(np.mean(errors**2)) < 1.6
@@ -86,6 +88,7 @@ def test_a_jpeg_gives_the_width_before_compression(quality: int) -> None:
     assert np.sqrt(np.mean(np.square(errors))) < rms_range(len(errors))[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quality", [75, 80])
 def test_ringing_beside_an_edge_is_no_edge_and_takes_none_of_its_length(quality: int) -> None:
     # Faint edges ring by as much as strong ones: steps of cosines are the same for both.

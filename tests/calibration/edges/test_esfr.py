@@ -41,6 +41,7 @@ def test_a_point_sampled_gaussian_has_its_mtf50(sigma_px: float, normal_deg: flo
     assert esfr.mtf20_cy_per_px == pytest.approx(twenty, rel=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("normal_deg", [17.0, 93.0, 140.0])
 @pytest.mark.parametrize("sigma_px", [0.3, 0.5, 1.2])
 def test_a_gaussian_behind_square_pixels_has_its_mtf50(sigma_px: float, normal_deg: float) -> None:
@@ -195,6 +196,7 @@ def test_the_errors_of_the_transform_are_the_scatter_over_draws() -> None:
     assert np.all(np.std(pulls, axis=0) > 0.6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("normal_deg", [0.0, 0.1, 0.3, 1.0, 18.435, 26.565, 45.0, 90.0])
 @pytest.mark.parametrize("sigma_px", [0.3, 0.5, 0.7, 1.2])
 def test_at_every_angle_mtf50_is_right_or_said_to_be_missing(
@@ -233,6 +235,7 @@ def test_a_wide_tail_is_told_from_the_middle() -> None:
     np.testing.assert_allclose(found.at(freq), truth, atol=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("amount", [0.15, 0.35])
 @pytest.mark.parametrize("normal_deg", [4.0, 40.0])
 def test_light_that_falls_off_costs_neither_width_nor_contrast(

@@ -50,6 +50,7 @@ def test_where_each_colour_of_a_pattern_begins() -> None:
         plane_places("RGBG")  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_each_colour_gives_the_optical_width_behind_one_sensor_pixel() -> None:
     psf = calibrate_mosaic([mosaic(n) for n in (5.0, 95.0)], "GRBG")
     assert psf.channels is not None

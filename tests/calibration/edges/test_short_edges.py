@@ -41,6 +41,7 @@ def deviations(edges: list[EdgeMeasurement], sigma_px: float) -> list[float]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_px", [0.7, 1.5])
 @pytest.mark.parametrize("side_px", [22.0, 25.0, 30.0])
 def test_all_sides_of_small_squares_are_measured(side_px: float, sigma_px: float) -> None:

@@ -88,6 +88,7 @@ def test_standard_errors_cover_the_truth() -> None:
     assert min(inside.values()) >= 16, inside
 
 
+@pytest.mark.slow
 @settings(max_examples=3)
 @given(order=st.permutations(range(1, len(CAPTURES))))
 def test_the_order_of_the_captures_does_not_matter(order: list[int]) -> None:

@@ -39,6 +39,7 @@ def photographed(
     return BoardCorners(seen_px=noisy, plane_mm=grid, err_px=np.full(len(grid), NOISE_PX))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("right_deg", "down_deg"), TILTS_DEG)
 @pytest.mark.parametrize("turn_deg", [0.0, 37.0, 180.0])
 def test_the_tilt_of_a_board_is_found_within_its_errors(

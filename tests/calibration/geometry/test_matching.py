@@ -33,6 +33,7 @@ def matched(*images: FloatArray) -> tuple[MatchedSeries, list[GeometryCapture]]:
     return match_textures(captures, LENS), captures
 
 
+@pytest.mark.slow
 def test_two_places_that_only_a_third_capture_shows_both_hang_together() -> None:
     # The first two see 290 px apart: no common point. The third sees both from twice as far.
     found, captures = matched(view(1.0, -145.0), view(1.05, 145.0), view(2.2, 0.0))
@@ -54,6 +55,7 @@ def test_two_places_that_only_a_third_capture_shows_both_hang_together() -> None
     np.testing.assert_allclose([pose.turn_rad for pose in poses], 0.0, atol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blank", [0, 1, 2])
 @pytest.mark.parametrize("level", [0.0, 1.0])
 def test_a_capture_without_detail_is_told_so_and_its_neighbours_are_kept(

@@ -81,6 +81,7 @@ def test_a_stage_that_counts_downwards_is_refused_with_the_remedy() -> None:
     assert (refused.value.reason, refused.value.subject) == ("heights_reversed", "brick")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 3, 4, 5])
 @pytest.mark.parametrize("is_first", [True, False])
 def test_one_target_whose_heights_count_downwards_is_named_however_the_others_count(

@@ -40,6 +40,7 @@ class TotalGaussian(Lens):
         return np.asarray(np.exp(-2 * (np.pi * self.sigma_px) ** 2 * (fx * fx + fy * fy)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lens", "form"),
     [

@@ -118,6 +118,7 @@ def test_normals_half_a_turn_apart_are_pooled() -> None:
     assert np.rad2deg(means.normal_rad) % 180 == pytest.approx([4.0])
 
 
+@pytest.mark.slow
 def test_the_95_percent_band_of_many_edges_holds_the_truth() -> None:
     freq = np.array([0.125, 0.25, 0.4])
     angle = np.deg2rad(np.arange(0.0, 180.0, 15.0))[:, None]

@@ -66,6 +66,7 @@ def frequencies(freq: FloatArray, step_deg: float = 10.0) -> tuple[FloatArray, F
     return freq * np.cos(angle), freq * np.sin(angle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LENSES)
 def test_a_round_lens_is_measured_to_0_003_up_to_nyquist(name: str) -> None:
     f_number, waves = LENSES[name]
@@ -86,6 +87,7 @@ def test_an_astigmatic_lens_is_measured_to_0_01_from_twelve_edges_at_an_snr_of_1
     assert np.abs(transfer.otf(fx, fy) - ASTIGMATIC.otf(fx, fy)).max() < 0.01
 
 
+@pytest.mark.slow
 def test_the_95_percent_band_holds_the_truth() -> None:
     fx, fy = frequencies(np.array([0.125, 0.25, 0.4]), step_deg=15.0)
     truth = ASTIGMATIC.otf(fx, fy)
@@ -99,6 +101,7 @@ def test_the_95_percent_band_holds_the_truth() -> None:
     assert np.mean(inside) > 0.95 - 3.1 * 0.03
 
 
+@pytest.mark.slow
 def test_the_band_of_a_lens_that_no_form_has_holds_the_truth() -> None:
     lens = MovedLens(0.37, 0.37)
     fx, fy = frequencies(np.array([0.125, 0.25, 0.4]), step_deg=15.0)
@@ -112,6 +115,7 @@ def test_the_band_of_a_lens_that_no_form_has_holds_the_truth() -> None:
     assert np.mean(inside) > 0.95 - 3.1 * 0.04
 
 
+@pytest.mark.slow
 def test_noise_does_not_bias_it_as_it_does_the_mean_of_the_edges_curves() -> None:
     period = 5.6 * PX_PER_F_NUMBER
     lens = Lens(period, period)
@@ -326,6 +330,7 @@ def test_one_direction_gives_no_transfer_over_both_axes() -> None:
     assert calibrated(ASTIGMATIC, (4.0,), 100).transfer_2d is None
 
 
+@pytest.mark.slow
 def test_a_mosaic_is_measured_in_pixels_of_the_sensor() -> None:
     lens = Lens(0.7, 0.5, turn_deg=30.0)
     sources = edge_photographs(lens, EIGHT_DEG, 300, 2, 200.0)
@@ -335,6 +340,7 @@ def test_a_mosaic_is_measured_in_pixels_of_the_sensor() -> None:
     assert np.abs(transfer_of(psf).otf(fx, fy) - lens.otf(fx, fy)).max() < 0.006
 
 
+@pytest.mark.slow
 def test_the_errors_of_the_curves_along_the_axes_are_what_seeds_scatter_by() -> None:
     lens = Lens(0.4, 0.4)
     values, errs = [], []

@@ -83,6 +83,7 @@ def error_px(pose: DistortedPose, matrix: FloatArray) -> float:
     return float(np.sqrt(np.mean(((found_x - true_x) ** 2 + (found_y - true_y) ** 2)[inside])))
 
 
+@pytest.mark.slow
 @given(
     zoom=st.floats(0.7, 1.5),
     turn_deg=st.floats(-180, 180),
@@ -167,6 +168,7 @@ def test_a_mask_rescues_a_scene_most_of_which_moves_with_the_camera() -> None:
     assert error_px(masked.pose, moved) < 0.05
 
 
+@pytest.mark.slow
 def test_a_reflection_does_not_draw_the_pose_away_from_the_features() -> None:
     # Large soft shapes, three times as strong, move by 8 px against the scene's detail: the coarse
     # levels of the refinement follow them, by .7 px in the end.

@@ -74,6 +74,7 @@ def test_the_standard_error_of_a_place_is_of_the_size_of_its_error() -> None:
     assert found.place_err_px / 3 < error < 3 * found.place_err_px
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zoom", [2.3, 3.0])
 def test_a_pattern_that_repeats_is_told_apart_by_the_zoom_to_be_expected(zoom: float) -> None:
     near, far = photograph("chart", 1.0), photograph("chart", zoom)
@@ -81,6 +82,7 @@ def test_a_pattern_that_repeats_is_told_apart_by_the_zoom_to_be_expected(zoom: f
     assert np.median(errors_px(found, zoom)) < 0.05
 
 
+@pytest.mark.slow
 def test_without_a_psf_it_is_as_good() -> None:
     found = register(photograph("grass", 1.0), photograph("grass", 1.6))
     assert np.median(errors_px(found, 1.6)) < 0.05
@@ -98,6 +100,7 @@ def test_another_target_is_refused_also_where_the_zoom_is_known() -> None:
             )
 
 
+@pytest.mark.slow
 def test_a_nearer_followup_has_the_inverse_pose() -> None:
     near, far = photograph("grass", 1.0), photograph("grass", 1.6)
     pose, inverse = (register(*pair, psf()).pose for pair in ((near, far), (far, near)))
@@ -107,6 +110,7 @@ def test_a_nearer_followup_has_the_inverse_pose() -> None:
     np.testing.assert_allclose(back, (y, x), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_part_of_a_frame_has_no_distortion_of_its_own() -> None:
     found = register(photograph("grass", 1.0), photograph("grass", 1.6)[20:, 30:], psf())
     assert found.pose.k1 == 0.0

@@ -93,6 +93,7 @@ def test_a_small_rotation_is_found(scene: list[Item]) -> None:
     np.testing.assert_allclose(matrix @ [99.5, 79.5, 1], [149.5, 119.5, 1], atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_border_row_that_comes_and_goes_does_not_keep_it_from_settling() -> None:
     # Both centres on one axis, 200 of 300 rows at zoom 1.5: the reference ends where a pixel
     # does. Of a dozen seeds this one went to and fro between two rows.
@@ -117,6 +118,7 @@ def test_swapping_the_photographs_inverts_the_pose(
     assert 1 / 3 < 1.5 * nearer.place_err_px / further.place_err_px < 3
 
 
+@pytest.mark.slow
 def test_images_of_different_scenes_are_refused(reference: FloatArray) -> None:
     other = photograph(random_scene(77, 600, 450), (200, 300), 1.5, OPTICAL_SIGMA_PX)
     with pytest.raises(RegistrationError):
@@ -145,6 +147,7 @@ def test_a_result_says_of_itself_what_fits_a_line_or_two(
     assert f"zoom={registration.zoom!r}" in repr(registration)
 
 
+@pytest.mark.slow
 def test_a_prepared_reference_gives_every_follow_up_the_pose_that_it_has_alone(
     scene: list[Item], reference: FloatArray, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,11 +48,13 @@ def texture(shape: tuple[int, int], seed: int, sigma_px: float = 1.5) -> FloatAr
     return np.asarray(120 + 25 * made / made.std())
 
 
+@pytest.mark.slow
 def test_a_negative_of_the_scene_is_refused() -> None:
     with pytest.raises(RegistrationError):
         register(seen(1.0), 256.0 - seen(ZOOM), PSF)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(70, 73))
 def test_no_other_scene_is_taken_for_the_reference(seed: int) -> None:
     with pytest.raises(RegistrationError) as refused:
@@ -96,6 +98,7 @@ def test_a_given_pose_without_overlap_is_refused() -> None:
     assert refused.value.reason == "little_overlap"
 
 
+@pytest.mark.slow
 def test_a_tiled_scene_is_warned_of() -> None:
     tile = texture((60, 60), 5)
     scene = np.tile(tile, (6, 7))
@@ -103,6 +106,7 @@ def test_a_tiled_scene_is_warned_of() -> None:
     assert any("repeats" in one for one in found.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("periods", [-2, -1, 1, 2])
 def test_of_several_periods_the_given_pose_chooses_one(periods: int) -> None:
     scene = np.tile(texture((60, 60), 5), (6, 7))

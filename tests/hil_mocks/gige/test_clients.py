@@ -55,6 +55,7 @@ def viva_camera(bench: PracticeBench) -> Iterator[Any]:
         yield camera
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exposure_us", "gain_db"), SETTINGS)
 @pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12", "Mono12Packed"])
 def test_viva_genicam_reads_the_frames_of_the_source(
@@ -88,6 +89,7 @@ def test_viva_genicam_finds_the_packet_size_of_the_link() -> None:
         assert camera.get("GevSCPSPacketSize") == "1500"
 
 
+@pytest.mark.slow
 def test_viva_genicam_is_refused_while_another_client_holds_control() -> None:
     viva_genicam = pytest.importorskip("viva_genicam")
     with gige_bench() as bench, viva_camera(bench):

@@ -146,6 +146,7 @@ def test_an_exclusive_client_keeps_others_from_reading(
         assert other.is_answered()  # a discovery
 
 
+@pytest.mark.slow
 def test_control_expires_without_a_heartbeat_and_the_stream_ends(
     bench: PracticeBench, client: RawClient
 ) -> None:
@@ -161,6 +162,7 @@ def test_control_expires_without_a_heartbeat_and_the_stream_ends(
         assert other.read(BootstrapAddress.STREAM_PORT) == 0
 
 
+@pytest.mark.slow
 def test_commands_keep_control_alive(bench: PracticeBench, client: RawClient) -> None:
     client.take_control()
     client.write(HEARTBEAT, HEARTBEAT_MS)
@@ -171,6 +173,7 @@ def test_commands_keep_control_alive(bench: PracticeBench, client: RawClient) ->
     assert bench.camera.controller is not None
 
 
+@pytest.mark.slow
 def test_heartbeats_can_get_lost(bench: PracticeBench, client: RawClient) -> None:
     client.take_control()
     client.write(HEARTBEAT, 500)
@@ -196,6 +199,7 @@ def test_a_restart_loses_control_and_settings(bench: PracticeBench, client: RawC
     assert bench.camera.value("AcquisitionActive") == 0
 
 
+@pytest.mark.slow
 def test_a_dead_camera_answers_nothing_until_it_is_back(
     bench: PracticeBench, client: RawClient
 ) -> None:

@@ -91,6 +91,7 @@ def test_every_frame_ends_its_exposure_with_its_number_and_time(
     assert listener.is_silent()
 
 
+@pytest.mark.slow
 def test_only_events_that_are_on_are_told(client: RawClient, listener: Listener) -> None:
     assert client.set("TestEventGenerate", 1) == GvcpStatus.SUCCESS
     switch_on(client, EXPOSURE_END)
@@ -108,6 +109,7 @@ def test_only_events_that_are_on_are_told(client: RawClient, listener: Listener)
     assert listener.is_silent()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("acknowledged", [0, 1, None])
 def test_an_event_is_repeated_until_it_is_acknowledged(
     client: RawClient, acknowledged: int | None
@@ -174,6 +176,7 @@ def test_events_go_nowhere_but_to_this_computer(client: RawClient, listener: Lis
     assert datagram[24:] == (2).to_bytes(4, "big")
 
 
+@pytest.mark.slow
 def test_viva_genicam_receives_the_end_of_every_exposure(bench: PracticeBench) -> None:
     viva_genicam = pytest.importorskip("viva_genicam")
     with introduced(bench.camera.address):

@@ -192,6 +192,7 @@ def test_what_is_automatic_is_set_by_the_camera(bench: PracticeBench, client: Ra
     assert client.get("ExposureTimeAbs") == 1200
 
 
+@pytest.mark.slow
 def test_frames_wait_for_the_software_trigger(bench: PracticeBench, client: RawClient) -> None:
     client.start(TriggerMode=1, TriggerSource=6)
     assert not client.is_streamed_to()
@@ -207,6 +208,7 @@ def test_a_trigger_line_that_nothing_is_connected_to_takes_no_frame(client: RawC
     assert not client.is_streamed_to()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "frames"), [(1, 1), (2, 3)])
 def test_a_few_frames_end_by_themselves(client: RawClient, mode: int, frames: int) -> None:
     client.start(AcquisitionMode=mode, AcquisitionFrameCount=3, AcquisitionFrameRateAbs=50)
@@ -215,6 +217,7 @@ def test_a_few_frames_end_by_themselves(client: RawClient, mode: int, frames: in
     assert client.get("AcquisitionActive") == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "arrives"), [(1500, True), (1504, False), (8228, False)])
 def test_test_packets_pass_the_link_only_up_to_its_mtu(
     client: RawClient, size: int, *, arrives: bool
@@ -305,6 +308,7 @@ def test_resend_can_be_disabled(bench: PracticeBench, client: RawClient) -> None
     assert not client.is_streamed_to()
 
 
+@pytest.mark.slow
 def test_lost_packets_are_seeded_and_about_as_many_as_said() -> None:
     lost = []
     for _ in range(2):
@@ -319,6 +323,7 @@ def test_lost_packets_are_seeded_and_about_as_many_as_said() -> None:
     assert len(lost[0]) == pytest.approx(64, abs=29)
 
 
+@pytest.mark.slow
 def test_packets_can_come_twice_and_out_of_order(bench: PracticeBench, client: RawClient) -> None:
     bench.camera.faults = GigeFaults(duplicate_rate=0.3)
     client.start(500, AcquisitionMode=1)

@@ -62,6 +62,7 @@ def test_a_print_shows_its_photograph_upright_and_centred() -> None:
     assert correlation > 0.97  # the grain and the blur take the rest
 
 
+@pytest.mark.slow
 def test_a_print_holds_detail_beyond_the_camera() -> None:
     # At 200 mm a pixel is 0.207 mm: its Nyquist frequency is a period of 0.415 mm.
     x_mm = np.arange(2048.0) * (GRAIN_PITCH_MM / 2)

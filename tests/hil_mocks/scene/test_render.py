@@ -136,6 +136,7 @@ def test_a_wave_loses_amplitude_to_the_corner_as_the_lens_does() -> None:
     np.testing.assert_allclose(image, 0.5 + 0.5 * transfer * np.cos(phase), atol=3e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle_deg", [10.0, 80.0, 135.0])
 @pytest.mark.parametrize(
     ("tilt_deg", "k1"), [(0.0, -0.03), (0.0, 0.03), (15.0, 0.0), (25.0, -0.02), (45.0, 0.0)]

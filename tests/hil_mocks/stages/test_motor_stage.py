@@ -117,6 +117,7 @@ class TestStops:
         assert rig.stage.position_mm() == pytest.approx(rig.plant.true_height_mm, abs=rig.round_mm)
         assert_works_again(rig)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("in_s", [0.1 * k for k in range(32)])
     def test_after_a_stop_the_stage_only_ramps_down_whenever_it_comes(
         self, rig: Rig, in_s: float

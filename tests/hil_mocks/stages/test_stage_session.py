@@ -74,6 +74,7 @@ def break_off(rig: StageRig, fault: Callable[[], object], path: Path) -> None:
     rig.wait(5.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", GRBL_FAULTS.values(), ids=GRBL_FAULTS)
 def test_a_fault_of_a_grbl_stage_stores_nothing_of_its_capture(
     fault: Callable[[GrblRig], object], tmp_path: Path

@@ -115,6 +115,7 @@ def test_the_checksum_of_our_driver_is_that_of_the_client(bench: Bench) -> None:
     assert checksum(body.decode("ascii")) == int(sent, 16)
 
 
+@pytest.mark.slow
 def test_the_client_detects_it(bench: Bench) -> None:
     # Without identification: that would ask a data base on the internet.
     (device,) = bench.connection.detect_devices(identify_devices=False)

@@ -128,6 +128,7 @@ def test_a_seed_gives_one_kernel_which_adds_up_to_1(model: Any) -> None:
     assert np.any(trained(4) != first)
 
 
+@pytest.mark.slow
 def test_training_leaves_the_global_random_state_and_the_threads_alone() -> None:
     torch = pytest.importorskip("torch")
     before, threads = torch.random.get_rng_state(), torch.get_num_threads()

@@ -5,6 +5,7 @@ from simulation import PoseOptions, PsfField, simulate_pose
 from tests.simulation.poses import PHOTOGRAPH, TILTED_PSF, blob, constant_field, tilted
 
 
+@pytest.mark.slow
 def test_an_even_field_is_one_psf() -> None:
     matrix = tilted(300.0, (280, 200), 15.0, 1.2)
     one = simulate_pose(PHOTOGRAPH, matrix, (280, 200), TILTED_PSF)
@@ -34,6 +35,7 @@ def test_a_shift_over_a_field_blurs_by_the_difference_of_its_two_places() -> Non
     assert back.nearer[~back.outside].all()
 
 
+@pytest.mark.slow
 def test_a_part_of_the_follow_up_has_the_psf_of_its_place_in_the_frame() -> None:
     coefficients = np.zeros((3, 6))
     coefficients[[0, 2], 0] = 0.5

@@ -191,6 +191,7 @@ def test_tiles_join_without_a_seam() -> None:
         assert second[seen[:, 2:] & seen[:, :-2]].max() < 0.02
 
 
+@pytest.mark.slow
 def test_noise_is_passed_on_where_the_lens_puts_it() -> None:
     # The mean of squared weights, over noise that is drawn.
     rng = np.random.default_rng(5)

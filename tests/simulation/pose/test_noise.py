@@ -17,6 +17,7 @@ def test_a_follow_up_from_the_same_place_keeps_the_noise() -> None:
     assert gain == pytest.approx(np.ones((30, 40)), abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("psf", [PSF, TILTED_PSF])
 @pytest.mark.parametrize("zooms", [(1.0, 1.0), (1.1, 1.1), (1.37, 1.37), (2.0, 1.6)])
 def test_an_axial_follow_up_has_the_exact_sum_of_squared_weights(

@@ -176,6 +176,7 @@ TILT, TILTED_TURN, DISTORTED = (
 """Zoom, tilt and turn in degrees, distortion."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["matched", "lmmse"])
 @pytest.mark.parametrize("lens", [F_11, ASTIGMATIC])
 @pytest.mark.parametrize("pose", [TILT, TILTED_TURN, DISTORTED])
@@ -188,6 +189,7 @@ def test_a_soft_lens_needs_its_own_transfer_function(
     assert own < gaussian / 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["matched", "lmmse"])
 @pytest.mark.parametrize(
     ("pose", "bound_dn2"), [(TILT, 0.16), (TILTED_TURN, 0.72), (DISTORTED, 0.19)]
@@ -223,6 +225,7 @@ def test_a_field_of_one_measured_shape_is_that_lens(model: PoseModel) -> None:
     np.testing.assert_array_equal(even.nearer, one.nearer)
 
 
+@pytest.mark.slow
 def test_a_shift_over_a_field_goes_from_one_shape_to_the_other() -> None:
     # The lens grows softer to the right; the follow-up looks 30 px further left with its soft end.
     lens = Pupil(0.9, 0.9)
@@ -243,6 +246,7 @@ def test_a_shift_over_a_field_goes_from_one_shape_to_the_other() -> None:
     assert error < 0.05 * unblurred
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["matched", "lmmse"])
 def test_noise_is_passed_on_as_the_gain_says(model: PoseModel) -> None:
     matrix = view(1.5, 25.0, 20.0)
@@ -267,6 +271,7 @@ def test_noise_is_passed_on_as_the_gain_says(model: PoseModel) -> None:
     assert float(np.mean((squares / gain)[inner])) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.slow
 def test_noise_that_is_stated_is_passed_on_less() -> None:
     matrix, size = view(1.3, 10.0), SIZE[::-1]
     gains = [

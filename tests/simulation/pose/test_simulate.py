@@ -97,6 +97,7 @@ def on_grid(image: FloatArray, grid: SamplingGrid, psf: GaussianPsf) -> FloatArr
     return np.asarray(map_coordinates(coefficients, places, order=5, prefilter=False))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("psf", [PSF, TILTED_PSF, GaussianPsf(sigma_x_px=0.4, sigma_y_px=0.4)])
 @pytest.mark.parametrize("zoom", [1.02, 1.1, 1.5, 2.0, 3.0])
 def test_a_pure_zoom_is_the_spline_through_the_blurred_image(zoom: float, psf: GaussianPsf) -> None:
@@ -182,6 +183,7 @@ def test_a_ramp_stays_a_ramp_away_from_the_border(psf: GaussianPsf) -> None:
     assert simulated.image == pytest.approx(2 * place[0] - 3 * place[1], abs=5e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 1000), st.floats(-5, 5), st.floats(-5, 5), st.floats(-25, 25))
 def test_it_is_linear_in_the_image(seed: int, a: float, b: float, tilt_deg: float) -> None:
@@ -289,6 +291,7 @@ def test_tiles_leave_no_seam() -> None:
     assert whole[:, 300:800] == pytest.approx(part, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_other_pixel_types_give_float32_of_the_same_values(dtype: type[np.generic]) -> None:
     image = PHOTOGRAPH.astype(dtype)
@@ -302,6 +305,7 @@ def test_other_pixel_types_give_float32_of_the_same_values(dtype: type[np.generi
     assert (image == before).all()
 
 
+@pytest.mark.slow
 def test_colours_are_simulated_one_by_one() -> None:
     image = np.stack([PHOTOGRAPH, PHOTOGRAPH[::-1], PHOTOGRAPH[:, ::-1]], axis=-1)
     matrix = tilted(300.0, (280, 200), 10.0, 1.2)

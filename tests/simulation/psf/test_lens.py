@@ -20,6 +20,7 @@ def test_a_pupil_in_focus_has_the_transfer_of_two_overlapping_circles() -> None:
         assert float(pupil_otf(np.array(nu), 0.0)) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_pupil_out_of_focus_has_the_autocorrelation_of_its_phases() -> None:
     # A pupil of 800 samples across; its rim is wrong by half a sample.
     radius, size = 400, 2048

@@ -26,6 +26,7 @@ def shifted_grid(zoom: float) -> SamplingGrid:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("zoom", [1.0, 1.4, 2.2])
 def test_places_that_lie_on_a_grid_get_what_the_model_gives_there(

@@ -54,6 +54,7 @@ def simulated(
     return np.asarray(zoom_out_on_grid(near, grid, psf, model), dtype=np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zoom", [1.5, 2.0, 3.0])
 @pytest.mark.parametrize("lens", LENSES)
 def test_lmmse_is_as_good_as_the_ideal_and_no_worse_than_matched(lens: str, zoom: float) -> None:
@@ -69,6 +70,7 @@ def test_lmmse_is_as_good_as_the_ideal_and_no_worse_than_matched(lens: str, zoom
     assert matched <= 3.0 * (ideal + 0.01)  # 2.3 at most, astigmatic at zoom 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise_dn", [0.5, 1.5])
 @pytest.mark.parametrize("sigma_px", [0.7, 1.2])
 def test_noise_in_the_reference_does_lmmse_no_more_harm_than_matched(
@@ -84,6 +86,7 @@ def test_noise_in_the_reference_does_lmmse_no_more_harm_than_matched(
     assert lmmse <= max(1.01 * matched, matched + 0.001)
 
 
+@pytest.mark.slow
 def test_a_lens_whose_axes_are_exchanged_is_far_off() -> None:
     near, far = photographed(0, ASTIGMATIC, 1.0), photographed(0, ASTIGMATIC, 2.0)
     right = psf_of(ASTIGMATIC)
@@ -97,6 +100,7 @@ def test_a_lens_whose_axes_are_exchanged_is_far_off() -> None:
         assert errors[1] > 1.5 * errors[0]  # 1.9 and more were measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zoom", [1.5, 2.0, 3.0])
 @pytest.mark.parametrize("noise_dn", [0.0, 0.5])
 @pytest.mark.parametrize("sigma_px", [0.7, 1.2])

@@ -67,6 +67,7 @@ def test_the_devices_satisfy_the_protocols(bench: standoff.Bench, tmp_path: Path
     assert isinstance(status, protocols.Status)
 
 
+@pytest.mark.slow
 def test_a_scan_of_heights_writes_a_session(
     bench: standoff.Bench, engine: Any, tmp_path: Path
 ) -> None:
@@ -89,6 +90,7 @@ def test_a_scan_of_heights_writes_a_session(
     assert start["num_points"] == 3
 
 
+@pytest.mark.slow
 def test_a_plan_of_blueskys_own_may_visit_the_heights_in_any_order(
     bench: standoff.Bench, engine: Any, tmp_path: Path
 ) -> None:

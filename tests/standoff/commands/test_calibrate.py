@@ -104,6 +104,7 @@ def test_a_region_leaves_out_what_lies_beside_it(command: Command, tmp_path: Pat
     assert all(edge["x_px"] > 110 for edge in document["edges"])
 
 
+@pytest.mark.slow
 def test_the_report_is_one_page_without_links_to_elsewhere(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:

@@ -83,6 +83,7 @@ def test_the_pixel_pitch_comes_from_exif_and_the_command_line_overrides_it(
     assert (given["pixel_pitch_um"], given["pixel_pitch_from"]) == (3.0, "--pixel-pitch-um")
 
 
+@pytest.mark.slow
 def test_the_pixel_pitch_of_a_session_is_that_of_its_bench_file(
     command: Command, session_dir: Path, tmp_path: Path
 ) -> None:
@@ -214,6 +215,7 @@ def test_a_colour_file_has_its_lateral_colour_in_json_and_report(
     assert "Lateral colour" in Page(page.read_text()).headings
 
 
+@pytest.mark.slow
 def test_a_mosaic_has_lateral_colour_too(command: Command, tmp_path: Path) -> None:
     import tifffile
 

@@ -45,6 +45,7 @@ def test_the_table_has_a_row_for_each_edge_with_its_contrast_by_frequency(
     ]
 
 
+@pytest.mark.slow
 def test_a_mosaic_gives_every_colour_and_green_by_default(command: Command, tmp_path: Path) -> None:
     paths = []
     for normal in (5.0, 95.0):

@@ -30,6 +30,7 @@ def photograph(path: Path) -> None:
     Image.fromarray(levels).save(path, quality=95, exif=tags)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", CELLS)
 def test_a_raw_mosaic_has_a_psf_for_each_colour(
     command: Command, tmp_path: Path, pattern: str
@@ -65,6 +66,7 @@ def test_other_commands_ask_for_a_developed_image(
     assert "linear TIFF" in done.err
 
 
+@pytest.mark.slow
 def test_what_the_camera_wrote_is_in_the_result_and_its_report(
     command: Command, tmp_path: Path
 ) -> None:

@@ -47,6 +47,7 @@ def stop_short(bench: SimulatedBench) -> None:
     bench.stage.faults = StageFaults(stops_short_mm=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "named"),
     [

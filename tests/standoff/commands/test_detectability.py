@@ -315,6 +315,7 @@ def test_a_pose_is_registered_and_judged(
     assert command(*asked[:5], "--min-dprime", 2).status == 2
 
 
+@pytest.mark.slow
 def test_images_that_do_not_match_are_told_in_one_line(
     command: Command, scene_file: Path, curves_file: Path, tmp_path: Path
 ) -> None:

@@ -35,6 +35,7 @@ def srgb_png(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_an_unmarked_png_is_srgb_which_is_said_and_stored(
     command: Command, srgb_png: Path, tmp_path: Path
 ) -> None:

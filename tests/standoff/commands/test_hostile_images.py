@@ -110,6 +110,7 @@ def command_line(name: str, words: dict[str, object], folder: Path) -> list[obje
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("kind", FILES)
 def test_a_hostile_file_is_one_line_for_every_command(
@@ -149,6 +150,7 @@ def test_a_good_image_of_a_name_that_a_terminal_obeys_is_read_and_shown_on_one_l
     assert "\x1b" not in csv.read_text("utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["simulate", "detectability", "import", "sr-pairs"])
 def test_every_command_reads_a_good_image_of_such_a_name(
     command: Command, psf_file: Path, tmp_path: Path, name: str

@@ -128,6 +128,7 @@ def test_an_address_in_use_and_a_bench_without_truth_are_named(
     assert "[simulated]" in outcome.err
 
 
+@pytest.mark.slow
 def test_a_line_places_a_target_and_moves_the_stand() -> None:
     stage = HandStage((120.0, 620.0))
     with gige_bench(height_mm=lambda: stage.true_height_mm) as bench:

@@ -119,6 +119,7 @@ def test_a_session_that_tells_no_noise_is_refused_in_one_line(
     assert not (tmp_path / "noise.json").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("darks", "ladder", "row", "is_there"),
     [

@@ -70,6 +70,7 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
+@pytest.mark.slow
 def test_each_of_a_folder_is_judged_as_it_is_alone(
     command: Command, asked: Asked, folder: Path, tmp_path: Path
 ) -> None:
@@ -99,6 +100,7 @@ def test_each_of_a_folder_is_judged_as_it_is_alone(
     ]
 
 
+@pytest.mark.slow
 def test_nothing_is_judged_twice_until_something_changes(
     command: Command, asked: Asked, folder: Path, tmp_path: Path, judged: list[str]
 ) -> None:
@@ -120,6 +122,7 @@ def test_nothing_is_judged_twice_until_something_changes(
     assert len(judged) == 4
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_where_it_was(
     command: Command,
     asked: Asked,
@@ -142,6 +145,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
     assert sorted(judged) == ["frame-0.tif", "frame-1.tif", "frame-2.tif"]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_judged_is_listed_and_counted(
     command: Command, asked: Asked, folder: Path, tmp_path: Path
 ) -> None:
@@ -167,6 +171,7 @@ def test_what_cannot_be_judged_is_listed_and_counted(
     assert strict.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_of_many_the_first_and_the_worst_few_are_shown(
     command: Command,
     asked: Asked,
@@ -194,6 +199,7 @@ def test_of_many_the_first_and_the_worst_few_are_shown(
     assert worst.index("frame-2.tif") < worst.index("frame-1.tif") < worst.index("frame-10.tif")
 
 
+@pytest.mark.slow
 def test_the_reference_is_read_once_by_whoever_works(
     command: Command,
     asked: Asked,

@@ -10,6 +10,7 @@ from tests.standoff.conftest import Command
 pytestmark = pytest.mark.usefixtures("coarse_figures")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sigma_y_px", "seeds", "reason"),
     [(None, (3, 3), "sigma_y_px is null"), (0.7, (3, 77), "no pair of captures can be")],

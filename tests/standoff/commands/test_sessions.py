@@ -150,6 +150,7 @@ def test_a_driver_that_is_not_there_is_named(
     assert "files" in done.err
 
 
+@pytest.mark.slow
 def test_the_report_shows_the_captures_and_then_the_psf(
     command: Command, session_dir: Path
 ) -> None:

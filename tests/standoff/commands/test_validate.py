@@ -68,6 +68,7 @@ def test_a_session_becomes_tables_figures_and_a_report(
     assert "excluded: capture 2 (leaves at 150 mm): it does not match capture 0" in done.err
 
 
+@pytest.mark.slow
 def test_the_tables_are_printed_for_people(
     command: Command, shaken: Path, psf: Path, tmp_path: Path
 ) -> None:

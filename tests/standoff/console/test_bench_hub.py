@@ -61,6 +61,7 @@ def states(hub: BenchHub) -> list[str]:
     return [row["state"] for row in plan_document(hub.run.view)["rows"]]
 
 
+@pytest.mark.slow
 def test_a_plan_is_run_as_a_session_with_the_exposure_of_the_live_picture(
     hub: BenchHub, operator: Operator
 ) -> None:
@@ -89,6 +90,7 @@ def test_a_plan_is_run_as_a_session_with_the_exposure_of_the_live_picture(
     assert (summary.name, summary.captured, summary.is_complete) == ("first", 2, True)
 
 
+@pytest.mark.slow
 def test_a_session_is_paused_stopped_resumed_and_retaken(hub: BenchHub, operator: Operator) -> None:
     operator.say(do="run", plan="two", session="first")
     operator.say(do="pause")
@@ -117,6 +119,7 @@ def test_a_session_is_paused_stopped_resumed_and_retaken(hub: BenchHub, operator
     assert {record.exposure_us for record in session.records} == {9000.0}
 
 
+@pytest.mark.slow
 def test_captures_are_compared_with_the_photograph_that_their_plan_names(
     tmp_path: Path,
 ) -> None:
@@ -140,6 +143,7 @@ def test_captures_are_compared_with_the_photograph_that_their_plan_names(
     assert (hub.sessions.folder / "after/results/changes/texture-coins/series.json").is_file()
 
 
+@pytest.mark.slow
 def test_a_retake_during_a_pause_begins_the_run_anew_with_it(
     hub: BenchHub, operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -52,6 +52,7 @@ def test_a_step_of_the_light_is_named_with_its_heights(factor: float, at: int) -
     assert f"{100 * abs(factor - 1):.0f} %" in fault
 
 
+@pytest.mark.slow
 def test_a_sweep_measures_further_regions_and_finds_their_peaks() -> None:
     config = bench_config(simulated__focus_distance_mm=200.0, simulated__f_number=1.0)
     simulated = SimulatedBench(config)

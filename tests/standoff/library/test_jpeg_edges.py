@@ -56,6 +56,7 @@ def stored_table(data: bytes) -> NDArray[np.float64]:
     return table
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quality", [75, 92])
 @pytest.mark.parametrize("is_colour", [False, True])
 @pytest.mark.parametrize("is_progressive", [False, True])
@@ -92,6 +93,7 @@ def test_the_level_of_a_code_is_the_one_it_is_read_as(tmp_path: Path, encoding: 
     assert near.max() < 1.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_colour", [False, True])
 def test_the_widths_from_jpeg_files_are_within_their_errors(
     tmp_path: Path, is_colour: bool

@@ -94,6 +94,7 @@ def test_simulate_by_a_learned_kernel(command: Command, tmp_path: Path) -> None:
     assert any("kernel taken from" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_calibrate(command: Command, edge_file: Path, noise_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "psf.json"
     words = ("--noise", noise_file, "--region", "centre", "--pixel-pitch-um", 4.5, "--out", out)

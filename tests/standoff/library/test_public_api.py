@@ -125,6 +125,7 @@ def test_a_pose_without_turn_or_tilt_is_a_zoom_out(pair: tuple[FloatArray, Float
     assert np.abs(posed.image - straight)[inside].max() < 0.01 * np.ptp(straight)
 
 
+@pytest.mark.slow
 def test_a_pair_is_aligned_and_its_change_is_found(pair: tuple[FloatArray, FloatArray]) -> None:
     pose = standoff.register(*pair, PSF)
     assert pose.zoom == pytest.approx(ZOOM, abs=0.001)
@@ -145,6 +146,7 @@ def test_limits_follow_from_curves(pair: tuple[FloatArray, FloatArray]) -> None:
     assert 1.0 < limits.zoom < 1.2
 
 
+@pytest.mark.slow
 def test_results_are_read_at_a_glance(
     edges: list[FloatArray], pair: tuple[FloatArray, FloatArray]
 ) -> None:

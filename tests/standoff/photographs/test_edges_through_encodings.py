@@ -102,6 +102,7 @@ FORMATS: dict[str, Callable[[float, Path], bytes]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_px", [0.8, 1.2])
 @pytest.mark.parametrize("kind", FORMATS)
 def test_each_edge_has_its_width_in_every_format(

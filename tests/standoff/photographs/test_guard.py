@@ -91,6 +91,7 @@ def refused_cheaply(*paths: Path) -> None:
             assert reading.peak_bytes < MOST_BYTES, name
 
 
+@pytest.mark.slow
 def test_what_is_no_regular_file_is_refused_without_a_wait(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.png")
     (tmp_path / "loop.png").symlink_to("loop.png")
@@ -241,6 +242,7 @@ def test_what_follows_a_jpeg_is_none_of_its_scans(tmp_path: Path) -> None:
     assert read_image(path).is_jpeg
 
 
+@pytest.mark.slow
 def test_thousands_of_pages_are_counted_quickly(tmp_path: Path) -> None:
     buffer = BytesIO()
     with tifffile.TiffWriter(buffer) as writer:

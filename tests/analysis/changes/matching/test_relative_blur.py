@@ -44,6 +44,7 @@ def test_a_blur_is_measured_without_noise_whichever_is_softer(blur_px2: float) -
     assert measured(source, target).value_px2 == pytest.approx(blur_px2, rel=0.02, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur_px2", [0.0, 0.4])
 def test_noise_of_either_is_no_blur_and_the_error_is_that_of_the_scatter(blur_px2: float) -> None:
     rng = np.random.default_rng(3)

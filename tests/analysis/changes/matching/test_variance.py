@@ -55,6 +55,7 @@ def test_a_variance_that_is_wrong_by_a_factor_is_put_right_in_spite_of_changes()
     assert np.median(factor[:, 170:]) == pytest.approx(2.0, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gamma", [0.45, 1.8])
 def test_a_tone_curve_is_found_to_a_fraction_of_the_noise(gamma: float) -> None:
     rng = np.random.default_rng(7)

@@ -51,6 +51,7 @@ def test_the_line_spread_is_the_slope_of_the_edge_spread(edge: EdgeMeasurement) 
     assert edge.esfr.esf(np.array([-1e6, 1e6])) == pytest.approx([0.0, 1.0], abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "figures"), [(1, 1), (5, 1), (12, 3), (300, 5)])
 def test_one_twelve_and_three_hundred_edges_fill_few_pages(
     edge: EdgeMeasurement, count: int, figures: int
@@ -67,6 +68,7 @@ def test_one_twelve_and_three_hundred_edges_fill_few_pages(
     assert is_cut is (count == 300)
 
 
+@pytest.mark.slow
 def test_the_softest_and_the_sharpest_edge_are_always_among_those_shown(
     edge: EdgeMeasurement, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -60,6 +60,7 @@ def test_an_edge_without_optical_width_is_drawn_with_its_total_one() -> None:
     assert "fit, total sigma 0.300 px" in legend_of(plot_profile(image, edge))
 
 
+@pytest.mark.slow
 def test_every_width_stands_at_its_angle_with_its_error(psf: PsfCalibration) -> None:
     figure = plot_widths_by_angle(psf, NONE)
     # Each edge has a total and an optical width; two curves for the two covariances.

@@ -200,6 +200,7 @@ def test_a_field_that_is_none_is_left_out_with_its_fault(psf: PsfCalibration) ->
     assert "p = 1e-05" in section.text[0]
 
 
+@pytest.mark.slow
 def test_a_drift_of_the_focus_is_said_in_words(psf: PsfCalibration) -> None:
     trend = psf.height_trend
     assert trend is not None

@@ -162,6 +162,7 @@ def test_the_stream_waits_for_the_last_of_several_who_want_the_camera(
     camera.give_turn()
 
 
+@pytest.mark.slow
 def test_a_stop_ends_what_the_borrower_does(
     camera: CameraService, broadcaster: FrameBroadcaster
 ) -> None:
@@ -182,6 +183,7 @@ def test_a_stop_ends_what_the_borrower_does(
     wait_for(lambda: frames(broadcaster) > before, "the live stream")
 
 
+@pytest.mark.slow
 def test_who_borrows_a_camera_that_was_lost_a_moment_ago_gets_it_when_it_is_back(
     camera: CameraService, maker: CameraMaker
 ) -> None:
@@ -203,6 +205,7 @@ def test_who_borrows_a_camera_that_was_lost_a_moment_ago_gets_it_when_it_is_back
         lent.stop()
 
 
+@pytest.mark.slow
 def test_a_lost_camera_is_shown_and_opened_again_with_its_exposure(
     camera: CameraService, broadcaster: FrameBroadcaster, maker: CameraMaker
 ) -> None:
@@ -346,6 +349,7 @@ def test_a_stop_from_another_thread_ends_a_move_as_a_stop(
     assert service.view.is_homed
 
 
+@pytest.mark.slow
 def test_a_stage_without_its_cable_is_shown_and_opened_again_with_a_stop_first(
     slow_stage: tuple[StageMaker, StageService],
 ) -> None:

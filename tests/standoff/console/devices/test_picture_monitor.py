@@ -123,6 +123,7 @@ def scene(sequence: int, light: float, settings: CameraSettings = SETTINGS) -> L
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", [0.25, 0.5, 1.5, 2.5])
 @pytest.mark.parametrize("is_told", [True, False])
 def test_a_step_of_exposure_or_light_makes_no_peak(light: float, is_told: bool) -> None:

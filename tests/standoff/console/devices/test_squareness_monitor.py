@@ -46,6 +46,7 @@ def board_frame(tilt_right_deg: float) -> LiveFrame:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt_right_deg", [-2.0, 0.0, 0.7])
 def test_the_tilt_to_a_board_is_shown_with_the_side_to_raise(tilt_right_deg: float) -> None:
     monitor = SquarenessMonitor(FrameBroadcaster(), DEFAULT_BOARD, FOCAL_PX)

@@ -47,6 +47,7 @@ def sweep(hub: BenchHub, plan: SweepPlan) -> None:
     wait_for(job.ended.is_set, "the sweep ends")
 
 
+@pytest.mark.slow
 def test_a_sweep_finds_the_focus_and_goes_there(hub: BenchHub) -> None:
     sweep(hub, plan_of(ends_at_peak=True))
     view = hub.sweep.view
@@ -68,6 +69,7 @@ def test_a_sweep_finds_the_focus_and_goes_there(hub: BenchHub) -> None:
     )
 
 
+@pytest.mark.slow
 def test_points_of_the_second_pass_replace_those_of_the_first(hub: BenchHub) -> None:
     sweep(hub, plan_of(heights_mm=None, steps=FEWEST_POSITIONS))
     view = hub.sweep.view
@@ -75,6 +77,7 @@ def test_points_of_the_second_pass_replace_those_of_the_first(hub: BenchHub) -> 
     assert len(view.points) == FEWEST_POSITIONS
 
 
+@pytest.mark.slow
 def test_a_stopped_sweep_says_so_and_moves_no_further(hub: BenchHub) -> None:
     plan = plan_of(heights_mm=(200.0, 400.0), steps=100)
     hub.sweep.prepare(plan)

@@ -93,6 +93,7 @@ def lose_the_camera_once(hub: BenchHub, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(run, "_captured", fail_after_the_first)
 
 
+@pytest.mark.slow
 def test_a_session_that_lost_its_camera_is_resumed_without_a_question(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,6 +111,7 @@ def test_a_session_that_lost_its_camera_is_resumed_without_a_question(
     assert Session(hub.sessions.folder / "first").is_complete
 
 
+@pytest.mark.slow
 def test_a_target_that_was_moved_is_asked_for_again(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +131,7 @@ def test_a_target_that_was_moved_is_asked_for_again(
     assert run_state(hub) == "finished"
 
 
+@pytest.mark.slow
 def test_in_a_pause_a_moved_target_is_asked_for_before_the_next_capture(hub: BenchHub) -> None:
     operator = Operator(hub)
     operator.say(do="run", plan="two", session="first")
@@ -143,6 +146,7 @@ def test_in_a_pause_a_moved_target_is_asked_for_before_the_next_capture(hub: Ben
     assert Session(hub.sessions.folder / "first").is_complete
 
 
+@pytest.mark.slow
 def test_after_a_stop_one_key_says_that_it_is_still_in_place(hub: BenchHub) -> None:
     operator = Operator(hub)
     operator.say(do="run", plan="two", session="first")

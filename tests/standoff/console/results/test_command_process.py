@@ -28,6 +28,7 @@ def test_progress_remarks_and_the_reason_of_a_failure_are_told_apart() -> None:
     assert said.fault == "there is no edge"
 
 
+@pytest.mark.slow
 def test_a_command_that_fails_gives_its_own_reason(tmp_path: Path) -> None:
     absent = tmp_path / "none.json"
     with pytest.raises(ApplicationError) as error:
@@ -36,6 +37,7 @@ def test_a_command_that_fails_gives_its_own_reason(tmp_path: Path) -> None:
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_command_prints_its_document(tmp_path: Path) -> None:
     psf = tmp_path / "psf.json"
     psf.write_text(
@@ -46,6 +48,7 @@ def test_a_command_prints_its_document(tmp_path: Path) -> None:
     assert isinstance(result.document["verdict"], str)
 
 
+@pytest.mark.slow
 def test_a_command_that_is_stopped_ends_at_once(tmp_path: Path) -> None:
     checks = []
 

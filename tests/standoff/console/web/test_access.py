@@ -137,6 +137,7 @@ def test_a_websocket_of_our_own_page_is_served(hub: BenchHub) -> None:
         assert socket.receive_json()["type"] == "state"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [

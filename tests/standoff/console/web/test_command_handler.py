@@ -108,6 +108,7 @@ def test_the_gain_is_set_for_the_live_picture(hub: BenchHub) -> None:
     wait_for(lambda: getattr(hub.camera.settings, "gain_db", 0) == 6.0, "gain")
 
 
+@pytest.mark.slow
 def test_an_alarm_is_shown_and_cleared(hub: BenchHub) -> None:
     operator = Operator(hub)
     hub.stage.lent().emergency_stop()
@@ -213,6 +214,7 @@ def test_a_question_of_no_job_waits_for_its_answer(tmp_path: Path) -> None:
     assert answers == ["251.5"]
 
 
+@pytest.mark.slow
 def test_the_pose_is_judged_against_a_capture_of_a_session(hub: BenchHub, tmp_path: Path) -> None:
     operator = Operator(hub)
     operator.say(do="run", plan="two", session="first")
@@ -251,6 +253,7 @@ def test_the_pose_is_judged_no_more_when_the_frames_change_their_size(tmp_path: 
         hub.close()
 
 
+@pytest.mark.slow
 def test_a_session_that_fails_names_the_capture_and_the_fault_and_is_resumed(
     tmp_path: Path,
 ) -> None:
@@ -275,6 +278,7 @@ def test_a_session_that_fails_names_the_capture_and_the_fault_and_is_resumed(
         assert states(hub) == ["done", "done"]
 
 
+@pytest.mark.slow
 def test_a_paused_session_goes_on_where_it_was(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,6 +302,7 @@ def test_a_paused_session_goes_on_where_it_was(
     assert states(hub) == ["done", "done"]
 
 
+@pytest.mark.slow
 def test_after_a_session_with_exposures_of_its_own_the_live_picture_has_its_own_again(
     hub: BenchHub, tmp_path: Path
 ) -> None:
@@ -323,6 +328,7 @@ def test_after_a_session_with_exposures_of_its_own_the_live_picture_has_its_own_
     assert {record.gain_db for record in retaken} == {2.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_failed", [False, True])
 def test_after_a_session_that_broke_off_too_the_live_picture_has_its_exposure_again(
     tmp_path: Path, has_failed: bool
@@ -352,6 +358,7 @@ def test_after_a_session_that_broke_off_too_the_live_picture_has_its_exposure_ag
         wait_for(lambda: getattr(hub.camera.settings, "exposure_us", 0) == 7000.0, "exposure")
 
 
+@pytest.mark.slow
 def test_a_capture_found_bad_is_taken_again_or_kept_as_the_operator_says(hub: BenchHub) -> None:
     operator = Operator(hub)
     # White paper gives 1.5 e- a microsecond; the ADC ends near 20 000.

@@ -150,6 +150,7 @@ def test_a_page_that_sends_faster_than_it_may_is_read_at_the_pace_it_may(
         assert "refused" not in {hasty.receive_json()["type"] for _ in range(4)}
 
 
+@pytest.mark.slow
 def test_levels_and_picture_come_with_the_first_frame(hub: BenchHub) -> None:
     assert StateCache(hub).levels() is None
     hub.picture.start()

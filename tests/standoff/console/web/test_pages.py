@@ -64,6 +64,7 @@ def page(hub: BenchHub, path: str) -> str:
     return str(answer.text)
 
 
+@pytest.mark.slow
 def test_the_sessions_are_listed(hub: BenchHub) -> None:
     shown = page(hub, "/sessions")
     assert "Prüfling &lt;7&gt; &amp; 8" in shown

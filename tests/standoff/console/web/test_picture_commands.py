@@ -71,6 +71,7 @@ def test_the_profile_over_the_simulated_edge_rises_from_black_to_white(hub: Benc
     assert np.mean(levels[-10:]) == pytest.approx(below, abs=80)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start_us", [60.0, 9000.0, 400_000.0])
 def test_the_exposure_is_found_from_dark_and_from_saturated(hub: BenchHub, start_us: float) -> None:
     operator = Operator(hub)
