@@ -1,7 +1,6 @@
 """The edges of one photograph, and the file of a PSF."""
 
 from acquisition import Session as Session
-from analysis.reports import edge_csv
 from calibration.edges import EdgeMeasurement, Method, Region, measure_edges as measured_edges
 from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
 from calibration.psf import PsfCalibration
@@ -116,4 +115,6 @@ def write_edge_table(path: FilePath, psf: PsfCalibration) -> None:
     --------
     >>> standoff.write_edge_table("edges.csv", standoff.calibrate_psf("edge.tif"))
     """
+    from analysis.reports import edge_csv  # loads what plots
+
     write_file(path_of(path, "path"), edge_csv(psf).encode("utf-8"))
