@@ -66,11 +66,18 @@ def compile_ahead(works: tuple[tuple[str, ...], ...]) -> int:
     """
     processes = [
         subprocess.Popen(  # noqa: S603 - our own program, without a shell
-            [sys.executable, "-m", "standoff.warm_up", *group], stdout=subprocess.PIPE, text=True
+            [sys.executable, "-m", "standoff.warm_up", *group],
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for us, who end them without a word
         )
         for group in works
     ]
-    counts = [process.communicate()[0] for process in processes]
+    try:
+        counts = [process.communicate()[0] for process in processes]
+    finally:
+        for process in processes:
+            process.kill()  # nothing where it has ended
     for group, process in zip(works, processes, strict=True):
         if process.returncode != 0:
             raise RuntimeError(f"compiling {', '.join(group)} ahead failed")

@@ -310,11 +310,7 @@ def _with_slopes_along(
     if freedom <= 0 or _p_of_two_more(gain, best.squares - gain, freedom) > _SHADING_SCORE_P:
         return flat, False
     start = _with_slopes(best.parameters, np.zeros(2))
-    # Constants, as each shape is compiled for itself.
-    if is_square:
-        trial = levenberg_marquardt(pixels, weights, start, True, _FINE)
-    else:
-        trial = levenberg_marquardt(pixels, weights, start, False, _FINE)
+    trial = levenberg_marquardt(pixels, weights, start, is_square, _FINE)
     slopes = trial.parameters[FLAT_PARAMETERS:]
     p = _p_of_two_more(best.squares - trial.squares, trial.squares, freedom)
     least = _SHADING_LEAST * (trial.parameters[HIGH] - trial.parameters[LOW])
