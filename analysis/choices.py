@@ -20,6 +20,9 @@ Criterion = Literal["min", "quantile"]
 FALSE_ALARMS = 0.05
 """Expected number of pixels flagged in a frame without any change."""
 
+SPOT_SIGMA_PX = 1.5
+"""Width of the spots that the map of a comparison's detection limit is for."""
+
 ValidationModel = Literal[Model, KernelModel]
 VALIDATION_MODELS: tuple[ValidationModel, ...] = (
     "bicubic",

@@ -9,6 +9,7 @@ from .library.bench import (
 )
 from .library.call import Progress as Progress
 from .library.comparison import (
+    DetectionLimitOptions as DetectionLimitOptions,
     FeatureMatches as FeatureMatches,
     RegistrationHints as RegistrationHints,
     alignment_hints as alignment_hints,

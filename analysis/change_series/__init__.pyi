@@ -2,6 +2,7 @@ from .stored_comparison import time_line_of as time_line_of
 from .summary import (
     ChangesSeries as ChangesSeries,
     ComparedFollowup as ComparedFollowup,
+    limit_columns as limit_columns,
     read_changes_series as read_changes_series,
 )
 from .time_line import (

@@ -47,9 +47,9 @@ class _StoredComparison:
         rows, cols = self._sd_dn.shape
         if not (0 <= row < rows and 0 <= col < cols) or not self._sd_dn[row, col] > 0:
             return None
-        return PlaceReading(
-            significance=float(self._significance[row, col]), sd_dn=float(self._sd_dn[row, col])
-        )
+        sd_dn = float(self._sd_dn[row, col])
+        # Not significance.tif, which is of the width at which each place stands out most.
+        return PlaceReading(significance=float(self._difference_dn[row, col]) / sd_dn, sd_dn=sd_dn)
 
     @cached_property
     def _pose(self) -> DistortedPose:
@@ -62,8 +62,8 @@ class _StoredComparison:
         )
 
     @cached_property
-    def _significance(self) -> Float32Array:
-        return _mapped(self.folder / "significance.tif")
+    def _difference_dn(self) -> Float32Array:
+        return _mapped(self.folder / "difference.tif")
 
     @cached_property
     def _sd_dn(self) -> Float32Array:
@@ -109,6 +109,7 @@ def time_line_of(
                 folder=one.row.folder or "",
                 taken=one.row.taken,
                 changes=len(one.changes),
+                detection_limit=one.summary.detection_limit,
             )
             for one in stored
         ),

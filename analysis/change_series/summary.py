@@ -5,6 +5,7 @@ from typing import Final, Literal
 
 from pydantic import Field
 
+from analysis.changes import ChangeSummary
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
@@ -33,6 +34,9 @@ class ComparedFollowup(StoredValues):
         Those of its changes.json, one after the other.
     reference
         Of a folder of pairs, the photograph that it was compared with.
+    limit_spot_sigma_px, limit_median_dn, limit_p95_dn, limit_reached_fraction
+        Its detection limit: for spots of this width, at half and at 95 % of the compared pixels,
+        and the share of them where a contrast that was asked about would have been found.
     """
 
     followup: str
@@ -47,6 +51,23 @@ class ComparedFollowup(StoredValues):
     taken: str | None = None
     warnings: str | None = None
     reference: str | None = None
+    limit_spot_sigma_px: float | None = None
+    limit_median_dn: float | None = None
+    limit_p95_dn: float | None = None
+    limit_reached_fraction: float | None = None
+
+
+def limit_columns(found: ChangeSummary) -> dict[str, float | None]:
+    """Return the columns of a line that hold the detection limit; none for files of before."""
+    if found.detection_limit is None:
+        return {}
+    mapped = found.detection_limit.mapped
+    return {
+        "limit_spot_sigma_px": mapped.spot_sigma_px,
+        "limit_median_dn": mapped.median_dn,
+        "limit_p95_dn": mapped.p95_dn,
+        "limit_reached_fraction": mapped.reached_fraction,
+    }
 
 
 class ChangesSeries(ResultsDocument):

@@ -5,6 +5,7 @@ from typing import Final, Literal
 
 from pydantic import Field
 
+from analysis.changes import DetectionLimit
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
@@ -23,12 +24,15 @@ class TimeLineFollowup(StoredValues):
         The photograph, the folder of its results, and when it was taken as its file says.
     changes
         How many changes it has.
+    detection_limit
+        What would have been found in it.
     """
 
     followup: str
     folder: str
     taken: str | None = None
     changes: int
+    detection_limit: DetectionLimit | None = None
 
 
 class TrackPoint(StoredValues):

@@ -1,7 +1,9 @@
-from .chance import significance_threshold as significance_threshold
+from .chance import FilterWidth as FilterWidth, significance_threshold as significance_threshold
 from .document import (
     Change as Change,
     ChangeSummary as ChangeSummary,
+    DetectionLimit as DetectionLimit,
+    SpotLimit as SpotLimit,
     change_table as change_table,
     read_changes as read_changes,
 )
@@ -10,5 +12,7 @@ from .filter import (
     find_changes as find_changes,
 )
 from .focus_sentence import describe_focus as describe_focus
+from .limit_sentence import describe_limit as describe_limit, size_text as size_text
 from .options import ChangeOptions as ChangeOptions
 from .plot import changes_figure as changes_figure
+from .power import detection_power as detection_power, height_for as height_for

@@ -1,6 +1,9 @@
 """How many pixels and how many peaks of a frame without change exceed a significance."""
 
-from math import pi
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import log, pi, sqrt
 
 import numpy as np
 from scipy.optimize import brentq
@@ -8,52 +11,155 @@ from scipy.special import ndtr
 
 from simulation.arrays import FloatArray
 
-_SPREAD_ERR = 0.03
+SPREAD_ERR = 0.03
 """Relative standard deviation, over the frame, of the true spread about the one worked out: what
 the calibration of the variance and the neighbours' correlation leave open."""
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
-_SPREADS, _SHARES = 1 + _SPREAD_ERR * _NODES, _WEIGHTS / _WEIGHTS.sum()
+_SHARES = _WEIGHTS / _WEIGHTS.sum()
+_LEAST_SPREAD = 0.05
+
+_TAIL_NODES, _TAIL_WEIGHTS = np.polynomial.laguerre.laggauss(24)
 
 _LATTICE_NODES, _LATTICE_WEIGHTS = np.polynomial.legendre.leggauss(4)
 _OFF_PX2 = np.add.outer(_LATTICE_NODES**2, _LATTICE_NODES**2).ravel() / 4
 _OFF_SHARES = np.multiply.outer(_LATTICE_WEIGHTS, _LATTICE_WEIGHTS).ravel() / 4
-"""Squared distances of a peak from its nearest pixel, and their shares."""
+"""Squared distances of a peak from its nearest sample, and their shares."""
+
+_HIGHEST_SD = 40.0
+_NEVER = 1e-300
 
 
-def significance_threshold(rate: float) -> float:
-    """Standard deviations that a pixel without change exceeds, either way, at this rate."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilterWidth:
+    """A Gaussian behind which changes are looked for.
 
-    def excess(threshold: float) -> float:
-        return float(np.log(np.sum(_SHARES * 2 * ndtr(-threshold / _SPREADS)) / rate))
+    Parameters
+    ----------
+    width_px
+        Its width; white noise behind it has the correlation ``exp(-d^2 / (4 width_px^2))``.
+    step_px
+        Distance of its samples.
+    spread_err
+        Relative standard deviation of the true spread about the one worked out.
+    allowance
+        Standard deviations to one of significance.
+    """
 
-    if rate >= 1:
+    width_px: float
+    step_px: int = 1
+    spread_err: float = SPREAD_ERR
+    allowance: float = 1.0
+
+    @property
+    def spreads(self) -> FloatArray:
+        """Spreads that the significance may have in truth, for the shares ``_SHARES``."""
+        return np.maximum(1 + self.spread_err * _NODES, _LEAST_SPREAD) / self.allowance
+
+    def exceeded_share(self, threshold_sd: float) -> float:
+        """Share of pixels without change beyond a significance, either way."""
+        return float(_SHARES @ (2 * ndtr(-threshold_sd / self.spreads)))
+
+
+def equally_strict(widths: Sequence[FilterWidth], share: float) -> tuple[FilterWidth, ...]:
+    """Set the allowances so that chance exceeds a threshold behind each width equally often.
+
+    Parameters
+    ----------
+    widths
+        The first keeps its allowance of 1.
+    share
+        Share of the pixels that chance flags behind any of them, for which this is exact.
+    """
+    narrowest = FilterWidth(width_px=widths[0].width_px, spread_err=widths[0].spread_err)
+    # Roughly: for the allowances it hardly matters how much the widths agree.
+    threshold = significance_threshold(share / len(widths), (narrowest,))
+    if not threshold:
+        return tuple(widths)
+    own = narrowest.exceeded_share(threshold)
+    made = []
+    for width in widths:
+        plain = FilterWidth(width_px=width.width_px, spread_err=width.spread_err)
+        made.append(
+            FilterWidth(
+                width_px=width.width_px,
+                step_px=width.step_px,
+                spread_err=width.spread_err,
+                allowance=significance_threshold(own, (plain,)) / threshold,
+            )
+        )
+    return tuple(made)
+
+
+def exceeded_share(threshold_sd: float, widths: Sequence[FilterWidth]) -> float:
+    """Share of pixels without change beyond a significance, either way, behind any of the widths.
+
+    The sum over the widths, less what neighbouring ones exceed together: Hunter's bound, which is
+    exact where each width depends on its neighbours alone.
+
+    References
+    ----------
+    D. Hunter, "An upper bound for the probability of a union", J. Appl. Prob. 13 (1976), 597-603.
+    """
+    shares = [width.exceeded_share(threshold_sd) for width in widths]
+    both = sum(
+        min(own, other) * _agreement(threshold_sd, narrow, wide)
+        for (own, other), (narrow, wide) in zip(pairwise(shares), pairwise(widths), strict=True)
+    )
+    return sum(shares) - both
+
+
+def _agreement(threshold_sd: float, narrow: FilterWidth, wide: FilterWidth) -> float:
+    """Probability that noise beyond a threshold behind one width is so behind the other."""
+    ratio = wide.width_px / narrow.width_px
+    correlation = 2 * ratio / (1 + ratio**2)
+    threshold = max(threshold_sd, 1.0)
+    beyond = _TAIL_NODES / threshold
+    weight = _TAIL_WEIGHTS * np.exp(-(beyond**2) / 2)
+    passed = ndtr(
+        (correlation * (threshold + beyond) - threshold) / sqrt(1 - correlation**2)
+    )
+    return float(weight @ passed / weight.sum())
+
+
+def significance_threshold(share: float, widths: Sequence[FilterWidth]) -> float:
+    """Significance that this share of the pixels without change exceeds behind any of the widths."""
+
+    def excess(threshold_sd: float) -> float:
+        return log(max(exceeded_share(threshold_sd, widths), _NEVER) / share)
+
+    if excess(0.0) <= 0:
         return 0.0
-    return float(brentq(excess, 0.0, 30.0))
+    return float(brentq(excess, 0.0, _HIGHEST_SD))
 
 
-def expected_peaks(significance: FloatArray, area_px: int, smoothing_px: float) -> FloatArray:
+def expected_peaks(
+    significance: FloatArray, area_px: int, widths: Sequence[FilterWidth]
+) -> FloatArray:
     """How many peaks of either sign chance lifts beyond a significance, in a frame.
 
     The expected Euler characteristic of the set beyond it, which at 3 standard deviations and more
-    is the number of its peaks; each is seen in the pixel nearest to it, and so a little lower.
+    is the number of its peaks; each is seen in the sample nearest to it, and so a little lower. A
+    peak behind several widths counts for each.
 
     Parameters
     ----------
     significance
-        Standard deviations, any shape.
+        Any shape.
     area_px
         Pixels that were compared.
-    smoothing_px
-        Width of the Gaussian behind which the noise was white: neighbours have the correlation
-        ``exp(-d^2 / (4 smoothing_px^2))``.
+    widths
+        Of the filters that look for changes.
 
     References
     ----------
     R. J. Adler, The Geometry of Random Fields (1981), theorem 5.3.1; with the mean curvature of a
-    high peak, as in theorem 6.8.1, for what its pixel misses.
+    high peak, as in theorem 6.8.1, for what its sample misses.
     """
-    lowered = np.exp(-_OFF_PX2 / (4 * smoothing_px**2))
-    height = np.asarray(significance)[..., None, None] / (_SPREADS[:, None] * lowered)
-    density = height * np.exp(-(height**2) / 2) / ((2 * pi) ** 1.5 * 2 * smoothing_px**2)
-    return np.asarray(2 * area_px * np.einsum("...ij,i,j->...", density, _SHARES, _OFF_SHARES))
+    total = np.zeros(np.shape(significance))
+    for width in widths:
+        lowered = np.exp(-_OFF_PX2 * width.step_px**2 / (4 * width.width_px**2))
+        height = np.asarray(significance)[..., None, None] / (width.spreads[:, None] * lowered)
+        density = height * np.exp(-(height**2) / 2) / ((2 * pi) ** 1.5 * 2 * width.width_px**2)
+        total += 2 * area_px * np.einsum("...ij,i,j->...", density, _SHARES, _OFF_SHARES)
+    return total

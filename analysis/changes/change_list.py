@@ -1,13 +1,15 @@
-"""The list of changes: connected pixels beyond the threshold, each with place and amplitude."""
+"""The list of changes, each with its place, amplitude and size."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change
 from analysis.changes.false_discovery import q_values
-from analysis.changes.peaks import ConnectedPeaks, connected_peaks
-from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, fit_spot, level_at
+from analysis.changes.levels import DetectionLevel
+from analysis.changes.linked_regions import LinkedRegion
+from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, SmoothedField, fit_spot
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 
@@ -16,35 +18,44 @@ _MOST_FITTED = 300
 
 
 def list_changes(
-    compared: Comparison, pose: DistortedPose, threshold_sd: float
+    regions: Sequence[LinkedRegion],
+    levels: Sequence[DetectionLevel],
+    pose: DistortedPose,
+    *,
+    is_on_followup: bool,
 ) -> tuple[Change, ...]:
-    """List the connected changes of one sign, the most significant first.
+    """Describe changes, in their order.
 
     Parameters
     ----------
-    compared
-        The smoothed difference with its standard deviation.
+    regions
+        What stands out, the most significant first.
+    levels
+        The difference behind each width, the narrowest first.
     pose
         Of the follow-up in the reference: gives the places in the photograph that is not the grid.
-    threshold_sd
-        Standard deviations beyond which a pixel counts as changed.
+    is_on_followup
+        Whether the grid is that of the follow-up's pixels; the reference's if not.
     """
-    peaks = connected_peaks(compared.significance, threshold_sd)
-    if not len(peaks):
+    if not regions:
         return ()
-    spots = _fitted(compared, peaks)
+    spots = _fitted(regions, levels)
     y, x = np.array([(spot.y_px, spot.x_px) for spot in spots]).T
-    if compared.is_on_followup:
+    area_px = np.array([len(region.rows) for region in regions], dtype=np.float64)
+    sigma_px = np.array([spot.sigma_px for spot in spots])
+    if is_on_followup:
         followup, reference = (y, x), pose.to_reference_px(y, x)
-        scale = np.ones(len(peaks))
     else:
         followup, reference = pose.to_followup_px(y, x), (y, x)
         scale = _followup_px_by_pixel(pose, y, x)
-    q_value = q_values(peaks.significance, int(compared.valid.sum()), compared.smoothing_px)
-    columns = np.stack([
-        followup[1], followup[0], reference[1], reference[0],
-        peaks.area_px * scale, peaks.significance, q_value,
-    ], axis=1)  # fmt: skip
+        area_px, sigma_px = area_px * scale, sigma_px * np.sqrt(scale)
+    heights = np.abs([region.significance for region in regions])
+    compared_px = int(np.count_nonzero(levels[0].valid))
+    q_value = q_values(heights, compared_px, [level.filter_width for level in levels])
+    columns = np.stack(
+        [followup[1], followup[0], reference[1], reference[0], area_px, sigma_px, heights, q_value],
+        axis=1,
+    )
     return tuple(
         Change(
             x_px=row[0],
@@ -52,30 +63,54 @@ def list_changes(
             reference_x_px=row[2],
             reference_y_px=row[3],
             area_px=row[4],
+            spot_sigma_px=row[5],
             amplitude_dn=spot.amplitude_dn,
             amplitude_err_dn=spot.amplitude_err_dn,
-            significance=row[5],
-            q_value=row[6],
+            significance=row[6],
+            q_value=row[7],
         )
         for row, spot in zip(columns.tolist(), spots, strict=True)
     )
 
 
-def _fitted(compared: Comparison, peaks: ConnectedPeaks) -> list[FittedSpot]:
-    at = np.stack([peaks.row, peaks.col], axis=1)
-    reach = NEIGHBOUR_REACH * compared.smoothing_px
+def _fitted(
+    regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel]
+) -> list[FittedSpot]:
+    fields = [SmoothedField.of(level) for level in levels]
+    at = np.array([(region.row, region.col) for region in regions])
     tree = cKDTree(at)
-    near = tree.query_ball_tree(tree, reach)
     spots = []
-    for index, peak in enumerate(at):
+    for index, region in enumerate(regions):
         if index >= _MOST_FITTED:
-            spots.append(level_at(compared, (int(peak[0]), int(peak[1]))))
+            spots.append(_as_it_stands(region, fields[0]))
             continue
-        others = np.array([other for other in near[index] if other != index], dtype=np.int64)
-        distance = np.linalg.norm(at[others] - peak, axis=1)
+        # One level narrower than the one that finds it best: there its shape is still seen.
+        field = fields[max(region.level - 1, 0)]
+        near = tree.query_ball_point(at[index], NEIGHBOUR_REACH * field.width_px)
+        others = np.array([other for other in near if other != index], dtype=np.int64)
+        distance = np.linalg.norm(at[others] - at[index], axis=1)
         nearest = at[others[np.argsort(distance, kind="stable")]]
-        spots.append(fit_spot(compared, (int(peak[0]), int(peak[1])), nearest))
+        spots.append(
+            fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, fields[0])
+        )
     return spots
+
+
+def _as_it_stands(region: LinkedRegion, narrowest: SmoothedField) -> FittedSpot:
+    """Take the strongest pixel for the peak of a change that is no spot, and its pixels for a disc.
+
+    A disc has the second moments of a Gaussian half as wide as its radius.
+    """
+    signed = narrowest.difference_dn[region.rows, region.cols] * np.sign(region.significance)
+    top = int(np.argmax(signed / narrowest.sd_dn[region.rows, region.cols]))
+    place = (region.rows[top], region.cols[top])
+    return FittedSpot(
+        y_px=float(place[0]),
+        x_px=float(place[1]),
+        amplitude_dn=float(narrowest.difference_dn[place]),
+        amplitude_err_dn=float(narrowest.sd_dn[place]),
+        sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
+    )
 
 
 def _followup_px_by_pixel(pose: DistortedPose, y: FloatArray, x: FloatArray) -> FloatArray:

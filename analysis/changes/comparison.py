@@ -79,6 +79,8 @@ class Comparison:
         Pixels that were compared.
     smoothing_px
         Width of the Gaussian that smoothed the photograph whose pixels the grid has.
+    followup_smoothing_px
+        Width of that which smoothed the follow-up, in pixels of the grid.
     kernel
         Where the blur between the photographs is known from.
     extra_blur_px2, extra_blur_err_px2
@@ -101,6 +103,7 @@ class Comparison:
     sd_dn: FloatImage
     valid: BoolArray
     smoothing_px: float
+    followup_smoothing_px: float
     kernel: KernelOrigin
     extra_blur_px2: float
     extra_blur_err_px2: float
@@ -356,6 +359,9 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         sd_dn=sd,
         valid=valid,
         smoothing_px=smoothing.target_px,
+        followup_smoothing_px=(
+            smoothing.target_px if pair.is_on_followup else smoothing.source_px
+        ),
         kernel=focus.kernel,
         extra_blur_px2=focus.extra_px2,
         extra_blur_err_px2=focus.err_px2,

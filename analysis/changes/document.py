@@ -43,6 +43,8 @@ class Change(StoredValues):
         Standard deviations by which its strongest place stands out from chance; positive.
     q_value
         Share of false ones expected among the changes that are at least as significant.
+    spot_sigma_px
+        Width of the Gaussian spot that fits best, in follow-up pixels; None in files of before.
     """
 
     x_px: float
@@ -54,6 +56,65 @@ class Change(StoredValues):
     amplitude_err_dn: float
     significance: float
     q_value: float
+    spot_sigma_px: float | None = None
+
+
+class SpotLimit(StoredValues):
+    """Amplitude at which Gaussian spots of one width are found, over the compared pixels.
+
+    Parameters
+    ----------
+    spot_sigma_px, spot_sigma_mm
+        Width of the spot as the follow-up shows it, in its pixels and, if their size is known, mm.
+    median_dn, p95_dn, worst_dn
+        Limit in the follow-up's levels: at half of the pixels it is lower than the first, at 95 %
+        lower than the second, and nowhere higher than the third.
+    reached_fraction
+        Share of the compared pixels where the limit is below a contrast that was asked about.
+    """
+
+    spot_sigma_px: float
+    median_dn: float
+    p95_dn: float
+    worst_dn: float
+    reached_fraction: float | None = None
+    spot_sigma_mm: float | None = None
+
+
+PixelPlane = Literal["scene", "sensor"]
+"""Where the size of a pixel is measured."""
+
+
+class DetectionLimit(StoredValues):
+    """What a comparison would have found.
+
+    Parameters
+    ----------
+    power
+        Share of the spots at the limit that are found.
+    spots
+        Limits, a width each.
+    contrast_dn
+        Amplitude that was asked about.
+    map_spot_sigma_px
+        Width of the spots whose limit limit.tif maps.
+    pixel_size_mm, pixel_size_on
+        Side of a follow-up pixel, if it is known, and where: on the scene or on the sensor.
+    """
+
+    power: float
+    spots: tuple[SpotLimit, ...]
+    contrast_dn: float | None = None
+    map_spot_sigma_px: float
+    pixel_size_mm: float | None = None
+    pixel_size_on: PixelPlane | None = None
+
+    @property
+    def mapped(self) -> SpotLimit:
+        """The limit that limit.tif maps."""
+        return next(
+            spot for spot in self.spots if spot.spot_sigma_px == self.map_spot_sigma_px
+        )
 
 
 class ChangeSummary(ResultsDocument):
@@ -93,6 +154,10 @@ class ChangeSummary(ResultsDocument):
         Follow-up pixels that either photograph shows clipped at white or black.
     kernel
         Where the blur between the photographs is known from; None in files of before.
+    detection_limit
+        What would have been found; None in files of before.
+    frame_px
+        Pixels of the follow-up.
     warnings
         Sentences on what makes the changes doubtful.
     """
@@ -120,6 +185,8 @@ class ChangeSummary(ResultsDocument):
     false_discovery_rate: float | None = None
     saturated_px: int = 0
     kernel: KernelOrigin | None = None
+    detection_limit: DetectionLimit | None = None
+    frame_px: int | None = None
     warnings: tuple[str, ...] = ()
 
     def to_dataframe(self) -> "DataFrame":

@@ -7,12 +7,14 @@ R. J. Adler, "Multiple testing of local maxima for detection of peaks in 1D", An
 (2011), 3290-3319, show that this controls the share of false peaks.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.optimize import brentq
 
-from analysis.changes.chance import expected_peaks
-from analysis.changes.comparison import Comparison
-from analysis.changes.peaks import connected_peaks
+from analysis.changes.chance import FilterWidth, expected_peaks
+from analysis.changes.levels import DetectionLevel
+from analysis.changes.linked_regions import link_levels
 from simulation.arrays import FloatArray
 
 _LOWEST_SD = 3.0
@@ -21,7 +23,9 @@ _LOWEST_SD = 3.0
 _HIGHEST_SD = 30.0
 
 
-def q_values(significance: FloatArray, area_px: int, smoothing_px: float) -> FloatArray:
+def q_values(
+    significance: FloatArray, area_px: int, widths: Sequence[FilterWidth]
+) -> FloatArray:
     """Share of false ones expected among the peaks at least as significant as each.
 
     Parameters
@@ -30,25 +34,25 @@ def q_values(significance: FloatArray, area_px: int, smoothing_px: float) -> Flo
         Of all peaks beyond a threshold, falling, shape ``(n,)``.
     area_px
         Pixels that were compared.
-    smoothing_px
-        Width of the Gaussian behind which the noise was white.
+    widths
+        Of the filters that found them.
     """
     if not len(significance):
         return np.zeros(0)
-    by_chance = expected_peaks(significance, area_px, smoothing_px)
+    by_chance = expected_peaks(significance, area_px, widths)
     share = by_chance / np.arange(1, len(significance) + 1)
     return np.minimum(np.minimum.accumulate(share[::-1])[::-1], 1.0)
 
 
-def discovery_threshold(compared: Comparison, rate: float) -> float:
+def discovery_threshold(levels: Sequence[DetectionLevel], rate: float) -> float:
     """Lowest threshold in standard deviations at which this share of the changes is false.
 
     Where nothing stands out, the threshold is that which chance exceeds in this share of frames.
 
     Parameters
     ----------
-    compared
-        The smoothed difference with its standard deviation.
+    levels
+        The difference behind each width, the narrowest first.
     rate
         Share of false changes among those listed, above 0 and below 1.
 
@@ -59,13 +63,14 @@ def discovery_threshold(compared: Comparison, rate: float) -> float:
     """
     if not 0 < rate < 1:
         raise ValueError(f"false_discovery_rate must be between 0 and 1, got {rate}")
-    area, smoothing = int(compared.valid.sum()), compared.smoothing_px
-    found = connected_peaks(compared.significance, _LOWEST_SD).significance
-    is_kept = q_values(found, area, smoothing) <= rate
+    area, widths = int(levels[0].valid.sum()), [level.filter_width for level in levels]
+    found = link_levels(levels, _LOWEST_SD).regions
+    heights = np.abs([region.significance for region in found])
+    is_kept = q_values(heights, area, widths) <= rate
     allowed = rate * max(int(is_kept.sum()), 1)
 
     def excess(height: float) -> float:
-        return float(np.log(expected_peaks(np.array(height), area, smoothing) / allowed))
+        return float(np.log(expected_peaks(np.array(height), area, widths) / allowed))
 
     if excess(_LOWEST_SD) <= 0:
         return _LOWEST_SD

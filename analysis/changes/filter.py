@@ -5,11 +5,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.changes.chance import significance_threshold
+from analysis.changes.chance import FilterWidth, significance_threshold
 from analysis.changes.change_list import list_changes
 from analysis.changes.comparison import Comparison, compare
+from analysis.changes.detection_limit import LimitMaps, detection_limit
 from analysis.changes.document import ChangeSummary
 from analysis.changes.false_discovery import discovery_threshold
+from analysis.changes.levels import detection_levels
+from analysis.changes.linked_regions import link_levels
 from analysis.changes.matching import PixelPositions, spline_coefficients
 from analysis.changes.options import ChangeOptions
 from analysis.changes.unusable import clipped_at_white
@@ -47,15 +50,20 @@ class ChangeResult:
     variance_dn2
         Variance of the difference.
     significance
-        Difference over its standard deviation.
+        Difference over its standard deviation, behind the width of filter at which it stands out
+        most.
+    limit_dn
+        Amplitude at which a spot would have been found; NaN where not compared.
     is_change
-        Where the significance exceeds the threshold in absolute value.
+        Pixels of the changes.
     valid
         Pixels that were compared.
     pose
         Position of every follow-up pixel in the reference.
     masks
         Changed, compared and clipped pixels.
+    filter_widths
+        Behind which changes were looked for, in pixels of the coarser photograph.
     """
 
     summary: ChangeSummary
@@ -65,10 +73,12 @@ class ChangeResult:
     pose_difference_dn: FloatImage
     variance_dn2: FloatImage
     significance: FloatImage
+    limit_dn: FloatImage
     is_change: BoolArray
     valid: BoolArray
     pose: DistortedPose
     masks: ChangeMasks
+    filter_widths: tuple[FilterWidth, ...]
 
     def __repr__(self) -> str:
         found = self.summary
@@ -130,19 +140,31 @@ def find_changes(
         pose, k1_err, warnings = aligned.pose, aligned.k1_err, aligned.warnings
     _refuse_horizon(pose)
     compared = compare(reference, followup, psf, pose, options)
-    maps = _Maps.of(compared, pose)
-    threshold = _threshold(compared, maps, options)
-    is_change = np.abs(maps.significance) > threshold
-    changes = list_changes(compared, pose, threshold)
-    masks = _masks(reference, followup, pose, options, (is_change, maps.valid))
+    grid = _FollowupGrid.of(compared, pose)
+    compared_px = int(np.count_nonzero(grid.valid))
+    false_share = options.false_alarms / max(compared_px, 1)
+    levels = detection_levels(compared, false_share)
+    widths = tuple(level.filter_width for level in levels)
+    if options.false_discovery_rate is None:
+        threshold = significance_threshold(false_share, widths)
+    else:
+        threshold = discovery_threshold(levels, options.false_discovery_rate)
+    found = link_levels(levels, threshold)
+    changes = list_changes(found.regions, levels, pose, is_on_followup=compared.is_on_followup)
+    limits = LimitMaps.of(compared, levels, threshold, grid.followup_px)
+    difference, plain, sd = map(
+        grid.brought, (compared.difference_dn, compared.plain_difference_dn, compared.sd_dn)
+    )
+    is_change = grid.marked(found.is_change)
+    masks = _masks(reference, followup, pose, options, (is_change, grid.valid))
     return ChangeResult(
         summary=ChangeSummary(
             homography=pose.matrix.tolist(),
             distortion_k1=pose.k1,
             distortion_k1_err=k1_err,
             zoom=pose.zoom,
-            changed_px=int(is_change.sum()),
-            compared_px=int(maps.valid.sum()),
+            changed_px=int(np.count_nonzero(is_change)),
+            compared_px=compared_px,
             threshold_sd=threshold,
             false_alarms_px=options.false_alarms,
             false_discovery_rate=options.false_discovery_rate,
@@ -158,61 +180,70 @@ def find_changes(
             changes=changes,
             saturated_px=int(np.count_nonzero(masks.clipped | masks.reference_clipped)),
             kernel=compared.kernel,
+            detection_limit=detection_limit(
+                limits, options.spot_sigma_px, options.limit_contrast_dn
+            ),
+            frame_px=grid.valid.size,
             warnings=(*warnings, *compared.warnings, *change_warnings(changes, masks)),
         ),
         followup_dn=np.asarray(followup, dtype=np.float32),
-        difference_dn=maps.difference_dn,
-        plain_difference_dn=maps.plain_difference_dn,
-        pose_difference_dn=maps.plain_difference_dn - maps.difference_dn,
-        variance_dn2=maps.sd_dn**2,
-        significance=maps.significance,
+        difference_dn=difference,
+        plain_difference_dn=plain,
+        pose_difference_dn=plain - difference,
+        variance_dn2=sd**2,
+        significance=grid.brought(found.significance),
+        limit_dn=grid.brought(limits.limit_dn(options.spot_sigma_px), np.nan),
         is_change=is_change,
-        valid=maps.valid,
+        valid=grid.valid,
         pose=pose,
         masks=masks,
+        filter_widths=widths,
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Maps:
-    """Images of a comparison on the follow-up's pixels."""
+class _FollowupGrid:
+    """Brings images of a comparison to the follow-up's pixels.
 
-    difference_dn: FloatImage
-    plain_difference_dn: FloatImage
-    sd_dn: FloatImage
-    significance: FloatImage
+    Parameters
+    ----------
+    positions
+        Of the follow-up's pixels on the comparison's grid; None if they are the same.
+    valid
+        Follow-up pixels that were compared.
+    followup_px
+        Follow-up pixels to one of the grid, along a line.
+    """
+
+    positions: PixelPositions | None
     valid: BoolArray
+    followup_px: float
 
     @classmethod
-    def of(cls, compared: Comparison, pose: DistortedPose) -> "_Maps":
-        """Bring the images there: they are smooth, and a spline does it."""
-        valid = compared.valid
-        images = [compared.difference_dn, compared.plain_difference_dn, compared.sd_dn,
-                  compared.significance]  # fmt: skip
-        if not compared.is_on_followup:
-            positions = PixelPositions.of(
-                pose.to_reference_px, pose.followup_shape, pose.reference_shape
-            )
-            valid = positions.inside(valid, 0.0)
-            images = [_brought(image, positions, valid) for image in images]
-        return cls(
-            difference_dn=images[0],
-            plain_difference_dn=images[1],
-            sd_dn=images[2],
-            significance=images[3],
-            valid=valid,
+    def of(cls, compared: Comparison, pose: DistortedPose) -> "_FollowupGrid":
+        """Find where the pixels of both lie."""
+        if compared.is_on_followup:
+            return cls(positions=None, valid=compared.valid, followup_px=1.0)
+        positions = PixelPositions.of(
+            pose.to_reference_px, pose.followup_shape, pose.reference_shape
         )
+        valid = positions.inside(compared.valid, 0.0)
+        return cls(positions=positions, valid=valid, followup_px=1 / positions.zoom)
 
+    def brought(self, image: FloatImage, outside: float = 0.0) -> FloatImage:
+        """Interpolate a smooth image; ``outside`` where it was not compared."""
+        if self.positions is None:
+            return np.where(self.valid, image, np.float32(outside))
+        known = np.isfinite(image)
+        # What is not known must not ring into what is.
+        whole = np.where(known, image, np.float32(np.median(image[known])) if known.any() else 0)
+        coefficients = spline_coefficients(np.asarray(whole, dtype=np.float32), 0.0)
+        seen = self.positions.seen(coefficients)
+        return np.where(self.valid & np.isfinite(seen), seen, np.float32(outside))
 
-def _brought(image: FloatImage, positions: PixelPositions, valid: BoolArray) -> Float32Array:
-    seen = positions.seen(spline_coefficients(np.asarray(image, dtype=np.float32), 0.0))
-    return np.where(valid & np.isfinite(seen), seen, np.float32(0))
-
-
-def _threshold(compared: Comparison, maps: _Maps, options: ChangeOptions) -> float:
-    if options.false_discovery_rate is not None:
-        return discovery_threshold(compared, options.false_discovery_rate)
-    return significance_threshold(options.false_alarms / max(int(maps.valid.sum()), 1))
+    def marked(self, mask: BoolArray) -> BoolArray:
+        """Bring a mask."""
+        return mask if self.positions is None else self.positions.inside(mask, 0.0)
 
 
 def _masks(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from analysis.choices import FALSE_ALARMS
+from analysis.choices import FALSE_ALARMS, SPOT_SIGMA_PX
 from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import BoolArray, Float32Array
 from simulation.capture_noise import CaptureNoise
@@ -25,6 +25,10 @@ class ChangeOptions:
     false_discovery_rate
         Share of false ones among the changes listed, which then decides instead; None for the
         rate of false alarms.
+    spot_sigma_px
+        Width of the spots that the map of the detection limit is for, in follow-up pixels.
+    limit_contrast_dn
+        Amplitude for which the detection limit says where it would have been found.
     left_out
         Follow-up pixels that do not count, shape of the follow-up.
     white_level_dn
@@ -40,6 +44,8 @@ class ChangeOptions:
     noise: CaptureNoise | None = None
     false_alarms: float = FALSE_ALARMS
     false_discovery_rate: float | None = None
+    spot_sigma_px: float = SPOT_SIGMA_PX
+    limit_contrast_dn: float | None = None
     left_out: BoolArray | None = None
     white_level_dn: tuple[float | None, float | None] = (None, None)
     variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)

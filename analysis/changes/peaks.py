@@ -1,4 +1,4 @@
-"""Connected pixels of one sign beyond a threshold, and the strongest of each."""
+"""Connected places of one sign beyond a threshold, at one level."""
 
 from dataclasses import dataclass
 
@@ -7,34 +7,41 @@ import numpy as np
 
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 
+_CORE = 0.5
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ConnectedPeaks:
-    """The most significant first; shape ``(n,)`` each.
+class Region:
+    """Connected places beyond the threshold.
 
     Parameters
     ----------
     row, col
-        The strongest pixel.
+        The strongest place.
     significance
-        Its standard deviations, positive.
-    area_px
-        Number of connected pixels.
+        Its standard deviations, signed.
+    rows, cols
+        All places, shape ``(n,)``.
+    heights
+        Standard deviations there, positive.
     """
 
-    row: IntArray
-    col: IntArray
-    significance: FloatArray
-    area_px: IntArray
+    row: int
+    col: int
+    significance: float
+    rows: IntArray
+    cols: IntArray
+    heights: FloatArray
 
-    def __len__(self) -> int:
-        return len(self.row)
+    def core(self) -> BoolArray:
+        """Which places have at least half the height; the others are its blurred skirt."""
+        return np.asarray(self.heights >= _CORE * abs(self.significance))
 
 
-def connected_peaks(significance: FloatImage, threshold_sd: float) -> ConnectedPeaks:
-    """Find the connected regions beyond a threshold.
+def connected_regions(significance: FloatImage, threshold_sd: float) -> list[Region]:
+    """Find the connected regions beyond a threshold, the most significant first.
 
-    Pixels that touch at a corner are connected; those of opposite signs are not.
+    Places that touch at a corner are connected; those of opposite signs are not.
 
     Parameters
     ----------
@@ -43,24 +50,35 @@ def connected_peaks(significance: FloatImage, threshold_sd: float) -> ConnectedP
     threshold_sd
         Not negative; a region lies strictly beyond it.
     """
-    above, below = (_regions(significance * sign, threshold_sd) for sign in (1, -1))
-    both = np.concatenate([above, below])
+    found = [
+        region for sign in (1.0, -1.0) for region in _of_sign(significance, threshold_sd, sign)
+    ]
     # Ties in the order of rows and columns.
-    both = both[np.lexsort((both[:, 1], both[:, 0], -both[:, 2]))]
-    row, col, area = (both[:, column].astype(np.int64) for column in (0, 1, 3))
-    return ConnectedPeaks(row=row, col=col, significance=both[:, 2], area_px=area)
+    return sorted(found, key=lambda one: (-abs(one.significance), one.row, one.col))
 
 
-def _regions(height: FloatImage, threshold_sd: float) -> FloatArray:
-    """Row, column, height and area of each region, shape (n, 4)."""
-    mask: BoolArray = np.asarray(height > threshold_sd)
+def _of_sign(significance: FloatImage, threshold_sd: float, sign: float) -> list[Region]:
+    mask = significance > threshold_sd if sign > 0 else significance < -threshold_sd
     if not mask.any():
-        return np.zeros((0, 4))
+        return []
     count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
     rows, cols = np.nonzero(mask)
-    label, values = labels[rows, cols] - 1, height[rows, cols]
-    order = np.lexsort((cols, rows, -values, label))
-    first = np.searchsorted(label[order], np.arange(count - 1))
-    top = order[first]
-    area = np.bincount(label, minlength=count - 1)
-    return np.stack([rows[top], cols[top], values[top], area], axis=1).astype(np.float64)
+    label = labels[rows, cols] - 1
+    height = np.abs(significance[rows, cols])
+    order = np.lexsort((cols, rows, -height, label))
+    first = np.searchsorted(label[order], np.arange(count))
+    regions = []
+    for start, end in zip(first[:-1].tolist(), [*first[1:-1].tolist(), len(order)], strict=True):
+        of_region = order[start:end]
+        top = of_region[0]
+        regions.append(
+            Region(
+                row=int(rows[top]),
+                col=int(cols[top]),
+                significance=float(sign * height[top]),
+                rows=rows[of_region],
+                cols=cols[of_region],
+                heights=height[of_region],
+            )
+        )
+    return regions

@@ -9,13 +9,13 @@ within reach are fitted along, so that none takes another's light.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import ceil, exp, sqrt
+from math import ceil, exp, log, sqrt
 from typing import Final, Self
 
 import numpy as np
 
-from analysis.changes.comparison import Comparison
-from simulation.arrays import BoolArray, FloatArray, IntArray
+from analysis.changes.levels import DetectionLevel
+from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 
 _REACH = 7.0
 """Radius of the fitted disc over the smoothing: holds all but 1 % of a spot three times as wide."""
@@ -43,6 +43,9 @@ _MOST_DAMPING = 1e6
 _LEAST_TOLD = 1e-10
 _WANDERED = 5.0
 _MOST_SPOTS = 4
+_CLOSE_PX = 1.9
+"""Width from which on every other pixel shows all of a field."""
+
 _MOST_ADDED = 0.2
 _UNEXPLAINED = 5.0
 """Standard deviations of what a fit leaves in a pixel beyond which there is another spot."""
@@ -78,44 +81,79 @@ class FittedSpot:
     sigma_px: float
 
 
-def fit_spot(seen: Comparison, peak: tuple[int, int], others: IntArray) -> FittedSpot:
-    """Fit the change whose strongest pixel is ``peak``.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SmoothedField:
+    """A difference behind a Gaussian, sampled about once a width of it.
 
-    What no such spots explain is given the level of its strongest pixel.
+    Parameters
+    ----------
+    step_px
+        Pixels of the grid from one sample to the next; the first sample is the first pixel.
+    smoothing
+        Width of the Gaussian over the step.
+    difference_dn, sd_dn
+        At the samples, shape ``(rows, cols)``, with the plain standard deviation.
+    valid
+        Samples that count.
+    """
+
+    step_px: int
+    smoothing: float
+    difference_dn: FloatImage
+    sd_dn: FloatImage
+    valid: BoolArray
+
+    @classmethod
+    def of(cls, level: DetectionLevel) -> Self:
+        """Take every sample of a level, or every other one where they lie close."""
+        every = 1 if level.step_px == 1 and level.width_px < _CLOSE_PX else 2
+        part = np.s_[::every, ::every]
+        return cls(
+            step_px=level.step_px * every,
+            smoothing=level.width_px / (level.step_px * every),
+            difference_dn=level.difference_dn[part],
+            sd_dn=level.sd_dn[part] / np.float32(level.filter_width.allowance),
+            valid=level.valid[part],
+        )
+
+    @property
+    def width_px(self) -> float:
+        """Width of the Gaussian in pixels of the grid."""
+        return self.smoothing * self.step_px
+
+
+def fit_spot(seen: SmoothedField, peak: tuple[int, int], others: IntArray) -> FittedSpot | None:
+    """Fit the change whose strongest pixel is ``peak``; None where it is no such spot.
 
     Parameters
     ----------
     seen
         The smoothed difference.
     peak
-        Row and column.
+        Row and column, in pixels of the grid.
     others
         Strongest pixels of the changes near it, nearest first, shape ``(n, 2)``.
     """
-    disc = _Disc.around(peak, seen)
-    starts = [disc.start(at) for at in (peak, *others[: _MOST_SPOTS - 1].tolist())]
+    last = np.subtract(seen.valid.shape, 1)
+    at, beside = (
+        np.minimum(np.rint(np.asarray(place) / seen.step_px).astype(np.int64), last)
+        for place in (peak, others.reshape(-1, 2))
+    )
+    if not seen.valid[at[0], at[1]]:
+        return None
+    disc = _Disc.around((int(at[0]), int(at[1])), seen)
+    starts = [disc.start(place) for place in (at, *beside[: _MOST_SPOTS - 1].tolist())]
     fit = _fitted(disc, np.concatenate(starts), np.tile(_ROUND, len(starts)))
-    while fit.is_near(peak, _WANDERED * seen.smoothing_px) and fit.is_alone(disc):
+    while fit.is_near(at, _WANDERED * seen.smoothing) and fit.is_alone(disc):
         left = np.abs(disc.data - _model(fit.parameters, disc)[0])
         worst = int(np.argmax(left))
         if left[worst] < disc.most_left and fit.cost < disc.most_cost:
-            return fit.first_spot()
+            return fit.first_spot(seen.step_px)
         refined = fit.refined(disc, disc.pixel(worst))
         if not refined:
             break
         fit = min(refined, key=lambda trial: trial.cost)
-    return level_at(seen, peak)
-
-
-def level_at(seen: Comparison, peak: tuple[int, int]) -> FittedSpot:
-    """Take the smoothed difference at its strongest pixel for the peak of a wide change."""
-    return FittedSpot(
-        y_px=float(peak[0]),
-        x_px=float(peak[1]),
-        amplitude_dn=float(seen.difference_dn[peak]),
-        amplitude_err_dn=float(seen.sd_dn[peak]),
-        sigma_px=_WIDEST * seen.smoothing_px,
-    )
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,24 +165,25 @@ class _Disc:
     data: FloatArray
     sd: FloatArray
     weights: FloatArray
-    smoothing_px2: float
+    smoothing_2: float
     most_left: float
     most_cost: float
 
     @classmethod
-    def around(cls, peak: tuple[int, int], seen: Comparison) -> Self:
+    def around(cls, peak: tuple[int, int], seen: SmoothedField) -> Self:
         height = float(seen.difference_dn[peak] / seen.sd_dn[peak])
         # In steps of 4, so that the weights of few kinds of disc are needed.
-        steps = max(np.ceil(np.log((_SHAPE_ERR * height) ** 2 / _OWN_VARIANCE) / np.log(4)), 0.0)
+        wrong = max((_SHAPE_ERR * height) ** 2 / _OWN_VARIANCE, 1.0)
+        steps = ceil(log(wrong) / log(4))
         own = _OWN_VARIANCE * 4.0**steps
-        y, x, weights = _lattice(seen.smoothing_px, own)
+        y, x, weights = _lattice(seen.smoothing, own)
         rows, cols = peak[0] + y, peak[1] + x
         inside = (rows >= 0) & (rows < seen.valid.shape[0])
         inside &= (cols >= 0) & (cols < seen.valid.shape[1])
         inside[inside] = seen.valid[rows[inside], cols[inside]]
         if not inside.all():
             rows, cols = rows[inside], cols[inside]
-            weights = _inverse_correlation(rows, cols, seen.smoothing_px, own)
+            weights = _inverse_correlation(rows, cols, seen.smoothing, own)
         expected = max(len(rows) - own * float(np.trace(weights)), 0.0)
         sd = np.asarray(seen.sd_dn[rows, cols], dtype=np.float64)
         return cls(
@@ -153,7 +192,7 @@ class _Disc:
             data=seen.difference_dn[rows, cols] / sd,
             sd=sd,
             weights=weights,
-            smoothing_px2=seen.smoothing_px**2,
+            smoothing_2=seen.smoothing**2,
             most_left=_UNEXPLAINED * sqrt(1 + own),
             most_cost=_UNEXPLAINED_COST * expected + 3 * sqrt(2 * expected),
         )
@@ -165,7 +204,7 @@ class _Disc:
         """Parameters of the width that alone fits best there."""
         found, best = np.zeros(_PER_SPOT), -np.inf
         for width in _START_WIDTHS:
-            trial = np.array([1.0, *at, np.log(width**2 * self.smoothing_px2), 0.0, 0.0])
+            trial = np.array([1.0, *at, np.log(width**2 * self.smoothing_2), 0.0, 0.0])
             unit = _model(trial, self)[0]
             weighted = self.weights @ unit
             power, projected = float(unit @ weighted), float(self.data @ weighted)
@@ -202,7 +241,7 @@ class _Fit:
         added = abs(float(_model(others, near)[0][0]))
         return added < _MOST_ADDED * abs(float(self.parameters[0]))
 
-    def is_near(self, peak: tuple[int, int], most_px: float) -> bool:
+    def is_near(self, peak: IntArray, most: float) -> bool:
         """Whether the first spot is a change at the peak."""
         amplitude, y, x = self.parameters[:3]
         is_sure = amplitude**2 > self.variance[0]
@@ -210,17 +249,17 @@ class _Fit:
         return bool(
             is_sure
             and not (is_wide and self.parameters[3] > 0)
-            and np.hypot(y - peak[0], x - peak[1]) < most_px
+            and np.hypot(y - peak[0], x - peak[1]) < most
         )
 
-    def first_spot(self) -> FittedSpot:
+    def first_spot(self, step_px: int) -> FittedSpot:
         amplitude, y, x, log_size = self.parameters[:4].tolist()
         return FittedSpot(
-            y_px=y,
-            x_px=x,
+            y_px=y * step_px,
+            x_px=x * step_px,
             amplitude_dn=amplitude / (1 + _PEAK_BIAS * float(self.variance[0]) / amplitude**2),
             amplitude_err_dn=float(np.sqrt(self.variance[0])),
-            sigma_px=float(np.exp(log_size / 2)),
+            sigma_px=step_px * float(np.exp(log_size / 2)),
         )
 
 
@@ -228,7 +267,7 @@ def _fitted(disc: _Disc, starts: FloatArray, free: BoolArray) -> _Fit:
     """Levenberg and Marquardt's steps; widths stay between those of a pixel and of the disc."""
     low, high = np.full(starts.size, -np.inf), np.full(starts.size, np.inf)
     low[3::_PER_SPOT] = np.log(_NARROWEST_PX2)
-    high[3::_PER_SPOT] = np.log(_WIDEST**2 * disc.smoothing_px2)
+    high[3::_PER_SPOT] = np.log(_WIDEST**2 * disc.smoothing_2)
     for elongation in (4, 5):
         low[elongation::_PER_SPOT], high[elongation::_PER_SPOT] = -_LONGEST, _LONGEST
     parameters = np.clip(starts, low, high)
@@ -286,7 +325,7 @@ def _model(parameters: FloatArray, disc: _Disc) -> tuple[FloatArray, FloatArray]
         down, right = disc.y - y, disc.x - x
         # Of the smoothed spot: covariance, its inverse, and that times the distance.
         yy, xx, yx = size * (even + a), size * (even - a), size * b
-        wide_yy, wide_xx = yy + disc.smoothing_px2, xx + disc.smoothing_px2
+        wide_yy, wide_xx = yy + disc.smoothing_2, xx + disc.smoothing_2
         area2 = wide_yy * wide_xx - yx * yx
         inv_yy, inv_xx, inv_yx = wide_xx / area2, wide_yy / area2, -yx / area2
         pull_y, pull_x = inv_yy * down + inv_yx * right, inv_yx * down + inv_xx * right

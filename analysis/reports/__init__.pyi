@@ -12,6 +12,7 @@ from .changes import (
     changes_section as changes_section,
     compared_pictures as compared_pictures,
     count_text as count_text,
+    limit_figure as limit_figure,
     q_text as q_text,
     render_changes_report as render_changes_report,
     render_series_report as render_series_report,

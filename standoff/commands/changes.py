@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, BadParameter, Context, Option
 
-from analysis.choices import FALSE_ALARMS
+from analysis.choices import FALSE_ALARMS, SPOT_SIGMA_PX
 from standoff import library, terminal
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _RULES = (
     *terminal.HINT_RULES,
+    terminal.excludes("geometry", "pixel_size_mm", because="either says how large a pixel is"),
+    terminal.needs("reference_height_mm", "geometry"),
     terminal.needs("transfer", "psf"),
     terminal.excludes(
         "false_discovery_rate", "false_alarms", because="either decides the threshold"
@@ -73,6 +75,41 @@ def changes(
             help="Share of false ones among the listed changes, instead of --false-alarms.",
         ),
     ] = None,
+    spot_sigma: Annotated[
+        float,
+        Option(
+            min=0.3,
+            max=100,
+            metavar="S",
+            help="Width in px (sigma) of the spots whose detection limit is mapped.",
+        ),
+    ] = SPOT_SIGMA_PX,
+    limit_contrast: Annotated[
+        float | None,
+        Option(
+            min=1e-6,
+            metavar="C",
+            help="Also say where a spot of C DN would have been found.",
+        ),
+    ] = None,
+    pixel_size_mm: Annotated[
+        float | None,
+        Option(
+            min=1e-9,
+            metavar="MM",
+            help="Side of a follow-up pixel on the scene, for sizes in mm.",
+        ),
+    ] = None,
+    geometry: Annotated[
+        Path | None, Option(help="geometry.json of the camera, instead of --pixel-size-mm.")
+    ] = None,
+    reference_height_mm: Annotated[
+        float | None,
+        Option(
+            metavar="MM",
+            help="Height at which the reference was taken; the lowest of --geometry by default.",
+        ),
+    ] = None,
     report: Annotated[
         Path | None,
         Option(
@@ -96,7 +133,7 @@ def changes(
     """
     terminal.check_options(context, _RULES)
     terminal.refuse_suffix(report, "--report", terminal.REPORTS)
-    inputs_given = [reference, *followup, psf, noise, homography, points, mask]
+    inputs_given = [reference, *followup, psf, noise, geometry, homography, points, mask]
     terminal.refuse_overwriting([report], inputs_given, force=force)
     sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
     library.require_writable([report])
@@ -109,6 +146,13 @@ def changes(
             expect_zoom, homography=homography, points=points, mask=mask
         ),
         "white_level": white_level,
+        "limit": library.DetectionLimitOptions(
+            spot_sigma_px=spot_sigma,
+            contrast_dn=limit_contrast,
+            pixel_size_mm=pixel_size_mm,
+            geometry=geometry,
+            reference_height_mm=reference_height_mm,
+        ),
         "reading": terminal.reading_options(encoding, page, mean),
         "progress": terminal.ShownProgress(),
     }
@@ -138,7 +182,7 @@ def changes(
 
 
 def _show_one(out: Path, summary: ChangeSummary) -> None:
-    from analysis.changes import describe_focus
+    from analysis.changes import describe_focus, describe_limit
 
     found, count = summary.changes, len(summary.changes)
     if found:
@@ -148,13 +192,19 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
             title = f"The {len(shown)} most significant of {title}"
         terminal.print_table(
             title,
-            ["change", "x / px", "y / px", "area / px", "amplitude / DN", "significance", "q"],
+            [
+                "change", "x / px", "y / px", "area / px", "sigma / px", "amplitude / DN",
+                "significance", "q",
+            ],
             [_change_cells(number, change) for number, change in enumerate(shown, 1)],
         )
     terminal.say(
         f"{summary.changed_px} of {summary.compared_px} pixels changed by more than "
         f"{summary.threshold_sd:.2f} standard deviations (zoom {summary.zoom:.3f}); wrote {out}"
     )
+    limit = describe_limit(summary)
+    if limit is not None:
+        terminal.say(limit)
     focus = describe_focus(summary)
     if focus is not None and summary.kernel != "both":  # of which a warning tells
         terminal.say(focus)
@@ -170,6 +220,7 @@ def _change_cells(number: int, change: Change) -> list[str]:
         f"{change.x_px:.1f}",
         f"{change.y_px:.1f}",
         f"{change.area_px:.0f}",
+        "" if change.spot_sigma_px is None else f"{change.spot_sigma_px:.1f}",
         f"{change.amplitude_dn:+.3g} ± {reach_dn:.2g}",
         f"{change.significance:.1f}",
         q_text(change.q_value),
@@ -197,7 +248,7 @@ def _show_series(
         terminal.print_json_file(found.summary)
     else:
         terminal.print_few(
-            ["folder", "changes", "changed px", "compared px", "zoom"],
+            ["folder", "changes", "changed px", "compared px", "zoom", "limit / DN"],
             _cells,
             found,
             "Follow-ups with the most changed pixels",
@@ -211,6 +262,7 @@ def _show_series(
 
 def _cells(one: ComparedFollowup) -> list[str]:
     if one.folder is None:
-        return [Path(one.followup).name, "", "", "", "none"]
+        return [Path(one.followup).name, "", "", "", "none", ""]
     counts = (one.changes, one.changed_px, one.compared_px)
-    return [one.folder, *map(str, counts), f"{one.zoom:.3f}"]
+    limit = "" if one.limit_p95_dn is None else f"{one.limit_p95_dn:.2g}"
+    return [one.folder, *map(str, counts), f"{one.zoom:.3f}", limit]

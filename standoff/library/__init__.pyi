@@ -30,6 +30,7 @@ from .comparison import (
     CHANGE_FILES as CHANGE_FILES,
     AlignmentHints as AlignmentHints,
     ComparedPhotographs as ComparedPhotographs,
+    DetectionLimitOptions as DetectionLimitOptions,
     FeatureMatches as FeatureMatches,
     RegistrationHints as RegistrationHints,
     alignment_hints as alignment_hints,

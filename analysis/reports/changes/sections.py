@@ -3,7 +3,14 @@
 from collections.abc import Sequence
 from math import isfinite
 
-from analysis.changes import Change, ChangeSummary, describe_focus
+from analysis.changes import (
+    Change,
+    ChangeSummary,
+    DetectionLimit,
+    describe_focus,
+    describe_limit,
+    size_text,
+)
 from analysis.reports.page import (
     Report,
     ReportFigure,
@@ -31,6 +38,7 @@ _LEAST_Q = 1e-6
 def render_changes_report(
     summary: ChangeSummary,
     views: Sequence[ReportFigure],
+    limit_map: ReportFigure | None = None,
     facts: Sequence[tuple[str, str]] = (),
 ) -> str:
     """Return the report of a comparison as one HTML document.
@@ -41,6 +49,8 @@ def render_changes_report(
         What the comparison found.
     views
         Both photographs and their difference.
+    limit_map
+        The detection limit over the follow-up.
     facts
         Names and values to add to the front page, such as when the photographs were taken.
     """
@@ -49,7 +59,12 @@ def render_changes_report(
             title="Changes",
             subtitle=f"{summary.followup} against {summary.reference}",
             verdicts=_verdicts(summary),
-            sections=(changes_section(summary, views), _comparison_section(summary)),
+            sections=(
+                changes_section(summary, views),
+                *((limit_section(summary.detection_limit, limit_map),)
+                  if summary.detection_limit is not None else ()),
+                _comparison_section(summary),
+            ),
             provenance=versions(),
             origin=summary.provenance,
             front=_front(summary, facts),
@@ -66,7 +81,7 @@ def _front(summary: ChangeSummary, facts: Sequence[tuple[str, str]]) -> ReportFr
     return ReportFront(
         outcome="unsure" if summary.changes else "none",
         label=count_text(len(summary.changes)),
-        verdict=f"{comparison_sentence(summary)}.",
+        verdict=_front_sentence(summary),
         facts=(
             *facts,
             ("encoding", encodings_text(summary.provenance) or "not stated"),
@@ -75,6 +90,12 @@ def _front(summary: ChangeSummary, facts: Sequence[tuple[str, str]]) -> ReportFr
         ),
         warnings=summary.warnings,
     )
+
+
+def _front_sentence(summary: ChangeSummary) -> str:
+    limit = describe_limit(summary)
+    said = f"{comparison_sentence(summary)}."
+    return said if limit is None else f"{said} {limit[0].upper()}{limit[1:]}."
 
 
 def comparison_sentence(summary: ChangeSummary) -> str:
@@ -141,6 +162,39 @@ def changes_section(summary: ChangeSummary, views: Sequence[ReportFigure]) -> Re
     )  # fmt: skip
 
 
+def limit_section(limit: DetectionLimit, limit_map: ReportFigure | None) -> ReportSection:
+    """Show what would have been found: the map, and the limits for several widths."""
+    text = (
+        f"The amplitude that a Gaussian spot needs to be found {100 * limit.power:.0f} times of "
+        "100, at the stated false alarms. The width is the spot's as the follow-up shows it; it "
+        "is listed if it stands out at any of the filters. What is no spot, such as a line, is "
+        "found at a lower amplitude if it is longer, and at a higher one if it is narrower.",
+    )
+    asked = () if limit.contrast_dn is None else (f"found at {limit.contrast_dn:g} DN",)
+    rows = []
+    for spot in limit.spots:
+        row = [size_text(spot, limit)]
+        row += [f"{value:.3g}" for value in (spot.median_dn, spot.p95_dn, spot.worst_dn)]
+        if asked and spot.reached_fraction is not None:
+            row.append(f"{100 * spot.reached_fraction:.1f} % of the area")
+        rows.append(tuple(row))
+    return ReportSection(
+        title="What would have been found",
+        text=text,
+        figures=() if limit_map is None else (limit_map,),
+        tables=(
+            ReportTable(
+                columns=(
+                    "spot, sigma", "half the area / DN", "95 % of it / DN", "worst place / DN",
+                    *asked,
+                ),
+                rows=tuple(rows),
+                caption="Amplitudes in the follow-up's levels, over the compared pixels.",
+            ),
+        ),
+    )
+
+
 def list_table(changes: Sequence[Change]) -> ReportTable:
     """Tabulate changes, numbered from 1."""
     return ReportTable(
@@ -151,6 +205,7 @@ def list_table(changes: Sequence[Change]) -> ReportTable:
             "reference x / px",
             "reference y / px",
             "area / px",
+            "sigma / px",
             "amplitude / DN",
             "significance",
             "q value",
@@ -163,6 +218,7 @@ def list_table(changes: Sequence[Change]) -> ReportTable:
                 f"{change.reference_x_px:.1f}",
                 f"{change.reference_y_px:.1f}",
                 f"{change.area_px:.0f}",
+                "" if change.spot_sigma_px is None else f"{change.spot_sigma_px:.1f}",
                 _amplitude(change),
                 f"{change.significance:.1f}",
                 q_text(change.q_value),

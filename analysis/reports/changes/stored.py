@@ -4,7 +4,7 @@ from base64 import b64encode
 
 from markupsafe import Markup
 
-from analysis.changes import ChangeSummary, describe_focus
+from analysis.changes import ChangeSummary, describe_focus, describe_limit
 from analysis.pose import PoseSummary
 from analysis.reports.changes.sections import comparison_sentence, count_text, list_table
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable
@@ -30,6 +30,9 @@ def stored_changes_section(
         f"{summary.followup} against {summary.reference}: {count_text(len(summary.changes))}. "
         f"{comparison_sentence(summary)}."
     ]
+    limit = describe_limit(summary)
+    if limit is not None:
+        text.append(f"{limit[0].upper()}{limit[1:]}.")
     if focus is not None:
         text.append(f"{focus[0].upper()}{focus[1:]}.")
     text += [f"Warning: {warning}." for warning in summary.warnings]

@@ -17,6 +17,7 @@ from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError
 from analysis.reports import (
     compared_pictures,
+    limit_figure,
     plot_changes,
     render_changes_report,
     view_figures,
@@ -30,6 +31,11 @@ from simulation.arrays import BoolArray, Float32Array
 from simulation.choices import PsfShape
 from standoff.library.call import Call, Progress
 from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files
+from standoff.library.comparison.scene_scale import (
+    DetectionLimitOptions,
+    SceneScale,
+    scene_scale,
+)
 from standoff.library.files import (
     make_folder,
     write_figure,
@@ -56,6 +62,7 @@ CHANGE_FILES = (
     "pose-difference.tif",
     "uncertainty.tif",
     "significance.tif",
+    "limit.tif",
     "changes.png",
     "compared.png",
     "changes-figure.png",
@@ -81,11 +88,14 @@ class ComparisonRules:
         What the operator knows of the pose, and pixels that do not count.
     white_level
         Level of the files at which they are clipped; None takes the files' own.
+    scale
+        How large pixels are in mm.
     """
 
     options: ChangeOptions = field(default_factory=ChangeOptions)
     hints: AlignmentHints | RegistrationHints | None = None
     white_level: float | None = None
+    scale: SceneScale = SceneScale()
 
     @property
     def left_out(self) -> BoolArray | None:
@@ -113,6 +123,7 @@ class ComparedPhotographs(ChangeResult):
         return render_changes_report(
             self.summary,
             view_figures(pictures, self.summary.changes, (cols, rows)),
+            limit_figure(self),
             tuple(
                 (f"{when}, taken", photograph.facts.taken or "not stated")
                 for when, photograph in (("before", self.reference), ("after", self.followup))
@@ -153,6 +164,7 @@ def find_changes(
     false_discovery_rate: float | None = None,
     hints: AlignmentHints | RegistrationHints | None = None,
     white_level: float | None = None,
+    limit: DetectionLimitOptions | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> ComparedPhotographs:
@@ -177,6 +189,8 @@ def find_changes(
         that do not count are not compared either.
     white_level
         Level of the files at which they are clipped; the files' own by default.
+    limit
+        Which spots the detection limit is mapped for, and how large a pixel is in mm.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -202,8 +216,21 @@ def find_changes(
     >>> found = standoff.find_changes("before.tif", "after.tif")
     >>> [(one.x_px, one.y_px, one.amplitude_dn) for one in found.summary.changes]
     """
-    call = Call("find_changes", progress, reading, (psf, noise, *hint_files(hints)))
-    rules = comparison_rules(noise, false_alarms, false_discovery_rate, hints, white_level)
+    asked = limit or DetectionLimitOptions()
+    files = (psf, noise, asked.geometry, *hint_files(hints))
+    call = Call("find_changes", progress, reading, files)
+    rules = ComparisonRules(
+        options=ChangeOptions(
+            noise=camera_noise(noise),
+            false_alarms=false_alarms,
+            false_discovery_rate=false_discovery_rate,
+            spot_sigma_px=asked.spot_sigma_px,
+            limit_contrast_dn=asked.contrast_dn,
+        ),
+        hints=hints,
+        white_level=white_level,
+        scale=scene_scale(call, asked, psf),
+    )
     near = call.photograph(reference, "reference")
     far = call.photograph(followup, "followup")
     known = None
@@ -222,22 +249,6 @@ def find_changes(
         }
     )
     return replace(found, summary=summary, notes=call.notes)
-
-
-def comparison_rules(
-    noise: NoiseLike | None,
-    false_alarms: float,
-    false_discovery_rate: float | None,
-    hints: AlignmentHints | RegistrationHints | None,
-    white_level: float | None,
-) -> ComparisonRules:
-    """Bundle how photographs are compared."""
-    options = ChangeOptions(
-        noise=camera_noise(noise),
-        false_alarms=false_alarms,
-        false_discovery_rate=false_discovery_rate,
-    )
-    return ComparisonRules(options=options, hints=hints, white_level=white_level)
 
 
 def compared(
@@ -268,6 +279,11 @@ def compared(
         raise CalibrationError(f"{far.path}: {error}") from error
     except AnalysisError as error:
         raise AnalysisError(f"{far.path}: {error}") from error
+    limit = found.summary.detection_limit
+    if limit is not None:
+        in_mm = rules.scale.in_mm(limit, found.summary.zoom)
+        summary = found.summary.model_copy(update={"detection_limit": in_mm})
+        found = replace(found, summary=summary)
     own = {one.name: getattr(found, one.name) for one in fields(found)}
     return ComparedPhotographs(**own, reference=near, followup=far, left_out=rules.left_out)
 
@@ -295,6 +311,7 @@ def write_changes(out: Path, found: ComparedPhotographs) -> None:
         ("pose-difference", found.pose_difference_dn),
         ("uncertainty", error_dn),
         ("significance", found.significance),
+        ("limit", found.limit_dn),
     ):
         description = f"standoff changes: {kind} of {found.followup.path.name}"
         write_float_tiff(out / f"{kind}.tif", image.astype(np.float32), description)

@@ -1,11 +1,11 @@
 """Changes of many follow-ups: each gets a folder with the files of a single comparison."""
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from acquisition.printable import on_one_line
-from analysis.change_series import ComparedFollowup
+from analysis.change_series import ComparedFollowup, limit_columns
 from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
@@ -58,6 +58,9 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             "false_discovery_rate": options.false_discovery_rate,
             "hints": hint_settings(hints),
             "white_level": self.rules.white_level,
+            "spot_sigma_px": options.spot_sigma_px,
+            "limit_contrast_dn": options.limit_contrast_dn,
+            "scale": asdict(self.rules.scale),
         }
 
     def find(self, near: Photograph, photograph: Photograph) -> ComparedPhotographs:
@@ -91,6 +94,7 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             changes=len(summary.changes),
             taken=photograph.facts.taken,
             warnings="; ".join(summary.warnings) or None,
+            **limit_columns(summary),
             reference=own_reference,
         )
         return Written(

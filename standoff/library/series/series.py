@@ -21,6 +21,7 @@ from analysis.followup_series import (
     is_refused,
     run_series,
 )
+from analysis.changes import ChangeOptions
 from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.reports import render_series_report
 from analysis.results_file import write_results
@@ -31,13 +32,22 @@ from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.comparison import (
     AlignmentHints,
+    ComparisonRules,
+    DetectionLimitOptions,
     RegistrationHints,
-    comparison_rules,
     hint_files,
+    scene_scale,
 )
 from standoff.library.detectability import CurveLike, given_curve
 from standoff.library.files import each_image, write_file, write_page
-from standoff.library.inputs import FilePath, NoiseLike, PsfLike, listed_paths, path_of
+from standoff.library.inputs import (
+    FilePath,
+    NoiseLike,
+    PsfLike,
+    camera_noise,
+    listed_paths,
+    path_of,
+)
 from standoff.library.psf import psf_and_field
 from standoff.library.series.change_work import ChangeWork
 from standoff.library.series.pose_work import PoseDemand, PoseWork, registration_psf
@@ -91,6 +101,7 @@ def find_changes_of_series(
     false_discovery_rate: float | None = None,
     hints: AlignmentHints | RegistrationHints | None = None,
     white_level: float | None = None,
+    limit: DetectionLimitOptions | None = None,
     report: FilePath | None = None,
     sweep: SweepOptions | None = None,
     reading: ReadOptions | None = None,
@@ -109,7 +120,7 @@ def find_changes_of_series(
         Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
     out
         Folder for the results.
-    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level
+    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit
         As in ``find_changes``.
     report
         Where the page goes, besides the folder.
@@ -137,8 +148,21 @@ def find_changes_of_series(
     >>> found = standoff.find_changes_of_series("before.tif", "after", "changes")
     >>> found.document.changed
     """
-    call = Call("find_changes_of_series", progress, reading, (psf, noise, *hint_files(hints)))
-    rules = comparison_rules(noise, false_alarms, false_discovery_rate, hints, white_level)
+    asked = limit or DetectionLimitOptions()
+    files = (psf, noise, asked.geometry, *hint_files(hints))
+    call = Call("find_changes_of_series", progress, reading, files)
+    rules = ComparisonRules(
+        options=ChangeOptions(
+            noise=camera_noise(noise),
+            false_alarms=false_alarms,
+            false_discovery_rate=false_discovery_rate,
+            spot_sigma_px=asked.spot_sigma_px,
+            limit_contrast_dn=asked.contrast_dn,
+        ),
+        hints=hints,
+        white_level=white_level,
+        scale=scene_scale(call, asked, psf),
+    )
     folder = path_of(out, "out")
     first, given = path_of(reference, "reference"), tuple(listed_paths(followups, "followups"))
     page = None if report is None else path_of(report, "report")

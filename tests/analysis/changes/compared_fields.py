@@ -2,7 +2,12 @@
 
 import numpy as np
 
+from analysis.changes import Change
+from analysis.changes.change_list import list_changes
 from analysis.changes.comparison import Comparison
+from analysis.changes.levels import detection_levels
+from analysis.changes.linked_regions import link_levels
+from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 
 
@@ -55,6 +60,7 @@ def comparison(
         sd_dn=np.broadcast_to(sd_dn, difference_dn.shape),
         valid=valid,
         smoothing_px=smoothing_px,
+        followup_smoothing_px=smoothing_px,
         kernel="pair",
         extra_blur_px2=0.0,
         extra_blur_err_px2=1.0,
@@ -62,4 +68,15 @@ def comparison(
         noise_factor=1.0,
         registration_err_px=0.0,
         width_err_px2=0.0,
+    )
+
+
+def listed(
+    compared: Comparison, pose: DistortedPose, threshold_sd: float
+) -> tuple[Change, ...]:
+    """The changes of a comparison beyond a threshold."""
+    levels = detection_levels(compared, 1e-6)
+    found = link_levels(levels, threshold_sd)
+    return list_changes(
+        found.regions, levels, pose, is_on_followup=compared.is_on_followup
     )

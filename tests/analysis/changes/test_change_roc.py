@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.special import ndtr
 
-from analysis.changes.chance import significance_threshold
+from analysis.changes.chance import FilterWidth, significance_threshold
 from benchmarks.change_roc import plot_change_roc, roc_of
 
 
@@ -29,7 +29,7 @@ def test_scores_of_one_kind_only_are_refused() -> None:
 
 @given(rate=st.floats(1e-9, 0.5))
 def test_the_threshold_allows_for_a_spread_that_is_not_known_exactly(rate: float) -> None:
-    threshold = significance_threshold(rate)
+    threshold = significance_threshold(rate, (FilterWidth(width_px=1.0),))
     # A tail is fuller where the spread is not known exactly.
     nodes, weights = np.polynomial.hermite_e.hermegauss(15)
     exact = 2 * ndtr(-threshold / (1 + 0.03 * nodes)) @ weights / weights.sum()

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from analysis.changes.chance import significance_threshold
+from analysis.changes.chance import FilterWidth, significance_threshold
 from analysis.changes.comparison import Comparison, compare
 from analysis.changes.filter import find_changes
 from analysis.changes.options import ChangeOptions
@@ -152,11 +152,12 @@ def test_clipped_pixels_are_masked_and_counted() -> None:
 def test_chance_flags_what_was_stated(widths_px: tuple[float, float], after: Development) -> None:
     """Twelve unchanged frames of each kind; benchmarks/bench_change_kinds.py has more."""
     pair = photographed(1.3, widths_px, 0.0)
+    own = FilterWidth(width_px=1.0)
     flagged = 0
     for seed in range(12):
         made = compared(*pair.developed(NOISE, after, 10 + seed), posed(pair))
         size = np.abs(made.significance[made.valid])
-        flagged += int(np.sum(size > significance_threshold(10 / size.size)))
+        flagged += int(np.sum(size > significance_threshold(10 / size.size, (own,))))
     # 120 are stated, in clusters of some 4 pixels, and twice as many are allowed: 30 clusters
     # with a standard deviation of 5.5; 240 are 60 of them.
     assert flagged <= 240

@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
-from analysis.changes.chance import significance_threshold
+from analysis.changes.chance import FilterWidth, significance_threshold
 from analysis.changes.document import read_changes
 from analysis.changes.filter import ChangeResult, find_changes
 from analysis.changes.options import ChangeOptions
@@ -81,7 +81,8 @@ def test_nothing_is_flagged_where_only_pose_and_light_changed(noise: CaptureNois
     result = found(pair(1, 0.0), noise)
     # 0.05 pixels a frame are allowed.
     assert not result.is_change.any()
-    assert result.significance[result.valid].std() == pytest.approx(1.0, abs=0.05)
+    scatter = result.difference_dn[result.valid] / np.sqrt(result.variance_dn2[result.valid])
+    assert scatter.std() == pytest.approx(1.0, abs=0.05)
     assert result.summary.gain == pytest.approx(1.05, abs=0.01)
     assert abs(result.summary.extra_blur_px2) < 4 * result.summary.extra_blur_err_px2 < 0.1
     assert result.summary.kernel == "calibrated"
@@ -238,7 +239,7 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
         *("zoom", "changed_px", "compared_px", "threshold_sd", "false_alarms_px", "gain"),
         *("extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
         *("registration_err_px", "width_err_px2", "psf_form", "changes", "false_discovery_rate"),
-        *("saturated_px", "kernel", "warnings", "provenance"),
+        *("saturated_px", "kernel", "detection_limit", "frame_px", "warnings", "provenance"),
     ]
     px = int(result.valid.sum())
     assert repr(result).startswith(f"<ChangeResult: 0 changes, 0 of {px} px beyond ")
@@ -249,6 +250,7 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
 
 
 def test_a_rate_that_every_pixel_reaches_has_no_threshold() -> None:
-    assert significance_threshold(1.0) == 0.0
+    own = (FilterWidth(width_px=1.0),)
+    assert significance_threshold(1.0, own) == 0.0
     # Above the 1.96 of a spread that is known, as its own error widens the tails.
-    assert 1.96 < significance_threshold(0.05) < 2.1
+    assert 1.96 < significance_threshold(0.05, own) < 2.1

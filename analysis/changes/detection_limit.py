@@ -1,0 +1,128 @@
+"""What a comparison would have found: the amplitude that a spot needs at every place."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.changes.chance import FilterWidth
+from analysis.changes.comparison import Comparison
+from analysis.changes.document import DetectionLimit, SpotLimit
+from analysis.changes.levels import DetectionLevel
+from analysis.changes.power import POWER, height_for, response
+from simulation.arrays import Float32Array
+
+_SPOT_SIGMAS_PX = (1.0, 1.5, 3.0, 6.0)
+"""Sizes for which the limit is stated, beside the one that is asked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LimitMaps:
+    """Amplitudes at which spots are found as often as asked, on the comparison's grid.
+
+    Parameters
+    ----------
+    threshold_sd
+        Significance beyond which a place counts as changed.
+    sds_dn
+        Standard deviation of each level at every pixel, infinite where it does not count.
+    widths
+        Of the filters, as they act on the follow-up.
+    followup_px
+        Follow-up pixels to one of the grid, along a line.
+    """
+
+    threshold_sd: float
+    sds_dn: tuple[Float32Array, ...]
+    widths: tuple[FilterWidth, ...]
+    followup_px: float
+
+    @classmethod
+    def of(
+        cls,
+        compared: Comparison,
+        levels: Sequence[DetectionLevel],
+        threshold_sd: float,
+        followup_px: float,
+    ) -> "LimitMaps":
+        """Bring the levels to the grid."""
+        shape = (compared.valid.shape[0], compared.valid.shape[1])
+        sds = []
+        for level in levels:
+            sd = level.on_grid(level.sd_dn, shape)
+            counts = compared.valid
+            if level.step_px > 1 or not level.valid.all():
+                counts = counts & (level.on_grid(level.valid.astype(np.float32), shape) > 0.5)
+            sds.append(np.where(counts, sd, np.float32(np.inf)))
+        return cls(
+            threshold_sd=threshold_sd,
+            sds_dn=tuple(sds),
+            widths=tuple(_on_followup(level.filter_width, compared) for level in levels),
+            followup_px=followup_px,
+        )
+
+    def limit_dn(self, spot_sigma_px: float, power: float = POWER) -> Float32Array:
+        """Amplitude of a spot in the follow-up's levels; infinite where nothing was compared.
+
+        Parameters
+        ----------
+        spot_sigma_px
+            Its width as the follow-up shows it, in follow-up pixels.
+        power
+            How often it is found.
+        """
+        height = height_for(power, self.threshold_sd)
+        sigma = np.array(spot_sigma_px / self.followup_px)
+        least: Float32Array | None = None
+        for sd_dn, width in zip(self.sds_dn, self.widths, strict=True):
+            own = sd_dn * np.float32(height / float(response(sigma, width)))
+            least = own if least is None else np.minimum(least, own, out=least)
+        assert least is not None
+        return least
+
+
+def _on_followup(width: FilterWidth, compared: Comparison) -> FilterWidth:
+    """The filter that acts on the follow-up, which may be smoothed otherwise than the grid's own."""
+    wider = width.width_px**2 - compared.smoothing_px**2
+    return FilterWidth(
+        width_px=(compared.followup_smoothing_px**2 + wider) ** 0.5, step_px=width.step_px
+    )
+
+
+def detection_limit(
+    maps: LimitMaps, spot_sigma_px: float, contrast_dn: float | None
+) -> DetectionLimit:
+    """State the limits over the compared pixels.
+
+    Parameters
+    ----------
+    maps
+        Of the comparison.
+    spot_sigma_px
+        Width of the spots for which the limit is mapped; it is stated for others too.
+    contrast_dn
+        Amplitude for which the share of the pixels is told where the limit is lower.
+    """
+    spots = []
+    for sigma_px in sorted({*_SPOT_SIGMAS_PX, spot_sigma_px}):
+        limit = maps.limit_dn(sigma_px)
+        limit = limit[np.isfinite(limit)]
+        reached = None
+        if contrast_dn is not None:
+            reached = float(np.mean(limit <= contrast_dn)) if len(limit) else 0.0
+        median, high, worst = np.quantile(limit, [0.5, 0.95, 1.0]).tolist()
+        spots.append(
+            SpotLimit(
+                spot_sigma_px=sigma_px,
+                median_dn=median,
+                p95_dn=high,
+                worst_dn=worst,
+                reached_fraction=reached,
+            )
+        )
+    return DetectionLimit(
+        power=POWER,
+        spots=tuple(spots),
+        contrast_dn=contrast_dn,
+        map_spot_sigma_px=spot_sigma_px,
+    )

@@ -1,0 +1,224 @@
+"""The difference of two photographs seen through Gaussians of several widths.
+
+A change is found best by a filter of its own width. The comparison's own smoothing is the narrowest
+level; each of the next is twice as wide and as coarsely sampled. The noise of a wider level follows
+from that of the first, since it was white behind it: what else scatters there is measured.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import ceil, exp, hypot, log, pi, sqrt
+
+import cv2
+import numpy as np
+
+from analysis.changes.chance import SPREAD_ERR, FilterWidth, equally_strict
+from analysis.changes.comparison import Comparison
+from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
+
+_OCTAVES = 3
+"""Wider levels: of 8 px, where the first is 1 px wide."""
+
+_LEAST_INDEPENDENT = 30.0
+"""Independent places of a level, below which its scatter is not known."""
+
+_PRIOR_ERR = 0.1
+"""Relative difference, between a level and the next narrower one, of what scatters beside white
+noise: 0.07 to 0.2 in photographs that differ in focus, tone curve or compression."""
+
+_MOST_LESS = 0.5
+"""By the logarithm: a frame without noise says nothing of it."""
+
+_CLIP_SD, _CLIPPED_RMS = 3.0, 0.98658
+"""Values beyond which a place does not count, and the root mean square of normal ones within."""
+
+_ROUNDS = 4
+_LEAST_WEIGHT = 0.5
+_TAILS = 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DetectionLevel:
+    """The difference behind one width; a place counts where ``valid``.
+
+    Parameters
+    ----------
+    filter_width
+        Its width and the distance of its places, in pixels of the comparison's grid; the first
+        place is the first pixel.
+    difference_dn, sd_dn
+        Shape ``(rows, cols)`` of places. The standard deviation holds the width's allowance, so
+        that one threshold of significance is right for all levels.
+    valid
+        Places that count.
+    weight
+        Share of the filter that lies on pixels that count.
+    """
+
+    filter_width: FilterWidth
+    difference_dn: FloatImage
+    sd_dn: FloatImage
+    valid: BoolArray
+    weight: Float32Array
+
+    @property
+    def width_px(self) -> float:
+        """Width of the whole smoothing."""
+        return self.filter_width.width_px
+
+    @property
+    def step_px(self) -> int:
+        """Pixels of the grid from one place to the next."""
+        return self.filter_width.step_px
+
+    @property
+    def significance(self) -> FloatImage:
+        """Difference over its standard deviation; 0 where it does not count."""
+        none = np.zeros_like(self.difference_dn)
+        return np.divide(self.difference_dn, self.sd_dn, out=none, where=self.valid)
+
+    def strict_as(self, width: FilterWidth) -> "DetectionLevel":
+        """The level with the allowance of ``width``."""
+        sd_dn = self.sd_dn
+        if width.allowance != self.filter_width.allowance:
+            sd_dn = sd_dn * np.float32(width.allowance / self.filter_width.allowance)
+        return replace(self, filter_width=width, sd_dn=sd_dn)
+
+    def smoothed_from(self, difference_dn: FloatImage, width_px: float) -> Float32Array:
+        """Smooth a difference as this level is; it is behind ``width_px`` on the grid's pixels."""
+        more = sqrt(self.width_px**2 - width_px**2)
+        every = np.s_[:: self.step_px, :: self.step_px]
+        smooth = _blurred(np.asarray(difference_dn, dtype=np.float32), more)[every]
+        return np.where(self.valid, smooth / self.weight, np.float32(0))
+
+    def on_grid(self, image: FloatImage, shape: tuple[int, int]) -> Float32Array:
+        """Bring an image of the level to the pixels of the comparison's grid."""
+        if self.step_px == 1:
+            return np.asarray(image, dtype=np.float32)
+        shrink = np.array([[1 / self.step_px, 0, 0], [0, 1 / self.step_px, 0]])
+        return np.asarray(
+            cv2.warpAffine(
+                np.asarray(image, dtype=np.float32),
+                shrink,
+                shape[::-1],
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+        )
+
+
+def detection_levels(compared: Comparison, false_share: float) -> tuple[DetectionLevel, ...]:
+    """Smooth a difference further, the narrowest level first.
+
+    Parameters
+    ----------
+    compared
+        The difference behind the narrowest smoothing.
+    false_share
+        Share of the pixels that chance may flag at any of the levels.
+    """
+    own = DetectionLevel(
+        filter_width=FilterWidth(width_px=compared.smoothing_px),
+        difference_dn=compared.difference_dn,
+        sd_dn=compared.sd_dn,
+        valid=compared.valid,
+        weight=np.ones(compared.valid.shape, dtype=np.float32),
+    )
+    levels = [own, *_wider(compared)]
+    widths = equally_strict([level.filter_width for level in levels], false_share)
+    return tuple(level.strict_as(width) for level, width in zip(levels, widths, strict=True))
+
+
+def _wider(compared: Comparison) -> Iterator[DetectionLevel]:
+    """The wider levels, as far as the frame has independent places of them."""
+    compared_px, narrowest = int(np.count_nonzero(compared.valid)), compared.smoothing_px
+    sums = _Sums.of(compared)
+    log_factor, err = 0.0, 0.0
+    for octave in range(1, _OCTAVES + 1):
+        width = narrowest * 2**octave
+        independent = compared_px / (4 * pi * width**2)
+        if independent < _LEAST_INDEPENDENT:
+            return
+        sums = sums.wider(width, 2 ** (octave - 1))
+        difference, sd, valid = sums.level(narrowest)
+        # Most probable, given how alike levels are and what this one measures.
+        measured, measured_err = log(_spread(difference, sd, valid)), sqrt(0.5 / independent)
+        measured = max(measured, log_factor - _MOST_LESS)
+        prior = err**2 + _PRIOR_ERR**2
+        log_factor += (measured - log_factor) * prior / (prior + measured_err**2)
+        err = sqrt(prior * measured_err**2 / (prior + measured_err**2))
+        yield DetectionLevel(
+            filter_width=FilterWidth(
+                width_px=width, step_px=sums.step_px, spread_err=hypot(SPREAD_ERR, err)
+            ),
+            difference_dn=difference,
+            sd_dn=sd * np.float32(exp(log_factor)),
+            valid=valid,
+            weight=np.where(valid, sums.weight, np.float32(1)),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Sums:
+    """Weighted sums behind a width: of the difference, its variance, and the weights of both.
+
+    A sum of white noise over a Gaussian's weights has the variance over their squares, which are
+    those of a Gaussian narrower by sqrt(2).
+    """
+
+    width_px: float
+    step_px: int
+    difference: Float32Array
+    variance: Float32Array
+    weight: Float32Array
+
+    @classmethod
+    def of(cls, compared: Comparison) -> "_Sums":
+        weight = compared.valid.astype(np.float32)
+        variance = np.where(compared.valid, np.square(compared.sd_dn), np.float32(0))
+        return cls(
+            width_px=compared.smoothing_px,
+            step_px=1,
+            difference=np.asarray(compared.difference_dn * weight, dtype=np.float32),
+            variance=np.asarray(variance, dtype=np.float32),
+            weight=weight,
+        )
+
+    def wider(self, width_px: float, step_px: int) -> "_Sums":
+        """The same behind a wider Gaussian, every other place of it if the step is twice as far."""
+        more = sqrt(width_px**2 - self.width_px**2) / self.step_px
+        every = np.s_[:: step_px // self.step_px, :: step_px // self.step_px]
+        return _Sums(
+            width_px=width_px,
+            step_px=step_px,
+            difference=_blurred(self.difference, more)[every],
+            variance=_blurred(self.variance, more * 0.5**0.5)[every],
+            weight=_blurred(self.weight, more)[every],
+        )
+
+    def level(self, narrowest_px: float) -> tuple[Float32Array, Float32Array, BoolArray]:
+        """Difference, its standard deviation by white noise alone, and places that count."""
+        valid = np.asarray(self.weight > _LEAST_WEIGHT)
+        weight = np.where(valid, self.weight, np.float32(1))
+        difference = np.where(valid, self.difference / weight, np.float32(0))
+        variance = np.maximum(self.variance, np.float32(1e-30)) * np.float32(
+            (narrowest_px / self.width_px) ** 2
+        )
+        return difference, np.sqrt(variance) / weight, valid
+
+
+def _blurred(image: Float32Array, sigma_px: float) -> Float32Array:
+    """Convolve with a Gaussian; nothing lies beyond the border."""
+    size = 2 * ceil(_TAILS * sigma_px) + 1
+    blurred = cv2.GaussianBlur(image, (size, size), sigma_px, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blurred, dtype=np.float32)
+
+
+def _spread(difference_dn: Float32Array, sd_dn: Float32Array, valid: BoolArray) -> float:
+    """Standard deviations by which the places scatter, changes left out."""
+    ratio: FloatArray = np.abs(difference_dn[valid] / sd_dn[valid])
+    spread = float(np.median(ratio)) / 0.6745 + 1e-6
+    for _ in range(_ROUNDS):
+        inside = ratio[ratio < _CLIP_SD * spread]
+        spread = float(np.sqrt(np.mean(np.square(inside)))) / _CLIPPED_RMS + 1e-6
+    return spread

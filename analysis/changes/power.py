@@ -1,0 +1,61 @@
+"""How likely a spot is found, and the amplitude at which it is found as often as asked."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import ncx2
+
+from analysis.changes.chance import FilterWidth
+from simulation.arrays import FloatArray
+
+POWER = 0.95
+"""Of a detection limit."""
+
+_SEARCHED = 2.5
+"""What is searched for the highest significance, beside its own noise: the place counts for two,
+and the width for one where it lies between others, which it does not for the narrowest spots."""
+
+_OFF_PX2 = 1 / 6
+"""Mean squared distance of a spot from the nearest pixel's centre."""
+
+
+def detection_power(height: FloatArray, threshold_sd: float) -> FloatArray:
+    """Probability that a spot is found.
+
+    Its significance is searched over places and widths: the square of the highest one is that of
+    ``height`` and its own noise, and chi-squared with a degree of freedom for each direction of
+    the search.
+
+    Parameters
+    ----------
+    height
+        Significance that the spot has by itself at its place, any shape.
+    threshold_sd
+        Significance beyond which a place counts as changed.
+    """
+    return np.asarray(ncx2.sf(threshold_sd**2, 1 + _SEARCHED, np.square(height)))
+
+
+def height_for(power: float, threshold_sd: float) -> float:
+    """Significance that a spot must have by itself to be found with this probability."""
+
+    def excess(height: float) -> float:
+        return float(detection_power(np.array(height), threshold_sd)) - power
+
+    return float(brentq(excess, 0.0, threshold_sd + 20.0))
+
+
+def response(spot_sigma_px: FloatArray, width: FilterWidth) -> FloatArray:
+    """Peak that a spot of peak 1 has behind a filter, at the sample nearest to it.
+
+    Parameters
+    ----------
+    spot_sigma_px
+        Of the spot before the filter, in the grid's pixels, any shape.
+    width
+        Of the filter.
+    """
+    own = np.square(spot_sigma_px)
+    wide = own + width.width_px**2
+    return np.asarray(own / wide * np.exp(-_OFF_PX2 * width.step_px**2 / (2 * wide)))

@@ -1,0 +1,137 @@
+"""How large a follow-up pixel is, on the scene or on the sensor."""
+
+from dataclasses import dataclass
+from math import inf
+from os import PathLike
+
+from analysis.changes import DetectionLimit
+from analysis.choices import SPOT_SIGMA_PX
+from calibration.files import read_geometry
+from calibration.geometry import GeometryCalibration
+from calibration.psf import PsfCalibration
+from standoff.errors import ApplicationError, ArgumentError
+from standoff.library.call import Call
+from standoff.library.inputs import FilePath, PsfLike, path_of
+from standoff.library.psf import read_psf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectionLimitOptions:
+    """Which spots a detection limit is for, and how large a pixel is.
+
+    Parameters
+    ----------
+    spot_sigma_px
+        Width of the spots whose limit is mapped, as the follow-up shows them.
+    contrast_dn
+        Amplitude about which to say in what share of the pixels it would have been found.
+    pixel_size_mm
+        Side of a follow-up pixel on the scene, for sizes in mm.
+    geometry, reference_height_mm
+        Instead of it the camera's geometry, and the height at which the reference was taken; by
+        default the lowest of the geometry. With neither, sizes are those on the sensor, if the
+        PSF's calibration states the pixel pitch.
+
+    Raises
+    ------
+    ArgumentError
+        If a size is not above 0, or two arguments contradict one another.
+    """
+
+    spot_sigma_px: float = SPOT_SIGMA_PX
+    contrast_dn: float | None = None
+    pixel_size_mm: float | None = None
+    geometry: GeometryCalibration | FilePath | None = None
+    reference_height_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("spot_sigma_px", "contrast_dn", "pixel_size_mm"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < inf:
+                raise ArgumentError(f"{name}: expected a number above 0, got {value:g}")
+        if self.pixel_size_mm is not None and self.geometry is not None:
+            raise ArgumentError("pixel_size_mm: the geometry states it already; give one of them")
+        if self.reference_height_mm is not None and self.geometry is None:
+            raise ArgumentError("reference_height_mm: needs a geometry, which has the scale there")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneScale:
+    """Side of a pixel in mm; None where nothing states it.
+
+    Parameters
+    ----------
+    followup_mm, reference_mm
+        On the scene: of the follow-up's pixels, or of the reference's, where it is known for those.
+    sensor_mm
+        On the sensor.
+    """
+
+    followup_mm: float | None = None
+    reference_mm: float | None = None
+    sensor_mm: float | None = None
+
+    def in_mm(self, limit: DetectionLimit, zoom: float) -> DetectionLimit:
+        """Give a limit its sizes in mm; ``zoom`` is reference pixels per follow-up pixel."""
+        size_mm = self.followup_mm
+        if size_mm is None and self.reference_mm is not None:
+            size_mm = self.reference_mm * zoom
+        plane = "scene" if size_mm is not None else "sensor"
+        if size_mm is None:
+            size_mm = self.sensor_mm
+        if size_mm is None:
+            return limit
+        spots = tuple(
+            spot.model_copy(update={"spot_sigma_mm": spot.spot_sigma_px * size_mm})
+            for spot in limit.spots
+        )
+        update = {"spots": spots, "pixel_size_mm": size_mm, "pixel_size_on": plane}
+        return limit.model_copy(update=update)
+
+
+def scene_scale(call: Call, options: DetectionLimitOptions, psf: PsfLike | None) -> SceneScale:
+    """Return how large pixels are, by what states it most directly.
+
+    Raises
+    ------
+    ApplicationError
+        If the geometry has no scale at the height.
+    """
+    if options.pixel_size_mm is not None:
+        return SceneScale(followup_mm=options.pixel_size_mm)
+    if options.geometry is not None:
+        scale = _scale(call, options.geometry, options.reference_height_mm)
+        return SceneScale(reference_mm=1 / scale)
+    return SceneScale(sensor_mm=_pitch_mm(psf))
+
+
+def _scale(
+    call: Call, geometry: GeometryCalibration | FilePath, height_mm: float | None
+) -> float:
+    """Reference pixels per mm of the scene."""
+    if isinstance(geometry, GeometryCalibration):
+        found, name = geometry, "the geometry"
+    else:
+        path = path_of(geometry, "geometry")
+        found, name = read_geometry(path), str(path)
+    at_mm = height_mm
+    if at_mm is None:
+        at_mm = min(found.heights_mm)
+        if len(found.heights_mm) > 1:
+            call.note(
+                f"sizes in mm are those of a reference at {at_mm:g} mm, the lowest height of {name}"
+            )
+    scale = found.scale_at(at_mm)
+    if scale is None:
+        raise ApplicationError(
+            f"{name} has no scale at {at_mm:g} mm; give the height of the reference, between "
+            f"{min(found.heights_mm):g} and {max(found.heights_mm):g} mm, or the size of a pixel"
+        )
+    return scale
+
+
+def _pitch_mm(psf: PsfLike | None) -> float | None:
+    if isinstance(psf, str | PathLike):
+        psf = read_psf(psf)
+    pitch_um = psf.pixel_pitch_um if isinstance(psf, PsfCalibration) else None
+    return None if pitch_um is None else pitch_um / 1000
