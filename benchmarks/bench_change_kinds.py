@@ -215,7 +215,10 @@ def scored(
             result = found(unchanged, study.seed + draw)
             size = np.abs(result.significance[result.valid])
             score.flagged.append(
-                [int(np.sum(size > significance_threshold(r / size.size))) for r in STATED]
+                [
+                    int(np.sum(size > significance_threshold(r / size.size, result.filter_widths)))
+                    for r in STATED
+                ]
             )
         result = found(changed, study.seed + study.draws)
         change = np.abs(changed.followup_dn - unchanged.followup_dn)

@@ -4,12 +4,14 @@ Pairs of flat scenes in which nothing changed state a limit for spots of each si
 Then spots of 0.5 to 2 times that limit are painted into the developed follow-up, before it is
 rounded or compressed, and the pair is compared anew. ``predicted`` is the mean power that the
 amplitude has at its place, ``found`` the share that is listed there with the right sign, by tenths
-of the power and by kinds; ``on edges`` is the quarter of the places where the reference is steepest.
+of the power and by kinds; ``on edges`` is the quarter of the places where the follow-up is
+steepest.
 
     OMP_NUM_THREADS=1 python -m benchmarks.bench_change_limit [--quick] [--kind K] [--seed N]
 """
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -40,6 +42,7 @@ REACH_PX = 4.0
 DRAWS = 6
 TENTHS = np.linspace(0, 1, 11)
 
+PLAIN, LIT = Development(), Development(gain=1.03)
 _ROUND = gaussian(0.9, has_pixel=False)
 
 
@@ -50,8 +53,8 @@ class Kind:
     name: str
     scenes: tuple[str, ...] = tuple(SCENES)
     cameras: tuple[Camera, Camera] = (_ROUND, _ROUND)
-    before: Development = Development()
-    after: Development = Development(gain=1.03)
+    before: Development = PLAIN
+    after: Development = LIT
 
 
 KINDS = (
@@ -91,7 +94,9 @@ class Score:
     flagged: list[int] = field(default_factory=list)
 
 
-def developed(levels_dn: FloatArray, how: Development, seed: int, painted: FloatArray) -> FloatArray:
+def developed(
+    levels_dn: FloatArray, how: Development, seed: int, painted: FloatArray
+) -> FloatArray:
     """Develop a photograph; ``painted`` is added before rounding and compression."""
     raw = replace(how, bits=None, jpeg_quality=None).of(levels_dn, seed) + painted
     return Development(bits=how.bits, jpeg_quality=how.jpeg_quality).of(raw, 0)
@@ -163,7 +168,7 @@ def shares(spots: list[Judged]) -> tuple[float, float]:
 def worst_tenth(record: Recorder, name: str, spots: list[Judged], least: int) -> float:
     """Say predicted and found by tenths of the power; return the largest difference."""
     worst, parts = 0.0, []
-    for low, high in zip(TENTHS[:-1], TENTHS[1:], strict=True):
+    for low, high in pairwise(TENTHS):
         inside = [s for s in spots if low <= s.predicted < high or s.predicted == high == 1]
         if len(inside) < least:
             continue

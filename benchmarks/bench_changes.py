@@ -120,7 +120,7 @@ def false_alarms(record: Recorder, truth: BenchTruth, targets: tuple[str, ...], 
                 significance = np.abs(result.significance[result.valid])
                 for place, rate in enumerate(STATED):
                     share = rate / significance.size
-                    over = significance > significance_threshold(share)
+                    over = significance > significance_threshold(share, result.filter_widths)
                     flagged[place, frames] = np.count_nonzero(over)
                     normal[place, frames] = np.count_nonzero(significance > norm.isf(share / 2))
                 frames += 1

@@ -116,14 +116,12 @@ def _agreement(threshold_sd: float, narrow: FilterWidth, wide: FilterWidth) -> f
     threshold = max(threshold_sd, 1.0)
     beyond = _TAIL_NODES / threshold
     weight = _TAIL_WEIGHTS * np.exp(-(beyond**2) / 2)
-    passed = ndtr(
-        (correlation * (threshold + beyond) - threshold) / sqrt(1 - correlation**2)
-    )
+    passed = ndtr((correlation * (threshold + beyond) - threshold) / sqrt(1 - correlation**2))
     return float(weight @ passed / weight.sum())
 
 
 def significance_threshold(share: float, widths: Sequence[FilterWidth]) -> float:
-    """Significance that this share of the pixels without change exceeds behind any of the widths."""
+    """Significance that this share of the unchanged pixels exceeds behind any of the widths."""
 
     def excess(threshold_sd: float) -> float:
         return log(max(exceeded_share(threshold_sd, widths), _NEVER) / share)

@@ -73,9 +73,7 @@ def list_changes(
     )
 
 
-def _fitted(
-    regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel]
-) -> list[FittedSpot]:
+def _fitted(regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel]) -> list[FittedSpot]:
     fields = [SmoothedField.of(level) for level in levels]
     at = np.array([(region.row, region.col) for region in regions])
     tree = cKDTree(at)

@@ -359,9 +359,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         sd_dn=sd,
         valid=valid,
         smoothing_px=smoothing.target_px,
-        followup_smoothing_px=(
-            smoothing.target_px if pair.is_on_followup else smoothing.source_px
-        ),
+        followup_smoothing_px=(smoothing.target_px if pair.is_on_followup else smoothing.source_px),
         kernel=focus.kernel,
         extra_blur_px2=focus.extra_px2,
         extra_blur_err_px2=focus.err_px2,

@@ -82,7 +82,7 @@ class LimitMaps:
 
 
 def _on_followup(width: FilterWidth, compared: Comparison) -> FilterWidth:
-    """The filter that acts on the follow-up, which may be smoothed otherwise than the grid's own."""
+    """The filter that acts on the follow-up, smoothed otherwise than the grid's own photograph."""
     wider = width.width_px**2 - compared.smoothing_px**2
     return FilterWidth(
         width_px=(compared.followup_smoothing_px**2 + wider) ** 0.5, step_px=width.step_px

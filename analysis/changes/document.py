@@ -112,9 +112,7 @@ class DetectionLimit(StoredValues):
     @property
     def mapped(self) -> SpotLimit:
         """The limit that limit.tif maps."""
-        return next(
-            spot for spot in self.spots if spot.spot_sigma_px == self.map_spot_sigma_px
-        )
+        return next(spot for spot in self.spots if spot.spot_sigma_px == self.map_spot_sigma_px)
 
 
 class ChangeSummary(ResultsDocument):

@@ -23,9 +23,7 @@ _LOWEST_SD = 3.0
 _HIGHEST_SD = 30.0
 
 
-def q_values(
-    significance: FloatArray, area_px: int, widths: Sequence[FilterWidth]
-) -> FloatArray:
+def q_values(significance: FloatArray, area_px: int, widths: Sequence[FilterWidth]) -> FloatArray:
     """Share of false ones expected among the peaks at least as significant as each.
 
     Parameters

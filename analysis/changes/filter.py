@@ -21,7 +21,7 @@ from analysis.errors import AnalysisError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, RegistrationHints, register
 from simulation import Psf, PsfField
-from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
+from simulation.arrays import AnyArray, BoolArray, FloatImage
 from simulation.pose import projection_depth
 
 if TYPE_CHECKING:

@@ -204,7 +204,7 @@ class _Sums:
         variance = np.maximum(self.variance, np.float32(1e-30)) * np.float32(
             (narrowest_px / self.width_px) ** 2
         )
-        return difference, np.sqrt(variance) / weight, valid
+        return difference, np.asarray(np.sqrt(variance) / weight, dtype=np.float32), valid
 
 
 def _blurred(image: Float32Array, sigma_px: float) -> Float32Array:

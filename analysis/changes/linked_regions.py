@@ -80,8 +80,7 @@ def link_levels(levels: Sequence[DetectionLevel], threshold_sd: float) -> FoundC
     narrowest = levels[0]
     strongest = np.array(narrowest.significance, dtype=np.float32)
     found = [
-        _linked(region, 0, levels, ())
-        for region in connected_regions(strongest, threshold_sd)
+        _linked(region, 0, levels, ()) for region in connected_regions(strongest, threshold_sd)
     ]
     for number in range(1, len(levels)):
         found, significance = _with_wider(found, levels, number, threshold_sd)

@@ -1,7 +1,5 @@
 """How likely a spot is found, and the amplitude at which it is found as often as asked."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import ncx2

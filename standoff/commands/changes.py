@@ -193,8 +193,14 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
         terminal.print_table(
             title,
             [
-                "change", "x / px", "y / px", "area / px", "sigma / px", "amplitude / DN",
-                "significance", "q",
+                "change",
+                "x / px",
+                "y / px",
+                "area / px",
+                "sigma / px",
+                "amplitude / DN",
+                "significance",
+                "q",
             ],
             [_change_cells(number, change) for number, change in enumerate(shown, 1)],
         )

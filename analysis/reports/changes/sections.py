@@ -61,8 +61,11 @@ def render_changes_report(
             verdicts=_verdicts(summary),
             sections=(
                 changes_section(summary, views),
-                *((limit_section(summary.detection_limit, limit_map),)
-                  if summary.detection_limit is not None else ()),
+                *(
+                    (limit_section(summary.detection_limit, limit_map),)
+                    if summary.detection_limit is not None
+                    else ()
+                ),
                 _comparison_section(summary),
             ),
             provenance=versions(),
@@ -185,7 +188,10 @@ def limit_section(limit: DetectionLimit, limit_map: ReportFigure | None) -> Repo
         tables=(
             ReportTable(
                 columns=(
-                    "spot, sigma", "half the area / DN", "95 % of it / DN", "worst place / DN",
+                    "spot, sigma",
+                    "half the area / DN",
+                    "95 % of it / DN",
+                    "worst place / DN",
                     *asked,
                 ),
                 rows=tuple(rows),

@@ -12,7 +12,7 @@ from .change_search import (
     find_changes as find_changes,
     write_changes as write_changes,
 )
-from .scene_scale import (
+from .limit_options import (
     DetectionLimitOptions as DetectionLimitOptions,
     scene_scale as scene_scale,
 )

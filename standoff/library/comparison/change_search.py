@@ -31,7 +31,7 @@ from simulation.arrays import BoolArray, Float32Array
 from simulation.choices import PsfShape
 from standoff.library.call import Call, Progress
 from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files
-from standoff.library.comparison.scene_scale import (
+from standoff.library.comparison.limit_options import (
     DetectionLimitOptions,
     SceneScale,
     scene_scale,
@@ -95,7 +95,7 @@ class ComparisonRules:
     options: ChangeOptions = field(default_factory=ChangeOptions)
     hints: AlignmentHints | RegistrationHints | None = None
     white_level: float | None = None
-    scale: SceneScale = SceneScale()
+    scale: SceneScale = field(default_factory=SceneScale)
 
     @property
     def left_out(self) -> BoolArray | None:

@@ -94,9 +94,8 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             changes=len(summary.changes),
             taken=photograph.facts.taken,
             warnings="; ".join(summary.warnings) or None,
-            **limit_columns(summary),
             reference=own_reference,
-        )
+        ).model_copy(update=limit_columns(summary))
         return Written(
             row=row.model_dump(),
             files=tuple(folder / file for file in CHANGE_FILES),

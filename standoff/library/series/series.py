@@ -7,6 +7,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from analysis.change_series import ChangesSeries, ComparedFollowup, time_line_of
+from analysis.changes import ChangeOptions
 from analysis.choices import FALSE_ALARMS, Criterion
 from analysis.detectability import CurveChoice
 from analysis.followup_series import (
@@ -21,7 +22,6 @@ from analysis.followup_series import (
     is_refused,
     run_series,
 )
-from analysis.changes import ChangeOptions
 from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.reports import render_series_report
 from analysis.results_file import write_results

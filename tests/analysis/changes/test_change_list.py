@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.special import ndtr
 
-from calibration.registration import DistortedPose
 from analysis.changes.comparison import Comparison
+from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import (
     comparison,

@@ -47,7 +47,8 @@ def test_as_many_spots_are_found_as_predicted(sigma: float) -> None:
     """Searched in simulated noise, at the places where the limit is stated."""
     rng = np.random.default_rng(int(10 * sigma))
     trials, threshold = 100, 5.3
-    levels = detection_levels(comparison(smoothed_noise(rng, SHAPE, 1.0) * NOISE_SD, NOISE_SD), 1e-6)
+    noise = smoothed_noise(rng, SHAPE, 1.0) * NOISE_SD
+    levels = detection_levels(comparison(noise, NOISE_SD), 1e-6)
     maps = LimitMaps.of(comparison(np.zeros(SHAPE), NOISE_SD), levels, threshold, 1.0)
     limit = float(np.median(maps.limit_dn(sigma)))
     for factor in (0.75, 0.9, 1.0):
@@ -72,7 +73,9 @@ def test_limits_are_stated_over_what_was_compared() -> None:
     sd[:, :24] *= 3.0
     valid = np.ones(SHAPE, dtype=np.bool_)
     valid[:30] = False
-    compared = comparison(smoothed_noise(np.random.default_rng(3), SHAPE, 1.0) * sd, sd, valid=valid)
+    compared = comparison(
+        smoothed_noise(np.random.default_rng(3), SHAPE, 1.0) * sd, sd, valid=valid
+    )
     levels = detection_levels(compared, 1e-6)
     maps = LimitMaps.of(compared, levels, 5.0, 1.0)
     found = detection_limit(maps, 2.0, contrast_dn=4.0)

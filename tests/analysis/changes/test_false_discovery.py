@@ -23,9 +23,7 @@ def test_regions_of_opposite_signs_are_apart_and_corners_connect() -> None:
 
 
 @pytest.mark.parametrize(("smoothing", "step"), [(1.0, 1), (1.5, 1), (4.0, 2), (8.0, 4)])
-def test_as_many_peaks_as_simulated_fields_have(
-    smoothing: float, step: int
-) -> None:
+def test_as_many_peaks_as_simulated_fields_have(smoothing: float, step: int) -> None:
     known = FilterWidth(width_px=smoothing, step_px=step, spread_err=0.0)
     rng = np.random.default_rng(3)
     counted = sum(

@@ -105,9 +105,7 @@ def scene_scale(call: Call, options: DetectionLimitOptions, psf: PsfLike | None)
     return SceneScale(sensor_mm=_pitch_mm(psf))
 
 
-def _scale(
-    call: Call, geometry: GeometryCalibration | FilePath, height_mm: float | None
-) -> float:
+def _scale(call: Call, geometry: GeometryCalibration | FilePath, height_mm: float | None) -> float:
     """Reference pixels per mm of the scene."""
     if isinstance(geometry, GeometryCalibration):
         found, name = geometry, "the geometry"
