@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change
 from analysis.changes.false_discovery import q_values
 from analysis.changes.levels import DetectionLevel
@@ -20,9 +21,8 @@ _MOST_FITTED = 300
 def list_changes(
     regions: Sequence[LinkedRegion],
     levels: Sequence[DetectionLevel],
+    compared: Comparison,
     pose: DistortedPose,
-    *,
-    is_on_followup: bool,
 ) -> tuple[Change, ...]:
     """Describe changes, in their order.
 
@@ -32,25 +32,25 @@ def list_changes(
         What stands out, the most significant first.
     levels
         The difference behind each width, the narrowest first.
+    compared
+        The difference itself.
     pose
         Of the follow-up in the reference: gives the places in the photograph that is not the grid.
-    is_on_followup
-        Whether the grid is that of the follow-up's pixels; the reference's if not.
     """
     if not regions:
         return ()
-    spots = _fitted(regions, levels)
+    spots = _fitted(regions, levels, compared)
     y, x = np.array([(spot.y_px, spot.x_px) for spot in spots]).T
     area_px = np.array([len(region.rows) for region in regions], dtype=np.float64)
     sigma_px = np.array([spot.sigma_px for spot in spots])
-    if is_on_followup:
+    if compared.is_on_followup:
         followup, reference = (y, x), pose.to_reference_px(y, x)
     else:
         followup, reference = pose.to_followup_px(y, x), (y, x)
         scale = _followup_px_by_pixel(pose, y, x)
         area_px, sigma_px = area_px * scale, sigma_px * np.sqrt(scale)
     heights = np.abs([region.significance for region in regions])
-    compared_px = int(np.count_nonzero(levels[0].valid))
+    compared_px = int(np.count_nonzero(compared.valid))
     q_value = q_values(heights, compared_px, [level.filter_width for level in levels])
     columns = np.stack(
         [followup[1], followup[0], reference[1], reference[0], area_px, sigma_px, heights, q_value],
@@ -73,40 +73,43 @@ def list_changes(
     )
 
 
-def _fitted(regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel]) -> list[FittedSpot]:
-    fields = [SmoothedField.of(level) for level in levels]
+def _fitted(
+    regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel], compared: Comparison
+) -> list[FittedSpot]:
+    # One level narrower than the one that finds it best: there its shape is still seen.
+    own = SmoothedField.of_comparison(compared)
+    fields = [own, own, *map(SmoothedField.of, levels[1:-1])]
     at = np.array([(region.row, region.col) for region in regions])
     tree = cKDTree(at)
     spots = []
     for index, region in enumerate(regions):
         if index >= _MOST_FITTED:
-            spots.append(_as_it_stands(region, fields[0]))
+            spots.append(_as_it_stands(region, own))
             continue
-        # One level narrower than the one that finds it best: there its shape is still seen.
-        field = fields[max(region.level - 1, 0)]
+        field = fields[region.level]
         near = tree.query_ball_point(at[index], NEIGHBOUR_REACH * field.width_px)
         others = np.array([other for other in near if other != index], dtype=np.int64)
         distance = np.linalg.norm(at[others] - at[index], axis=1)
         nearest = at[others[np.argsort(distance, kind="stable")]]
         spots.append(
-            fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, fields[0])
+            fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, own)
         )
     return spots
 
 
-def _as_it_stands(region: LinkedRegion, narrowest: SmoothedField) -> FittedSpot:
+def _as_it_stands(region: LinkedRegion, own: SmoothedField) -> FittedSpot:
     """Take the strongest pixel for the peak of a change that is no spot, and its pixels for a disc.
 
     A disc has the second moments of a Gaussian half as wide as its radius.
     """
-    signed = narrowest.difference_dn[region.rows, region.cols] * np.sign(region.significance)
-    top = int(np.argmax(signed / narrowest.sd_dn[region.rows, region.cols]))
+    signed = own.difference_dn[region.rows, region.cols] * np.sign(region.significance)
+    top = int(np.argmax(signed / own.sd_dn[region.rows, region.cols]))
     place = (region.rows[top], region.cols[top])
     return FittedSpot(
         y_px=float(place[0]),
         x_px=float(place[1]),
-        amplitude_dn=float(narrowest.difference_dn[place]),
-        amplitude_err_dn=float(narrowest.sd_dn[place]),
+        amplitude_dn=float(own.difference_dn[place]),
+        amplitude_err_dn=float(own.sd_dn[place]),
         sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
     )
 

@@ -150,7 +150,7 @@ def find_changes(
     else:
         threshold = discovery_threshold(levels, options.false_discovery_rate)
     found = link_levels(levels, threshold)
-    changes = list_changes(found.regions, levels, pose, is_on_followup=compared.is_on_followup)
+    changes = list_changes(found.regions, levels, compared, pose)
     limits = LimitMaps.of(compared, levels, threshold, grid.followup_px)
     difference, plain, sd = map(
         grid.brought, (compared.difference_dn, compared.plain_difference_dn, compared.sd_dn)

@@ -10,7 +10,7 @@ from simulation.arrays import FloatArray
 POWER = 0.95
 """Of a detection limit."""
 
-_SEARCHED = 2.5
+_SEARCHED = 2.0
 """What is searched for the highest significance, beside its own noise: the place counts for two,
 and the width for one where it lies between others, which it does not for the narrowest spots."""
 

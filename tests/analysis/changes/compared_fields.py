@@ -75,4 +75,4 @@ def listed(compared: Comparison, pose: DistortedPose, threshold_sd: float) -> tu
     """The changes of a comparison beyond a threshold."""
     levels = detection_levels(compared, 1e-6)
     found = link_levels(levels, threshold_sd)
-    return list_changes(found.regions, levels, pose, is_on_followup=compared.is_on_followup)
+    return list_changes(found.regions, levels, compared, pose)

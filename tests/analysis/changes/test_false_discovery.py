@@ -66,8 +66,9 @@ def test_the_false_share_is_as_asked() -> None:
         found = link_levels(levels, discovery_threshold(levels, 0.2)).regions
         listed += len(found)
         false += sum(not near[one.row, one.col] for one in found)
-    # The others' share of the area times 0.2, and allowance for the spread; 1,000 are listed.
-    assert 0.08 < false / listed < 0.2
+    # No more than asked; less, since so many spots raise the scatter that wide filters measure, and
+    # what chance adds beside a spot is taken for a part of it. 1,000 are listed.
+    assert 0.03 < false / listed < 0.2
     assert listed > 30 * len(places) / 2
 
 
