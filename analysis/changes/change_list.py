@@ -14,6 +14,9 @@ from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, SmoothedField
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 
+_SURE = 3.0
+"""Standard deviations by which the strongest of many pixels is too high."""
+
 _MOST_FITTED = 300
 """Changes whose shape is fitted; a frame with more is another scene, and the rest get levels."""
 
@@ -76,42 +79,56 @@ def list_changes(
 def _fitted(
     regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel], compared: Comparison
 ) -> list[FittedSpot]:
-    # One level narrower than the one that finds it best: there its shape is still seen.
-    own = SmoothedField.of_comparison(compared)
-    fields = [own, own, *map(SmoothedField.of, levels[1:-1])]
+    fields = [SmoothedField.of_comparison(compared), *map(SmoothedField.of, levels)]
     at = np.array([(region.row, region.col) for region in regions])
     tree = cKDTree(at)
     spots = []
     for index, region in enumerate(regions):
         if index >= _MOST_FITTED:
-            spots.append(_as_it_stands(region, own))
+            spots.append(_as_it_stands(region, fields))
             continue
-        field = fields[region.level]
+        # One level narrower than the one that finds it best: there its shape is still seen.
+        field = fields[region.level if region.level > 1 else 0]
         near = tree.query_ball_point(at[index], NEIGHBOUR_REACH * field.width_px)
         others = np.array([other for other in near if other != index], dtype=np.int64)
         distance = np.linalg.norm(at[others] - at[index], axis=1)
         nearest = at[others[np.argsort(distance, kind="stable")]]
         spots.append(
-            fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, own)
+            fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, fields)
         )
     return spots
 
 
-def _as_it_stands(region: LinkedRegion, own: SmoothedField) -> FittedSpot:
-    """Take the strongest pixel for the peak of a change that is no spot, and its pixels for a disc.
+def _as_it_stands(region: LinkedRegion, fields: Sequence[SmoothedField]) -> FittedSpot:
+    """Take the strongest place for the peak of a change that is no spot, and its pixels for a disc.
 
-    A disc has the second moments of a Gaussian half as wide as its radius.
+    Of the fields that are no wider than the one that finds it best, the one that is surest of the
+    peak tells: the narrower ones have the more noise, the wider ones less of what is narrow. A disc
+    has the second moments of a Gaussian half as wide as its radius.
     """
-    signed = own.difference_dn[region.rows, region.cols] * np.sign(region.significance)
-    top = int(np.argmax(signed / own.sd_dn[region.rows, region.cols]))
-    place = (region.rows[top], region.cols[top])
-    return FittedSpot(
-        y_px=float(place[0]),
-        x_px=float(place[1]),
-        amplitude_dn=float(own.difference_dn[place]),
-        amplitude_err_dn=float(own.sd_dn[place]),
-        sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
-    )
+    best: tuple[float, FittedSpot] | None = None
+    for field in fields[: region.level + 2]:
+        last = np.subtract(field.valid.shape, 1)
+        rows = np.minimum(np.rint(region.rows / field.step_px).astype(np.int64), last[0])
+        cols = np.minimum(np.rint(region.cols / field.step_px).astype(np.int64), last[1])
+        counts = field.valid[rows, cols]
+        if not counts.any():
+            continue
+        rows, cols = rows[counts], cols[counts]
+        sd_dn = field.sd_dn[rows, cols]
+        signed = field.difference_dn[rows, cols] * np.sign(region.significance)
+        top = int(np.argmax(signed / sd_dn))
+        surely = float(signed[top] - _SURE * sd_dn[top])
+        if best is None or surely > best[0]:
+            best = surely, FittedSpot(
+                y_px=float(rows[top] * field.step_px),
+                x_px=float(cols[top] * field.step_px),
+                amplitude_dn=float(field.difference_dn[rows[top], cols[top]]),
+                amplitude_err_dn=float(sd_dn[top]),
+                sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
+            )
+    assert best is not None, "a region has pixels that were compared"
+    return best[1]
 
 
 def _followup_px_by_pixel(pose: DistortedPose, y: FloatArray, x: FloatArray) -> FloatArray:

@@ -92,7 +92,7 @@ def test_an_extended_change_has_the_level_of_its_strongest_place() -> None:
     field += smoothed_noise(np.random.default_rng(3), SHAPE, 1.0)
     found = listed(comparison(field), SAME, 6.0)[0]
     assert found.area_px == pytest.approx(30 * 40, rel=0.15)  # the rim is beyond the threshold
-    assert found.amplitude_dn == pytest.approx(12.0, abs=3.5)  # its noisiest pixel
+    assert found.amplitude_dn == pytest.approx(12.0, abs=1.0)
     assert 15 <= found.y_px <= 44
     assert 20 <= found.x_px <= 59
 
