@@ -1,0 +1,225 @@
+"""Changes that are movements: what a shift of a few pixels explains better than an added signal.
+
+What is seen somewhere after may be what was elsewhere before, and what was there before may be
+seen elsewhere after: a change is a movement if either holds, by the same shift, on nearly all that
+stands out. Parallax and things that moved are found so; what vanished and what appeared is one
+movement.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from analysis.changes.movement_trial import Images, Shift, Trial, ways_within
+from simulation.arrays import FloatArray, IntArray
+
+_NEAR_PX, _FAR_PX = 5.0, 16.0
+"""The longest shift of any change, and of one whose old place is another change."""
+
+_LEAST_LEFT = 0.5
+"""Share of the old place's pixels that must be listed as changed."""
+
+_AGREED_PX, _AGREED_ERR = 0.7, 3.0
+_FOLLOWS_PX = 0.5
+_FOLLOWS_GAIN = 6.0
+"""Chi-squared that a neighbour's shift has for it."""
+
+_GAP = 3.0
+"""Distance over the smoothing, plus the shift, between changes of one movement."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ChangedRegion:
+    """Connected pixels of one sign.
+
+    Parameters
+    ----------
+    row, col
+        The strongest pixel.
+    sign
+        1 or -1.
+    rows, cols
+        All of its pixels, shape ``(n,)``.
+    """
+
+    row: int
+    col: int
+    sign: int
+    rows: IntArray = field(repr=False)
+    cols: IntArray = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Movement:
+    """One shift and the changes that it explains.
+
+    Parameters
+    ----------
+    regions
+        Their indices, the strongest first.
+    displacement_px
+        ``(y, x)`` on the grid: what was at p is now at p + d.
+    covariance_px2
+        Shape (2, 2); large along an edge, along which no shift is seen.
+    share
+        Of what stood out beyond the noise, explained; the least of the regions.
+    """
+
+    regions: tuple[int, ...]
+    displacement_px: tuple[float, float]
+    covariance_px2: FloatArray = field(repr=False)
+    share: float
+
+    @property
+    def displacement_err_px(self) -> tuple[float, float]:
+        """Standard errors of the displacement."""
+        y, x = np.sqrt(np.diag(self.covariance_px2)).tolist()
+        return y, x
+
+
+def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Movement, ...]:
+    """Find the changes that a shift explains.
+
+    Parameters
+    ----------
+    images
+        Before and after, at one sharpness and in one light.
+    regions
+        Connected pixels that differ, the strongest first.
+    """
+    if not regions:
+        return ()
+    ways = ways_within(_NEAR_PX)
+    found: dict[int, Shift] = {}
+    for index, region in enumerate(regions):
+        shift = _best(Trial(images, region.rows, region.cols, _NEAR_PX).shifts(ways, 2))
+        if shift is not None:
+            found[index] = shift
+    _add_far(images, regions, found)
+    near = _neighbours(images, regions)
+    _add_followers(images, regions, found, near)
+    return _joined(found, near)
+
+
+def _best(shifts: object) -> Shift | None:
+    """The shift that explains most, of those that are better than a spot."""
+    best: Shift | None = None
+    for shift in shifts:
+        if shift.gain > 0 and (best is None or shift.gain > best.gain):
+            best = shift
+    return best
+
+
+def _add_far(
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift]
+) -> None:
+    """Things that moved further than they are wide: what appeared is what vanished elsewhere."""
+    left = [index for index in range(len(regions)) if index not in found]
+    if len(left) < 2:
+        return
+    label = np.full(images.valid.shape, -1, dtype=np.int32)
+    for index in left:
+        label[regions[index].rows, regions[index].cols] = index
+    tops = cKDTree([(regions[index].row, regions[index].col) for index in left])
+    ways = ways_within(_FAR_PX)
+    for index in left:
+        region = regions[index]
+        size = float(max(np.ptp(region.rows), np.ptp(region.cols)))
+        if len(tops.query_ball_point((region.row, region.col), _FAR_PX + size)) < 2:
+            continue
+        trial = Trial(images, region.rows, region.cols, _FAR_PX)
+        shift = _best(trial.shifts(ways, 3))
+        if shift is None:
+            continue
+        y, x = np.rint(shift.displacement_px).astype(np.int64)
+        for sense in (1, -1):
+            rows = np.clip(region.rows - sense * y, 0, label.shape[0] - 1)
+            cols = np.clip(region.cols - sense * x, 0, label.shape[1] - 1)
+            there = label[rows, cols]
+            if np.mean(there >= 0) >= _LEAST_LEFT:
+                found[index] = shift
+                break
+
+
+def _neighbours(images: Images, regions: Sequence[ChangedRegion]) -> list[list[int]]:
+    """Changes within reach of each."""
+    reach = _GAP * images.smoothing_px + _NEAR_PX
+    trees = [cKDTree(np.stack([one.rows, one.cols], axis=1)) for one in regions]
+    centre = np.array([(np.mean(one.rows), np.mean(one.cols)) for one in regions])
+    radius = np.array([np.hypot(np.ptp(one.rows), np.ptp(one.cols)) / 2 for one in regions])
+    near: list[list[int]] = [[] for _ in regions]
+    for i in range(len(regions)):
+        apart = np.hypot(*(centre[i + 1 :] - centre[i]).T) - radius[i + 1 :] - radius[i]
+        for j in (np.flatnonzero(apart < reach) + i + 1).tolist():
+            if trees[i].count_neighbors(trees[j], reach) > 0:
+                near[i].append(j)
+                near[j].append(i)
+    return near
+
+
+def _add_followers(
+    images: Images,
+    regions: Sequence[ChangedRegion],
+    found: dict[int, Shift],
+    near: list[list[int]],
+) -> None:
+    """Changes that are explained by the shift of a neighbour."""
+    queue = sorted(found, key=lambda index: -found[index].gain)
+    while queue:
+        leader = queue.pop(0)
+        for index in near[leader]:
+            if index in found:
+                continue
+            region, start = regions[index], found[leader].displacement_px
+            reach = float(np.hypot(*start)) + 1
+            trial = Trial(images, region.rows, region.cols, reach)
+            best: Shift | None = None
+            for sense in (1.0, -1.0):
+                for shift in trial.shifts_from(start, sense, 1 / _FOLLOWS_PX**2):
+                    if shift.gain > -_FOLLOWS_GAIN and (best is None or shift.gain > best.gain):
+                        best = shift
+            if best is not None:
+                found[index] = best
+                queue.append(index)
+
+
+def _joined(found: dict[int, Shift], near: list[list[int]]) -> tuple[Movement, ...]:
+    """Neighbours with one shift are one movement."""
+    movements = []
+    free = dict(sorted(found.items(), key=lambda item: -item[1].gain))
+    while free:
+        first = next(iter(free))
+        shift = free.pop(first)
+        members, information = [first], shift.information.copy()
+        weighted, share = information @ shift.displacement_px, shift.share
+        queue = [first]
+        while queue:
+            for index in near[queue.pop(0)]:
+                if index not in free:
+                    continue
+                other = free[index]
+                covariance = np.linalg.inv(information)
+                apart = other.displacement_px - covariance @ weighted
+                spread = covariance + np.linalg.inv(other.information)
+                spread = _AGREED_ERR**2 * spread + _AGREED_PX**2 * np.eye(2)
+                if apart @ np.linalg.solve(spread, apart) > 1:
+                    continue
+                del free[index]
+                members.append(index)
+                queue.append(index)
+                information = information + other.information
+                weighted = weighted + other.information @ other.displacement_px
+                share = min(share, other.share)
+        covariance = np.linalg.inv(information)
+        y, x = (covariance @ weighted).tolist()
+        movements.append(
+            Movement(
+                regions=tuple(sorted(members)),
+                displacement_px=(y, x),
+                covariance_px2=covariance,
+                share=share,
+            )
+        )
+    return tuple(movements)

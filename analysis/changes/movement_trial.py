@@ -1,0 +1,291 @@
+"""Whether a shift explains one change better than an added spot does.
+
+Judged on the change's pixels and a ring around them. Chi-squared is the mean square in standard
+deviations times the number of independent values: errors with the correlation
+``exp(-d^2 / (4 s^2))`` have, by the variance of a sum of their squares, one to ``2 pi s^2`` pixels.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import ceil, inf, pi
+
+import cv2
+import numpy as np
+from scipy.ndimage import spline_filter
+
+from analysis.changes.movement_fit import fit_shift, fit_spot_cost, search_costs, shift_residuals
+from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
+
+_RING = 2.0
+"""Width over the smoothing, plus a pixel, of the ring: unchanged, unless what is there moved too."""
+
+_LEAST_SHARE = 0.85
+"""Of what stands out beyond the noise, which a shift has to explain."""
+
+_LEAST_GAIN = {2: 6.0, 6: 10.0}
+"""Chi-squared by which a shift, of so many parameters, has to be better than a spot."""
+
+_AFFINE_VALUES = 2.0
+"""Independent values that a change must have for its shift to vary over it."""
+
+_CHANGED_SD, _LEAST_LEFT = 2.5, 0.5
+"""What moved has changed its other place, by so much, on this share of its pixels at least."""
+
+_MOST_SLOPE = 0.15
+"""Change of the shift from one pixel to the next beyond which it is no local shift."""
+
+_MOST_PIXELS = 1500
+_MOST_SEARCHED = 150
+_APART_PX = 2
+_MARGIN_PX = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Images:
+    """Before and after on one grid with the standard deviation of their difference.
+
+    All of shape ``(rows, cols)`` and smoothed by ``smoothing_px``.
+    """
+
+    before_dn: FloatImage = field(repr=False)
+    after_dn: FloatImage = field(repr=False)
+    sd_dn: FloatImage = field(repr=False)
+    valid: BoolArray = field(repr=False)
+    smoothing_px: float
+
+    @property
+    def values_by_pixel(self) -> float:
+        """Independent values to a pixel."""
+        return 1 / (2 * pi * self.smoothing_px**2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shift:
+    """A shift that explains a change.
+
+    Parameters
+    ----------
+    displacement_px
+        ``(y, x)``, from before to after, at the change's centre.
+    information
+        Inverse of its covariance, shape (2, 2).
+    share
+        Of what stood out beyond the noise, explained.
+    gain
+        Chi-squared by which it is better than a spot.
+    """
+
+    displacement_px: FloatArray
+    information: FloatArray
+    share: float
+    gain: float
+
+
+def ways_within(radius_px: float) -> IntArray:
+    """Whole displacements ``(y, x)`` of at most this length, the shortest first."""
+    most = int(radius_px)
+    ways = np.array([
+        (y, x)
+        for y in range(-most, most + 1)
+        for x in range(-most, most + 1)
+        if y * y + x * x <= radius_px**2
+    ], dtype=np.int64)  # fmt: skip
+    return ways[np.argsort((ways**2).sum(axis=1), kind="stable")]
+
+
+class Trial:
+    """A change with the pixels on which its explanations are compared.
+
+    Parameters
+    ----------
+    images
+        The photographs.
+    rows, cols
+        The change's pixels.
+    reach_px
+        The longest displacement that will be tried.
+    """
+
+    def __init__(
+        self, images: Images, rows: IntArray, cols: IntArray, reach_px: float
+    ) -> None:
+        smoothing = images.smoothing_px
+        self._smoothing_px, self._norm = smoothing, images.values_by_pixel
+        ring = round(_RING * smoothing) + 1
+        margin = ring + ceil(reach_px) + _MARGIN_PX
+        top, left = max(int(rows.min()) - margin, 0), max(int(cols.min()) - margin, 0)
+        crop = np.s_[top : int(rows.max()) + margin + 1, left : int(cols.max()) + margin + 1]
+        self._before = np.asarray(images.before_dn[crop], dtype=np.float64)
+        self._after = np.asarray(images.after_dn[crop], dtype=np.float64)
+        self._valid = np.ascontiguousarray(images.valid[crop])
+        self._sd = np.where(self._valid, images.sd_dn[crop], 1.0).astype(np.float64)
+        self._reach_px = reach_px
+        own = np.zeros(self._valid.shape, dtype=np.uint8)
+        own[rows - top, cols - left] = 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * ring + 1, 2 * ring + 1))
+        around = (cv2.dilate(own, disc) > own) & self._valid
+        inner, outer = np.nonzero(own), np.nonzero(around)
+        # A large change has more pixels than its shift needs.
+        self._stride = max(1, (len(inner[0]) + len(outer[0])) // _MOST_PIXELS)
+        self._own = len(inner[0][:: self._stride])
+        self._y, self._x = (
+            np.concatenate([a[:: self._stride], b[:: self._stride]])
+            for a, b in zip(inner, outer, strict=True)
+        )
+        self._norm *= self._stride
+        self._radius_px = max(float(np.ptp(rows)), float(np.ptp(cols)), 2.0) / 2
+        z = (self._after - self._before)[self._y, self._x] / self._sd[self._y, self._x]
+        self._z = np.asarray(z)
+
+    @cached_property
+    def _static(self) -> FloatArray:
+        return np.asarray(self._z**2)
+
+    @cached_property
+    def spot_cost(self) -> float:
+        """Chi-squared that the best elliptic Gaussian leaves."""
+        y, x = self._y[: self._own], self._x[: self._own]
+        weight = np.abs(self._z[: self._own])
+        weight = weight / weight.sum()
+        centre_y, centre_x = float(weight @ y), float(weight @ x)
+        y, x = y - centre_y, x - centre_x
+        pixel = 0.3  # of the variance: a pixel is not a point
+        yy, xx, yx = weight @ (y * y) + pixel, weight @ (x * x) + pixel, weight @ (y * x)
+        root = np.linalg.cholesky(np.linalg.inv(np.array([[yy, yx], [yx, xx]])))
+        start = np.array([1.0, centre_y, centre_x, root[0, 0], root[1, 0], root[1, 1]])
+        return self._norm * float(fit_spot_cost(self._pixels(1.0), start))
+
+    def shifts(self, ways: IntArray, starts: int) -> Iterator[Shift]:
+        """Shifts that explain the change, from the best of whole ways, the simplest first.
+
+        Each is tried for what is seen now and came from elsewhere, and for what was seen and went.
+        """
+        for sense in (1.0, -1.0):
+            pixels = self._pixels(sense)[: self._own : 1 + self._own // _MOST_SEARCHED]
+            costs = search_costs(pixels, self._moving(sense), self._valid, sense, ways)
+            for start in _lowest(costs, ways, starts):
+                yield from self.shifts_from(start, sense)
+
+    def shifts_from(
+        self, start: FloatArray, sense: float, own_weight: float = 0.0
+    ) -> Iterator[Shift]:
+        """Shifts near one; ``own_weight``, in 1 / px^2, holds them there."""
+        for is_whole in (True, False):
+            found, shift = np.append(start, np.zeros(4)), None
+            for count in (2, 6):
+                if count == 6 and self._own * self._norm < _AFFINE_VALUES:
+                    break
+                found, shift = self._fitted(found, sense, is_whole, (count, own_weight))
+                if shift is not None:
+                    yield shift
+
+    def _fitted(
+        self, start: FloatArray, sense: float, is_whole: bool, freedom: tuple[int, float]
+    ) -> tuple[FloatArray, Shift | None]:
+        """Fit a shift to the change and its ring, or to the change alone with a ring at rest."""
+        count, own_weight = freedom
+        pixels, coefficients = self._pixels(sense), self._coefficients(sense)
+        fitted = pixels if is_whole else pixels[: self._own]
+        prior = np.full(7, inf)
+        prior[:2] = 1e-6 + own_weight / self._norm
+        prior[2:count] = 1.0
+        prior[6] = self._reach_px + 1
+        found = fit_shift(fitted, coefficients, self._valid, sense, start, prior)
+        slopes = np.empty((len(pixels), 6))
+        left = shift_residuals(pixels, coefficients, self._valid, found, sense, slopes)
+        square = left**2
+        if not is_whole:
+            square[self._own :] = np.minimum(square[self._own :], self._static[self._own :])
+        cost = self._norm * float(square.sum())
+        expected = self._norm * len(square)
+        stood_out = max(self._norm * float(self._static.sum()) - expected, 1e-9)
+        share = 1 - max(cost - expected, 0.0) / stood_out
+        if share < _LEAST_SHARE or np.abs(found[2:]).max() > _MOST_SLOPE * self._radius_px:
+            return found, None
+        gain = self.spot_cost - cost
+        if not is_whole:
+            if self._changed_elsewhere(pixels[: self._own], found, sense) < _LEAST_LEFT:
+                return found, None
+            # An even surface is seen anywhere else: that it is here says nothing of a shift.
+            own = float(square[: self._own].sum())
+            gain = min(gain, self._norm * (_even_cost(pixels[: self._own]) - own))
+        return found, Shift(
+            displacement_px=found[:2],
+            information=self._information(
+                slopes[: len(fitted), :2], max(1.0, cost / expected), len(fitted)
+            ),
+            share=share,
+            gain=gain - _LEAST_GAIN[count],
+        )
+
+    def _changed_elsewhere(self, pixels: FloatArray, shift: FloatArray, sense: float) -> float:
+        """Share of the pixels whose other place, where they came from or went, has changed too."""
+        u, v = pixels[:, 5], pixels[:, 6]
+        rows = np.rint(pixels[:, 0] - sense * (shift[0] + shift[2] * u + shift[3] * v))
+        cols = np.rint(pixels[:, 1] - sense * (shift[1] + shift[4] * u + shift[5] * v))
+        last_row, last_col = (size - 1 for size in self._valid.shape)
+        rows = np.clip(rows, 0, last_row).astype(np.int64)
+        cols = np.clip(cols, 0, last_col).astype(np.int64)
+        differs = np.abs(self._after[rows, cols] - self._before[rows, cols])
+        return float(np.mean(differs > _CHANGED_SD * self._sd[rows, cols]))
+
+    def _information(self, slopes: FloatArray, excess: float, count: int) -> FloatArray:
+        """Inverse covariance of a least-squares shift in errors whose neighbours agree."""
+        normal = slopes.T @ slopes + 1e-6 * np.eye(2)
+        scattered = np.empty_like(slopes)
+        for axis in range(2):
+            grid = np.zeros(self._valid.shape)
+            grid[self._y[:count], self._x[:count]] = slopes[:, axis]
+            blurred = cv2.GaussianBlur(grid, (0, 0), 2**0.5 * self._smoothing_px)
+            scattered[:, axis] = blurred[self._y[:count], self._x[:count]]
+        # What strides leave out is as many times as much.
+        correlated = 4 * pi * self._smoothing_px**2 * slopes.T @ scattered * self._stride
+        correlated += 1e-6 * np.eye(2)
+        made = normal @ np.linalg.solve(correlated, normal) * self._stride / excess
+        return np.asarray((made + made.T) / 2)
+
+    def _moving(self, sense: float) -> FloatArray:
+        return self._before if sense > 0 else self._after
+
+    @cached_property
+    def _splines(self) -> tuple[FloatArray, FloatArray]:
+        return tuple(spline_filter(one, 3, mode="mirror") for one in (self._before, self._after))
+
+    def _coefficients(self, sense: float) -> FloatArray:
+        return self._splines[0 if sense > 0 else 1]
+
+    @cached_property
+    def _both_pixels(self) -> tuple[FloatArray, FloatArray]:
+        y, x = self._y, self._x
+        own_y, own_x = y[: self._own], x[: self._own]
+        u, v = (y - own_y.mean()) / self._radius_px, (x - own_x.mean()) / self._radius_px
+        return tuple(
+            np.stack([y, x, held[y, x], self._sd[y, x], self._z, u, v], axis=1)
+            for held in (self._after, self._before)
+        )
+
+    def _pixels(self, sense: float) -> FloatArray:
+        return self._both_pixels[0 if sense > 0 else 1]
+
+
+def _even_cost(pixels: FloatArray) -> float:
+    """Sum of squares that a plane leaves of the levels of the image that is held."""
+    weight = 1 / pixels[:, 3]
+    plane = np.stack([weight, weight * pixels[:, 5], weight * pixels[:, 6]], axis=1)
+    level = pixels[:, 2] * weight
+    normal = plane.T @ plane
+    normal[np.diag_indices(3)] += 1e-9 * normal[0, 0]
+    left = level - plane @ np.linalg.solve(normal, plane.T @ level)
+    return float(left @ left)
+
+
+def _lowest(costs: FloatArray, ways: IntArray, count: int) -> list[FloatArray]:
+    """The best ways that are not beside a better one."""
+    chosen: list[IntArray] = []
+    for index in np.argsort(costs, kind="stable"):
+        if all(np.abs(ways[index] - other).max() > _APART_PX for other in chosen):
+            chosen.append(ways[index])
+            if len(chosen) == count:
+                break
+    return [way.astype(np.float64) for way in chosen]
