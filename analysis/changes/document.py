@@ -26,9 +26,9 @@ _Row3 = tuple[float, float, float]
 
 
 class Change(StoredValues):
-    """One connected change of one sign, at its strongest place.
+    """One connected change of one sign, or one movement, at its strongest place.
 
-    A thing that moved is two changes: what vanished, and what appeared.
+    A thing that moved, where its shift is not told, is two: what vanished, and what appeared.
 
     Parameters
     ----------
@@ -43,6 +43,11 @@ class Change(StoredValues):
         Standard deviations by which its strongest place stands out from chance; positive.
     q_value
         Share of false ones expected among the changes that are at least as significant.
+    displacement_px, displacement_err_px
+        Shift ``(x, y)`` in follow-up pixels, from before to after, that explains it better than an
+        added signal, and its standard errors; None where none does.
+    is_moved
+        Whether one does: ``area_px`` is then that of all the connected changes that it explains.
     """
 
     x_px: float
@@ -54,6 +59,9 @@ class Change(StoredValues):
     amplitude_err_dn: float
     significance: float
     q_value: float
+    displacement_px: tuple[float, float] | None = None
+    displacement_err_px: tuple[float, float] | None = None
+    is_moved: bool = False
 
 
 class ChangeSummary(ResultsDocument):
@@ -87,6 +95,8 @@ class ChangeSummary(ResultsDocument):
         What the shape of the camera's PSF was known as; None in files of before.
     changes
         What changed, the most significant first.
+    moved
+        What a shift explains, likewise; empty where that was counted among the changes.
     false_discovery_rate
         Share of false ones among the changes that was asked for, if it decided the threshold.
     saturated_px
@@ -117,6 +127,7 @@ class ChangeSummary(ResultsDocument):
     width_err_px2: float
     psf_form: PsfForm | None = None
     changes: tuple[Change, ...] = ()
+    moved: tuple[Change, ...] = ()
     false_discovery_rate: float | None = None
     saturated_px: int = 0
     kernel: KernelOrigin | None = None

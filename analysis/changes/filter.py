@@ -11,6 +11,7 @@ from analysis.changes.comparison import Comparison, compare
 from analysis.changes.document import ChangeSummary
 from analysis.changes.false_discovery import discovery_threshold
 from analysis.changes.matching import PixelPositions, spline_coefficients
+from analysis.changes.moved_changes import moved_apart
 from analysis.changes.options import ChangeOptions
 from analysis.changes.unusable import clipped_at_white
 from analysis.changes.warning_sentences import ChangeMasks, change_warnings
@@ -133,7 +134,12 @@ def find_changes(
     maps = _Maps.of(compared, pose)
     threshold = _threshold(compared, maps, options)
     is_change = np.abs(maps.significance) > threshold
-    changes = list_changes(compared, pose, threshold)
+    listed = list_changes(compared, pose, threshold)
+    apart = moved_apart(compared, pose, threshold, listed)
+    changes, moved = apart.changes, apart.moved
+    if options.count_moved:
+        changes = tuple(sorted((*changes, *moved), key=lambda change: -change.significance))
+        moved = ()
     masks = _masks(reference, followup, pose, options, (is_change, maps.valid))
     return ChangeResult(
         summary=ChangeSummary(
@@ -156,6 +162,7 @@ def find_changes(
             width_err_px2=compared.width_err_px2,
             psf_form=None if psf is None else psf.form,
             changes=changes,
+            moved=moved,
             saturated_px=int(np.count_nonzero(masks.clipped | masks.reference_clipped)),
             kernel=compared.kernel,
             warnings=(*warnings, *compared.warnings, *change_warnings(changes, masks)),

@@ -15,17 +15,13 @@ from scipy.spatial import cKDTree
 from analysis.changes.movement_trial import Images, Shift, Trial, ways_within
 from simulation.arrays import FloatArray, IntArray
 
-_NEAR_PX, _FAR_PX = 5.0, 16.0
+_NEAR_PX, _FAR_PX = 6.0, 16.0
 """The longest shift of any change, and of one whose old place is another change."""
 
 _LEAST_LEFT = 0.5
 """Share of the old place's pixels that must be listed as changed."""
 
 _AGREED_PX, _AGREED_ERR = 0.7, 3.0
-_FOLLOWS_PX = 0.5
-_FOLLOWS_GAIN = 6.0
-"""Chi-squared that a neighbour's shift has for it."""
-
 _GAP = 3.0
 """Distance over the smoothing, plus the shift, between changes of one movement."""
 
@@ -94,7 +90,7 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
     ways = ways_within(_NEAR_PX)
     found: dict[int, Shift] = {}
     for index, region in enumerate(regions):
-        shift = _best(Trial(images, region.rows, region.cols, _NEAR_PX).shifts(ways, 2))
+        shift = Trial(images, region.rows, region.cols, _NEAR_PX).shift(ways, 2)
         if shift is not None:
             found[index] = shift
     _add_far(images, regions, found)
@@ -103,18 +99,7 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
     return _joined(found, near)
 
 
-def _best(shifts: object) -> Shift | None:
-    """The shift that explains most, of those that are better than a spot."""
-    best: Shift | None = None
-    for shift in shifts:
-        if shift.gain > 0 and (best is None or shift.gain > best.gain):
-            best = shift
-    return best
-
-
-def _add_far(
-    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift]
-) -> None:
+def _add_far(images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift]) -> None:
     """Things that moved further than they are wide: what appeared is what vanished elsewhere."""
     left = [index for index in range(len(regions)) if index not in found]
     if len(left) < 2:
@@ -129,8 +114,7 @@ def _add_far(
         size = float(max(np.ptp(region.rows), np.ptp(region.cols)))
         if len(tops.query_ball_point((region.row, region.col), _FAR_PX + size)) < 2:
             continue
-        trial = Trial(images, region.rows, region.cols, _FAR_PX)
-        shift = _best(trial.shifts(ways, 3))
+        shift = Trial(images, region.rows, region.cols, _FAR_PX).shift(ways, 3)
         if shift is None:
             continue
         y, x = np.rint(shift.displacement_px).astype(np.int64)
@@ -174,14 +158,9 @@ def _add_followers(
                 continue
             region, start = regions[index], found[leader].displacement_px
             reach = float(np.hypot(*start)) + 1
-            trial = Trial(images, region.rows, region.cols, reach)
-            best: Shift | None = None
-            for sense in (1.0, -1.0):
-                for shift in trial.shifts_from(start, sense, 1 / _FOLLOWS_PX**2):
-                    if shift.gain > -_FOLLOWS_GAIN and (best is None or shift.gain > best.gain):
-                        best = shift
-            if best is not None:
-                found[index] = best
+            shift = Trial(images, region.rows, region.cols, reach).following(start)
+            if shift is not None:
+                found[index] = shift
                 queue.append(index)
 
 

@@ -5,8 +5,7 @@ deviations times the number of independent values: errors with the correlation
 ``exp(-d^2 / (4 s^2))`` have, by the variance of a sum of their squares, one to ``2 pi s^2`` pixels.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil, inf, pi
 
@@ -20,17 +19,28 @@ from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 _RING = 2.0
 """Width over the smoothing, plus a pixel, of the ring: unchanged, unless what is there moved too."""
 
-_LEAST_SHARE = 0.85
-"""Of what stands out beyond the noise, which a shift has to explain."""
+_LEAST_SHARES = {0: 0.6, 2: 0.85, 6: 0.85}
+"""Of what stands out beyond the noise, which a shift of so many parameters has to explain; 0: that
+of a neighbour, beside which strips are covered and uncovered."""
 
-_LEAST_GAIN = {2: 6.0, 6: 10.0}
-"""Chi-squared by which a shift, of so many parameters, has to be better than a spot."""
+_LEAST_GAINS = {0: -6.0, 2: 6.0, 6: 10.0}
+"""Chi-squared by which it has to be better than a spot."""
+
+_FOLLOWS_PX = 0.5
+"""How far a shift may be from a neighbour's."""
 
 _AFFINE_VALUES = 2.0
 """Independent values that a change must have for its shift to vary over it."""
 
 _CHANGED_SD, _LEAST_LEFT = 2.5, 0.5
 """What moved has changed its other place, by so much, on this share of its pixels at least."""
+
+_NEARLY_ALL, _LEAST_RIGID, _MOST_LEFT = 0.95, 0.4, 0.75
+"""Shares beyond which nothing better is looked for, and below which nothing can be found: a rigid
+shift's, and what a whole way leaves."""
+
+_SHIFT_ERR_PX = 0.1
+"""Error of a shift that covers and uncovers its surroundings, beside that of the noise."""
 
 _MOST_SLOPE = 0.15
 """Change of the shift from one pixel to the next beyond which it is no local shift."""
@@ -107,9 +117,7 @@ class Trial:
         The longest displacement that will be tried.
     """
 
-    def __init__(
-        self, images: Images, rows: IntArray, cols: IntArray, reach_px: float
-    ) -> None:
+    def __init__(self, images: Images, rows: IntArray, cols: IntArray, reach_px: float) -> None:
         smoothing = images.smoothing_px
         self._smoothing_px, self._norm = smoothing, images.values_by_pixel
         ring = round(_RING * smoothing) + 1
@@ -137,6 +145,7 @@ class Trial:
         self._radius_px = max(float(np.ptp(rows)), float(np.ptp(cols)), 2.0) / 2
         z = (self._after - self._before)[self._y, self._x] / self._sd[self._y, self._x]
         self._z = np.asarray(z)
+        self._found_starts: dict[float, list[FloatArray]] = {}
 
     @cached_property
     def _static(self) -> FloatArray:
@@ -156,67 +165,99 @@ class Trial:
         start = np.array([1.0, centre_y, centre_x, root[0, 0], root[1, 0], root[1, 1]])
         return self._norm * float(fit_spot_cost(self._pixels(1.0), start))
 
-    def shifts(self, ways: IntArray, starts: int) -> Iterator[Shift]:
-        """Shifts that explain the change, from the best of whole ways, the simplest first.
+    def shift(self, ways: IntArray, starts: int) -> Shift | None:
+        """Find the shift that explains the change best, from the best of whole ways.
 
-        Each is tried for what is seen now and came from elsewhere, and for what was seen and went.
+        What is seen now may have come from elsewhere, and what was seen may have gone.
         """
-        for sense in (1.0, -1.0):
-            pixels = self._pixels(sense)[: self._own : 1 + self._own // _MOST_SEARCHED]
-            costs = search_costs(pixels, self._moving(sense), self._valid, sense, ways)
-            for start in _lowest(costs, ways, starts):
-                yield from self.shifts_from(start, sense)
-
-    def shifts_from(
-        self, start: FloatArray, sense: float, own_weight: float = 0.0
-    ) -> Iterator[Shift]:
-        """Shifts near one; ``own_weight``, in 1 / px^2, holds them there."""
+        best: _Fit | None = None
         for is_whole in (True, False):
-            found, shift = np.append(start, np.zeros(4)), None
-            for count in (2, 6):
-                if count == 6 and self._own * self._norm < _AFFINE_VALUES:
-                    break
-                found, shift = self._fitted(found, sense, is_whole, (count, own_weight))
-                if shift is not None:
-                    yield shift
+            for sense in (1.0, -1.0):
+                for start in self._starts(ways, starts, sense):
+                    best = _better(best, self._from(start, sense, is_whole))
+            if best is not None and best.share > _NEARLY_ALL:
+                break
+        return None if best is None else self._explained(best)
 
-    def _fitted(
-        self, start: FloatArray, sense: float, is_whole: bool, freedom: tuple[int, float]
-    ) -> tuple[FloatArray, Shift | None]:
+    def following(self, start: FloatArray) -> Shift | None:
+        """The shift of a neighbour, held there, with less asked of it."""
+        best: _Fit | None = None
+        for sense in (1.0, -1.0):
+            for is_whole in (True, False):
+                fit = self._fitted(np.append(start, np.zeros(4)), sense, is_whole, 0)
+                best = _better(best, self._judged(fit))
+        return None if best is None else self._explained(best)
+
+    def _starts(self, ways: IntArray, count: int, sense: float) -> list[FloatArray]:
+        """The best whole ways; none where none explains a part of the change."""
+        if sense not in self._found_starts:
+            stride = 1 + self._own // _MOST_SEARCHED
+            pixels = self._pixels(sense)[: self._own : stride]
+            costs = search_costs(pixels, self._moving(sense), self._valid, sense, ways)
+            at_rest = float(self._static[: self._own : stride].sum())
+            likely = costs < _MOST_LEFT * at_rest
+            self._found_starts[sense] = _lowest(costs[likely], ways[likely], count)
+        return self._found_starts[sense]
+
+    def _from(self, start: FloatArray, sense: float, is_whole: bool) -> "_Fit | None":
+        """The better of a rigid shift near a start and of one that varies."""
+        rigid = self._fitted(np.append(start, np.zeros(4)), sense, is_whole, 2)
+        best = self._judged(rigid)
+        is_small = self._own * self._norm < _AFFINE_VALUES
+        if is_small or rigid.share > _NEARLY_ALL or rigid.share < _LEAST_RIGID:
+            return best
+        return _better(best, self._judged(self._fitted(rigid.shift, sense, is_whole, 6)))
+
+    def _fitted(self, start: FloatArray, sense: float, is_whole: bool, count: int) -> "_Fit":
         """Fit a shift to the change and its ring, or to the change alone with a ring at rest."""
-        count, own_weight = freedom
         pixels, coefficients = self._pixels(sense), self._coefficients(sense)
         fitted = pixels if is_whole else pixels[: self._own]
         prior = np.full(7, inf)
-        prior[:2] = 1e-6 + own_weight / self._norm
-        prior[2:count] = 1.0
+        prior[:2] = 1e-6 if count else 1 / (self._norm * _FOLLOWS_PX**2)
+        prior[2 : max(count, 2)] = 1.0
         prior[6] = self._reach_px + 1
         found = fit_shift(fitted, coefficients, self._valid, sense, start, prior)
         slopes = np.empty((len(pixels), 6))
-        left = shift_residuals(pixels, coefficients, self._valid, found, sense, slopes)
-        square = left**2
+        square = shift_residuals(pixels, coefficients, self._valid, found, sense, slopes) ** 2
         if not is_whole:
             square[self._own :] = np.minimum(square[self._own :], self._static[self._own :])
         cost = self._norm * float(square.sum())
         expected = self._norm * len(square)
         stood_out = max(self._norm * float(self._static.sum()) - expected, 1e-9)
-        share = 1 - max(cost - expected, 0.0) / stood_out
-        if share < _LEAST_SHARE or np.abs(found[2:]).max() > _MOST_SLOPE * self._radius_px:
-            return found, None
-        gain = self.spot_cost - cost
-        if not is_whole:
-            if self._changed_elsewhere(pixels[: self._own], found, sense) < _LEAST_LEFT:
-                return found, None
+        return _Fit(
+            shift=found,
+            sense=sense,
+            is_whole=is_whole,
+            count=count,
+            share=1 - max(cost - expected, 0.0) / stood_out,
+            cost=cost,
+            own_cost=self._norm * float(square[: self._own].sum()),
+            slopes=slopes[: len(fitted), :2],
+            excess=max(1.0, cost / expected),
+        )
+
+    def _judged(self, fit: "_Fit") -> "_Fit | None":
+        """The fit with its gain, if it explains the change."""
+        if fit.share < _LEAST_SHARES[fit.count]:
+            return None
+        if np.abs(fit.shift[2:]).max() > _MOST_SLOPE * self._radius_px:
+            return None
+        gain = self.spot_cost - fit.cost
+        if not fit.is_whole and fit.count:
+            pixels = self._pixels(fit.sense)[: self._own]
+            if self._changed_elsewhere(pixels, fit.shift, fit.sense) < _LEAST_LEFT:
+                return None
             # An even surface is seen anywhere else: that it is here says nothing of a shift.
-            own = float(square[: self._own].sum())
-            gain = min(gain, self._norm * (_even_cost(pixels[: self._own]) - own))
-        return found, Shift(
-            displacement_px=found[:2],
-            information=self._information(
-                slopes[: len(fitted), :2], max(1.0, cost / expected), len(fitted)
-            ),
-            share=share,
-            gain=gain - _LEAST_GAIN[count],
+            gain = min(gain, self._norm * _even_cost(pixels) - fit.own_cost)
+        gain -= _LEAST_GAINS[fit.count]
+        return replace(fit, gain=gain) if gain > 0 else None
+
+    def _explained(self, fit: "_Fit") -> Shift:
+        return Shift(
+            displacement_px=fit.shift[:2],
+            information=self._information(fit),
+            share=fit.share,
+            gain=fit.gain,
         )
 
     def _changed_elsewhere(self, pixels: FloatArray, shift: FloatArray, sense: float) -> float:
@@ -230,8 +271,9 @@ class Trial:
         differs = np.abs(self._after[rows, cols] - self._before[rows, cols])
         return float(np.mean(differs > _CHANGED_SD * self._sd[rows, cols]))
 
-    def _information(self, slopes: FloatArray, excess: float, count: int) -> FloatArray:
+    def _information(self, fit: "_Fit") -> FloatArray:
         """Inverse covariance of a least-squares shift in errors whose neighbours agree."""
+        slopes, count = fit.slopes, len(fit.slopes)
         normal = slopes.T @ slopes + 1e-6 * np.eye(2)
         scattered = np.empty_like(slopes)
         for axis in range(2):
@@ -242,8 +284,9 @@ class Trial:
         # What strides leave out is as many times as much.
         correlated = 4 * pi * self._smoothing_px**2 * slopes.T @ scattered * self._stride
         correlated += 1e-6 * np.eye(2)
-        made = normal @ np.linalg.solve(correlated, normal) * self._stride / excess
-        return np.asarray((made + made.T) / 2)
+        made = normal @ np.linalg.solve(correlated, normal) * self._stride / fit.excess
+        # Covered strips pull at a shift: it is known no better than this.
+        return np.linalg.inv(np.linalg.inv((made + made.T) / 2) + _SHIFT_ERR_PX**2 * np.eye(2))
 
     def _moving(self, sense: float) -> FloatArray:
         return self._before if sense > 0 else self._after
@@ -267,6 +310,28 @@ class Trial:
 
     def _pixels(self, sense: float) -> FloatArray:
         return self._both_pixels[0 if sense > 0 else 1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Fit:
+    """A fitted shift with what it leaves."""
+
+    shift: FloatArray
+    sense: float
+    is_whole: bool
+    count: int
+    share: float
+    cost: float
+    own_cost: float
+    slopes: FloatArray
+    excess: float
+    gain: float = 0.0
+
+
+def _better(first: _Fit | None, second: _Fit | None) -> _Fit | None:
+    if first is None or second is None:
+        return first or second
+    return first if first.gain >= second.gain else second
 
 
 def _even_cost(pixels: FloatArray) -> float:

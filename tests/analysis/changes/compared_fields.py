@@ -55,6 +55,8 @@ def comparison(
         sd_dn=np.broadcast_to(sd_dn, difference_dn.shape),
         valid=valid,
         smoothing_px=smoothing_px,
+        target_dn=np.where(valid, difference_dn, 0.0).astype(np.float32),
+        matched_scale=1.0,
         kernel="pair",
         extra_blur_px2=0.0,
         extra_blur_err_px2=1.0,
