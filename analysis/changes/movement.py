@@ -18,8 +18,7 @@ from simulation.arrays import FloatArray, IntArray
 _NEAR_PX, _FAR_PX = 6.0, 16.0
 """The longest shift of any change, and of one whose old place is another change."""
 
-_LEAST_LEFT = 0.5
-"""Share of the old place's pixels that must be listed as changed."""
+_MOST_JOINED = 8
 
 _AGREED_PX, _AGREED_ERR = 0.7, 3.0
 _GAP = 3.0
@@ -93,49 +92,37 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
         shift = Trial(images, region.rows, region.cols, _NEAR_PX).shift(ways, 2)
         if shift is not None:
             found[index] = shift
-    _add_far(images, regions, found)
-    near = _neighbours(images, regions)
+    _add_joint(images, regions, found)
+    near = _neighbours(regions, _GAP * images.smoothing_px + _NEAR_PX)
     _add_followers(images, regions, found, near)
     return _joined(found, near)
 
 
-def _add_far(images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift]) -> None:
-    """Things that moved further than they are wide: what appeared is what vanished elsewhere."""
-    left = [index for index in range(len(regions)) if index not in found]
-    if len(left) < 2:
-        return
-    label = np.full(images.valid.shape, -1, dtype=np.int32)
-    for index in left:
-        label[regions[index].rows, regions[index].cols] = index
-    tops = cKDTree([(regions[index].row, regions[index].col) for index in left])
+def _add_joint(images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift]) -> None:
+    """Things that moved over what is behind them: what appeared is what vanished elsewhere."""
+    near = _neighbours(regions, _FAR_PX)
     ways = ways_within(_FAR_PX)
-    for index in left:
-        region = regions[index]
-        size = float(max(np.ptp(region.rows), np.ptp(region.cols)))
-        if len(tops.query_ball_point((region.row, region.col), _FAR_PX + size)) < 2:
+    for index in range(len(regions)):
+        if index in found or not near[index]:
             continue
-        shift = Trial(images, region.rows, region.cols, _FAR_PX).shift(ways, 3)
-        if shift is None:
-            continue
-        y, x = np.rint(shift.displacement_px).astype(np.int64)
-        for sense in (1, -1):
-            rows = np.clip(region.rows - sense * y, 0, label.shape[0] - 1)
-            cols = np.clip(region.cols - sense * x, 0, label.shape[1] - 1)
-            there = label[rows, cols]
-            if np.mean(there >= 0) >= _LEAST_LEFT:
-                found[index] = shift
-                break
+        group = [index, *near[index][: _MOST_JOINED - 1]]
+        rows = np.concatenate([regions[one].rows for one in group])
+        cols = np.concatenate([regions[one].cols for one in group])
+        member = np.repeat(np.arange(len(group)), [len(regions[one].rows) for one in group])
+        joint = Trial(images, rows, cols, _FAR_PX).joint_shift(ways, member)
+        if joint is not None:
+            for one in joint.members.tolist():
+                found[group[one]] = joint.shift
 
 
-def _neighbours(images: Images, regions: Sequence[ChangedRegion]) -> list[list[int]]:
-    """Changes within reach of each."""
-    reach = _GAP * images.smoothing_px + _NEAR_PX
+def _neighbours(regions: Sequence[ChangedRegion], reach: float) -> list[list[int]]:
+    """Changes within so many px of each."""
     trees = [cKDTree(np.stack([one.rows, one.cols], axis=1)) for one in regions]
     centre = np.array([(np.mean(one.rows), np.mean(one.cols)) for one in regions])
     radius = np.array([np.hypot(np.ptp(one.rows), np.ptp(one.cols)) / 2 for one in regions])
     near: list[list[int]] = [[] for _ in regions]
     for i in range(len(regions)):
-        apart = np.hypot(*(centre[i + 1 :] - centre[i]).T) - radius[i + 1 :] - radius[i]
+        apart = np.linalg.norm(centre[i + 1 :] - centre[i], axis=1) - radius[i + 1 :] - radius[i]
         for j in (np.flatnonzero(apart < reach) + i + 1).tolist():
             if trees[i].count_neighbors(trees[j], reach) > 0:
                 near[i].append(j)

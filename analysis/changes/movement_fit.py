@@ -55,7 +55,6 @@ def shift_residuals(
     moving: FloatArray,
     valid: BoolArray,
     shift: FloatArray,
-    sense: float,
     slopes: FloatArray,
 ) -> FloatArray:
     """What a shift leaves, in standard deviations, shape ``(n,)``.
@@ -63,26 +62,27 @@ def shift_residuals(
     Parameters
     ----------
     pixels
-        Shape ``(n, 7)``: row, column, level of the image that is held, standard deviation, what no
-        shift leaves, and the two affine coordinates.
+        Shape ``(n, 8)``: row, column, level of the image that is held, standard deviation, what no
+        shift leaves, the two affine coordinates, and the sense: 1 if what is seen there after came
+        from elsewhere, -1 if what was seen there before went elsewhere.
     moving
-        Cubic B-spline coefficients of the image that is shifted.
+        Cubic B-spline coefficients of the image before and of the one after, shape
+        ``(2, rows, cols)``.
     valid
-        Where that image counts; a pixel from elsewhere has what no shift leaves.
+        Where they count; a pixel from elsewhere has what no shift leaves.
     shift
         Displacement (y, x) and its slopes along the affine coordinates, shape (6,).
-    sense
-        1 if ``moving`` is the image before, -1 if it is the one after.
     slopes
         Receives the derivatives by ``shift``, shape ``(n, 6)``.
     """
     count = len(pixels)
-    rows, cols = moving.shape
+    rows, cols = valid.shape
     left = np.empty(count)
     down, along = np.empty(4), np.empty(4)
     down_slope, along_slope = np.empty(4), np.empty(4)
     for i in range(count):
-        u, v = pixels[i, 5], pixels[i, 6]
+        u, v, sense = pixels[i, 5], pixels[i, 6], pixels[i, 7]
+        image = 0 if sense > 0 else 1
         y = pixels[i, 0] - sense * (shift[0] + shift[2] * u + shift[3] * v)
         x = pixels[i, 1] - sense * (shift[1] + shift[4] * u + shift[5] * v)
         row, col = int(np.floor(y)), int(np.floor(x))
@@ -98,7 +98,7 @@ def shift_residuals(
         for j in range(4):
             line = line_slope = 0.0
             for k in range(4):
-                value = moving[row - 1 + j, col - 1 + k]
+                value = moving[image, row - 1 + j, col - 1 + k]
                 line += along[k] * value
                 line_slope += along_slope[k] * value
             level += down[j] * line
@@ -118,7 +118,6 @@ def fit_shift(
     pixels: FloatArray,
     moving: FloatArray,
     valid: BoolArray,
-    sense: float,
     start: FloatArray,
     prior: FloatArray,
 ) -> FloatArray:
@@ -131,7 +130,7 @@ def fit_shift(
     count, most_px = len(free), prior[6]
     slopes, trial_slopes = np.empty((len(pixels), 6)), np.empty((len(pixels), 6))
     shift = start.copy()
-    left = shift_residuals(pixels, moving, valid, shift, sense, slopes)
+    left = shift_residuals(pixels, moving, valid, shift, slopes)
     cost = np.sum(left * left)
     damping = 1e-3
     normal, right = np.empty((count, count)), np.empty(count)
@@ -149,7 +148,7 @@ def fit_shift(
             trial[free[i]] += right[i]
         gained = -1.0
         if np.hypot(trial[0], trial[1]) < most_px:
-            trial_left = shift_residuals(pixels, moving, valid, trial, sense, trial_slopes)
+            trial_left = shift_residuals(pixels, moving, valid, trial, trial_slopes)
             trial_cost = np.sum(trial_left * trial_left)
             for i in range(count):
                 trial_cost += prior[free[i]] * (trial[free[i]] - start[free[i]]) ** 2
@@ -169,19 +168,47 @@ def fit_shift(
 
 @compiled()
 def search_costs(
-    pixels: FloatArray, moving: FloatArray, valid: BoolArray, sense: float, ways: IntArray
+    pixels: FloatArray, images: FloatArray, valid: BoolArray, ways: IntArray
 ) -> FloatArray:
-    """Sum of squares that each way ``(y, x)`` in whole pixels leaves, shape ``(len(ways),)``."""
-    rows, cols = moving.shape
+    """Sum of squares that each way ``(y, x)`` in whole pixels leaves, shape ``(len(ways),)``.
+
+    ``images`` are themselves, not coefficients; the rest is as ``shift_residuals`` has it.
+    """
+    rows, cols = valid.shape
     costs = np.zeros(len(ways))
     for i in range(len(ways)):
-        down, along = int(sense * ways[i, 0]), int(sense * ways[i, 1])
         for j in range(len(pixels)):
-            row, col = int(pixels[j, 0]) - down, int(pixels[j, 1]) - along
+            sense = int(pixels[j, 7])
+            row, col = (
+                int(pixels[j, 0]) - sense * ways[i, 0],
+                int(pixels[j, 1]) - sense * ways[i, 1],
+            )
             left = pixels[j, 4]
             if 0 <= row < rows and 0 <= col < cols and valid[row, col]:
-                left = (pixels[j, 2] - moving[row, col]) / pixels[j, 3]
+                level = images[0 if sense > 0 else 1, row, col]
+                left = (pixels[j, 2] - level) / pixels[j, 3]
             costs[i] += left * left
+    return costs
+
+
+@compiled()
+def joint_search_costs(
+    pixels: FloatArray, images: FloatArray, changed: BoolArray, ways: IntArray
+) -> FloatArray:
+    """The same where each pixel has the better sense of those whose other place has changed."""
+    rows, cols = changed.shape
+    costs = np.zeros(len(ways))
+    for i in range(len(ways)):
+        for j in range(len(pixels)):
+            y, x = int(pixels[j, 0]), int(pixels[j, 1])
+            least = pixels[j, 4] ** 2
+            for sense in (1, -1):
+                row, col = y - sense * ways[i, 0], x - sense * ways[i, 1]
+                if 0 <= row < rows and 0 <= col < cols and changed[row, col]:
+                    held, moving = (1, 0) if sense > 0 else (0, 1)
+                    left = (images[held, y, x] - images[moving, row, col]) / pixels[j, 3]
+                    least = min(least, left * left)
+            costs[i] += least
     return costs
 
 

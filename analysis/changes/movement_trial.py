@@ -13,11 +13,17 @@ import cv2
 import numpy as np
 from scipy.ndimage import spline_filter
 
-from analysis.changes.movement_fit import fit_shift, fit_spot_cost, search_costs, shift_residuals
+from analysis.changes.movement_fit import (
+    fit_shift,
+    fit_spot_cost,
+    joint_search_costs,
+    search_costs,
+    shift_residuals,
+)
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 
 _RING = 2.0
-"""Width over the smoothing, plus a pixel, of the ring: unchanged, unless what is there moved too."""
+"""Width over the smoothing, plus a pixel, of the ring: at rest, unless what is there moved too."""
 
 _LEAST_SHARES = {0: 0.6, 2: 0.85, 6: 0.85}
 """Of what stands out beyond the noise, which a shift of so many parameters has to explain; 0: that
@@ -45,6 +51,7 @@ _SHIFT_ERR_PX = 0.1
 _MOST_SLOPE = 0.15
 """Change of the shift from one pixel to the next beyond which it is no local shift."""
 
+_JOINT_STARTS, _ROUNDS, _LEAST_PIXELS = 4, 3, 6
 _MOST_PIXELS = 1500
 _MOST_SEARCHED = 150
 _APART_PX = 2
@@ -92,6 +99,14 @@ class Shift:
     gain: float
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointShift:
+    """One shift, and which of the changes it explains."""
+
+    shift: Shift
+    members: IntArray
+
+
 def ways_within(radius_px: float) -> IntArray:
     """Whole displacements ``(y, x)`` of at most this length, the shortest first."""
     most = int(radius_px)
@@ -124,8 +139,7 @@ class Trial:
         margin = ring + ceil(reach_px) + _MARGIN_PX
         top, left = max(int(rows.min()) - margin, 0), max(int(cols.min()) - margin, 0)
         crop = np.s_[top : int(rows.max()) + margin + 1, left : int(cols.max()) + margin + 1]
-        self._before = np.asarray(images.before_dn[crop], dtype=np.float64)
-        self._after = np.asarray(images.after_dn[crop], dtype=np.float64)
+        self._images = np.stack([images.before_dn[crop], images.after_dn[crop]]).astype(np.float64)
         self._valid = np.ascontiguousarray(images.valid[crop])
         self._sd = np.where(self._valid, images.sd_dn[crop], 1.0).astype(np.float64)
         self._reach_px = reach_px
@@ -143,8 +157,9 @@ class Trial:
         )
         self._norm *= self._stride
         self._radius_px = max(float(np.ptp(rows)), float(np.ptp(cols)), 2.0) / 2
-        z = (self._after - self._before)[self._y, self._x] / self._sd[self._y, self._x]
-        self._z = np.asarray(z)
+        self._significance = (self._images[1] - self._images[0]) / self._sd
+        self._z = self._significance[self._y, self._x]
+        self._made_pixels: dict[float, FloatArray] = {}
         self._found_starts: dict[float, list[FloatArray]] = {}
 
     @cached_property
@@ -154,16 +169,20 @@ class Trial:
     @cached_property
     def spot_cost(self) -> float:
         """Chi-squared that the best elliptic Gaussian leaves."""
-        y, x = self._y[: self._own], self._x[: self._own]
-        weight = np.abs(self._z[: self._own])
-        weight = weight / weight.sum()
-        centre_y, centre_x = float(weight @ y), float(weight @ x)
-        y, x = y - centre_y, x - centre_x
+        return self._spot_cost(self._pixels(1.0))
+
+    def _spot_cost(self, pixels: FloatArray) -> float:
+        stands_out = np.abs(pixels[:, 4])
+        # The ring stands out by its noise alone, which is not to widen the start.
+        weight = np.where(stands_out > 0.3 * stands_out.max(), stands_out, 0.0)
+        weight /= weight.sum()
+        centre_y, centre_x = float(weight @ pixels[:, 0]), float(weight @ pixels[:, 1])
+        y, x = pixels[:, 0] - centre_y, pixels[:, 1] - centre_x
         pixel = 0.3  # of the variance: a pixel is not a point
         yy, xx, yx = weight @ (y * y) + pixel, weight @ (x * x) + pixel, weight @ (y * x)
         root = np.linalg.cholesky(np.linalg.inv(np.array([[yy, yx], [yx, xx]])))
         start = np.array([1.0, centre_y, centre_x, root[0, 0], root[1, 0], root[1, 1]])
-        return self._norm * float(fit_spot_cost(self._pixels(1.0), start))
+        return self._norm * float(fit_spot_cost(pixels, start))
 
     def shift(self, ways: IntArray, starts: int) -> Shift | None:
         """Find the shift that explains the change best, from the best of whole ways.
@@ -188,12 +207,87 @@ class Trial:
                 best = _better(best, self._judged(fit))
         return None if best is None else self._explained(best)
 
+    def joint_shift(self, ways: IntArray, member: IntArray) -> "JointShift | None":
+        """Find one shift of several changes; each pixel came from a changed place or went to one.
+
+        ``member`` numbers the change of each pixel that was given.
+        """
+        member = member[:: self._stride]
+        count = int(member.max()) + 1
+        pixels, sparse = self._pixels(1.0)[: self._own], 1 + self._own // (2 * _MOST_SEARCHED)
+        costs = joint_search_costs(pixels[::sparse], self._images, self._changed, ways)
+        expected = np.bincount(member, minlength=count) * self._norm
+        at_rest = np.bincount(member, self._static[: self._own], count) * self._norm
+        best: tuple[float, _Fit, FloatArray] | None = None
+        for start in _lowest(costs, ways, _JOINT_STARTS):
+            fit, square = self._joint_fit(np.append(start, np.zeros(4)), np.ones(self._own, bool))
+            share = _share(np.bincount(member, square, count) * self._norm, at_rest, expected)
+            kept = share > _LEAST_SHARES[0]
+            if not kept.any():
+                continue
+            # Without those that have nothing to do with it.
+            fit, square = self._joint_fit(fit.shift, kept[member])
+            cost = np.bincount(member, square, count) * self._norm
+            share = _share(cost, at_rest, expected)
+            kept &= share > _LEAST_SHARES[0]
+            explained = float((at_rest - cost)[kept].sum())
+            if kept.sum() > 1 and (best is None or explained > best[0]):
+                total = (float(one[kept].sum()) for one in (cost, at_rest, expected))
+                whole = float(_share(*(np.array([one]) for one in total))[0])
+                spots = sum(self._spot_cost(pixels[member == one]) for one in np.flatnonzero(kept))
+                gain = spots - float(cost[kept].sum()) - _LEAST_GAINS[2]
+                best = explained, replace(fit, share=whole, gain=gain), kept
+        if best is None or best[1].gain <= 0 or best[1].share < _LEAST_SHARES[2]:
+            return None
+        return JointShift(shift=self._explained(best[1]), members=np.flatnonzero(best[2]))
+
+    def _joint_fit(self, shift: FloatArray, used: BoolArray) -> tuple["_Fit", FloatArray]:
+        """Fit a rigid shift to the pixels with the better sense; and the squares of all pixels."""
+        prior = np.full(7, inf)
+        prior[:2], prior[6] = 1e-6, self._reach_px + 1
+        for _ in range(_ROUNDS):
+            chosen, square, is_moved = self._better_senses(shift)
+            fitted = chosen[used & is_moved]
+            if len(fitted) < _LEAST_PIXELS:
+                break
+            shift = fit_shift(fitted, self._splines, self._valid, shift, prior)
+        chosen, square, is_moved = self._better_senses(shift)
+        fitted = chosen[used & is_moved]
+        slopes = np.empty((len(fitted), 6))
+        left = shift_residuals(fitted, self._splines, self._valid, shift, slopes)
+        grid = np.zeros((self._own, 2))
+        grid[used & is_moved] = slopes[:, :2]
+        return _Fit(
+            shift=shift,
+            sense=1.0,
+            is_whole=False,
+            count=2,
+            share=0.0,
+            cost=0.0,
+            own_cost=0.0,
+            slopes=grid,
+            excess=max(1.0, float(np.mean(left**2)) if len(left) else 1.0),
+        ), square
+
+    def _better_senses(self, shift: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Pixels with the sense that leaves less, its squares, and whether it is not rest."""
+        chosen = self._pixels(1.0)[: self._own].copy()
+        square = self._static[: self._own].copy()
+        is_moved = np.zeros(self._own, dtype=np.bool_)
+        slopes = np.empty((self._own, 6))
+        for sense in (1.0, -1.0):
+            pixels = self._pixels(sense)[: self._own]
+            left = shift_residuals(pixels, self._splines, self._valid, shift, slopes) ** 2
+            better = (left < square) & self._changed_elsewhere(pixels, shift)
+            chosen[better], square[better], is_moved[better] = pixels[better], left[better], True
+        return chosen, square, is_moved
+
     def _starts(self, ways: IntArray, count: int, sense: float) -> list[FloatArray]:
         """The best whole ways; none where none explains a part of the change."""
         if sense not in self._found_starts:
             stride = 1 + self._own // _MOST_SEARCHED
             pixels = self._pixels(sense)[: self._own : stride]
-            costs = search_costs(pixels, self._moving(sense), self._valid, sense, ways)
+            costs = search_costs(pixels, self._images, self._valid, ways)
             at_rest = float(self._static[: self._own : stride].sum())
             likely = costs < _MOST_LEFT * at_rest
             self._found_starts[sense] = _lowest(costs[likely], ways[likely], count)
@@ -210,15 +304,15 @@ class Trial:
 
     def _fitted(self, start: FloatArray, sense: float, is_whole: bool, count: int) -> "_Fit":
         """Fit a shift to the change and its ring, or to the change alone with a ring at rest."""
-        pixels, coefficients = self._pixels(sense), self._coefficients(sense)
+        pixels = self._pixels(sense)
         fitted = pixels if is_whole else pixels[: self._own]
         prior = np.full(7, inf)
         prior[:2] = 1e-6 if count else 1 / (self._norm * _FOLLOWS_PX**2)
         prior[2 : max(count, 2)] = 1.0
         prior[6] = self._reach_px + 1
-        found = fit_shift(fitted, coefficients, self._valid, sense, start, prior)
+        found = fit_shift(fitted, self._splines, self._valid, start, prior)
         slopes = np.empty((len(pixels), 6))
-        square = shift_residuals(pixels, coefficients, self._valid, found, sense, slopes) ** 2
+        square = shift_residuals(pixels, self._splines, self._valid, found, slopes) ** 2
         if not is_whole:
             square[self._own :] = np.minimum(square[self._own :], self._static[self._own :])
         cost = self._norm * float(square.sum())
@@ -245,7 +339,7 @@ class Trial:
         gain = self.spot_cost - fit.cost
         if not fit.is_whole and fit.count:
             pixels = self._pixels(fit.sense)[: self._own]
-            if self._changed_elsewhere(pixels, fit.shift, fit.sense) < _LEAST_LEFT:
+            if self._changed_elsewhere(pixels, fit.shift).mean() < _LEAST_LEFT:
                 return None
             # An even surface is seen anywhere else: that it is here says nothing of a shift.
             gain = min(gain, self._norm * _even_cost(pixels) - fit.own_cost)
@@ -260,16 +354,19 @@ class Trial:
             gain=fit.gain,
         )
 
-    def _changed_elsewhere(self, pixels: FloatArray, shift: FloatArray, sense: float) -> float:
-        """Share of the pixels whose other place, where they came from or went, has changed too."""
-        u, v = pixels[:, 5], pixels[:, 6]
+    def _changed_elsewhere(self, pixels: FloatArray, shift: FloatArray) -> BoolArray:
+        """Pixels whose other place, where they came from or went, has changed too."""
+        u, v, sense = pixels[:, 5], pixels[:, 6], pixels[:, 7]
         rows = np.rint(pixels[:, 0] - sense * (shift[0] + shift[2] * u + shift[3] * v))
         cols = np.rint(pixels[:, 1] - sense * (shift[1] + shift[4] * u + shift[5] * v))
         last_row, last_col = (size - 1 for size in self._valid.shape)
         rows = np.clip(rows, 0, last_row).astype(np.int64)
         cols = np.clip(cols, 0, last_col).astype(np.int64)
-        differs = np.abs(self._after[rows, cols] - self._before[rows, cols])
-        return float(np.mean(differs > _CHANGED_SD * self._sd[rows, cols]))
+        return np.asarray(self._changed[rows, cols])
+
+    @cached_property
+    def _changed(self) -> BoolArray:
+        return np.asarray((np.abs(self._significance) > _CHANGED_SD) & self._valid)
 
     def _information(self, fit: "_Fit") -> FloatArray:
         """Inverse covariance of a least-squares shift in errors whose neighbours agree."""
@@ -286,30 +383,23 @@ class Trial:
         correlated += 1e-6 * np.eye(2)
         made = normal @ np.linalg.solve(correlated, normal) * self._stride / fit.excess
         # Covered strips pull at a shift: it is known no better than this.
-        return np.linalg.inv(np.linalg.inv((made + made.T) / 2) + _SHIFT_ERR_PX**2 * np.eye(2))
-
-    def _moving(self, sense: float) -> FloatArray:
-        return self._before if sense > 0 else self._after
+        covariance = np.linalg.inv((made + made.T) / 2) + _SHIFT_ERR_PX**2 * np.eye(2)
+        return np.asarray(np.linalg.inv(covariance), dtype=np.float64)
 
     @cached_property
-    def _splines(self) -> tuple[FloatArray, FloatArray]:
-        return tuple(spline_filter(one, 3, mode="mirror") for one in (self._before, self._after))
-
-    def _coefficients(self, sense: float) -> FloatArray:
-        return self._splines[0 if sense > 0 else 1]
-
-    @cached_property
-    def _both_pixels(self) -> tuple[FloatArray, FloatArray]:
-        y, x = self._y, self._x
-        own_y, own_x = y[: self._own], x[: self._own]
-        u, v = (y - own_y.mean()) / self._radius_px, (x - own_x.mean()) / self._radius_px
-        return tuple(
-            np.stack([y, x, held[y, x], self._sd[y, x], self._z, u, v], axis=1)
-            for held in (self._after, self._before)
-        )
+    def _splines(self) -> FloatArray:
+        return np.stack([spline_filter(image, 3, mode="mirror") for image in self._images])
 
     def _pixels(self, sense: float) -> FloatArray:
-        return self._both_pixels[0 if sense > 0 else 1]
+        """Rows as ``shift_residuals`` wants them, all of one sense."""
+        if sense not in self._made_pixels:
+            y, x = self._y, self._x
+            u = (y - y[: self._own].mean()) / self._radius_px
+            v = (x - x[: self._own].mean()) / self._radius_px
+            held = self._images[1 if sense > 0 else 0, y, x]
+            columns = [y, x, held, self._sd[y, x], self._z, u, v, np.full(len(y), sense)]
+            self._made_pixels[sense] = np.stack(columns, axis=1)
+        return self._made_pixels[sense]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -332,6 +422,12 @@ def _better(first: _Fit | None, second: _Fit | None) -> _Fit | None:
     if first is None or second is None:
         return first or second
     return first if first.gain >= second.gain else second
+
+
+def _share(cost: FloatArray, at_rest: FloatArray, expected: FloatArray) -> FloatArray:
+    """Share of what stands out beyond the noise that is explained."""
+    stood_out = np.maximum(at_rest - expected, 1e-9)
+    return np.asarray(1 - np.maximum(cost - expected, 0.0) / stood_out)
 
 
 def _even_cost(pixels: FloatArray) -> float:
