@@ -95,7 +95,7 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
     _add_joint(images, regions, found)
     near = _neighbours(regions, _GAP * images.smoothing_px + _NEAR_PX)
     _add_followers(images, regions, found, near)
-    return _joined(found, near)
+    return _joined(images, regions, found, near)
 
 
 def _add_joint(images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift]) -> None:
@@ -151,7 +151,12 @@ def _add_followers(
                 queue.append(index)
 
 
-def _joined(found: dict[int, Shift], near: list[list[int]]) -> tuple[Movement, ...]:
+def _joined(
+    images: Images,
+    regions: Sequence[ChangedRegion],
+    found: dict[int, Shift],
+    near: list[list[int]],
+) -> tuple[Movement, ...]:
     """Neighbours with one shift are one movement."""
     movements = []
     free = dict(sorted(found.items(), key=lambda item: -item[1].gain))
@@ -179,7 +184,14 @@ def _joined(found: dict[int, Shift], near: list[list[int]]) -> tuple[Movement, .
                 weighted = weighted + other.information @ other.displacement_px
                 share = min(share, other.share)
         covariance = np.linalg.inv(information)
-        y, x = (covariance @ weighted).tolist()
+        displacement = covariance @ weighted
+        rows = np.concatenate([regions[one].rows for one in members])
+        cols = np.concatenate([regions[one].cols for one in members])
+        reach = float(np.linalg.norm(displacement)) + 1
+        refined = Trial(images, rows, cols, reach).refined(displacement)
+        if refined is not None:
+            displacement, covariance = refined.displacement_px, np.linalg.inv(refined.information)
+        y, x = displacement.tolist()
         movements.append(
             Movement(
                 regions=tuple(sorted(members)),

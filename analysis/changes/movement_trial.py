@@ -51,7 +51,9 @@ _SHIFT_ERR_PX = 0.1
 _MOST_SLOPE = 0.15
 """Change of the shift from one pixel to the next beyond which it is no local shift."""
 
-_JOINT_STARTS, _ROUNDS, _LEAST_PIXELS = 4, 3, 6
+_JOINT_STARTS, _ROUNDS, _LEAST_PIXELS = 4, 4, 6
+_REFINED_PX = 1.0
+_TRIMMED, _LEAST_TRIMMED = 0.7, 4.0
 _MOST_PIXELS = 1500
 _MOST_SEARCHED = 150
 _APART_PX = 2
@@ -241,22 +243,44 @@ class Trial:
             return None
         return JointShift(shift=self._explained(best[1]), members=np.flatnonzero(best[2]))
 
+    def refined(self, start: FloatArray) -> Shift | None:
+        """A shift of all pixels together, near one that explains them apart."""
+        fit, _ = self._joint_fit(np.append(start, np.zeros(4)), np.ones(self._own, bool))
+        is_near = np.linalg.norm(fit.shift[:2] - start) < _REFINED_PX
+        return self._explained(fit) if is_near and fit.slopes.any() else None
+
     def _joint_fit(self, shift: FloatArray, used: BoolArray) -> tuple["_Fit", FloatArray]:
         """Fit a rigid shift to the pixels with the better sense; and the squares of all pixels."""
         prior = np.full(7, inf)
         prior[:2], prior[6] = 1e-6, self._reach_px + 1
-        for _ in range(_ROUNDS):
-            chosen, square, is_moved = self._better_senses(shift)
-            fitted = chosen[used & is_moved]
-            if len(fitted) < _LEAST_PIXELS:
-                break
-            shift = fit_shift(fitted, self._splines, self._valid, shift, prior)
         chosen, square, is_moved = self._better_senses(shift)
-        fitted = chosen[used & is_moved]
+        for _ in range(_ROUNDS):
+            used = used & is_moved
+            if np.count_nonzero(used) < _LEAST_PIXELS:
+                break
+            # Beside what is covered or uncovered a pixel shows some of that.
+            most = max(_LEAST_TRIMMED, float(np.quantile(square[used], _TRIMMED)))
+            shift = fit_shift(
+                chosen[used & (square <= most)], self._splines, self._valid, shift, prior
+            )
+            chosen, square, is_moved = self._better_senses(shift)
+        used = used & is_moved
+        used &= square <= max(
+            _LEAST_TRIMMED,
+            float(
+                np.quantile(
+                    square[used],
+                    _TRIMMED,
+                )
+            )
+            if used.any()
+            else 0,
+        )
+        fitted = chosen[used]
         slopes = np.empty((len(fitted), 6))
         left = shift_residuals(fitted, self._splines, self._valid, shift, slopes)
         grid = np.zeros((self._own, 2))
-        grid[used & is_moved] = slopes[:, :2]
+        grid[used] = slopes[:, :2]
         return _Fit(
             shift=shift,
             sense=1.0,
