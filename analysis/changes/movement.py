@@ -12,13 +12,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
+from analysis.changes.movement_joint import JointTrial
 from analysis.changes.movement_trial import Images, Shift, Trial, ways_within
 from simulation.arrays import FloatArray, IntArray
 
 _NEAR_PX, _FAR_PX = 6.0, 16.0
 """The longest shift of any change, and of one whose old place is another change."""
 
-_MOST_JOINED = 8
+_MOST_JOINED, _MOST_MEASURED = 8, 40
 
 _AGREED_PX, _AGREED_ERR = 0.7, 3.0
 _GAP = 3.0
@@ -92,16 +93,26 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
         shift = Trial(images, region.rows, region.cols, _NEAR_PX).shift(ways, 2)
         if shift is not None:
             found[index] = shift
-    _add_joint(images, regions, found)
-    near = _neighbours(regions, _GAP * images.smoothing_px + _NEAR_PX)
+    reach = _GAP * images.smoothing_px + _NEAR_PX
+    near, far = (_neighbours(regions, most) for most in (reach, _FAR_PX))
+    for group in _add_joint(images, regions, found, far):
+        for index in group:
+            near[index] += [other for other in group if other not in (index, *near[index])]
     _add_followers(images, regions, found, near)
     return _joined(images, regions, found, near)
 
 
-def _add_joint(images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift]) -> None:
-    """Things that moved over what is behind them: what appeared is what vanished elsewhere."""
-    near = _neighbours(regions, _FAR_PX)
-    ways = ways_within(_FAR_PX)
+def _add_joint(
+    images: Images,
+    regions: Sequence[ChangedRegion],
+    found: dict[int, Shift],
+    near: list[list[int]],
+) -> list[list[int]]:
+    """Things that moved over what is behind them: what appeared is what vanished elsewhere.
+
+    Returns those that one shift explains.
+    """
+    ways, groups = ways_within(_FAR_PX), []
     for index in range(len(regions)):
         if index in found or not near[index]:
             continue
@@ -109,24 +120,30 @@ def _add_joint(images: Images, regions: Sequence[ChangedRegion], found: dict[int
         rows = np.concatenate([regions[one].rows for one in group])
         cols = np.concatenate([regions[one].cols for one in group])
         member = np.repeat(np.arange(len(group)), [len(regions[one].rows) for one in group])
-        joint = Trial(images, rows, cols, _FAR_PX).joint_shift(ways, member)
+        joint = JointTrial(images, rows, cols, _FAR_PX).joint_shift(ways, member)
         if joint is not None:
-            for one in joint.members.tolist():
-                found[group[one]] = joint.shift
+            groups.append([group[one] for one in joint.members.tolist()])
+            found |= dict.fromkeys(groups[-1], joint.shift)
+    return groups
 
 
 def _neighbours(regions: Sequence[ChangedRegion], reach: float) -> list[list[int]]:
     """Changes within so many px of each."""
-    trees = [cKDTree(np.stack([one.rows, one.cols], axis=1)) for one in regions]
-    centre = np.array([(np.mean(one.rows), np.mean(one.cols)) for one in regions])
-    radius = np.array([np.hypot(np.ptp(one.rows), np.ptp(one.cols)) / 2 for one in regions])
-    near: list[list[int]] = [[] for _ in regions]
-    for i in range(len(regions)):
-        apart = np.linalg.norm(centre[i + 1 :] - centre[i], axis=1) - radius[i + 1 :] - radius[i]
-        for j in (np.flatnonzero(apart < reach) + i + 1).tolist():
-            if trees[i].count_neighbors(trees[j], reach) > 0:
-                near[i].append(j)
-                near[j].append(i)
+    # Of each some pixels: where a change is wide, a few more or less are no matter.
+    some = [
+        np.stack([one.rows, one.cols], axis=1)[:: 1 + len(one.rows) // _MOST_MEASURED]
+        for one in regions
+    ]
+    tree = cKDTree(np.concatenate(some))
+    owner = np.repeat(np.arange(len(some)), [len(one) for one in some])
+    near: list[list[int]] = []
+    for index, pixels in enumerate(some):
+        close = tree.query_ball_point(pixels, reach, return_sorted=False)
+        others = np.zeros(len(some), dtype=np.bool_)
+        for found in close:
+            others[owner[found]] = True
+        others[index] = False
+        near.append(np.flatnonzero(others).tolist())
     return near
 
 
@@ -183,21 +200,29 @@ def _joined(
                 information = information + other.information
                 weighted = weighted + other.information @ other.displacement_px
                 share = min(share, other.share)
-        covariance = np.linalg.inv(information)
-        displacement = covariance @ weighted
-        rows = np.concatenate([regions[one].rows for one in members])
-        cols = np.concatenate([regions[one].cols for one in members])
-        reach = float(np.linalg.norm(displacement)) + 1
-        refined = Trial(images, rows, cols, reach).refined(displacement)
-        if refined is not None:
-            displacement, covariance = refined.displacement_px, np.linalg.inv(refined.information)
-        y, x = displacement.tolist()
-        movements.append(
-            Movement(
-                regions=tuple(sorted(members)),
-                displacement_px=(y, x),
-                covariance_px2=covariance,
-                share=share,
-            )
+        together = Shift(
+            displacement_px=np.linalg.solve(information, weighted),
+            information=information,
+            share=share,
+            gain=shift.gain,
         )
+        movements.append(_movement(images, regions, sorted(members), together))
     return tuple(movements)
+
+
+def _movement(
+    images: Images, regions: Sequence[ChangedRegion], members: list[int], shift: Shift
+) -> Movement:
+    """Fit the shift once more, to all pixels together."""
+    rows = np.concatenate([regions[one].rows for one in members])
+    cols = np.concatenate([regions[one].cols for one in members])
+    reach = float(np.linalg.norm(shift.displacement_px)) + 1
+    refined = JointTrial(images, rows, cols, reach).refined(shift.displacement_px)
+    best = shift if refined is None else refined
+    y, x = best.displacement_px.tolist()
+    return Movement(
+        regions=tuple(members),
+        displacement_px=(y, x),
+        covariance_px2=np.asarray(np.linalg.inv(best.information), dtype=np.float64),
+        share=shift.share,
+    )

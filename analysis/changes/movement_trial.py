@@ -16,7 +16,6 @@ from scipy.ndimage import spline_filter
 from analysis.changes.movement_fit import (
     fit_shift,
     fit_spot_cost,
-    joint_search_costs,
     search_costs,
     shift_residuals,
 )
@@ -25,11 +24,11 @@ from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 _RING = 2.0
 """Width over the smoothing, plus a pixel, of the ring: at rest, unless what is there moved too."""
 
-_LEAST_SHARES = {0: 0.6, 2: 0.85, 6: 0.85}
+LEAST_SHARES = {0: 0.6, 2: 0.85, 6: 0.85}
 """Of what stands out beyond the noise, which a shift of so many parameters has to explain; 0: that
 of a neighbour, beside which strips are covered and uncovered."""
 
-_LEAST_GAINS = {0: -6.0, 2: 6.0, 6: 10.0}
+LEAST_GAINS = {0: -6.0, 2: 6.0, 6: 10.0}
 """Chi-squared by which it has to be better than a spot."""
 
 _FOLLOWS_PX = 0.5
@@ -51,9 +50,6 @@ _SHIFT_ERR_PX = 0.1
 _MOST_SLOPE = 0.15
 """Change of the shift from one pixel to the next beyond which it is no local shift."""
 
-_JOINT_STARTS, _ROUNDS, _LEAST_PIXELS = 4, 4, 6
-_REFINED_PX = 1.0
-_TRIMMED, _LEAST_TRIMMED = 0.7, 4.0
 _MOST_PIXELS = 1500
 _MOST_SEARCHED = 150
 _APART_PX = 2
@@ -99,14 +95,6 @@ class Shift:
     information: FloatArray
     share: float
     gain: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointShift:
-    """One shift, and which of the changes it explains."""
-
-    shift: Shift
-    members: IntArray
 
 
 def ways_within(radius_px: float) -> IntArray:
@@ -171,9 +159,10 @@ class Trial:
     @cached_property
     def spot_cost(self) -> float:
         """Chi-squared that the best elliptic Gaussian leaves."""
-        return self._spot_cost(self._pixels(1.0))
+        return self.spot_cost_on(self._pixels(1.0))
 
-    def _spot_cost(self, pixels: FloatArray) -> float:
+    def spot_cost_on(self, pixels: FloatArray) -> float:
+        """The same on some of the pixels."""
         stands_out = np.abs(pixels[:, 4])
         # The ring stands out by its noise alone, which is not to widen the start.
         weight = np.where(stands_out > 0.3 * stands_out.max(), stands_out, 0.0)
@@ -191,120 +180,23 @@ class Trial:
 
         What is seen now may have come from elsewhere, and what was seen may have gone.
         """
-        best: _Fit | None = None
+        best: Fit | None = None
         for is_whole in (True, False):
             for sense in (1.0, -1.0):
                 for start in self._starts(ways, starts, sense):
                     best = _better(best, self._from(start, sense, is_whole))
             if best is not None and best.share > _NEARLY_ALL:
                 break
-        return None if best is None else self._explained(best)
+        return None if best is None else self.explained(best)
 
     def following(self, start: FloatArray) -> Shift | None:
         """The shift of a neighbour, held there, with less asked of it."""
-        best: _Fit | None = None
+        best: Fit | None = None
         for sense in (1.0, -1.0):
             for is_whole in (True, False):
                 fit = self._fitted(np.append(start, np.zeros(4)), sense, is_whole, 0)
                 best = _better(best, self._judged(fit))
-        return None if best is None else self._explained(best)
-
-    def joint_shift(self, ways: IntArray, member: IntArray) -> "JointShift | None":
-        """Find one shift of several changes; each pixel came from a changed place or went to one.
-
-        ``member`` numbers the change of each pixel that was given.
-        """
-        member = member[:: self._stride]
-        count = int(member.max()) + 1
-        pixels, sparse = self._pixels(1.0)[: self._own], 1 + self._own // (2 * _MOST_SEARCHED)
-        costs = joint_search_costs(pixels[::sparse], self._images, self._changed, ways)
-        expected = np.bincount(member, minlength=count) * self._norm
-        at_rest = np.bincount(member, self._static[: self._own], count) * self._norm
-        best: tuple[float, _Fit, FloatArray] | None = None
-        for start in _lowest(costs, ways, _JOINT_STARTS):
-            fit, square = self._joint_fit(np.append(start, np.zeros(4)), np.ones(self._own, bool))
-            share = _share(np.bincount(member, square, count) * self._norm, at_rest, expected)
-            kept = share > _LEAST_SHARES[0]
-            if not kept.any():
-                continue
-            # Without those that have nothing to do with it.
-            fit, square = self._joint_fit(fit.shift, kept[member])
-            cost = np.bincount(member, square, count) * self._norm
-            share = _share(cost, at_rest, expected)
-            kept &= share > _LEAST_SHARES[0]
-            explained = float((at_rest - cost)[kept].sum())
-            if kept.sum() > 1 and (best is None or explained > best[0]):
-                total = (float(one[kept].sum()) for one in (cost, at_rest, expected))
-                whole = float(_share(*(np.array([one]) for one in total))[0])
-                spots = sum(self._spot_cost(pixels[member == one]) for one in np.flatnonzero(kept))
-                gain = spots - float(cost[kept].sum()) - _LEAST_GAINS[2]
-                best = explained, replace(fit, share=whole, gain=gain), kept
-        if best is None or best[1].gain <= 0 or best[1].share < _LEAST_SHARES[2]:
-            return None
-        return JointShift(shift=self._explained(best[1]), members=np.flatnonzero(best[2]))
-
-    def refined(self, start: FloatArray) -> Shift | None:
-        """A shift of all pixels together, near one that explains them apart."""
-        fit, _ = self._joint_fit(np.append(start, np.zeros(4)), np.ones(self._own, bool))
-        is_near = np.linalg.norm(fit.shift[:2] - start) < _REFINED_PX
-        return self._explained(fit) if is_near and fit.slopes.any() else None
-
-    def _joint_fit(self, shift: FloatArray, used: BoolArray) -> tuple["_Fit", FloatArray]:
-        """Fit a rigid shift to the pixels with the better sense; and the squares of all pixels."""
-        prior = np.full(7, inf)
-        prior[:2], prior[6] = 1e-6, self._reach_px + 1
-        chosen, square, is_moved = self._better_senses(shift)
-        for _ in range(_ROUNDS):
-            used = used & is_moved
-            if np.count_nonzero(used) < _LEAST_PIXELS:
-                break
-            # Beside what is covered or uncovered a pixel shows some of that.
-            most = max(_LEAST_TRIMMED, float(np.quantile(square[used], _TRIMMED)))
-            shift = fit_shift(
-                chosen[used & (square <= most)], self._splines, self._valid, shift, prior
-            )
-            chosen, square, is_moved = self._better_senses(shift)
-        used = used & is_moved
-        used &= square <= max(
-            _LEAST_TRIMMED,
-            float(
-                np.quantile(
-                    square[used],
-                    _TRIMMED,
-                )
-            )
-            if used.any()
-            else 0,
-        )
-        fitted = chosen[used]
-        slopes = np.empty((len(fitted), 6))
-        left = shift_residuals(fitted, self._splines, self._valid, shift, slopes)
-        grid = np.zeros((self._own, 2))
-        grid[used] = slopes[:, :2]
-        return _Fit(
-            shift=shift,
-            sense=1.0,
-            is_whole=False,
-            count=2,
-            share=0.0,
-            cost=0.0,
-            own_cost=0.0,
-            slopes=grid,
-            excess=max(1.0, float(np.mean(left**2)) if len(left) else 1.0),
-        ), square
-
-    def _better_senses(self, shift: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Pixels with the sense that leaves less, its squares, and whether it is not rest."""
-        chosen = self._pixels(1.0)[: self._own].copy()
-        square = self._static[: self._own].copy()
-        is_moved = np.zeros(self._own, dtype=np.bool_)
-        slopes = np.empty((self._own, 6))
-        for sense in (1.0, -1.0):
-            pixels = self._pixels(sense)[: self._own]
-            left = shift_residuals(pixels, self._splines, self._valid, shift, slopes) ** 2
-            better = (left < square) & self._changed_elsewhere(pixels, shift)
-            chosen[better], square[better], is_moved[better] = pixels[better], left[better], True
-        return chosen, square, is_moved
+        return None if best is None else self.explained(best)
 
     def _starts(self, ways: IntArray, count: int, sense: float) -> list[FloatArray]:
         """The best whole ways; none where none explains a part of the change."""
@@ -314,10 +206,10 @@ class Trial:
             costs = search_costs(pixels, self._images, self._valid, ways)
             at_rest = float(self._static[: self._own : stride].sum())
             likely = costs < _MOST_LEFT * at_rest
-            self._found_starts[sense] = _lowest(costs[likely], ways[likely], count)
+            self._found_starts[sense] = lowest(costs[likely], ways[likely], count)
         return self._found_starts[sense]
 
-    def _from(self, start: FloatArray, sense: float, is_whole: bool) -> "_Fit | None":
+    def _from(self, start: FloatArray, sense: float, is_whole: bool) -> "Fit | None":
         """The better of a rigid shift near a start and of one that varies."""
         rigid = self._fitted(np.append(start, np.zeros(4)), sense, is_whole, 2)
         best = self._judged(rigid)
@@ -326,7 +218,7 @@ class Trial:
             return best
         return _better(best, self._judged(self._fitted(rigid.shift, sense, is_whole, 6)))
 
-    def _fitted(self, start: FloatArray, sense: float, is_whole: bool, count: int) -> "_Fit":
+    def _fitted(self, start: FloatArray, sense: float, is_whole: bool, count: int) -> "Fit":
         """Fit a shift to the change and its ring, or to the change alone with a ring at rest."""
         pixels = self._pixels(sense)
         fitted = pixels if is_whole else pixels[: self._own]
@@ -342,7 +234,7 @@ class Trial:
         cost = self._norm * float(square.sum())
         expected = self._norm * len(square)
         stood_out = max(self._norm * float(self._static.sum()) - expected, 1e-9)
-        return _Fit(
+        return Fit(
             shift=found,
             sense=sense,
             is_whole=is_whole,
@@ -354,9 +246,9 @@ class Trial:
             excess=max(1.0, cost / expected),
         )
 
-    def _judged(self, fit: "_Fit") -> "_Fit | None":
+    def _judged(self, fit: "Fit") -> "Fit | None":
         """The fit with its gain, if it explains the change."""
-        if fit.share < _LEAST_SHARES[fit.count]:
+        if fit.share < LEAST_SHARES[fit.count]:
             return None
         if np.abs(fit.shift[2:]).max() > _MOST_SLOPE * self._radius_px:
             return None
@@ -367,10 +259,11 @@ class Trial:
                 return None
             # An even surface is seen anywhere else: that it is here says nothing of a shift.
             gain = min(gain, self._norm * _even_cost(pixels) - fit.own_cost)
-        gain -= _LEAST_GAINS[fit.count]
+        gain -= LEAST_GAINS[fit.count]
         return replace(fit, gain=gain) if gain > 0 else None
 
-    def _explained(self, fit: "_Fit") -> Shift:
+    def explained(self, fit: "Fit") -> Shift:
+        """Return a fit with its errors."""
         return Shift(
             displacement_px=fit.shift[:2],
             information=self._information(fit),
@@ -392,7 +285,7 @@ class Trial:
     def _changed(self) -> BoolArray:
         return np.asarray((np.abs(self._significance) > _CHANGED_SD) & self._valid)
 
-    def _information(self, fit: "_Fit") -> FloatArray:
+    def _information(self, fit: "Fit") -> FloatArray:
         """Inverse covariance of a least-squares shift in errors whose neighbours agree."""
         slopes, count = fit.slopes, len(fit.slopes)
         normal = slopes.T @ slopes + 1e-6 * np.eye(2)
@@ -427,7 +320,7 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Fit:
+class Fit:
     """A fitted shift with what it leaves."""
 
     shift: FloatArray
@@ -442,16 +335,10 @@ class _Fit:
     gain: float = 0.0
 
 
-def _better(first: _Fit | None, second: _Fit | None) -> _Fit | None:
+def _better(first: Fit | None, second: Fit | None) -> Fit | None:
     if first is None or second is None:
         return first or second
     return first if first.gain >= second.gain else second
-
-
-def _share(cost: FloatArray, at_rest: FloatArray, expected: FloatArray) -> FloatArray:
-    """Share of what stands out beyond the noise that is explained."""
-    stood_out = np.maximum(at_rest - expected, 1e-9)
-    return np.asarray(1 - np.maximum(cost - expected, 0.0) / stood_out)
 
 
 def _even_cost(pixels: FloatArray) -> float:
@@ -465,7 +352,7 @@ def _even_cost(pixels: FloatArray) -> float:
     return float(left @ left)
 
 
-def _lowest(costs: FloatArray, ways: IntArray, count: int) -> list[FloatArray]:
+def lowest(costs: FloatArray, ways: IntArray, count: int) -> list[FloatArray]:
     """The best ways that are not beside a better one."""
     chosen: list[IntArray] = []
     for index in np.argsort(costs, kind="stable"):
