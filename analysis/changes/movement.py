@@ -201,7 +201,7 @@ def _joined(
                 weighted = weighted + other.information @ other.displacement_px
                 share = min(share, other.share)
         together = Shift(
-            displacement_px=np.linalg.solve(information, weighted),
+            displacement_px=np.asarray(np.linalg.solve(information, weighted), dtype=np.float64),
             information=information,
             share=share,
             gain=shift.gain,
