@@ -21,8 +21,7 @@ import numpy as np
 from analysis.changes import Change, ChangeOptions, ChangeResult, ChangeSummary, find_changes
 from analysis.errors import AnalysisError
 from benchmarks.harness import Recorder, bench_parser
-from benchmarks.pair_photographs import Development, PairPose, photograph
-from benchmarks.pair_photographs import DEFAULT_CAMERA as CAMERA
+from benchmarks.pair_photographs import DEFAULT_CAMERA as CAMERA, Development, PairPose, photograph
 from benchmarks.pair_reliefs import Bump, Layer, ReliefScene, relief_pair
 from benchmarks.pair_scenes import FlatScene, scene
 from calibration.registration import DistortedPose
@@ -243,7 +242,7 @@ def painted(
             near = slope[row - 6 : row + 7, col - 6 : col + 7]
             down, along = np.unravel_index(int(near.argmax()), near.shape)
             row, col = row - 6 + down, col - 6 + along
-        sigma = coarse * float(np.exp(rng.uniform(*map(log, SPOT_SIGMA_PX))))
+        sigma = coarse * float(np.exp(rng.uniform(log(SPOT_SIGMA_PX[0]), log(SPOT_SIGMA_PX[1]))))
         is_near = any(hypot(col - one.x_px, row - one.y_px) < 36 for one in spots)
         if is_near or inner[row, col] < 8 or far[row, col] < 3 * hypot(sigma, coarse) + 4:
             continue

@@ -19,7 +19,12 @@ from simulation.arrays import FloatArray, IntArray
 _NEAR_PX, _FAR_PX = 6.0, 16.0
 """The longest shift of any change, and of one whose old place is another change."""
 
-_MOST_JOINED, _MOST_MEASURED = 8, 40
+_MOST_JOINED, _MOST_JOINED_PX = 8, 1000
+"""Changes that are tried together, and pixels of each."""
+
+_MOST_MEASURED = 40
+"""Pixels of a change between which distances are measured."""
+
 
 _AGREED_PX, _AGREED_ERR = 0.7, 3.0
 _GAP = 3.0
@@ -113,10 +118,11 @@ def _add_joint(
     Returns those that one shift explains.
     """
     ways, groups = ways_within(_FAR_PX), []
+    small = [len(region.rows) <= _MOST_JOINED_PX for region in regions]
     for index in range(len(regions)):
-        if index in found or not near[index]:
+        group = [index, *(other for other in near[index] if small[other])][:_MOST_JOINED]
+        if index in found or not small[index] or len(group) < 2:
             continue
-        group = [index, *near[index][: _MOST_JOINED - 1]]
         rows = np.concatenate([regions[one].rows for one in group])
         cols = np.concatenate([regions[one].cols for one in group])
         member = np.repeat(np.arange(len(group)), [len(regions[one].rows) for one in group])

@@ -237,7 +237,14 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
         *("schema", "reference", "followup", "homography", "distortion_k1", "distortion_k1_err"),
         *("zoom", "changed_px", "compared_px", "threshold_sd", "false_alarms_px", "gain"),
         *("extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
-        *("registration_err_px", "width_err_px2", "psf_form", "changes", "false_discovery_rate"),
+        *(
+            "registration_err_px",
+            "width_err_px2",
+            "psf_form",
+            "changes",
+            "moved",
+            "false_discovery_rate",
+        ),
         *("saturated_px", "kernel", "warnings", "provenance"),
     ]
     px = int(result.valid.sum())
