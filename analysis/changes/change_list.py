@@ -14,8 +14,8 @@ from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, SmoothedField
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 
-_SURE = 3.0
-"""Standard deviations by which the strongest of many pixels is too high."""
+_SURE = 2.0
+"""Times the height of the strongest of many values of noise, by which a peak must be higher."""
 
 _MOST_FITTED = 300
 """Changes whose shape is fitted; a frame with more is another scene, and the rest get levels."""
@@ -118,14 +118,19 @@ def _as_it_stands(region: LinkedRegion, fields: Sequence[SmoothedField]) -> Fitt
         sd_dn = field.sd_dn[rows, cols]
         signed = field.difference_dn[rows, cols] * np.sign(region.significance)
         top = int(np.argmax(signed / sd_dn))
-        surely = float(signed[top] - _SURE * sd_dn[top])
+        independent = len(region.rows) / (4 * np.pi * field.width_px**2)
+        chance = np.sqrt(2 * np.log(max(independent, np.e)))
+        surely = float(signed[top] - _SURE * chance * sd_dn[top])
         if best is None or surely > best[0]:
-            best = surely, FittedSpot(
-                y_px=float(rows[top] * field.step_px),
-                x_px=float(cols[top] * field.step_px),
-                amplitude_dn=float(field.difference_dn[rows[top], cols[top]]),
-                amplitude_err_dn=float(sd_dn[top]),
-                sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
+            best = (
+                surely,
+                FittedSpot(
+                    y_px=float(rows[top] * field.step_px),
+                    x_px=float(cols[top] * field.step_px),
+                    amplitude_dn=float(field.difference_dn[rows[top], cols[top]]),
+                    amplitude_err_dn=float(sd_dn[top]),
+                    sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
+                ),
             )
     assert best is not None, "a region has pixels that were compared"
     return best[1]

@@ -81,6 +81,11 @@ class Comparison:
         Width of the Gaussian that smoothed the photograph whose pixels the grid has.
     followup_smoothing_px
         Width of that which smoothed the follow-up, in pixels of the grid.
+    target_dn
+        The photograph whose pixels the grid has, smoothed, in the levels that were matched: its
+        own, or those that a tone curve made of them.
+    matched_scale
+        What takes the target less the other photograph to ``difference_dn``: 1, or an image.
     kernel
         Where the blur between the photographs is known from.
     extra_blur_px2, extra_blur_err_px2
@@ -104,6 +109,8 @@ class Comparison:
     valid: BoolArray
     smoothing_px: float
     followup_smoothing_px: float
+    target_dn: Float32Array = field(repr=False)
+    matched_scale: Float32Array | float = field(repr=False)
     kernel: KernelOrigin
     extra_blur_px2: float
     extra_blur_err_px2: float
@@ -360,6 +367,8 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         valid=valid,
         smoothing_px=smoothing.target_px,
         followup_smoothing_px=(smoothing.target_px if pair.is_on_followup else smoothing.source_px),
+        target_dn=target,
+        matched_scale=1.0 if scale is None else scale,
         kernel=focus.kernel,
         extra_blur_px2=focus.extra_px2,
         extra_blur_err_px2=focus.err_px2,

@@ -26,9 +26,9 @@ _Row3 = tuple[float, float, float]
 
 
 class Change(StoredValues):
-    """One connected change of one sign, at its strongest place.
+    """One connected change of one sign, or one movement, at its strongest place.
 
-    A thing that moved is two changes: what vanished, and what appeared.
+    A thing that moved, where its shift is not told, is two: what vanished, and what appeared.
 
     Parameters
     ----------
@@ -45,6 +45,11 @@ class Change(StoredValues):
         Share of false ones expected among the changes that are at least as significant.
     spot_sigma_px
         Width of the Gaussian spot that fits best, in follow-up pixels; None in files of before.
+    displacement_px, displacement_err_px
+        Shift ``(x, y)`` in follow-up pixels, from before to after, that explains it better than an
+        added signal, and its standard errors; None where none does.
+    is_moved
+        Whether one does: ``area_px`` is then that of all the connected changes that it explains.
     """
 
     x_px: float
@@ -57,6 +62,9 @@ class Change(StoredValues):
     significance: float
     q_value: float
     spot_sigma_px: float | None = None
+    displacement_px: tuple[float, float] | None = None
+    displacement_err_px: tuple[float, float] | None = None
+    is_moved: bool = False
 
 
 class SpotLimit(StoredValues):
@@ -146,6 +154,9 @@ class ChangeSummary(ResultsDocument):
         What the shape of the camera's PSF was known as; None in files of before.
     changes
         What changed, the most significant first.
+    moved, moved_px
+        What a shift explains, likewise, and its pixels; none where that was counted among the
+        changes.
     false_discovery_rate
         Share of false ones among the changes that was asked for, if it decided the threshold.
     saturated_px
@@ -180,6 +191,8 @@ class ChangeSummary(ResultsDocument):
     width_err_px2: float
     psf_form: PsfForm | None = None
     changes: tuple[Change, ...] = ()
+    moved: tuple[Change, ...] = ()
+    moved_px: int = 0
     false_discovery_rate: float | None = None
     saturated_px: int = 0
     kernel: KernelOrigin | None = None
@@ -213,10 +226,25 @@ def read_changes(path: Path) -> ChangeSummary:
     return read_document(path, ChangeSummary, ResultsFileError, "write it with standoff changes")
 
 
+_PARTS = {
+    "displacement_px": ("displacement_x_px", "displacement_y_px"),
+    "displacement_err_px": ("displacement_x_err_px", "displacement_y_err_px"),
+}
+"""Columns of the pairs of numbers of a change."""
+
+
+def _flat(change: Change) -> dict[str, float | bool | None]:
+    values = change.model_dump()
+    for name, columns in _PARTS.items():
+        values |= dict(zip(columns, values.pop(name) or (None, None), strict=True))
+    return values
+
+
 def change_table(changes: Sequence[Change]) -> bytes:
     """Return the list of changes as CSV, a line a change."""
     text = StringIO(newline="")
-    writer = csv.DictWriter(text, list(Change.model_fields), lineterminator="\n")
+    columns = [column for name in Change.model_fields for column in _PARTS.get(name, (name,))]
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(change.model_dump() for change in changes)
+    writer.writerows(map(_flat, changes))
     return text.getvalue().encode("utf-8")

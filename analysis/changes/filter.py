@@ -12,8 +12,9 @@ from analysis.changes.detection_limit import LimitMaps, detection_limit
 from analysis.changes.document import ChangeSummary
 from analysis.changes.false_discovery import discovery_threshold
 from analysis.changes.levels import detection_levels
-from analysis.changes.linked_regions import link_levels
+from analysis.changes.linked_regions import link_levels, pixels_of
 from analysis.changes.matching import PixelPositions, spline_coefficients
+from analysis.changes.moved_changes import moved_apart
 from analysis.changes.options import ChangeOptions
 from analysis.changes.unusable import clipped_at_white
 from analysis.changes.warning_sentences import ChangeMasks, change_warnings
@@ -54,8 +55,8 @@ class ChangeResult:
         most.
     limit_dn
         Amplitude at which a spot would have been found; NaN where not compared.
-    is_change
-        Pixels of the changes.
+    is_change, is_moved
+        Pixels of the changes, and of what moved.
     valid
         Pixels that were compared.
     pose
@@ -75,6 +76,7 @@ class ChangeResult:
     significance: FloatImage
     limit_dn: FloatImage
     is_change: BoolArray
+    is_moved: BoolArray
     valid: BoolArray
     pose: DistortedPose
     masks: ChangeMasks
@@ -150,12 +152,18 @@ def find_changes(
     else:
         threshold = discovery_threshold(levels, options.false_discovery_rate)
     found = link_levels(levels, threshold)
-    changes = list_changes(found.regions, levels, compared, pose)
+    listed = list_changes(found.regions, levels, compared, pose)
+    apart = moved_apart(compared, pose, found.regions, listed)
+    if options.count_moved:
+        apart = apart.together()
     limits = LimitMaps.of(compared, levels, threshold, grid.followup_px)
     difference, plain, sd = map(
         grid.brought, (compared.difference_dn, compared.plain_difference_dn, compared.sd_dn)
     )
-    is_change = grid.marked(found.is_change)
+    is_change, is_moved = (
+        grid.marked(pixels_of(regions, compared.valid.shape))
+        for regions in (apart.changed_regions, apart.moved_regions)
+    )
     masks = _masks(reference, followup, pose, options, (is_change, grid.valid))
     return ChangeResult(
         summary=ChangeSummary(
@@ -177,14 +185,16 @@ def find_changes(
             registration_err_px=compared.registration_err_px,
             width_err_px2=compared.width_err_px2,
             psf_form=None if psf is None else psf.form,
-            changes=changes,
+            changes=apart.changes,
+            moved=apart.moved,
+            moved_px=int(np.count_nonzero(is_moved)),
             saturated_px=int(np.count_nonzero(masks.clipped | masks.reference_clipped)),
             kernel=compared.kernel,
             detection_limit=detection_limit(
                 limits, options.spot_sigma_px, options.limit_contrast_dn
             ),
             frame_px=grid.valid.size,
-            warnings=(*warnings, *compared.warnings, *change_warnings(changes, masks)),
+            warnings=(*warnings, *compared.warnings, *change_warnings(apart.changes, masks)),
         ),
         followup_dn=np.asarray(followup, dtype=np.float32),
         difference_dn=difference,
@@ -194,6 +204,7 @@ def find_changes(
         significance=grid.brought(found.significance),
         limit_dn=grid.brought(limits.limit_dn(options.spot_sigma_px), np.nan),
         is_change=is_change,
+        is_moved=is_moved,
         valid=grid.valid,
         pose=pose,
         masks=masks,

@@ -319,6 +319,6 @@ def write_changes(out: Path, found: ComparedPhotographs) -> None:
     write_mask(out / "compared.png", found.valid)
     with _DRAWING:
         write_figure(out / "changes-figure.png", plot_changes(found))
-    write_file(out / "changes.csv", change_table(found.summary.changes))
+    write_file(out / "changes.csv", change_table((*found.summary.changes, *found.summary.moved)))
     write_file(out / "report.html", found.page().encode("utf-8"))
     write_results(out / "changes.json", found.summary)
