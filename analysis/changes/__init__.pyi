@@ -2,8 +2,6 @@ from .chance import FilterWidth as FilterWidth, significance_threshold as signif
 from .document import (
     Change as Change,
     ChangeSummary as ChangeSummary,
-    DetectionLimit as DetectionLimit,
-    SpotLimit as SpotLimit,
     change_table as change_table,
     read_changes as read_changes,
 )
@@ -12,7 +10,8 @@ from .filter import (
     find_changes as find_changes,
 )
 from .focus_sentence import describe_focus as describe_focus
-from .limit_sentence import describe_limit as describe_limit, size_text as size_text
+from .limit_sentence import describe_limit as describe_limit
+from .moved_sentence import describe_moved as describe_moved
 from .options import ChangeOptions as ChangeOptions
 from .plot import changes_figure as changes_figure
 from .power import detection_power as detection_power, height_for as height_for

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from pydantic import Field
 
 from acquisition.dataframe import dataframe
+from analysis.detection_limits import DetectionLimit
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from calibration.documents import read_document
@@ -65,62 +66,6 @@ class Change(StoredValues):
     displacement_px: tuple[float, float] | None = None
     displacement_err_px: tuple[float, float] | None = None
     is_moved: bool = False
-
-
-class SpotLimit(StoredValues):
-    """Amplitude at which Gaussian spots of one width are found, over the compared pixels.
-
-    Parameters
-    ----------
-    spot_sigma_px, spot_sigma_mm
-        Width of the spot as the follow-up shows it, in its pixels and, if their size is known, mm.
-    median_dn, p95_dn, worst_dn
-        Limit in the follow-up's levels: at half of the pixels it is lower than the first, at 95 %
-        lower than the second, and nowhere higher than the third.
-    reached_fraction
-        Share of the compared pixels where the limit is below a contrast that was asked about.
-    """
-
-    spot_sigma_px: float
-    median_dn: float
-    p95_dn: float
-    worst_dn: float
-    reached_fraction: float | None = None
-    spot_sigma_mm: float | None = None
-
-
-PixelPlane = Literal["scene", "sensor"]
-"""Where the size of a pixel is measured."""
-
-
-class DetectionLimit(StoredValues):
-    """What a comparison would have found.
-
-    Parameters
-    ----------
-    power
-        Share of the spots at the limit that are found.
-    spots
-        Limits, a width each.
-    contrast_dn
-        Amplitude that was asked about.
-    map_spot_sigma_px
-        Width of the spots whose limit limit.tif maps.
-    pixel_size_mm, pixel_size_on
-        Side of a follow-up pixel, if it is known, and where: on the scene or on the sensor.
-    """
-
-    power: float
-    spots: tuple[SpotLimit, ...]
-    contrast_dn: float | None = None
-    map_spot_sigma_px: float
-    pixel_size_mm: float | None = None
-    pixel_size_on: PixelPlane | None = None
-
-    @property
-    def mapped(self) -> SpotLimit:
-        """The limit that limit.tif maps."""
-        return next(spot for spot in self.spots if spot.spot_sigma_px == self.map_spot_sigma_px)
 
 
 class ChangeSummary(ResultsDocument):

@@ -208,7 +208,8 @@ def _on_grid(rows: IntArray, cols: IntArray, step: int, valid: BoolArray) -> Int
     return np.asarray(row[counts] * valid.shape[1] + col[counts])
 
 
-def pixels_of(found: Sequence[LinkedRegion], shape: tuple[int, int]) -> BoolArray:
+def pixels_of(found: Sequence[LinkedRegion], shape: tuple[int, ...]) -> BoolArray:
+    """Mark the pixels of changes, on a grid of this shape."""
     mask = np.zeros(shape, dtype=np.bool_)
     for region in found:
         mask[region.rows, region.cols] = True

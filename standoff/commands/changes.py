@@ -110,6 +110,13 @@ def changes(
             help="Height at which the reference was taken; the lowest of --geometry by default.",
         ),
     ] = None,
+    count_moved: Annotated[
+        bool,
+        Option(
+            "--count-moved",
+            help="Count what a shift of a few pixels explains among the changes, not apart.",
+        ),
+    ] = False,
     report: Annotated[
         Path | None,
         Option(
@@ -146,6 +153,7 @@ def changes(
             expect_zoom, homography=homography, points=points, mask=mask
         ),
         "white_level": white_level,
+        "count_moved": count_moved,
         "limit": library.DetectionLimitOptions(
             spot_sigma_px=spot_sigma,
             contrast_dn=limit_contrast,
@@ -182,7 +190,7 @@ def changes(
 
 
 def _show_one(out: Path, summary: ChangeSummary) -> None:
-    from analysis.changes import describe_focus, describe_limit
+    from analysis.changes import describe_focus, describe_limit, describe_moved
 
     found, count = summary.changes, len(summary.changes)
     if found:
@@ -208,6 +216,9 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
         f"{summary.changed_px} of {summary.compared_px} pixels changed by more than "
         f"{summary.threshold_sd:.2f} standard deviations (zoom {summary.zoom:.3f}); wrote {out}"
     )
+    moved = describe_moved(summary)
+    if moved is not None:
+        terminal.say(moved)
     limit = describe_limit(summary)
     if limit is not None:
         terminal.say(limit)

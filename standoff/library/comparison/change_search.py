@@ -165,6 +165,7 @@ def find_changes(
     hints: AlignmentHints | RegistrationHints | None = None,
     white_level: float | None = None,
     limit: DetectionLimitOptions | None = None,
+    count_moved: bool = False,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> ComparedPhotographs:
@@ -191,6 +192,8 @@ def find_changes(
         Level of the files at which they are clipped; the files' own by default.
     limit
         Which spots the detection limit is mapped for, and how large a pixel is in mm.
+    count_moved
+        Count what a shift of a few pixels explains among the changes, not apart.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -226,6 +229,7 @@ def find_changes(
             false_discovery_rate=false_discovery_rate,
             spot_sigma_px=asked.spot_sigma_px,
             limit_contrast_dn=asked.contrast_dn,
+            count_moved=count_moved,
         ),
         hints=hints,
         white_level=white_level,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from math import inf
 from os import PathLike
 
-from analysis.changes import DetectionLimit
 from analysis.choices import SPOT_SIGMA_PX
+from analysis.detection_limits import DetectionLimit
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration

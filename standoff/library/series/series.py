@@ -102,6 +102,7 @@ def find_changes_of_series(
     hints: AlignmentHints | RegistrationHints | None = None,
     white_level: float | None = None,
     limit: DetectionLimitOptions | None = None,
+    count_moved: bool = False,
     report: FilePath | None = None,
     sweep: SweepOptions | None = None,
     reading: ReadOptions | None = None,
@@ -120,7 +121,7 @@ def find_changes_of_series(
         Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
     out
         Folder for the results.
-    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit
+    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit, count_moved
         As in ``find_changes``.
     report
         Where the page goes, besides the folder.
@@ -158,6 +159,7 @@ def find_changes_of_series(
             false_discovery_rate=false_discovery_rate,
             spot_sigma_px=asked.spot_sigma_px,
             limit_contrast_dn=asked.contrast_dn,
+            count_moved=count_moved,
         ),
         hints=hints,
         white_level=white_level,

@@ -88,6 +88,7 @@ def result(
         significance=none,
         limit_dn=none + 4.0,
         is_change=~valid,
+        is_moved=~valid,
         valid=valid,
         pose=DistortedPose(matrix=matrix, k1=0.0, reference_shape=shape, followup_shape=shape),
         masks=ChangeMasks(is_change=~valid, valid=valid, clipped=clipped, reference_clipped=~valid),
