@@ -88,6 +88,10 @@ def size_text(spot: SpotLimit, limit: DetectionLimit) -> str:
 
 def percent_text(share: float) -> str:
     """Return a share in per cent: of nearly all or nearly none, never all or none."""
-    if 0 < share < 0.01 or 0.99 < share < 1:
+    if 0 < share < 0.001:
+        return "less than 0.1 %"
+    if 0.999 < share < 1:
+        return "more than 99.9 %"
+    if share < 0.01 or share > 0.99:
         return f"{100 * share:.1f} %"
     return f"{100 * share:.0f} %"

@@ -1,4 +1,9 @@
-from .chance import FilterWidth as FilterWidth, significance_threshold as significance_threshold
+from .detection import (
+    FilterWidth as FilterWidth,
+    detection_power as detection_power,
+    height_for as height_for,
+    significance_threshold as significance_threshold,
+)
 from .document import (
     Change as Change,
     ChangeSummary as ChangeSummary,
@@ -14,4 +19,3 @@ from .limit_sentence import describe_limit as describe_limit
 from .moved_sentence import describe_moved as describe_moved
 from .options import ChangeOptions as ChangeOptions
 from .plot import changes_figure as changes_figure
-from .power import detection_power as detection_power, height_for as height_for

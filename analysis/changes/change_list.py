@@ -6,10 +6,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from analysis.changes.comparison import Comparison
+from analysis.changes.detection import (
+    DetectionLevel,
+    LinkedRegion,
+    q_values,
+)
 from analysis.changes.document import Change
-from analysis.changes.false_discovery import q_values
-from analysis.changes.levels import DetectionLevel
-from analysis.changes.linked_regions import LinkedRegion
 from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, SmoothedField, fit_spot
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray

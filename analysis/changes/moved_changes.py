@@ -6,10 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.changes.comparison import Comparison
+from analysis.changes.detection import (
+    LinkedRegion,
+)
 from analysis.changes.document import Change
-from analysis.changes.linked_regions import LinkedRegion
-from analysis.changes.movement import ChangedRegion, Movement, find_movements
-from analysis.changes.movement_trial import Images
+from analysis.changes.movement import (
+    ChangedRegion,
+    Images,
+    Movement,
+    find_movements,
+)
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 

@@ -256,7 +256,7 @@ def moved_table(moved: Sequence[Change]) -> ReportTable:
             )
             for change in moved[:_LISTED]
         ),
-        caption="Movements: what a shift of what was there before explains, with its 95 % interval.",
+        caption="Movements: what a shift of what was there explains, with its 95 % interval.",
     )  # fmt: skip
 
 

@@ -219,22 +219,15 @@ def find_changes(
     >>> found = standoff.find_changes("before.tif", "after.tif")
     >>> [(one.x_px, one.y_px, one.amplitude_dn) for one in found.summary.changes]
     """
-    asked = limit or DetectionLimitOptions()
-    files = (psf, noise, asked.geometry, *hint_files(hints))
+    files = psf, noise, None if limit is None else limit.geometry, *hint_files(hints)
     call = Call("find_changes", progress, reading, files)
-    rules = ComparisonRules(
-        options=ChangeOptions(
-            noise=camera_noise(noise),
-            false_alarms=false_alarms,
-            false_discovery_rate=false_discovery_rate,
-            spot_sigma_px=asked.spot_sigma_px,
-            limit_contrast_dn=asked.contrast_dn,
-            count_moved=count_moved,
-        ),
-        hints=hints,
-        white_level=white_level,
-        scale=scene_scale(call, asked, psf),
+    options = ChangeOptions(
+        noise=camera_noise(noise),
+        false_alarms=false_alarms,
+        false_discovery_rate=false_discovery_rate,
+        count_moved=count_moved,
     )
+    rules = comparison_rules(call, psf, limit, options, hints, white_level)
     near = call.photograph(reference, "reference")
     far = call.photograph(followup, "followup")
     known = None
@@ -253,6 +246,26 @@ def find_changes(
         }
     )
     return replace(found, summary=summary, notes=call.notes)
+
+
+def comparison_rules(
+    call: Call,
+    psf: PsfLike | None,
+    limit: DetectionLimitOptions | None,
+    options: ChangeOptions,
+    hints: AlignmentHints | RegistrationHints | None,
+    white_level: float | None,
+) -> ComparisonRules:
+    """Bundle how photographs are compared."""
+    asked = limit or DetectionLimitOptions()
+    return ComparisonRules(
+        options=replace(
+            options, spot_sigma_px=asked.spot_sigma_px, limit_contrast_dn=asked.contrast_dn
+        ),
+        hints=hints,
+        white_level=white_level,
+        scale=scene_scale(call, asked, psf),
+    )
 
 
 def compared(

@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
-from analysis.changes.chance import FilterWidth, significance_threshold
+from analysis.changes.detection.chance import FilterWidth, significance_threshold
 from analysis.changes.document import read_changes
 from analysis.changes.filter import ChangeResult, find_changes
 from analysis.changes.options import ChangeOptions

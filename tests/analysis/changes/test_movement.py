@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.special import erf
 
-from analysis.changes.movement import ChangedRegion, Movement, find_movements
-from analysis.changes.movement_trial import Images
+from analysis.changes.movement.movements import ChangedRegion, Movement, find_movements
+from analysis.changes.movement.trial import Images
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import smoothed_noise, smoothed_spot
 

@@ -15,7 +15,7 @@ from analysis.change_series.time_line import (
     TimeLineFollowup,
     TrackPoint,
 )
-from analysis.changes.chance import FilterWidth
+from analysis.changes.detection.chance import FilterWidth
 from analysis.changes.document import Change, ChangeSummary
 from analysis.changes.filter import ChangeResult
 from analysis.changes.focus_sentence import describe_focus

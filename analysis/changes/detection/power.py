@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import ncx2
 
-from analysis.changes.chance import FilterWidth
+from analysis.changes.detection.chance import FilterWidth
 from simulation.arrays import FloatArray
 
 POWER = 0.95

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
-from analysis.changes.movement_joint import JointTrial
-from analysis.changes.movement_trial import Images, Shift, Trial, ways_within
+from analysis.changes.movement.joint_trial import JointTrial
+from analysis.changes.movement.trial import Images, Shift, Trial, ways_within
 from simulation.arrays import FloatArray, IntArray
 
 _NEAR_PX, _FAR_PX = 6.0, 16.0

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import spline_filter
 
-from analysis.changes.movement_fit import (
+from analysis.changes.movement.shift_fit import (
     fit_shift,
     fit_spot_cost,
     search_costs,

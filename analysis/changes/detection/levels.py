@@ -12,8 +12,8 @@ from math import ceil, exp, hypot, log, pi, sqrt
 import cv2
 import numpy as np
 
-from analysis.changes.chance import SPREAD_ERR, FilterWidth, equally_strict
 from analysis.changes.comparison import Comparison
+from analysis.changes.detection.chance import SPREAD_ERR, FilterWidth, equally_strict
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
 
 _NARROWEST = sqrt(2.0)

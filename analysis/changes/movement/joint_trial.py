@@ -9,8 +9,8 @@ from math import inf
 
 import numpy as np
 
-from analysis.changes.movement_fit import fit_shift, joint_search_costs, shift_residuals
-from analysis.changes.movement_trial import (
+from analysis.changes.movement.shift_fit import fit_shift, joint_search_costs, shift_residuals
+from analysis.changes.movement.trial import (
     LEAST_GAINS,
     LEAST_SHARES,
     Fit,

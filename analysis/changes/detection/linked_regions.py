@@ -12,9 +12,9 @@ from math import hypot
 
 import numpy as np
 
-from analysis.changes.levels import DetectionLevel
+from analysis.changes.detection.levels import DetectionLevel
+from analysis.changes.detection.peaks import Region, connected_regions
 from analysis.changes.matching import away_from
-from analysis.changes.peaks import Region, connected_regions
 from simulation.arrays import BoolArray, Float32Array, FloatImage, IntArray
 
 _SKIRT = 2.0
