@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from analysis.changes.comparison import Comparison
-from analysis.changes.matching import away_from
 from analysis.changes.detection.chance import SPREAD_ERR, FilterWidth, equally_strict
+from analysis.changes.matching import away_from
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
 
 _NARROWEST = sqrt(2.0)
@@ -147,8 +147,8 @@ def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
         counts = compared.valid if number == 0 else sums.weight > _LEAST_WEIGHT
         difference, sd, valid = sums.level(own, np.asarray(counts))
         # Most probable, given how alike levels are and what this one measures.
-        measured, measured_err = log(_spread(difference / sd, valid, width / step)), sqrt(0.5 / independent)
-        measured = max(measured, log_factor - _MOST_LESS)
+        measured = log(_spread(difference / sd, valid, width / step))
+        measured, measured_err = max(measured, log_factor - _MOST_LESS), sqrt(0.5 / independent)
         prior = err**2 + _PRIOR_ERR**2
         log_factor += (measured - log_factor) * prior / (prior + measured_err**2)
         err = sqrt(prior * measured_err**2 / (prior + measured_err**2))

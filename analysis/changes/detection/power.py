@@ -11,9 +11,11 @@ POWER = 0.95
 """Of a detection limit."""
 
 _SEARCHED = 1.0
-"""Degrees of freedom of the search for the highest significance, beside a spot's own noise. In white
-noise it is 2 to 2.5, two for the place and the rest for the width; the fit between photographs takes
-a little of each spot, and is worth one."""
+"""Degrees of freedom of the search for the highest significance, beside a spot's own noise.
+
+In white noise it is 2 to 2.5, two for the place and the rest for the width; what the fit between
+photographs takes of each spot is worth one.
+"""
 
 _OFF_PX2 = 1 / 6
 """Mean squared distance of a spot from the nearest pixel's centre."""
