@@ -42,6 +42,8 @@ _CLIP_SD, _CLIPPED_RMS = 3.0, 0.98658
 _CHANGE_SD, _SKIRT = 4.0, 2.0
 """Places taken for changed, and how many widths of the filter around them are left out."""
 
+_SAMPLE = 500_000
+_NEVER_DN = 1e30
 _ROUNDS = 4
 _LEAST_WEIGHT = 0.5
 _TAILS = 4.0
@@ -101,16 +103,23 @@ class DetectionLevel:
         smooth = _blurred(np.asarray(difference_dn, dtype=np.float32), more)[every]
         return np.where(self.valid, smooth / self.weight, np.float32(0))
 
-    def on_grid(self, image: FloatImage, shape: tuple[int, int]) -> Float32Array:
-        """Bring an image of the level to the pixels of the comparison's grid."""
-        if self.step_px == 1:
+    def sd_on_grid(self, shape: tuple[int, ...], every: int) -> Float32Array:
+        """Bring the standard deviation there, beyond all measure where it does not count."""
+        apart = max(every // self.step_px, 1) if every % self.step_px == 0 else 1
+        part = np.s_[::apart, ::apart]
+        known = np.where(self.valid[part], self.sd_dn[part], np.float32(_NEVER_DN))
+        return self.on_grid(known, shape, max(every // apart, 1))
+
+    def on_grid(self, image: FloatImage, shape: tuple[int, ...], every: int = 1) -> Float32Array:
+        """Bring an image of the level to every so many pixels of the comparison's grid."""
+        if every == self.step_px:
             return np.asarray(image, dtype=np.float32)
-        shrink = np.array([[1 / self.step_px, 0, 0], [0, 1 / self.step_px, 0]])
+        shrink = np.array([[every / self.step_px, 0, 0], [0, every / self.step_px, 0]])
         return np.asarray(
             cv2.warpAffine(
                 np.asarray(image, dtype=np.float32),
                 shrink,
-                shape[::-1],
+                (shape[1], shape[0]),
                 flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
                 borderMode=cv2.BORDER_REPLICATE,
             )
@@ -147,7 +156,7 @@ def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
         counts = compared.valid if number == 0 else sums.weight > _LEAST_WEIGHT
         difference, sd, valid = sums.level(own, np.asarray(counts))
         # Most probable, given how alike levels are and what this one measures.
-        measured = log(_spread(difference / sd, valid, width / step))
+        measured = log(_spread(difference, sd, valid, width / step))
         measured, measured_err = max(measured, log_factor - _MOST_LESS), sqrt(0.5 / independent)
         prior = err**2 + _PRIOR_ERR**2
         log_factor += (measured - log_factor) * prior / (prior + measured_err**2)
@@ -220,14 +229,20 @@ def _blurred(image: Float32Array, sigma_px: float) -> Float32Array:
     return np.asarray(blurred, dtype=np.float32)
 
 
-def _spread(deviation: Float32Array, valid: BoolArray, width: float) -> float:
+def _spread(
+    difference_dn: Float32Array, sd_dn: Float32Array, valid: BoolArray, width: float
+) -> float:
     """Standard deviations by which places scatter, changes left out with their blurred skirts.
 
     ``width`` is that of the filter, in places.
     """
+    # Many more places are of no use: those within a width are alike.
+    every = max(round((valid.size / _SAMPLE) ** 0.5), 1)
+    part = np.s_[::every, ::every]
+    valid, width = valid[part], width / every
     if not valid.any():
         return 1.0
-    size = np.abs(deviation)
+    size = np.abs(difference_dn[part] / sd_dn[part])
     spread = float(np.median(size[valid])) / 0.6745 + 1e-6
     unchanged = valid & away_from(valid & (size > _CHANGE_SD * spread), _SKIRT * width)
     ratio: FloatArray = size[unchanged if unchanged.any() else valid]

@@ -10,10 +10,12 @@ from analysis.changes.detection.chance import FilterWidth
 from analysis.changes.detection.levels import DetectionLevel
 from analysis.changes.detection.power import POWER, height_for, response
 from analysis.detection_limits import DetectionLimit, SpotLimit
-from simulation.arrays import Float32Array
+from simulation.arrays import BoolArray, Float32Array
 
 _SPOT_SIGMAS_PX = (1.0, 1.5, 3.0, 6.0)
 """Sizes for which the limit is stated, beside the one that is asked for."""
+
+_SAMPLE_PX = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -24,17 +26,18 @@ class LimitMaps:
     ----------
     threshold_sd
         Significance beyond which a place counts as changed.
-    sds_dn
-        Standard deviation of each level at every pixel, infinite where it does not count.
-    widths
-        Of the filters, as they act on the follow-up.
+    levels, widths
+        In which it is looked for, and their filters as they act on the follow-up.
+    valid
+        Pixels that were compared.
     followup_px
         Follow-up pixels to one of the grid, along a line.
     """
 
     threshold_sd: float
-    sds_dn: tuple[Float32Array, ...]
+    levels: tuple[DetectionLevel, ...]
     widths: tuple[FilterWidth, ...]
+    valid: BoolArray
     followup_px: float
 
     @classmethod
@@ -45,23 +48,16 @@ class LimitMaps:
         threshold_sd: float,
         followup_px: float,
     ) -> "LimitMaps":
-        """Bring the levels to the grid."""
-        shape = (compared.valid.shape[0], compared.valid.shape[1])
-        sds = []
-        for level in levels:
-            sd = level.on_grid(level.sd_dn, shape)
-            counts = compared.valid
-            if level.step_px > 1 or not level.valid.all():
-                counts = counts & (level.on_grid(level.valid.astype(np.float32), shape) > 0.5)
-            sds.append(np.where(counts, sd, np.float32(np.inf)))
+        """Take what limits detection from a comparison and its levels."""
         return cls(
             threshold_sd=threshold_sd,
-            sds_dn=tuple(sds),
+            levels=tuple(levels),
             widths=tuple(_on_followup(level.filter_width, compared) for level in levels),
+            valid=compared.valid,
             followup_px=followup_px,
         )
 
-    def limit_dn(self, spot_sigma_px: float, power: float = POWER) -> Float32Array:
+    def limit_dn(self, spot_sigma_px: float, power: float = POWER, every: int = 1) -> Float32Array:
         """Amplitude of a spot in the follow-up's levels; infinite where nothing was compared.
 
         Parameters
@@ -70,14 +66,17 @@ class LimitMaps:
             Its width as the follow-up shows it, in follow-up pixels.
         power
             How often it is found.
+        every
+            Every so many pixels of the grid, along both of its sides.
         """
         height = height_for(power, self.threshold_sd)
         sigma = np.array(spot_sigma_px / self.followup_px)
-        least: Float32Array | None = None
-        for sd_dn, width in zip(self.sds_dn, self.widths, strict=True):
-            own = sd_dn * np.float32(height / float(response(sigma, width)))
-            least = own if least is None else np.minimum(least, own, out=least)
-        assert least is not None
+        valid = self.valid[::every, ::every]
+        least = np.full(valid.shape, np.inf, dtype=np.float32)
+        for level, width in zip(self.levels, self.widths, strict=True):
+            factor = np.float32(height / float(response(sigma, width)))
+            np.minimum(least, level.sd_on_grid(valid.shape, every) * factor, out=least)
+        least[~valid] = np.inf
         return least
 
 
@@ -103,9 +102,11 @@ def detection_limit(
     contrast_dn
         Amplitude for which the share of the pixels is told where the limit is lower.
     """
+    # Limits vary as slowly as the filters are wide.
+    every = max(round((maps.valid.size / _SAMPLE_PX) ** 0.5), 1)
     spots = []
     for sigma_px in sorted({*_SPOT_SIGMAS_PX, spot_sigma_px}):
-        limit = maps.limit_dn(sigma_px)
+        limit = maps.limit_dn(sigma_px, every=every)
         limit = limit[np.isfinite(limit)]
         reached = None
         if contrast_dn is not None:
