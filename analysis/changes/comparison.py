@@ -14,6 +14,7 @@ from analysis.changes.document import KernelOrigin
 from analysis.changes.matching import (
     GRADIENT,
     LAPLACIAN,
+    FittedScatter,
     PairFit,
     RelativeBlur,
     Smoothing,
@@ -93,6 +94,8 @@ class Comparison:
     registration_err_px, width_err_px2
         Standard deviations of the registration along the gradient, and of the variance by which
         the fitted blur is wrong.
+    scatter
+        Of what the difference consists.
     warnings
         Sentences on what makes the comparison doubtful.
     """
@@ -111,6 +114,7 @@ class Comparison:
     noise_factor: float
     registration_err_px: float
     width_err_px2: float
+    scatter: FittedScatter
     warnings: tuple[str, ...] = ()
 
     @property
@@ -367,6 +371,9 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         noise_factor=matched.noise_factor,
         registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
         width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
+        scatter=FittedScatter.of(
+            fit, matched.terms, matched.floor_dn2, valid, smoothing, pair.positions.zoom
+        ),
         warnings=(*focus.warnings, *_unexplained(share)),
     )
 

@@ -81,6 +81,33 @@ class SpotLimit(StoredValues):
     spot_sigma_mm: float | None = None
 
 
+class PredictedLimit(StoredValues):
+    """A limit that was predicted, and the one that a pair shows of the same change of the scene.
+
+    Parameters
+    ----------
+    spot_sigma_px
+        Width with which a follow-up as sharp as predicted shows the change, in its pixels.
+    noise_dn
+        Standard deviation of the noise that was assumed in either photograph.
+    median_dn, shown_dn, ratio
+        The limit at the median place as it was predicted and as the pair shows it, in levels of a
+        follow-up as sharp and as bright as predicted; the second over the first.
+    factors
+        By what focus, light, registration and texture each raised the limit.
+    lost_to
+        Sentences on those that explain a loss of more than 15 %, the most first.
+    """
+
+    spot_sigma_px: float
+    noise_dn: float
+    median_dn: float
+    shown_dn: float
+    ratio: float
+    factors: dict[str, float]
+    lost_to: tuple[str, ...] = ()
+
+
 PixelPlane = Literal["scene", "sensor"]
 """Where the size of a pixel is measured."""
 
@@ -100,6 +127,8 @@ class DetectionLimit(StoredValues):
         Width of the spots whose limit limit.tif maps.
     pixel_size_mm, pixel_size_on
         Side of a follow-up pixel, if it is known, and where: on the scene or on the sensor.
+    predicted
+        The limit that was predicted, if it was and for this zoom.
     """
 
     power: float
@@ -108,6 +137,7 @@ class DetectionLimit(StoredValues):
     map_spot_sigma_px: float
     pixel_size_mm: float | None = None
     pixel_size_on: PixelPlane | None = None
+    predicted: PredictedLimit | None = None
 
     @property
     def mapped(self) -> SpotLimit:

@@ -15,6 +15,7 @@ from analysis.changes.levels import detection_levels
 from analysis.changes.linked_regions import link_levels
 from analysis.changes.matching import PixelPositions, spline_coefficients
 from analysis.changes.options import ChangeOptions
+from analysis.changes.prediction import meet
 from analysis.changes.unusable import clipped_at_white
 from analysis.changes.warning_sentences import ChangeMasks, change_warnings
 from analysis.errors import AnalysisError
@@ -152,6 +153,7 @@ def find_changes(
     found = link_levels(levels, threshold)
     changes = list_changes(found.regions, levels, pose, is_on_followup=compared.is_on_followup)
     limits = LimitMaps.of(compared, levels, threshold, grid.followup_px)
+    met = None if options.expected is None else meet(options.expected, pose.zoom, compared, limits)
     difference, plain, sd = map(
         grid.brought, (compared.difference_dn, compared.plain_difference_dn, compared.sd_dn)
     )
@@ -182,7 +184,7 @@ def find_changes(
             kernel=compared.kernel,
             detection_limit=detection_limit(
                 limits, options.spot_sigma_px, options.limit_contrast_dn
-            ),
+            ).model_copy(update={"predicted": met}),
             frame_px=grid.valid.size,
             warnings=(*warnings, *compared.warnings, *change_warnings(changes, masks)),
         ),

@@ -16,6 +16,7 @@ from .limit_options import (
     DetectionLimitOptions as DetectionLimitOptions,
     scene_scale as scene_scale,
 )
+from .limit_prediction import expected_limit as expected_limit
 from .registered import (
     FeatureMatches as FeatureMatches,
     RegistrationHints as RegistrationHints,

@@ -36,6 +36,7 @@ from standoff.library.comparison.limit_options import (
     SceneScale,
     scene_scale,
 )
+from standoff.library.comparison.limit_prediction import expected_limit, note_on_prediction
 from standoff.library.files import (
     make_folder,
     write_figure,
@@ -190,7 +191,8 @@ def find_changes(
     white_level
         Level of the files at which they are clipped; the files' own by default.
     limit
-        Which spots the detection limit is mapped for, and how large a pixel is in mm.
+        Which spots the detection limit is mapped for, how large a pixel is in mm, and the curves
+        that predict a limit.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -217,7 +219,7 @@ def find_changes(
     >>> [(one.x_px, one.y_px, one.amplitude_dn) for one in found.summary.changes]
     """
     asked = limit or DetectionLimitOptions()
-    files = (psf, noise, asked.geometry, *hint_files(hints))
+    files = (psf, noise, asked.geometry, asked.curves, *hint_files(hints))
     call = Call("find_changes", progress, reading, files)
     rules = ComparisonRules(
         options=ChangeOptions(
@@ -226,6 +228,7 @@ def find_changes(
             false_discovery_rate=false_discovery_rate,
             spot_sigma_px=asked.spot_sigma_px,
             limit_contrast_dn=asked.contrast_dn,
+            expected=expected_limit(asked),
         ),
         hints=hints,
         white_level=white_level,
@@ -241,6 +244,7 @@ def find_changes(
     found = compared(near, far, known, rules)
     for warning in found.summary.warnings:
         call.announce(warning)
+    note_on_prediction(call, asked, found.summary)
     summary = found.summary.model_copy(
         update={
             "reference": near.name,

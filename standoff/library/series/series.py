@@ -35,6 +35,7 @@ from standoff.library.comparison import (
     ComparisonRules,
     DetectionLimitOptions,
     RegistrationHints,
+    expected_limit,
     hint_files,
     scene_scale,
 )
@@ -149,7 +150,7 @@ def find_changes_of_series(
     >>> found.document.changed
     """
     asked = limit or DetectionLimitOptions()
-    files = (psf, noise, asked.geometry, *hint_files(hints))
+    files = (psf, noise, asked.geometry, asked.curves, *hint_files(hints))
     call = Call("find_changes_of_series", progress, reading, files)
     rules = ComparisonRules(
         options=ChangeOptions(
@@ -158,6 +159,7 @@ def find_changes_of_series(
             false_discovery_rate=false_discovery_rate,
             spot_sigma_px=asked.spot_sigma_px,
             limit_contrast_dn=asked.contrast_dn,
+            expected=expected_limit(asked),
         ),
         hints=hints,
         white_level=white_level,

@@ -7,8 +7,19 @@ from analysis.changes.change_list import list_changes
 from analysis.changes.comparison import Comparison
 from analysis.changes.levels import detection_levels
 from analysis.changes.linked_regions import link_levels
+from analysis.changes.matching import FittedScatter, Smoothing, WhiteNoiseGain
 from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
+
+WHITE = FittedScatter(
+    smoothing=Smoothing(source_px=1.0, target_px=1.0),
+    gains=WhiteNoiseGain(source=0.5, target=0.5),
+    noise_dn2=1.0,
+    gradient_share=0.0,
+    laplacian_share=0.0,
+    detail_share=0.0,
+)
+"""Of a difference that is noise alone."""
 
 
 def spot(
@@ -54,6 +65,7 @@ def comparison(
     if valid is None:
         valid = np.ones(difference_dn.shape, dtype=np.bool_)
     return Comparison(
+        scatter=WHITE,
         is_on_followup=is_on_followup,
         difference_dn=np.where(valid, difference_dn, 0.0),
         plain_difference_dn=difference_dn,
