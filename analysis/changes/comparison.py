@@ -19,6 +19,7 @@ from analysis.changes.matching import (
     RelativeBlur,
     Smoothing,
     VarianceTerms,
+    WhiteNoiseGain,
     calibrated_blur_px2,
     calibrated_factor,
     fit_pair,
@@ -80,8 +81,8 @@ class Comparison:
         Pixels that were compared.
     smoothing_px
         Width of the Gaussian that smoothed the photograph whose pixels the grid has.
-    followup_smoothing_px
-        Width of that which smoothed the follow-up, in pixels of the grid.
+    smoothing
+        Of the photograph with the grid's pixels, the target, and of the other one.
     kernel
         Where the blur between the photographs is known from.
     extra_blur_px2, extra_blur_err_px2
@@ -106,7 +107,7 @@ class Comparison:
     sd_dn: FloatImage
     valid: BoolArray
     smoothing_px: float
-    followup_smoothing_px: float
+    smoothing: Smoothing
     kernel: KernelOrigin
     extra_blur_px2: float
     extra_blur_err_px2: float
@@ -116,6 +117,11 @@ class Comparison:
     width_err_px2: float
     scatter: FittedScatter
     warnings: tuple[str, ...] = ()
+
+    @property
+    def followup_smoothing_px(self) -> float:
+        """Width of the Gaussian that smoothed the follow-up, in pixels of the grid."""
+        return self.smoothing.target_px if self.is_on_followup else self.smoothing.source_px
 
     @property
     def significance(self) -> FloatImage:
@@ -252,21 +258,24 @@ class _Matched:
     @property
     def rounding_variance_dn2(self) -> Float32Array | None:
         """Variance by rounding to the files' levels, without which shadows have none at all."""
-        pair, smoothing = self.pair, self.smoothing
-        gains = white_noise_gain(self.fit.kernel.taps, smoothing, pair.positions.zoom)
+        pair, gains = self.pair, self.gains
         own, other = rounding_variance(pair.target), rounding_variance(pair.source)
         total = None if own is None else np.float32(gains.target) * own
         if other is not None:
             brought = np.float32(gains.source) * np.nan_to_num(pair.positions.seen(other))
             total = brought if total is None else total + brought
-        return None if total is None else smoothed(total, smoothing.target_px)
+        return None if total is None else smoothed(total, self.smoothing.target_px)
+
+    @property
+    def gains(self) -> WhiteNoiseGain:
+        """Of white noise in either photograph."""
+        return white_noise_gain(self.fit.kernel.taps, self.smoothing, self.pair.positions.zoom)
 
     @property
     def noise_factor(self) -> float:
         """Noise that was fitted over that of the noise model, or over 1 DN^2."""
         if self.floor_dn2 is None:
-            gains = white_noise_gain(self.fit.kernel.taps, self.smoothing, self.pair.positions.zoom)
-            expected = gains.target + gains.source
+            expected = self.gains.target + self.gains.source
         else:
             expected = float(self.floor_dn2[self.valid].mean())
         return self.terms.noise_dn2(self.fit.sizes, self.valid) / expected
@@ -363,7 +372,6 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         sd_dn=sd,
         valid=valid,
         smoothing_px=smoothing.target_px,
-        followup_smoothing_px=(smoothing.target_px if pair.is_on_followup else smoothing.source_px),
         kernel=focus.kernel,
         extra_blur_px2=focus.extra_px2,
         extra_blur_err_px2=focus.err_px2,
@@ -371,8 +379,9 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         noise_factor=matched.noise_factor,
         registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
         width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
+        smoothing=smoothing,
         scatter=FittedScatter.of(
-            fit, matched.terms, matched.floor_dn2, valid, smoothing, pair.positions.zoom
+            fit, matched.terms, matched.floor_dn2, valid, matched.gains, (pair.source, pair.target)
         ),
         warnings=(*focus.warnings, *_unexplained(share)),
     )

@@ -128,18 +128,20 @@ def compared_change(
     filters = comparison_filters(scenario, model, zoom)
     frame = _Frame.around(signal, scenario, model, zoom)
     total = scenario.reference_zoom * zoom
-    offsets = signal_offsets_px(scenario.positions, total)
-    images = [frame.followup(signal, offset) for offset in offsets]
+    if isinstance(signal, GaussianSignal):
+        spot = frame.spot(frame.followup(signal), total)
+        own = tuple(spot.peak * filters.response(width, spot.sigma_px) for width in filters.widths)
+        return ComparedChange(filters=filters, heights=own, spot=spot)
+    images = [
+        frame.followup(signal, offset) for offset in signal_offsets_px(scenario.positions, total)
+    ]
     heights = []
     for width in filters.widths:
         peaks = [float(np.abs(_smoothed(image, width.width_px)).max()) for image in images]
         # Wider filters are sampled less densely.
         beside = np.exp(-_OFF_PX2 * (width.step_px**2 - 1) / (2 * width.width_px**2))
         heights.append(float(np.mean(peaks) * beside))
-    spot = None
-    if isinstance(signal, GaussianSignal):
-        spot = frame.spot(frame.followup(signal), total)
-    return ComparedChange(filters=filters, heights=tuple(heights), spot=spot)
+    return ComparedChange(filters=filters, heights=tuple(heights), spot=None)
 
 
 def comparison_d_prime(

@@ -62,6 +62,10 @@ class ExpectedFilters:
         source_px2 = self.smoothing.source_px**2 + width.width_px**2 - self.smoothing.target_px**2
         return (1 / width.width_px**2 + 1 / (self.zoom**2 * source_px2)) / (4 * pi)
 
+    def response(self, width: FilterWidth, spot_sigma_px: float) -> float:
+        """Peak behind a filter of a spot of peak 1 and this width, as the follow-up shows it."""
+        return float(response(np.array(spot_sigma_px), width))
+
     def limit_per_height(self, spot_sigma_px: float, noise_dn: float) -> float:
         """Amplitude by which a spot stands out by one standard deviation of white noise.
 
@@ -72,12 +76,11 @@ class ExpectedFilters:
         noise_dn
             Standard deviation of the noise of either photograph.
         """
-        sigma = np.array(spot_sigma_px)
         return min(
             noise_dn
             * sqrt(self.noise_gain(width))
             * width.allowance
-            / float(response(sigma, width))
+            / self.response(width, spot_sigma_px)
             for width in self.widths
         )
 

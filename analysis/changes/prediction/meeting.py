@@ -95,7 +95,7 @@ class _Met:
         # A change of focus counts where the comparison says that it is one.
         extra_px2 = compared.extra_blur_px2 if compared.kernel == "both" else 0.0
         sigma = curve.spot_at(zoom)
-        own, other = compared.scatter.smoothing.target_px, compared.scatter.smoothing.source_px
+        own, other = compared.smoothing.target_px, compared.smoothing.source_px
         if not compared.is_on_followup:
             own, other = other, own
         blur_px2 = other**2 - own**2
@@ -120,12 +120,18 @@ class _Met:
 
     @property
     def noise_ratio(self) -> float:
-        """Noise of the difference, to that of the assumed noise in the light of the reference."""
+        """Noise of the difference, to the assumed one in the light of the reference.
+
+        That of single pixels counts. Where it is less than assumed, compression may have taken it
+        away, and what is left is no less than what it made of it.
+        """
         gains, light = self.compared.scatter.gains, self.gain
         if not self.compared.is_on_followup:
             light = 1 / light
         expected = self.noise_dn**2 * (gains.target + gains.source / light**2)
-        ratio = sqrt(self.compared.scatter.noise_dn2 / expected)
+        scatter = self.compared.scatter
+        white, whole = (sqrt(dn2 / expected) for dn2 in (scatter.white_dn2, scatter.noise_dn2))
+        ratio = white if white > 1 else min(whole, 1.0)
         # In the follow-up's levels.
         return ratio if self.compared.is_on_followup else ratio / light
 
@@ -142,15 +148,14 @@ class _Met:
         )
         light = log(max(self.noise_ratio, 1e-6) / self.gain)
         rest, scatter = log(ratio) - focus - light, self.compared.scatter
-        texture = scatter.laplacian_share + scatter.detail_share
-        beside = scatter.gradient_share + texture
+        beside = scatter.displaced_share + scatter.unlike_share
         if beside < _LEAST_SHARE:
             return {"focus": focus, "light": light, "registration": 0.0, "texture": 0.0}
         return {
             "focus": focus,
             "light": light,
-            "registration": rest * scatter.gradient_share / beside,
-            "texture": rest * texture / beside,
+            "registration": rest * scatter.displaced_share / beside,
+            "texture": rest * scatter.unlike_share / beside,
         }
 
     def losses(self, factors: dict[Source, float], log_ratio: float) -> tuple[str, ...]:
@@ -177,14 +182,13 @@ class _Met:
                 return f"the noise is {self.noise_ratio:.2f} times the one assumed (light)"
             case "registration":
                 return (
-                    f"positions are wrong by {compared.registration_err_px:.2g} px along gradients "
-                    "(registration)"
+                    "wrong positions make "
+                    f"{100 * compared.scatter.displaced_share:.0f} % of the variance (registration)"
                 )
             case "texture":
-                share = compared.scatter.laplacian_share + compared.scatter.detail_share
                 return (
-                    f"fine detail, aliased or compressed, makes {100 * share:.0f} % of the "
-                    "variance (texture)"
+                    "fine detail, aliased or compressed, makes "
+                    f"{100 * compared.scatter.unlike_share:.0f} % of the variance (texture)"
                 )
 
 

@@ -12,12 +12,11 @@ from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 
 WHITE = FittedScatter(
-    smoothing=Smoothing(source_px=1.0, target_px=1.0),
     gains=WhiteNoiseGain(source=0.5, target=0.5),
     noise_dn2=1.0,
-    gradient_share=0.0,
-    laplacian_share=0.0,
-    detail_share=0.0,
+    white_dn2=1.0,
+    structure_share=0.0,
+    displaced=0.0,
 )
 """Of a difference that is noise alone."""
 
@@ -72,7 +71,7 @@ def comparison(
         sd_dn=np.broadcast_to(sd_dn, difference_dn.shape),
         valid=valid,
         smoothing_px=smoothing_px,
-        followup_smoothing_px=smoothing_px,
+        smoothing=Smoothing(source_px=smoothing_px, target_px=smoothing_px),
         kernel="pair",
         extra_blur_px2=0.0,
         extra_blur_err_px2=1.0,
