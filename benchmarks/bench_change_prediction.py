@@ -22,7 +22,6 @@ import numpy as np
 from analysis.changes import (
     ChangeOptions,
     ChangeSummary,
-    PredictedLimit,
     find_changes,
     height_for,
 )
@@ -34,6 +33,7 @@ from analysis.detectability import (
     d_prime_curves,
     expected_limits,
 )
+from analysis.detection_limits import PredictedLimit
 from benchmarks.bench_capture_model import true_psf
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.lens_optics import Camera, f_number, gaussian

@@ -7,6 +7,7 @@ light, noise, tone curve, sharpening, bits and JPEG. Shares nothing with ``simul
 
 from dataclasses import dataclass, field, replace
 from math import cos, hypot, radians, sin, sqrt
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ import scipy.fft
 
 from benchmarks.lens_optics import Camera, gaussian
 from benchmarks.pair_scenes import FlatScene
-from simulation.arrays import FloatArray
+from simulation.arrays import Float32Array, FloatArray
 
 _FOCAL_PER_WIDTH = 1.24
 _MARGIN_PX = 8
@@ -215,8 +216,16 @@ def pair_of(
     )
 
 
+class Scene(Protocol):
+    """What can be photographed."""
+
+    def at(self, x_px: FloatArray, y_px: FloatArray) -> Float32Array:
+        """Levels at positions in reference pixels; both of one shape."""
+        ...
+
+
 def photograph(
-    scene: FlatScene,
+    scene: Scene,
     frame: tuple[int, int],
     pose: PairPose,
     camera: Camera,

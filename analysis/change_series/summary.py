@@ -26,8 +26,8 @@ class ComparedFollowup(StoredValues):
         As in its changes.json; None if it could not be compared.
     refused
         Why it could not.
-    changes
-        How many changes its list has.
+    changes, moved
+        How many changes its list has, and how many movements beside them.
     taken
         When it was taken, as its file says.
     warnings
@@ -48,6 +48,7 @@ class ComparedFollowup(StoredValues):
     threshold_sd: float | None = None
     refused: str | None = None
     changes: int | None = None
+    moved: int | None = None
     taken: str | None = None
     warnings: str | None = None
     reference: str | None = None

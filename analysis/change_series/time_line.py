@@ -5,7 +5,7 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from analysis.changes import DetectionLimit
+from analysis.detection_limits import DetectionLimit
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document

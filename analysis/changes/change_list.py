@@ -5,13 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from analysis.changes.comparison import Comparison
+from analysis.changes.detection import (
+    DetectionLevel,
+    LinkedRegion,
+    q_values,
+)
 from analysis.changes.document import Change
-from analysis.changes.false_discovery import q_values
-from analysis.changes.levels import DetectionLevel
-from analysis.changes.linked_regions import LinkedRegion
 from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, SmoothedField, fit_spot
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
+
+_SURE = 2.0
+"""Times the height of the strongest of many values of noise, by which a peak must be higher."""
 
 _MOST_FITTED = 300
 """Changes whose shape is fitted; a frame with more is another scene, and the rest get levels."""
@@ -20,9 +26,8 @@ _MOST_FITTED = 300
 def list_changes(
     regions: Sequence[LinkedRegion],
     levels: Sequence[DetectionLevel],
+    compared: Comparison,
     pose: DistortedPose,
-    *,
-    is_on_followup: bool,
 ) -> tuple[Change, ...]:
     """Describe changes, in their order.
 
@@ -32,25 +37,25 @@ def list_changes(
         What stands out, the most significant first.
     levels
         The difference behind each width, the narrowest first.
+    compared
+        The difference itself.
     pose
         Of the follow-up in the reference: gives the places in the photograph that is not the grid.
-    is_on_followup
-        Whether the grid is that of the follow-up's pixels; the reference's if not.
     """
     if not regions:
         return ()
-    spots = _fitted(regions, levels)
+    spots = _fitted(regions, levels, compared)
     y, x = np.array([(spot.y_px, spot.x_px) for spot in spots]).T
     area_px = np.array([len(region.rows) for region in regions], dtype=np.float64)
     sigma_px = np.array([spot.sigma_px for spot in spots])
-    if is_on_followup:
+    if compared.is_on_followup:
         followup, reference = (y, x), pose.to_reference_px(y, x)
     else:
         followup, reference = pose.to_followup_px(y, x), (y, x)
         scale = _followup_px_by_pixel(pose, y, x)
         area_px, sigma_px = area_px * scale, sigma_px * np.sqrt(scale)
     heights = np.abs([region.significance for region in regions])
-    compared_px = int(np.count_nonzero(levels[0].valid))
+    compared_px = int(np.count_nonzero(compared.valid))
     q_value = q_values(heights, compared_px, [level.filter_width for level in levels])
     columns = np.stack(
         [followup[1], followup[0], reference[1], reference[0], area_px, sigma_px, heights, q_value],
@@ -73,42 +78,64 @@ def list_changes(
     )
 
 
-def _fitted(regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel]) -> list[FittedSpot]:
-    fields = [SmoothedField.of(level) for level in levels]
+def _fitted(
+    regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel], compared: Comparison
+) -> list[FittedSpot]:
+    fields = [SmoothedField.of_comparison(compared), *map(SmoothedField.of, levels)]
     at = np.array([(region.row, region.col) for region in regions])
     tree = cKDTree(at)
     spots = []
     for index, region in enumerate(regions):
         if index >= _MOST_FITTED:
-            spots.append(_as_it_stands(region, fields[0]))
+            spots.append(_as_it_stands(region, fields))
             continue
         # One level narrower than the one that finds it best: there its shape is still seen.
-        field = fields[max(region.level - 1, 0)]
+        field = fields[region.level if region.level > 1 else 0]
         near = tree.query_ball_point(at[index], NEIGHBOUR_REACH * field.width_px)
         others = np.array([other for other in near if other != index], dtype=np.int64)
         distance = np.linalg.norm(at[others] - at[index], axis=1)
         nearest = at[others[np.argsort(distance, kind="stable")]]
         spots.append(
-            fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, fields[0])
+            fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, fields)
         )
     return spots
 
 
-def _as_it_stands(region: LinkedRegion, narrowest: SmoothedField) -> FittedSpot:
-    """Take the strongest pixel for the peak of a change that is no spot, and its pixels for a disc.
+def _as_it_stands(region: LinkedRegion, fields: Sequence[SmoothedField]) -> FittedSpot:
+    """Take the strongest place for the peak of a change that is no spot, and its pixels for a disc.
 
-    A disc has the second moments of a Gaussian half as wide as its radius.
+    Of the fields that are no wider than the one that finds it best, the one that is surest of the
+    peak tells: the narrower ones have the more noise, the wider ones less of what is narrow. A disc
+    has the second moments of a Gaussian half as wide as its radius.
     """
-    signed = narrowest.difference_dn[region.rows, region.cols] * np.sign(region.significance)
-    top = int(np.argmax(signed / narrowest.sd_dn[region.rows, region.cols]))
-    place = (region.rows[top], region.cols[top])
-    return FittedSpot(
-        y_px=float(place[0]),
-        x_px=float(place[1]),
-        amplitude_dn=float(narrowest.difference_dn[place]),
-        amplitude_err_dn=float(narrowest.sd_dn[place]),
-        sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
-    )
+    best: tuple[float, FittedSpot] | None = None
+    for field in fields[: region.level + 2]:
+        last = np.subtract(field.valid.shape, 1)
+        rows = np.minimum(np.rint(region.rows / field.step_px).astype(np.int64), last[0])
+        cols = np.minimum(np.rint(region.cols / field.step_px).astype(np.int64), last[1])
+        counts = field.valid[rows, cols]
+        if not counts.any():
+            continue
+        rows, cols = rows[counts], cols[counts]
+        sd_dn = field.sd_dn[rows, cols]
+        signed = field.difference_dn[rows, cols] * np.sign(region.significance)
+        top = int(np.argmax(signed / sd_dn))
+        independent = len(region.rows) / (4 * np.pi * field.width_px**2)
+        chance = np.sqrt(2 * np.log(max(independent, np.e)))
+        surely = float(signed[top] - _SURE * chance * sd_dn[top])
+        if best is None or surely > best[0]:
+            best = (
+                surely,
+                FittedSpot(
+                    y_px=float(rows[top] * field.step_px),
+                    x_px=float(cols[top] * field.step_px),
+                    amplitude_dn=float(field.difference_dn[rows[top], cols[top]]),
+                    amplitude_err_dn=float(sd_dn[top]),
+                    sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
+                ),
+            )
+    assert best is not None, "a region has pixels that were compared"
+    return best[1]
 
 
 def _followup_px_by_pixel(pose: DistortedPose, y: FloatArray, x: FloatArray) -> FloatArray:

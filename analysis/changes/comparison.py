@@ -53,9 +53,6 @@ _MOST_ROUNDING = 0.75
 """Share of the variance that is rounding from which on the noise, less than 0.17 of a step, no
 longer makes it random: at 0.1 of a step 8 for 1, at 0.3 as stated."""
 
-_COMMON_PSF_PX2 = 0.64
-"""Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
-
 _BLUR_ERR_PX2 = 1.0
 """How far the relative blur may be from that guess."""
 
@@ -83,6 +80,11 @@ class Comparison:
         Width of the Gaussian that smoothed the photograph whose pixels the grid has.
     smoothing
         Of the photograph with the grid's pixels, the target, and of the other one.
+    target_dn
+        The photograph whose pixels the grid has, smoothed, in the levels that were matched: its
+        own, or those that a tone curve made of them.
+    matched_scale
+        What takes the target less the other photograph to ``difference_dn``: 1, or an image.
     kernel
         Where the blur between the photographs is known from.
     extra_blur_px2, extra_blur_err_px2
@@ -108,6 +110,8 @@ class Comparison:
     valid: BoolArray
     smoothing_px: float
     smoothing: Smoothing
+    target_dn: Float32Array = field(repr=False)
+    matched_scale: Float32Array | float = field(repr=False)
     kernel: KernelOrigin
     extra_blur_px2: float
     extra_blur_err_px2: float
@@ -128,11 +132,6 @@ class Comparison:
         """Difference over its standard deviation."""
         none = np.zeros_like(self.difference_dn)
         return np.divide(self.difference_dn, self.sd_dn, out=none, where=self.valid)
-
-
-def _guessed_blur_px2(zoom: float) -> float:
-    """How much blurrier the target is if one camera took both."""
-    return _COMMON_PSF_PX2 * (1 - 1 / zoom**2)
 
 
 def compare(
@@ -163,7 +162,7 @@ def compare(
         If the photographs share too little.
     """
     pair = PhotographPair.of(reference, followup, pose, options)
-    rough = pair.valid(smoothing_for(_guessed_blur_px2(pair.positions.zoom)))
+    rough = pair.valid(smoothing_for(pair.guessed_blur_px2))
     shared = int(np.count_nonzero(rough))
     if shared < _LEAST_PIXELS:
         raise OverlapError(
@@ -213,7 +212,7 @@ class _Matched:
     @classmethod
     def of(cls, pair: PhotographPair, rough: BoolArray, noise: CaptureNoise | None) -> "_Matched":
         """Measure the blur on the pixels ``rough``, smooth, and fit."""
-        guess = _guessed_blur_px2(pair.positions.zoom)
+        guess = pair.guessed_blur_px2
         blur = relative_blur(pair.source, pair.target, pair.positions, rough, guess)
         smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
         valid = pair.valid(smoothing)
@@ -372,6 +371,8 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         sd_dn=sd,
         valid=valid,
         smoothing_px=smoothing.target_px,
+        target_dn=target,
+        matched_scale=1.0 if scale is None else scale,
         kernel=focus.kernel,
         extra_blur_px2=focus.extra_px2,
         extra_blur_err_px2=focus.err_px2,

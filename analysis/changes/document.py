@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from pydantic import Field
 
 from acquisition.dataframe import dataframe
+from analysis.detection_limits import DetectionLimit
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from calibration.documents import read_document
@@ -26,9 +27,9 @@ _Row3 = tuple[float, float, float]
 
 
 class Change(StoredValues):
-    """One connected change of one sign, at its strongest place.
+    """One connected change of one sign, or one movement, at its strongest place.
 
-    A thing that moved is two changes: what vanished, and what appeared.
+    A thing that moved, where its shift is not told, is two: what vanished, and what appeared.
 
     Parameters
     ----------
@@ -45,6 +46,11 @@ class Change(StoredValues):
         Share of false ones expected among the changes that are at least as significant.
     spot_sigma_px
         Width of the Gaussian spot that fits best, in follow-up pixels; None in files of before.
+    displacement_px, displacement_err_px
+        Shift ``(x, y)`` in follow-up pixels, from before to after, that explains it better than an
+        added signal, and its standard errors; None where none does.
+    is_moved
+        Whether one does: ``area_px`` is then that of all the connected changes that it explains.
     """
 
     x_px: float
@@ -57,92 +63,9 @@ class Change(StoredValues):
     significance: float
     q_value: float
     spot_sigma_px: float | None = None
-
-
-class SpotLimit(StoredValues):
-    """Amplitude at which Gaussian spots of one width are found, over the compared pixels.
-
-    Parameters
-    ----------
-    spot_sigma_px, spot_sigma_mm
-        Width of the spot as the follow-up shows it, in its pixels and, if their size is known, mm.
-    median_dn, p95_dn, worst_dn
-        Limit in the follow-up's levels: at half of the pixels it is lower than the first, at 95 %
-        lower than the second, and nowhere higher than the third.
-    reached_fraction
-        Share of the compared pixels where the limit is below a contrast that was asked about.
-    """
-
-    spot_sigma_px: float
-    median_dn: float
-    p95_dn: float
-    worst_dn: float
-    reached_fraction: float | None = None
-    spot_sigma_mm: float | None = None
-
-
-class PredictedLimit(StoredValues):
-    """A limit that was predicted, and the one that a pair shows of the same change of the scene.
-
-    Parameters
-    ----------
-    spot_sigma_px
-        Width with which a follow-up as sharp as predicted shows the change, in its pixels.
-    noise_dn
-        Standard deviation of the noise that was assumed in either photograph.
-    median_dn, shown_dn, ratio
-        The limit at the median place as it was predicted and as the pair shows it, in levels of a
-        follow-up as sharp and as bright as predicted; the second over the first.
-    factors
-        By what focus, light, registration and texture each raised the limit.
-    lost_to
-        Sentences on those that explain a loss of more than 15 %, the most first.
-    """
-
-    spot_sigma_px: float
-    noise_dn: float
-    median_dn: float
-    shown_dn: float
-    ratio: float
-    factors: dict[str, float]
-    lost_to: tuple[str, ...] = ()
-
-
-PixelPlane = Literal["scene", "sensor"]
-"""Where the size of a pixel is measured."""
-
-
-class DetectionLimit(StoredValues):
-    """What a comparison would have found.
-
-    Parameters
-    ----------
-    power
-        Share of the spots at the limit that are found.
-    spots
-        Limits, a width each.
-    contrast_dn
-        Amplitude that was asked about.
-    map_spot_sigma_px
-        Width of the spots whose limit limit.tif maps.
-    pixel_size_mm, pixel_size_on
-        Side of a follow-up pixel, if it is known, and where: on the scene or on the sensor.
-    predicted
-        The limit that was predicted, if it was and for this zoom.
-    """
-
-    power: float
-    spots: tuple[SpotLimit, ...]
-    contrast_dn: float | None = None
-    map_spot_sigma_px: float
-    pixel_size_mm: float | None = None
-    pixel_size_on: PixelPlane | None = None
-    predicted: PredictedLimit | None = None
-
-    @property
-    def mapped(self) -> SpotLimit:
-        """The limit that limit.tif maps."""
-        return next(spot for spot in self.spots if spot.spot_sigma_px == self.map_spot_sigma_px)
+    displacement_px: tuple[float, float] | None = None
+    displacement_err_px: tuple[float, float] | None = None
+    is_moved: bool = False
 
 
 class ChangeSummary(ResultsDocument):
@@ -176,6 +99,9 @@ class ChangeSummary(ResultsDocument):
         What the shape of the camera's PSF was known as; None in files of before.
     changes
         What changed, the most significant first.
+    moved, moved_px
+        What a shift explains, likewise, and its pixels; none where that was counted among the
+        changes.
     false_discovery_rate
         Share of false ones among the changes that was asked for, if it decided the threshold.
     saturated_px
@@ -210,6 +136,8 @@ class ChangeSummary(ResultsDocument):
     width_err_px2: float
     psf_form: PsfForm | None = None
     changes: tuple[Change, ...] = ()
+    moved: tuple[Change, ...] = ()
+    moved_px: int = 0
     false_discovery_rate: float | None = None
     saturated_px: int = 0
     kernel: KernelOrigin | None = None
@@ -243,10 +171,25 @@ def read_changes(path: Path) -> ChangeSummary:
     return read_document(path, ChangeSummary, ResultsFileError, "write it with standoff changes")
 
 
+_PARTS = {
+    "displacement_px": ("displacement_x_px", "displacement_y_px"),
+    "displacement_err_px": ("displacement_x_err_px", "displacement_y_err_px"),
+}
+"""Columns of the pairs of numbers of a change."""
+
+
+def _flat(change: Change) -> dict[str, float | bool | None]:
+    values = change.model_dump()
+    for name, columns in _PARTS.items():
+        values |= dict(zip(columns, values.pop(name) or (None, None), strict=True))
+    return values
+
+
 def change_table(changes: Sequence[Change]) -> bytes:
     """Return the list of changes as CSV, a line a change."""
     text = StringIO(newline="")
-    writer = csv.DictWriter(text, list(Change.model_fields), lineterminator="\n")
+    columns = [column for name in Change.model_fields for column in _PARTS.get(name, (name,))]
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(change.model_dump() for change in changes)
+    writer.writerows(map(_flat, changes))
     return text.getvalue().encode("utf-8")

@@ -5,15 +5,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.changes.chance import FilterWidth, significance_threshold
 from analysis.changes.change_list import list_changes
 from analysis.changes.comparison import Comparison, compare
-from analysis.changes.detection_limit import LimitMaps, detection_limit
+from analysis.changes.detection import (
+    FilterWidth,
+    FoundChanges,
+    LimitMaps,
+    detection_levels,
+    detection_limit,
+    discovery_threshold,
+    link_levels,
+    pixels_of,
+    significance_threshold,
+)
 from analysis.changes.document import ChangeSummary
-from analysis.changes.false_discovery import discovery_threshold
-from analysis.changes.levels import detection_levels
-from analysis.changes.linked_regions import link_levels
-from analysis.changes.matching import PixelPositions, spline_coefficients
+from analysis.changes.followup_grid import FollowupGrid
+from analysis.changes.matching import PixelPositions
+from analysis.changes.moved_changes import ToldApart, moved_apart
 from analysis.changes.options import ChangeOptions
 from analysis.changes.prediction import meet
 from analysis.changes.unusable import clipped_at_white
@@ -55,8 +63,8 @@ class ChangeResult:
         most.
     limit_dn
         Amplitude at which a spot would have been found; NaN where not compared.
-    is_change
-        Pixels of the changes.
+    is_change, is_moved
+        Pixels of the changes, and of what moved.
     valid
         Pixels that were compared.
     pose
@@ -76,6 +84,7 @@ class ChangeResult:
     significance: FloatImage
     limit_dn: FloatImage
     is_change: BoolArray
+    is_moved: BoolArray
     valid: BoolArray
     pose: DistortedPose
     masks: ChangeMasks
@@ -131,121 +140,161 @@ def find_changes(
         If the pose is not that of a plane in front of the camera.
     """
     options = options or ChangeOptions()
-    pose, k1_err = options.pose, None
-    warnings: tuple[str, ...] = ()
-    if pose is None:
-        hints = options.hints or RegistrationHints()
-        if hints.left_out is None:
-            hints = replace(hints, left_out=options.left_out)
-        aligned = register(reference, followup, None if psf is None else psf.gaussian, hints)
-        pose, k1_err, warnings = aligned.pose, aligned.k1_err, aligned.warnings
-    _refuse_horizon(pose)
+    aligned = _aligned(reference, followup, psf, options)
+    pose = aligned.pose
     compared = compare(reference, followup, psf, pose, options)
-    grid = _FollowupGrid.of(compared, pose)
-    compared_px = int(np.count_nonzero(grid.valid))
-    false_share = options.false_alarms / max(compared_px, 1)
-    levels = detection_levels(compared, false_share)
-    widths = tuple(level.filter_width for level in levels)
-    if options.false_discovery_rate is None:
-        threshold = significance_threshold(false_share, widths)
-    else:
-        threshold = discovery_threshold(levels, options.false_discovery_rate)
-    found = link_levels(levels, threshold)
-    changes = list_changes(found.regions, levels, pose, is_on_followup=compared.is_on_followup)
-    limits = LimitMaps.of(compared, levels, threshold, grid.followup_px)
-    met = None if options.expected is None else meet(options.expected, pose.zoom, compared, limits)
+    grid = FollowupGrid.of(compared, pose)
+    detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
         grid.brought, (compared.difference_dn, compared.plain_difference_dn, compared.sd_dn)
     )
-    is_change = grid.marked(found.is_change)
+    is_change, is_moved = (
+        grid.marked(pixels_of(regions, compared.valid.shape))
+        for regions in (detected.apart.changed_regions, detected.apart.moved_regions)
+    )
     masks = _masks(reference, followup, pose, options, (is_change, grid.valid))
+    known = options.noise is not None or any(one is not None for one in options.variance_dn2)
+    summary = detected.summary(compared, masks, options).model_copy(
+        update={
+            "distortion_k1_err": aligned.k1_err,
+            "is_noise_known": known,
+            "psf_form": None if psf is None else psf.form,
+            "moved_px": int(np.count_nonzero(is_moved)),
+            "warnings": (
+                *aligned.warnings,
+                *compared.warnings,
+                *change_warnings(detected.apart.changes, masks),
+            ),
+        }
+    )
     return ChangeResult(
-        summary=ChangeSummary(
-            homography=pose.matrix.tolist(),
-            distortion_k1=pose.k1,
-            distortion_k1_err=k1_err,
-            zoom=pose.zoom,
-            changed_px=int(np.count_nonzero(is_change)),
+        summary=summary,
+        followup_dn=np.asarray(followup, dtype=np.float32),
+        difference_dn=difference,
+        plain_difference_dn=plain,
+        pose_difference_dn=plain - difference,
+        variance_dn2=sd**2,
+        significance=grid.brought(detected.found.significance),
+        limit_dn=grid.brought(detected.limits.limit_dn(options.spot_sigma_px), np.nan),
+        is_change=is_change,
+        is_moved=is_moved,
+        valid=grid.valid,
+        pose=pose,
+        masks=masks,
+        filter_widths=detected.widths,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Alignment:
+    """A pose, the error of its distortion if that was fitted, and what to check."""
+
+    pose: DistortedPose
+    k1_err: float | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def _aligned(
+    reference: AnyArray, followup: AnyArray, psf: Psf | PsfField | None, options: ChangeOptions
+) -> _Alignment:
+    """The pose that is given, or found."""
+    found = None if options.pose is None else _Alignment(pose=options.pose)
+    if found is None:
+        hints = options.hints or RegistrationHints()
+        if hints.left_out is None:
+            hints = replace(hints, left_out=options.left_out)
+        made = register(reference, followup, None if psf is None else psf.gaussian, hints)
+        found = _Alignment(pose=made.pose, k1_err=made.k1_err, warnings=made.warnings)
+    _refuse_horizon(found.pose)
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Detected:
+    """What stands out of a comparison, and what would have.
+
+    Parameters
+    ----------
+    pose
+        Of the follow-up in the reference.
+    compared_px, frame_px
+        Follow-up pixels that were compared, and all.
+    widths, threshold_sd
+        Of the filters, and their common threshold.
+    found, apart
+        All that exceeds it; changes and movements in it.
+    limits
+        Of detection.
+    """
+
+    pose: DistortedPose
+    compared_px: int
+    frame_px: int
+    widths: tuple[FilterWidth, ...]
+    threshold_sd: float
+    found: FoundChanges
+    apart: ToldApart
+    limits: LimitMaps
+
+    @classmethod
+    def of(
+        cls, compared: Comparison, grid: FollowupGrid, pose: DistortedPose, options: ChangeOptions
+    ) -> "_Detected":
+        """Look for changes at all widths."""
+        compared_px = int(np.count_nonzero(grid.valid))
+        false_share = options.false_alarms / max(compared_px, 1)
+        levels = detection_levels(compared, false_share)
+        widths = tuple(level.filter_width for level in levels)
+        if options.false_discovery_rate is None:
+            threshold = significance_threshold(false_share, widths)
+        else:
+            threshold = discovery_threshold(levels, options.false_discovery_rate)
+        found = link_levels(levels, threshold)
+        listed = list_changes(found.regions, levels, compared, pose)
+        apart = moved_apart(compared, pose, found.regions, listed)
+        return cls(
+            pose=pose,
             compared_px=compared_px,
+            frame_px=grid.valid.size,
+            widths=widths,
             threshold_sd=threshold,
+            found=found,
+            apart=apart.together() if options.count_moved else apart,
+            limits=LimitMaps.of(compared, levels, threshold, grid.followup_px),
+        )
+
+    def summary(
+        self, compared: Comparison, masks: ChangeMasks, options: ChangeOptions
+    ) -> ChangeSummary:
+        """Return it in figures; what only the caller knows is left open."""
+        limit = detection_limit(self.limits, options.spot_sigma_px, options.limit_contrast_dn)
+        if options.expected is not None:
+            met = meet(options.expected, self.pose.zoom, compared, self.limits)
+            limit = limit.model_copy(update={"predicted": met})
+        return ChangeSummary(
+            homography=self.pose.matrix.tolist(),
+            distortion_k1=self.pose.k1,
+            distortion_k1_err=None,
+            zoom=self.pose.zoom,
+            changed_px=int(np.count_nonzero(masks.is_change)),
+            compared_px=self.compared_px,
+            threshold_sd=self.threshold_sd,
             false_alarms_px=options.false_alarms,
             false_discovery_rate=options.false_discovery_rate,
             gain=compared.gain,
             extra_blur_px2=compared.extra_blur_px2,
             extra_blur_err_px2=compared.extra_blur_err_px2,
             noise_factor=compared.noise_factor,
-            is_noise_known=options.noise is not None
-            or any(one is not None for one in options.variance_dn2),
+            is_noise_known=False,
             registration_err_px=compared.registration_err_px,
             width_err_px2=compared.width_err_px2,
-            psf_form=None if psf is None else psf.form,
-            changes=changes,
+            changes=self.apart.changes,
+            moved=self.apart.moved,
             saturated_px=int(np.count_nonzero(masks.clipped | masks.reference_clipped)),
             kernel=compared.kernel,
-            detection_limit=detection_limit(
-                limits, options.spot_sigma_px, options.limit_contrast_dn
-            ).model_copy(update={"predicted": met}),
-            frame_px=grid.valid.size,
-            warnings=(*warnings, *compared.warnings, *change_warnings(changes, masks)),
-        ),
-        followup_dn=np.asarray(followup, dtype=np.float32),
-        difference_dn=difference,
-        plain_difference_dn=plain,
-        pose_difference_dn=plain - difference,
-        variance_dn2=sd**2,
-        significance=grid.brought(found.significance),
-        limit_dn=grid.brought(limits.limit_dn(options.spot_sigma_px), np.nan),
-        is_change=is_change,
-        valid=grid.valid,
-        pose=pose,
-        masks=masks,
-        filter_widths=widths,
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _FollowupGrid:
-    """Brings images of a comparison to the follow-up's pixels.
-
-    Parameters
-    ----------
-    positions
-        Of the follow-up's pixels on the comparison's grid; None if they are the same.
-    valid
-        Follow-up pixels that were compared.
-    followup_px
-        Follow-up pixels to one of the grid, along a line.
-    """
-
-    positions: PixelPositions | None
-    valid: BoolArray
-    followup_px: float
-
-    @classmethod
-    def of(cls, compared: Comparison, pose: DistortedPose) -> "_FollowupGrid":
-        """Find where the pixels of both lie."""
-        if compared.is_on_followup:
-            return cls(positions=None, valid=compared.valid, followup_px=1.0)
-        positions = PixelPositions.of(
-            pose.to_reference_px, pose.followup_shape, pose.reference_shape
+            detection_limit=limit,
+            frame_px=self.frame_px,
         )
-        valid = positions.inside(compared.valid, 0.0)
-        return cls(positions=positions, valid=valid, followup_px=1 / positions.zoom)
-
-    def brought(self, image: FloatImage, outside: float = 0.0) -> FloatImage:
-        """Interpolate a smooth image; ``outside`` where it was not compared."""
-        if self.positions is None:
-            return np.where(self.valid, image, np.float32(outside))
-        known = np.isfinite(image)
-        # What is not known must not ring into what is.
-        whole = np.where(known, image, np.float32(np.median(image[known])) if known.any() else 0)
-        coefficients = spline_coefficients(np.asarray(whole, dtype=np.float32), 0.0)
-        seen = self.positions.seen(coefficients)
-        return np.where(self.valid & np.isfinite(seen), seen, np.float32(outside))
-
-    def marked(self, mask: BoolArray) -> BoolArray:
-        """Bring a mask."""
-        return mask if self.positions is None else self.positions.inside(mask, 0.0)
 
 
 def _masks(

@@ -14,7 +14,10 @@ from typing import Final, Self
 
 import numpy as np
 
-from analysis.changes.levels import DetectionLevel
+from analysis.changes.comparison import Comparison
+from analysis.changes.detection import (
+    DetectionLevel,
+)
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 
 _REACH = 7.0
@@ -43,9 +46,6 @@ _MOST_DAMPING = 1e6
 _LEAST_TOLD = 1e-10
 _WANDERED = 5.0
 _MOST_SPOTS = 4
-_CLOSE_PX = 1.9
-"""Width from which on every other pixel shows all of a field."""
-
 _MOST_ADDED = 0.2
 _UNEXPLAINED = 5.0
 """Standard deviations of what a fit leaves in a pixel beyond which there is another spot."""
@@ -105,8 +105,8 @@ class SmoothedField:
 
     @classmethod
     def of(cls, level: DetectionLevel) -> Self:
-        """Take every sample of a level, or every other one where they lie close."""
-        every = 1 if level.step_px == 1 and level.width_px < _CLOSE_PX else 2
+        """Take samples of a level that lie about a width of it apart."""
+        every = max(round(level.width_px / level.step_px), 1)
         part = np.s_[::every, ::every]
         return cls(
             step_px=level.step_px * every,
@@ -114,6 +114,17 @@ class SmoothedField:
             difference_dn=level.difference_dn[part],
             sd_dn=level.sd_dn[part] / np.float32(level.filter_width.allowance),
             valid=level.valid[part],
+        )
+
+    @classmethod
+    def of_comparison(cls, compared: Comparison) -> Self:
+        """Take every pixel of the difference itself."""
+        return cls(
+            step_px=1,
+            smoothing=compared.smoothing_px,
+            difference_dn=compared.difference_dn,
+            sd_dn=compared.sd_dn,
+            valid=compared.valid,
         )
 
     @property

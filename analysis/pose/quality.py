@@ -9,6 +9,7 @@ from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice, DetectabilityCurve
+from analysis.detection_limits import DetectionLimit
 from analysis.errors import AnalysisError, OverlapError, ResultsFileError
 from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
@@ -43,6 +44,8 @@ class PoseSummary(StoredValues):
         on it where they were registered.
     warnings
         Sentences on what to check of the alignment.
+    detection_limit
+        What a comparison of the two photographs would have found, where they were compared.
     picture
         Name of the map that was drawn.
     provenance
@@ -65,6 +68,7 @@ class PoseSummary(StoredValues):
     homography: tuple[_Row3, _Row3, _Row3]
     registration_correlation: float | None = None
     warnings: tuple[str, ...] = ()
+    detection_limit: DetectionLimit | None = None
     picture: str | None = None
     provenance: Provenance | None = None
 

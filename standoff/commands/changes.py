@@ -123,6 +123,13 @@ def changes(
         float | None, Option(metavar="S", help="Use the curve for this noise in DN.")
     ] = None,
     curve_model: terminal.CurveModel = None,
+    count_moved: Annotated[
+        bool,
+        Option(
+            "--count-moved",
+            help="Count what a shift of a few pixels explains among the changes, not apart.",
+        ),
+    ] = False,
     report: Annotated[
         Path | None,
         Option(
@@ -159,6 +166,7 @@ def changes(
             expect_zoom, homography=homography, points=points, mask=mask
         ),
         "white_level": white_level,
+        "count_moved": count_moved,
         "limit": library.DetectionLimitOptions(
             spot_sigma_px=spot_sigma,
             contrast_dn=limit_contrast,
@@ -198,7 +206,12 @@ def changes(
 
 
 def _show_one(out: Path, summary: ChangeSummary) -> None:
-    from analysis.changes import describe_focus, describe_limit, describe_prediction
+    from analysis.changes import (
+        describe_focus,
+        describe_limit,
+        describe_moved,
+        describe_prediction,
+    )
 
     found, count = summary.changes, len(summary.changes)
     if found:
@@ -224,6 +237,9 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
         f"{summary.changed_px} of {summary.compared_px} pixels changed by more than "
         f"{summary.threshold_sd:.2f} standard deviations (zoom {summary.zoom:.3f}); wrote {out}"
     )
+    moved = describe_moved(summary)
+    if moved is not None:
+        terminal.say(moved)
     limit = describe_limit(summary)
     if limit is not None:
         terminal.say(limit)

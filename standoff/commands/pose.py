@@ -164,6 +164,8 @@ def _watch(
 
 
 def _show_one(quality: PoseQuality, summary: PoseSummary) -> None:
+    from analysis.detection_limits import spot_sentence
+
     word = "accepted" if quality.is_accepted else "rejected"
     terminal.say(
         f"{word}: {quality.criterion} d' {quality.decisive_d_prime:.2f}, threshold "
@@ -172,6 +174,8 @@ def _show_one(quality: PoseQuality, summary: PoseSummary) -> None:
         f"{summary.anisotropy_max:.3f}, overlap {100 * summary.overlap:.0f} % of the follow-up",
         terminal.UPPER_BOUND,
     )
+    if summary.detection_limit is not None:
+        terminal.say(spot_sentence(summary.detection_limit))
 
 
 def _show_series(

@@ -101,4 +101,5 @@ class FittedScatter:
 
 def _pixel_noise_dn(image: Float32Array) -> float:
     """Standard deviation of the noise that single pixels show."""
-    return robust_sigma(cv2.filter2D(image, -1, _FINEST)[::_STEP, ::_STEP])
+    finest = np.asarray(cv2.filter2D(image, -1, _FINEST), dtype=np.float32)
+    return robust_sigma(finest[::_STEP, ::_STEP])

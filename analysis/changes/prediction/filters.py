@@ -1,23 +1,18 @@
 """What a comparison's filters make of white noise and of a spot, before there is a pair."""
 
 from dataclasses import dataclass
-from math import hypot, pi, sqrt
+from math import pi, sqrt
 
 import numpy as np
 
-from analysis.changes.chance import SPREAD_ERR, FilterWidth, equally_strict
+from analysis.changes.detection import FilterWidth, equally_strict, response, usual_widths
 from analysis.changes.matching import Smoothing
-from analysis.changes.power import response
 from analysis.choices import FALSE_ALARMS
 from simulation.arrays import FloatArray
 
-_OCTAVES = 3
 _FRAME_PX = 100_000
 """Of the frame whose rate of false alarms and whose wide filters are meant: of 200,000 pixels a
 spot of 6 px has a limit that is lower by 2 %, a narrower one by less."""
-
-_WIDER_SPREAD_ERR = 0.1
-"""Of a level about the next narrower one, before the pair tells it; as in the comparison."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,20 +33,8 @@ class ExpectedFilters:
     @property
     def widths(self) -> tuple[FilterWidth, ...]:
         """The widths, with the allowances that a frame of usual size gives them."""
-        narrowest = self.smoothing.target_px
-        found = [FilterWidth(width_px=narrowest)]
-        err = 0.0
-        for octave in range(1, _OCTAVES + 1):
-            width = narrowest * 2**octave
-            measured = sqrt(0.5 * 4 * pi * width**2 / _FRAME_PX)
-            prior = hypot(err, _WIDER_SPREAD_ERR)
-            err = prior * measured / hypot(prior, measured)
-            found.append(
-                FilterWidth(
-                    width_px=width, step_px=2 ** (octave - 1), spread_err=hypot(SPREAD_ERR, err)
-                )
-            )
-        return equally_strict(found, FALSE_ALARMS / _FRAME_PX)
+        plain = usual_widths(self.smoothing.target_px, _FRAME_PX)
+        return equally_strict(plain, FALSE_ALARMS / _FRAME_PX)
 
     def noise_gain(self, width: FilterWidth) -> float:
         """Variance behind a filter for white noise of variance 1 in both photographs.
@@ -87,10 +70,9 @@ class ExpectedFilters:
     def averaging(self, width: FilterWidth, lags: int) -> FloatArray:
         """Weights of the autocovariance of the narrowest difference that a wider one adds up.
 
-        Shape ``(2 lags + 1, 2 lags + 1)``, lag 0 in the middle; their sum is 1.
+        Shape ``(2 lags + 1, 2 lags + 1)``, lag 0 in the middle; over all lags their sum is 1.
         """
         more_px2 = width.width_px**2 - self.smoothing.target_px**2
         lag = np.arange(-lags, lags + 1)
-        line = np.exp(-(lag**2) / max(4 * more_px2, 1e-9))
-        line /= line.sum()
+        line = np.exp(-(lag**2) / (4 * more_px2)) / sqrt(4 * pi * more_px2)
         return np.asarray(np.outer(line, line))

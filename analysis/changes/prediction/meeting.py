@@ -6,20 +6,17 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from analysis.changes.document import ChangeSummary, PredictedLimit
+from analysis.changes.detection import POWER, height_for
 from analysis.changes.matching import Smoothing, smoothing_for
-from analysis.changes.power import POWER, height_for
 from analysis.changes.prediction.filters import ExpectedFilters
 from analysis.changes.prediction.limit_curve import LimitCurve
+from analysis.detection_limits import AGREEING_RATIO, PredictedLimit
 
 if TYPE_CHECKING:
     from analysis.changes.comparison import Comparison
-    from analysis.changes.detection_limit import LimitMaps
+    from analysis.changes.detection import LimitMaps
 
 Source = Literal["focus", "light", "registration", "texture"]
-
-_MATTERS = 1.15
-"""Ratio of the limits up to which they agree."""
 
 _SUBSTANTIAL = 0.3
 """Share of the logarithm of the ratio that a source explains if it is named."""
@@ -160,7 +157,7 @@ class _Met:
 
     def losses(self, factors: dict[Source, float], log_ratio: float) -> tuple[str, ...]:
         """Name what explains a substantial part of a loss, the most first."""
-        if log_ratio < log(_MATTERS):
+        if log_ratio < log(AGREEING_RATIO):
             return ()
         order = sorted(factors, key=lambda source: -factors[source])
         return tuple(
@@ -190,20 +187,3 @@ class _Met:
                     "fine detail, aliased or compressed, makes "
                     f"{100 * compared.scatter.unlike_share:.0f} % of the variance (texture)"
                 )
-
-
-def describe_prediction(found: ChangeSummary) -> str | None:
-    """Say how the limit that a pair shows and the predicted one compare; None without one."""
-    limit = found.detection_limit
-    predicted = None if limit is None else limit.predicted
-    if predicted is None:
-        return None
-    said = (
-        f"for a change that shows as a spot of {predicted.spot_sigma_px:.2g} px, the pair shows a "
-        f"limit of {predicted.shown_dn:.2g} DN where {predicted.median_dn:.2g} DN were predicted"
-    )
-    if predicted.lost_to:
-        return f"{said}: {'; '.join(predicted.lost_to)}"
-    if predicted.ratio > _MATTERS:
-        return f"{said}, for no reason that it tells"
-    return said

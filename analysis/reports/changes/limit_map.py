@@ -4,7 +4,8 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import LogLocator, ScalarFormatter
 
-from analysis.changes import ChangeResult, size_text
+from analysis.changes import ChangeResult
+from analysis.detection_limits import size_text
 from analysis.reports.changes.pictures import NOT_COMPARED
 from analysis.reports.page import ReportFigure, new_figure
 

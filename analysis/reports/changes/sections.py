@@ -6,12 +6,12 @@ from math import isfinite
 from analysis.changes import (
     Change,
     ChangeSummary,
-    DetectionLimit,
     describe_focus,
     describe_limit,
+    describe_moved,
     describe_prediction,
-    size_text,
 )
+from analysis.detection_limits import DetectionLimit, size_text
 from analysis.reports.page import (
     Report,
     ReportFigure,
@@ -162,6 +162,10 @@ def changes_section(summary: ChangeSummary, views: Sequence[ReportFigure]) -> Re
             "changes.csv has all."
         )
     tables = (list_table(summary.changes),) if summary.changes else ()
+    moved = describe_moved(summary)
+    if moved is not None:
+        text.append(f"{moved[0].upper()}{moved[1:]}.")
+        tables = (*tables, moved_table(summary.moved))
     return ReportSection(
         title="Before and after", text=tuple(text), figures=tuple(views), tables=tables,
         has_views=True,
@@ -237,6 +241,35 @@ def list_table(changes: Sequence[Change]) -> ReportTable:
         caption="Changes, the most significant first; amplitudes are after minus before in the "
         "follow-up's levels.",
         is_of_changes=True,
+    )
+
+
+def moved_table(moved: Sequence[Change]) -> ReportTable:
+    """Tabulate movements, in their order."""
+    return ReportTable(
+        columns=("x / px", "y / px", "moved right / px", "moved down / px", "area / px",
+                 "significance"),
+        rows=tuple(
+            (
+                f"{change.x_px:.1f}",
+                f"{change.y_px:.1f}",
+                *_displacement(change),
+                f"{change.area_px:.0f}",
+                f"{change.significance:.1f}",
+            )
+            for change in moved[:_LISTED]
+        ),
+        caption="Movements: what a shift of what was there explains, with its 95 % interval.",
+    )  # fmt: skip
+
+
+def _displacement(change: Change) -> tuple[str, str]:
+    if change.displacement_px is None or change.displacement_err_px is None:
+        return "", ""
+    (x, y), (x_err, y_err) = change.displacement_px, change.displacement_err_px
+    return (
+        f"{x:+.1f} ± {_NORMAL_95 * x_err:.1f}",
+        f"{y:+.1f} ± {_NORMAL_95 * y_err:.1f}",
     )
 
 

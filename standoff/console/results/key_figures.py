@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from acquisition.untrusted import parse_json
+from analysis.detection_limits import DetectionLimit, spot_sentence
 from calibration.sharpness import NORMAL_95
 
 MAX_RESULT_BYTES = 50 * 10**6
@@ -117,7 +118,11 @@ def _validation(document: Mapping[str, Any]) -> str:
 def _changes(document: Mapping[str, Any]) -> str:
     found, changed = len(document["changes"]), int(document["changed_px"])
     noun = "1 change" if found == 1 else f"{found or 'no'} changes"
-    return f"{noun}: {changed} of {int(document['compared_px'])} pixels"
+    said = f"{noun}: {changed} of {int(document['compared_px'])} pixels"
+    limit = document.get("detection_limit")
+    if limit is None:
+        return said
+    return f"{said}; {spot_sentence(DetectionLimit.model_validate(limit))}"
 
 
 def _pose(document: Mapping[str, Any]) -> str:

@@ -9,14 +9,14 @@ from .change_search import (
     ComparedPhotographs as ComparedPhotographs,
     ComparisonRules as ComparisonRules,
     compared as compared,
+    comparison_rules as comparison_rules,
     find_changes as find_changes,
     write_changes as write_changes,
 )
 from .limit_options import (
     DetectionLimitOptions as DetectionLimitOptions,
-    scene_scale as scene_scale,
+    limit_files as limit_files,
 )
-from .limit_prediction import expected_limit as expected_limit
 from .registered import (
     FeatureMatches as FeatureMatches,
     RegistrationHints as RegistrationHints,

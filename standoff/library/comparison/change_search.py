@@ -34,6 +34,7 @@ from standoff.library.comparison.alignment_hints import AlignmentHints, hint_fil
 from standoff.library.comparison.limit_options import (
     DetectionLimitOptions,
     SceneScale,
+    limit_files,
     scene_scale,
 )
 from standoff.library.comparison.limit_prediction import expected_limit, note_on_prediction
@@ -166,6 +167,7 @@ def find_changes(
     hints: AlignmentHints | RegistrationHints | None = None,
     white_level: float | None = None,
     limit: DetectionLimitOptions | None = None,
+    count_moved: bool = False,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> ComparedPhotographs:
@@ -193,6 +195,8 @@ def find_changes(
     limit
         Which spots the detection limit is mapped for, how large a pixel is in mm, and the curves
         that predict a limit.
+    count_moved
+        Count what a shift of a few pixels explains among the changes, not apart.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -218,22 +222,15 @@ def find_changes(
     >>> found = standoff.find_changes("before.tif", "after.tif")
     >>> [(one.x_px, one.y_px, one.amplitude_dn) for one in found.summary.changes]
     """
-    asked = limit or DetectionLimitOptions()
-    files = (psf, noise, asked.geometry, asked.curves, *hint_files(hints))
+    files = psf, noise, *limit_files(limit), *hint_files(hints)
     call = Call("find_changes", progress, reading, files)
-    rules = ComparisonRules(
-        options=ChangeOptions(
-            noise=camera_noise(noise),
-            false_alarms=false_alarms,
-            false_discovery_rate=false_discovery_rate,
-            spot_sigma_px=asked.spot_sigma_px,
-            limit_contrast_dn=asked.contrast_dn,
-            expected=expected_limit(asked),
-        ),
-        hints=hints,
-        white_level=white_level,
-        scale=scene_scale(call, asked, psf),
+    options = ChangeOptions(
+        noise=camera_noise(noise),
+        false_alarms=false_alarms,
+        false_discovery_rate=false_discovery_rate,
+        count_moved=count_moved,
     )
+    rules = comparison_rules(call, psf, limit, options, hints, white_level)
     near = call.photograph(reference, "reference")
     far = call.photograph(followup, "followup")
     known = None
@@ -244,7 +241,7 @@ def find_changes(
     found = compared(near, far, known, rules)
     for warning in found.summary.warnings:
         call.announce(warning)
-    note_on_prediction(call, asked, found.summary)
+    note_on_prediction(call, limit, found.summary)
     summary = found.summary.model_copy(
         update={
             "reference": near.name,
@@ -253,6 +250,29 @@ def find_changes(
         }
     )
     return replace(found, summary=summary, notes=call.notes)
+
+
+def comparison_rules(
+    call: Call,
+    psf: PsfLike | None,
+    limit: DetectionLimitOptions | None,
+    options: ChangeOptions,
+    hints: AlignmentHints | RegistrationHints | None,
+    white_level: float | None,
+) -> ComparisonRules:
+    """Bundle how photographs are compared."""
+    asked = limit or DetectionLimitOptions()
+    return ComparisonRules(
+        options=replace(
+            options,
+            spot_sigma_px=asked.spot_sigma_px,
+            limit_contrast_dn=asked.contrast_dn,
+            expected=expected_limit(asked),
+        ),
+        hints=hints,
+        white_level=white_level,
+        scale=scene_scale(call, asked, psf),
+    )
 
 
 def compared(
@@ -323,6 +343,6 @@ def write_changes(out: Path, found: ComparedPhotographs) -> None:
     write_mask(out / "compared.png", found.valid)
     with _DRAWING:
         write_figure(out / "changes-figure.png", plot_changes(found))
-    write_file(out / "changes.csv", change_table(found.summary.changes))
+    write_file(out / "changes.csv", change_table((*found.summary.changes, *found.summary.moved)))
     write_file(out / "report.html", found.page().encode("utf-8"))
     write_results(out / "changes.json", found.summary)

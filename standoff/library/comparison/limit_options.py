@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from math import inf
 from os import PathLike
 
-from analysis.changes import DetectionLimit
 from analysis.choices import SPOT_SIGMA_PX
+from analysis.detection_limits import DetectionLimit
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration
@@ -63,6 +63,11 @@ class DetectionLimitOptions:
             raise ArgumentError("pixel_size_mm: the geometry states it already; give one of them")
         if self.reference_height_mm is not None and self.geometry is None:
             raise ArgumentError("reference_height_mm: needs a geometry, which has the scale there")
+
+
+def limit_files(options: DetectionLimitOptions | None) -> tuple[object, ...]:
+    """What the options were read from, for the provenance."""
+    return () if options is None else (options.geometry, options.curves)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -42,10 +42,13 @@ def expected_limit(options: DetectionLimitOptions) -> LimitCurve | None:
     return expected_limits(_chosen(curves, options, name))
 
 
-def note_on_prediction(call: Call, options: DetectionLimitOptions, found: ChangeSummary) -> None:
+def note_on_prediction(
+    call: Call, options: DetectionLimitOptions | None, found: ChangeSummary
+) -> None:
     """Say so where the curves predict nothing for the pair's zoom."""
     limit = found.detection_limit
-    if options.curves is not None and limit is not None and limit.predicted is None:
+    asked = options is not None and options.curves is not None
+    if asked and limit is not None and limit.predicted is None:
         call.note(
             f"the curves say nothing of zoom {found.zoom:.3f}; no limit was predicted for this pair"
         )

@@ -60,6 +60,7 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             "white_level": self.rules.white_level,
             "spot_sigma_px": options.spot_sigma_px,
             "limit_contrast_dn": options.limit_contrast_dn,
+            "count_moved": options.count_moved,
             "scale": asdict(self.rules.scale),
             "expected": None if options.expected is None else asdict(options.expected),
         }
@@ -93,6 +94,7 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             zoom=summary.zoom,
             threshold_sd=summary.threshold_sd,
             changes=len(summary.changes),
+            moved=len(summary.moved),
             taken=photograph.facts.taken,
             warnings="; ".join(summary.warnings) or None,
             reference=own_reference,

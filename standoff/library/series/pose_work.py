@@ -6,18 +6,31 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from acquisition.printable import on_one_line
+from analysis.changes import ChangeOptions
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice, DetectabilityCurve
+from analysis.detection_limits import DetectionLimit
 from analysis.errors import AnalysisError
 from analysis.followup_series import FollowupWork, Written
 from analysis.pose import JudgedFollowup, PoseQuality, PoseSummary, judge_pose as pose_quality
 from analysis.reports import plot_pose
 from calibration.errors import CalibrationError
 from calibration.provenance import Provenance
-from calibration.registration import RegistrationHints, RegistrationReference, register
+from calibration.registration import (
+    DistortedPose,
+    RegistrationHints,
+    RegistrationReference,
+    register,
+)
 from simulation import GaussianPsf
 from standoff.library.call import Call, Progress
-from standoff.library.comparison import AlignmentHints, hint_files, hint_settings
+from standoff.library.comparison import (
+    AlignmentHints,
+    ComparisonRules,
+    compared,
+    hint_files,
+    hint_settings,
+)
 from standoff.library.detectability import CurveLike, given_curve
 from standoff.library.files import write_figure
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, path_of
@@ -54,11 +67,17 @@ class PoseDemand:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JudgedPose:
-    """A verdict on a pose, how well the photographs agreed on it, and what to check."""
+    """A verdict on a pose, how well the photographs agreed on it, and what to check.
+
+    ``pose`` is what they were registered with; ``detection_limit`` what their comparison would have
+    found, where one was made.
+    """
 
     quality: PoseQuality
     followup: Photograph
+    pose: DistortedPose
     correlation: float
+    detection_limit: DetectionLimit | None = None
     warnings: tuple[str, ...] = ()
     provenance: Provenance | None = None
     notes: tuple[str, ...] = ()
@@ -75,6 +94,7 @@ class JudgedPose:
             update={
                 "registration_correlation": self.correlation,
                 "warnings": self.warnings,
+                "detection_limit": self.detection_limit,
                 "provenance": self.provenance,
             }
         )
@@ -138,7 +158,8 @@ def judge_pose(
     Returns
     -------
     JudgedPose
-        ``quality`` with the verdict and d' over the frame; ``summary`` describes the pose.
+        ``quality`` with the verdict and d' over the frame; ``summary`` describes the pose, and
+        holds what a comparison of the two would have found.
 
     Raises
     ------
@@ -162,12 +183,29 @@ def judge_pose(
         hints=hints,
     )
     near = call.photograph(reference, "reference")
-    found = judged_pose(near, call.photograph(followup, "followup"), demand)
+    judged = judged_pose(near, call.photograph(followup, "followup"), demand)
+    found = _with_limit(call, near, judged, hints)
     for warning in found.warnings:
         call.announce(warning)
     if found.quality.beyond_curve:
         call.note(found.quality.beyond_curve_sentence)
     return replace(found, provenance=call.provenance(), notes=call.notes)
+
+
+def _with_limit(
+    call: Call,
+    near: Photograph,
+    judged: JudgedPose,
+    hints: AlignmentHints | RegistrationHints | None,
+) -> JudgedPose:
+    """Compare the photographs, and keep what would have been found."""
+    rules = ComparisonRules(options=ChangeOptions(pose=judged.pose), hints=hints)
+    try:
+        found = compared(near, judged.followup, None, rules)
+    except AnalysisError as error:
+        call.note(f"no detection limit: {error}")
+        return judged
+    return replace(judged, detection_limit=found.summary.detection_limit)
 
 
 def registration_psf(call: Call, psf: PsfLike | None) -> GaussianPsf | None:
@@ -206,7 +244,11 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Judged
     except AnalysisError as error:
         raise AnalysisError(f"{far.path}: {error}") from error
     return JudgedPose(
-        quality=quality, followup=far, correlation=found.correlation, warnings=found.warnings
+        quality=quality,
+        followup=far,
+        pose=found.pose,
+        correlation=found.correlation,
+        warnings=found.warnings,
     )
 
 

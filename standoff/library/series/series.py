@@ -32,12 +32,11 @@ from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.comparison import (
     AlignmentHints,
-    ComparisonRules,
     DetectionLimitOptions,
     RegistrationHints,
-    expected_limit,
+    comparison_rules,
     hint_files,
-    scene_scale,
+    limit_files,
 )
 from standoff.library.detectability import CurveLike, given_curve
 from standoff.library.files import each_image, write_file, write_page
@@ -103,6 +102,7 @@ def find_changes_of_series(
     hints: AlignmentHints | RegistrationHints | None = None,
     white_level: float | None = None,
     limit: DetectionLimitOptions | None = None,
+    count_moved: bool = False,
     report: FilePath | None = None,
     sweep: SweepOptions | None = None,
     reading: ReadOptions | None = None,
@@ -121,7 +121,7 @@ def find_changes_of_series(
         Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
     out
         Folder for the results.
-    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit
+    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit, count_moved
         As in ``find_changes``.
     report
         Where the page goes, besides the folder.
@@ -149,28 +149,21 @@ def find_changes_of_series(
     >>> found = standoff.find_changes_of_series("before.tif", "after", "changes")
     >>> found.document.changed
     """
-    asked = limit or DetectionLimitOptions()
-    files = (psf, noise, asked.geometry, asked.curves, *hint_files(hints))
+    files = psf, noise, *limit_files(limit), *hint_files(hints)
     call = Call("find_changes_of_series", progress, reading, files)
-    rules = ComparisonRules(
-        options=ChangeOptions(
-            noise=camera_noise(noise),
-            false_alarms=false_alarms,
-            false_discovery_rate=false_discovery_rate,
-            spot_sigma_px=asked.spot_sigma_px,
-            limit_contrast_dn=asked.contrast_dn,
-            expected=expected_limit(asked),
-        ),
-        hints=hints,
-        white_level=white_level,
-        scale=scene_scale(call, asked, psf),
+    options = ChangeOptions(
+        noise=camera_noise(noise),
+        false_alarms=false_alarms,
+        false_discovery_rate=false_discovery_rate,
+        count_moved=count_moved,
     )
-    folder = path_of(out, "out")
-    first, given = path_of(reference, "reference"), tuple(listed_paths(followups, "followups"))
+    rules = comparison_rules(call, psf, limit, options, hints, white_level)
+    folder, first = path_of(out, "out"), path_of(reference, "reference")
+    given = tuple(listed_paths(followups, "followups"))
     page = None if report is None else path_of(report, "report")
     known, field = (None, None) if psf is None else psf_and_field(call, psf, "matched", transfer)
     references: References[Photograph]
-    shared = None
+    shared: OneReference | None = None
     unpaired: tuple[str, ...] = ()
     if first.is_dir():
         _refuse_pairs(first, given)

@@ -5,8 +5,8 @@ import numpy as np
 from analysis.changes import Change
 from analysis.changes.change_list import list_changes
 from analysis.changes.comparison import Comparison
-from analysis.changes.levels import detection_levels
-from analysis.changes.linked_regions import link_levels
+from analysis.changes.detection.levels import detection_levels
+from analysis.changes.detection.linked_regions import LinkedRegion, link_levels
 from analysis.changes.matching import FittedScatter, Smoothing, WhiteNoiseGain
 from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
@@ -72,6 +72,8 @@ def comparison(
         valid=valid,
         smoothing_px=smoothing_px,
         smoothing=Smoothing(source_px=smoothing_px, target_px=smoothing_px),
+        target_dn=np.where(valid, difference_dn, 0.0).astype(np.float32),
+        matched_scale=1.0,
         kernel="pair",
         extra_blur_px2=0.0,
         extra_blur_err_px2=1.0,
@@ -84,6 +86,13 @@ def comparison(
 
 def listed(compared: Comparison, pose: DistortedPose, threshold_sd: float) -> tuple[Change, ...]:
     """The changes of a comparison beyond a threshold."""
+    return regions_and_changes(compared, pose, threshold_sd)[1]
+
+
+def regions_and_changes(
+    compared: Comparison, pose: DistortedPose, threshold_sd: float
+) -> tuple[tuple[LinkedRegion, ...], tuple[Change, ...]]:
+    """The same with the pixels of each."""
     levels = detection_levels(compared, 1e-6)
     found = link_levels(levels, threshold_sd)
-    return list_changes(found.regions, levels, pose, is_on_followup=compared.is_on_followup)
+    return found.regions, list_changes(found.regions, levels, compared, pose)

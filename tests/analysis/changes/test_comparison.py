@@ -6,8 +6,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from analysis.changes.chance import FilterWidth, significance_threshold
 from analysis.changes.comparison import Comparison, compare
+from analysis.changes.detection.chance import FilterWidth, significance_threshold
 from analysis.changes.filter import find_changes
 from analysis.changes.options import ChangeOptions
 from benchmarks.lens_optics import f_number, gaussian

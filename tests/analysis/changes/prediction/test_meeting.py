@@ -10,13 +10,11 @@ from analysis.changes import (
     ChangeOptions,
     ChangeSummary,
     LimitCurve,
-    PredictedLimit,
     describe_prediction,
     find_changes,
 )
 from analysis.changes.comparison import Comparison
-from analysis.changes.detection_limit import LimitMaps
-from analysis.changes.levels import detection_levels
+from analysis.changes.detection import LimitMaps, detection_levels
 from analysis.changes.matching import Smoothing, WhiteNoiseGain, smoothing_for
 from analysis.changes.prediction import ExpectedFilters, meet
 from analysis.detectability import (
@@ -25,6 +23,7 @@ from analysis.detectability import (
     d_prime_curves,
     expected_limits,
 )
+from analysis.detection_limits import PredictedLimit
 from benchmarks.lens_optics import gaussian
 from benchmarks.pair_photographs import Development, PairPose, pair_of
 from benchmarks.pair_scenes import scene

@@ -15,7 +15,7 @@ from analysis.change_series.time_line import (
     TimeLineFollowup,
     TrackPoint,
 )
-from analysis.changes.chance import FilterWidth
+from analysis.changes.detection.chance import FilterWidth
 from analysis.changes.document import Change, ChangeSummary
 from analysis.changes.filter import ChangeResult
 from analysis.changes.focus_sentence import describe_focus
@@ -88,6 +88,7 @@ def result(
         significance=none,
         limit_dn=none + 4.0,
         is_change=~valid,
+        is_moved=~valid,
         valid=valid,
         pose=DistortedPose(matrix=matrix, k1=0.0, reference_shape=shape, followup_shape=shape),
         masks=ChangeMasks(is_change=~valid, valid=valid, clipped=clipped, reference_clipped=~valid),

@@ -4,13 +4,13 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import ncx2
 
-from analysis.changes.chance import FilterWidth
+from analysis.changes.detection.chance import FilterWidth
 from simulation.arrays import FloatArray
 
 POWER = 0.95
 """Of a detection limit."""
 
-_SEARCHED = 2.5
+_SEARCHED = 2.0
 """What is searched for the highest significance, beside its own noise: the place counts for two,
 and the width for one where it lies between others, which it does not for the narrowest spots."""
 

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import brentq
 
-from analysis.changes.chance import FilterWidth, expected_peaks
-from analysis.changes.levels import DetectionLevel
-from analysis.changes.linked_regions import link_levels
+from analysis.changes.detection.chance import FilterWidth, expected_peaks
+from analysis.changes.detection.levels import DetectionLevel
+from analysis.changes.detection.linked_regions import link_levels
 from simulation.arrays import FloatArray
 
 _LOWEST_SD = 3.0

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.changes.chance import FilterWidth
 from analysis.changes.comparison import Comparison
-from analysis.changes.document import DetectionLimit, SpotLimit
-from analysis.changes.levels import DetectionLevel
-from analysis.changes.power import POWER, height_for, response
+from analysis.changes.detection.chance import FilterWidth
+from analysis.changes.detection.levels import DetectionLevel
+from analysis.changes.detection.power import POWER, height_for, response
+from analysis.detection_limits import DetectionLimit, SpotLimit
 from simulation.arrays import Float32Array
 
 _SPOT_SIGMAS_PX = (1.0, 1.5, 3.0, 6.0)

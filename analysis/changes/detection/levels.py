@@ -1,8 +1,8 @@
 """The difference of two photographs seen through Gaussians of several widths.
 
-A change is found best by a filter of its own width. The comparison's own smoothing is the narrowest
-level; each of the next is twice as wide and as coarsely sampled. The noise of a wider level follows
-from that of the first, since it was white behind it: what else scatters there is measured.
+A change is found best by a filter of its own width; each level is twice as wide as the one before.
+The noise of a level follows from that of the comparison, whose smoothing it was white behind: what
+else scatters there is measured.
 """
 
 from collections.abc import Iterator
@@ -12,12 +12,18 @@ from math import ceil, exp, hypot, log, pi, sqrt
 import cv2
 import numpy as np
 
-from analysis.changes.chance import SPREAD_ERR, FilterWidth, equally_strict
 from analysis.changes.comparison import Comparison
+from analysis.changes.detection.chance import SPREAD_ERR, FilterWidth, equally_strict
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
 
-_OCTAVES = 3
-"""Wider levels: of 8 px, where the first is 1 px wide."""
+_NARROWEST = sqrt(2.0)
+"""Width of the narrowest level over the comparison's smoothing. A camera shows nothing narrower
+than that smoothing, to which a filter of the same width would be matched: it finds 6 % fainter ones
+of those, and has twice as many places at which chance, or what compression leaves, stands out."""
+
+_STEPS = (1, 1, 2, 4)
+"""Distances of the places, a quarter to half of a level's width; each is twice as wide as the one
+before: 1.4 to 11 px, where the comparison's smoothing is 1 px."""
 
 _LEAST_INDEPENDENT = 30.0
 """Independent places of a level, below which its scatter is not known."""
@@ -107,6 +113,28 @@ class DetectionLevel:
         )
 
 
+def usual_widths(smoothing_px: float, compared_px: int) -> tuple[FilterWidth, ...]:
+    """Return the widths of the levels that a frame is expected to have, without allowances.
+
+    Parameters
+    ----------
+    smoothing_px
+        Width of the comparison's smoothing.
+    compared_px
+        Pixels of the frame.
+    """
+    widths: list[FilterWidth] = []
+    err = 0.0
+    for number, step_px in enumerate(_STEPS):
+        width_px = smoothing_px * _NARROWEST * 2**number
+        measured_err = sqrt(0.5 * 4 * pi * width_px**2 / compared_px)
+        prior_err = hypot(err, _PRIOR_ERR)
+        err = prior_err * measured_err / hypot(prior_err, measured_err)
+        spread_err = hypot(SPREAD_ERR, err)
+        widths.append(FilterWidth(width_px=width_px, step_px=step_px, spread_err=spread_err))
+    return tuple(widths)
+
+
 def detection_levels(compared: Comparison, false_share: float) -> tuple[DetectionLevel, ...]:
     """Smooth a difference further, the narrowest level first.
 
@@ -117,30 +145,25 @@ def detection_levels(compared: Comparison, false_share: float) -> tuple[Detectio
     false_share
         Share of the pixels that chance may flag at any of the levels.
     """
-    own = DetectionLevel(
-        filter_width=FilterWidth(width_px=compared.smoothing_px),
-        difference_dn=compared.difference_dn,
-        sd_dn=compared.sd_dn,
-        valid=compared.valid,
-        weight=np.ones(compared.valid.shape, dtype=np.float32),
-    )
-    levels = [own, *_wider(compared)]
+    levels = list(_smoothed_further(compared))
     widths = equally_strict([level.filter_width for level in levels], false_share)
     return tuple(level.strict_as(width) for level, width in zip(levels, widths, strict=True))
 
 
-def _wider(compared: Comparison) -> Iterator[DetectionLevel]:
-    """The wider levels, as far as the frame has independent places of them."""
-    compared_px, narrowest = int(np.count_nonzero(compared.valid)), compared.smoothing_px
+def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
+    """The levels, as far as the frame has independent places of them."""
+    compared_px, own = int(np.count_nonzero(compared.valid)), compared.smoothing_px
     sums = _Sums.of(compared)
     log_factor, err = 0.0, 0.0
-    for octave in range(1, _OCTAVES + 1):
-        width = narrowest * 2**octave
-        independent = compared_px / (4 * pi * width**2)
-        if independent < _LEAST_INDEPENDENT:
+    for number, step in enumerate(_STEPS):
+        width = own * _NARROWEST * 2**number
+        independent = max(compared_px / (4 * pi * width**2), 1.0)
+        if number and independent < _LEAST_INDEPENDENT:
             return
-        sums = sums.wider(width, 2 ** (octave - 1))
-        difference, sd, valid = sums.level(narrowest)
+        sums = sums.wider(width, step)
+        # Of the narrowest, all that was compared.
+        counts = compared.valid if number == 0 else sums.weight > _LEAST_WEIGHT
+        difference, sd, valid = sums.level(own, np.asarray(counts))
         # Most probable, given how alike levels are and what this one measures.
         measured, measured_err = log(_spread(difference, sd, valid)), sqrt(0.5 / independent)
         measured = max(measured, log_factor - _MOST_LESS)
@@ -196,13 +219,14 @@ class _Sums:
             weight=_blurred(self.weight, more)[every],
         )
 
-    def level(self, narrowest_px: float) -> tuple[Float32Array, Float32Array, BoolArray]:
+    def level(
+        self, own_px: float, valid: BoolArray
+    ) -> tuple[Float32Array, Float32Array, BoolArray]:
         """Difference, its standard deviation by white noise alone, and places that count."""
-        valid = np.asarray(self.weight > _LEAST_WEIGHT)
         weight = np.where(valid, self.weight, np.float32(1))
         difference = np.where(valid, self.difference / weight, np.float32(0))
         variance = np.maximum(self.variance, np.float32(1e-30)) * np.float32(
-            (narrowest_px / self.width_px) ** 2
+            (own_px / self.width_px) ** 2
         )
         return difference, np.asarray(np.sqrt(variance) / weight, dtype=np.float32), valid
 
@@ -217,6 +241,8 @@ def _blurred(image: Float32Array, sigma_px: float) -> Float32Array:
 def _spread(difference_dn: Float32Array, sd_dn: Float32Array, valid: BoolArray) -> float:
     """Standard deviations by which the places scatter, changes left out."""
     ratio: FloatArray = np.abs(difference_dn[valid] / sd_dn[valid])
+    if not len(ratio):
+        return 1.0
     spread = float(np.median(ratio)) / 0.6745 + 1e-6
     for _ in range(_ROUNDS):
         inside = ratio[ratio < _CLIP_SD * spread]

@@ -12,9 +12,9 @@ from math import hypot
 
 import numpy as np
 
-from analysis.changes.levels import DetectionLevel
+from analysis.changes.detection.levels import DetectionLevel
+from analysis.changes.detection.peaks import Region, connected_regions
 from analysis.changes.matching import away_from
-from analysis.changes.peaks import Region, connected_regions
 from simulation.arrays import BoolArray, Float32Array, FloatImage, IntArray
 
 _SKIRT = 2.0
@@ -91,7 +91,7 @@ def link_levels(levels: Sequence[DetectionLevel], threshold_sd: float) -> FoundC
     return FoundChanges(
         regions=tuple(found),
         significance=strongest,
-        is_change=_pixels(found, strongest.shape),
+        is_change=pixels_of(found, strongest.shape),
     )
 
 
@@ -115,7 +115,7 @@ def _with_wider(
             gone = set(map(id, inside))
             found = [one for one in found if id(one) not in gone]
     significance = _without(found, everything, levels, number)
-    claimed = _pixels(taken, levels[0].valid.shape)[:: level.step_px, :: level.step_px]
+    claimed = pixels_of(taken, levels[0].valid.shape)[:: level.step_px, :: level.step_px]
     taken += [
         _linked(region, number, levels, ())
         for region in connected_regions(significance, threshold_sd)
@@ -208,7 +208,8 @@ def _on_grid(rows: IntArray, cols: IntArray, step: int, valid: BoolArray) -> Int
     return np.asarray(row[counts] * valid.shape[1] + col[counts])
 
 
-def _pixels(found: Sequence[LinkedRegion], shape: tuple[int, int]) -> BoolArray:
+def pixels_of(found: Sequence[LinkedRegion], shape: tuple[int, ...]) -> BoolArray:
+    """Mark the pixels of changes, on a grid of this shape."""
     mask = np.zeros(shape, dtype=np.bool_)
     for region in found:
         mask[region.rows, region.cols] = True
