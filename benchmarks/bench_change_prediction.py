@@ -1,10 +1,10 @@
 """The limit that ``detectability --observer changes`` predicts beside the one that a pair shows.
 
-Sixty pairs of flat scenes: two lenses, three noises, ten poses of zoom 1 to 2 and tilt to 15
-degrees, rendered by ``pair_photographs``, which shares nothing with ``simulation``. The prediction
-is made from the reference alone (``--reference-zoom 1``), a PSF that is wrong by 2 %, and the
-noise; it is held against the median of the pair's own map of the limit, aligned as the command
-does. The linear observers, turned round in the same way, are the peers.
+Sixty pairs of the simulated bench, and sixty of flat scenes: two lenses, three noises, ten poses of
+zoom 1 to 2 and tilt to 15 degrees, rendered by ``pair_photographs``, which shares nothing with
+``simulation``. The prediction is made from the reference alone (``--reference-zoom 1``), a PSF that
+is wrong by 2 %, and the noise; it is held against the median of the pair's own map of the limit,
+aligned as the command does. The linear observers, turned round in the same way, are the peers.
 
 ``Staged``: pairs whose follow-up is out of focus, in half the light, given a wrong homography,
 compressed or aliased. How often what the pair lost is named rightly, and named first; pairs that
@@ -35,6 +35,7 @@ from analysis.detectability import (
 )
 from analysis.detection_limits import PredictedLimit
 from benchmarks.bench_capture_model import true_psf
+from benchmarks.bench_changes import TARGETS, bench_of
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.lens_optics import Camera, f_number, gaussian
 from benchmarks.pair_photographs import Development, PairPose, pair_of
@@ -42,6 +43,13 @@ from benchmarks.pair_scenes import scene
 from calibration.registration import DistortedPose
 from simulation import GaussianPsf, LensOtf, MeasuredPsf, Psf
 from simulation.arrays import FloatArray
+from tests.analysis.changed_scenes import (
+    bench_noise,
+    bench_pair,
+    bench_psf,
+    far_pose,
+    with_noise_of,
+)
 
 FRAME = (290, 390)
 SCENES = {"texture": 25.0, "retina": 13.0, "lesion": 15.0, "mondrian": 45.0, "text": 40.0}
@@ -52,6 +60,14 @@ ZOOMS = (1.0, 1.01, 1.1, 1.25, 1.5, 1.75, 2.0)
 SIGNAL_PX = 2.0
 PSF_ERR = 0.02
 ROUND, SHARP, ALIASING = gaussian(0.9, has_pixel=False), f_number(8.0), f_number(2.8)
+BENCH_POSES: tuple[tuple[float, dict[str, float]], ...] = (
+    (1.1, {}),
+    (1.3, {"tilt_x_deg": 8.0}),
+    (1.5, {"tilt_x_deg": 4.0, "roll_deg": 3.0, "offset_x_mm": 3.0}),
+    (1.8, {"tilt_y_deg": 14.0}),
+    (2.0, {}),
+)
+BENCH_FRAMES = (1, 10, 50)
 SHARP_SIGMA_PX = 0.42
 """Of the Gaussian nearest to f/8 over pixels; registration alone uses it."""
 
@@ -157,6 +173,41 @@ def judge_pair(ratios: Ratios, camera: Camera, number: int, noises: tuple[float,
         for curve in linear.curves:
             said = height * seen / float(curve.d_prime_at(zoom))
             ratios.peers[curve.observer].append(log(limit.shown_dn / said))
+
+
+def judge_bench(record: Recorder, targets: tuple[str, ...], turns: int) -> None:
+    """Pairs of the simulated bench, whose noise depends on the level, by its mean."""
+    truth = bench_of(0.0)
+    psf, logs, seed = bench_psf(truth), [], 0
+    for target in targets:
+        for zoom, pose in BENCH_POSES[:turns]:
+            clean = bench_pair(
+                truth,
+                target,
+                far_pose(truth, zoom, **pose),
+                contrast=0.0,
+                sigma_mm=0.8,
+                pitch_mm=12.5,
+                seed=seed,
+                frames_averaged=None,
+            )
+            for frames in BENCH_FRAMES:
+                seed += 1
+                pair = with_noise_of(truth, clean, seed=seed, frames_averaged=frames)
+                variance_dn2 = bench_noise(truth, frames).variance_dn2(pair.reference)
+                noise_dn = float(np.sqrt(variance_dn2.mean()))
+                curves = predicted(pair.reference, psf, noise_dn, ("changes",))
+                summary, limit = met(pair.reference, pair.followup, psf, curves)
+                logs.append(log(limit.ratio))
+                if abs(logs[-1]) > log(1.4):
+                    record.say(
+                        f"    {target} {zoom} {frames}: {limit.ratio:.2f}; {summary.warnings}"
+                    )
+    apart = np.abs(logs)
+    median, most = float(np.median(apart)), float(np.quantile(apart, 0.9))
+    record.say(f"{len(logs)} pairs of the simulated bench: {median:.3f} {most:.3f}")
+    record.figure("limits apart on the simulated bench, median", median, "")
+    record.figure("limits apart on the simulated bench, 90 %", most, "")
 
 
 def say_agreement(record: Recorder, ratios: Ratios) -> None:
@@ -314,6 +365,7 @@ def main() -> None:
             for number in record.pick(range(POSES), range(3, 4)):
                 judge_pair(ratios, camera, number, record.pick(NOISES_DN, NOISES_DN[1:2]))
         say_agreement(record, ratios)
+        judge_bench(record, record.pick(TARGETS, TARGETS[:1]), record.pick(len(BENCH_POSES), 1))
         judge_stages(record, record.pick(2, 1), record.pick(len(STAGED), 1))
 
 

@@ -23,6 +23,7 @@ J. Immerkaer, "Fast noise variance estimation", Computer Vision and Image Unders
 """
 
 _STEP = 2
+"""Pixels from one to the next of those that the noise is told by."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +73,8 @@ class FittedScatter:
         # What varies of a displacement is in the kernel to first order; its square is left as blur.
         bent = fit.kernel.varying_shift_px2**2 * float(np.mean(at[LAPLACIAN] / whole))
         noise_dn2 = float(np.mean(np.maximum(parts[:GRADIENT].sum(axis=0), floor)))
-        source_dn, target_dn = map(_pixel_noise_dn, images)
+        source_dn = _pixel_noise_dn(images[0], np.ones(images[0].shape, dtype=np.bool_))
+        target_dn = _pixel_noise_dn(images[1], valid)
         white_dn2 = gains.source * source_dn**2 + gains.target * target_dn**2
         return cls(
             gains=gains,
@@ -99,7 +101,7 @@ class FittedScatter:
         return self.unexplained_share - self.displaced_share
 
 
-def _pixel_noise_dn(image: Float32Array) -> float:
+def _pixel_noise_dn(image: Float32Array, counts: BoolArray) -> float:
     """Standard deviation of the noise that single pixels show."""
     finest = np.asarray(cv2.filter2D(image, -1, _FINEST), dtype=np.float32)
-    return robust_sigma(finest[::_STEP, ::_STEP])
+    return robust_sigma(finest[::_STEP, ::_STEP][counts[::_STEP, ::_STEP]])
