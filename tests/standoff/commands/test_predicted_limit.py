@@ -88,7 +88,7 @@ def test_curves_of_another_observer_are_refused(
     words = ("--observer", "npw", "--model", "bicubic", "--zooms", "1,1.5", "--noise", "2")
     made = command("detectability", pair[1], *words, "--out", tmp_path / "curves.json")
     assert made.status == 0, made.err
-    words = ("changes", *pair[1:], "--curves", tmp_path / "curves.json")
-    refused = command(*words, "--out", tmp_path / "out")
+    asked = ("changes", *pair[1:], "--curves", tmp_path / "curves.json")
+    refused = command(*asked, "--out", tmp_path / "out")
     assert refused.status == 2
     assert "--observer changes" in refused.err
