@@ -14,6 +14,7 @@ import numpy as np
 
 from analysis.changes.comparison import Comparison
 from analysis.changes.detection.chance import SPREAD_ERR, FilterWidth, equally_strict
+from analysis.changes.matching import away_from
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
 
 _NARROWEST = sqrt(2.0)
@@ -37,6 +38,9 @@ _MOST_LESS = 0.5
 
 _CLIP_SD, _CLIPPED_RMS = 3.0, 0.98658
 """Values beyond which a place does not count, and the root mean square of normal ones within."""
+
+_CHANGE_SD, _SKIRT = 4.0, 2.0
+"""Places taken for changed, and how many widths of the filter around them are left out."""
 
 _ROUNDS = 4
 _LEAST_WEIGHT = 0.5
@@ -165,8 +169,8 @@ def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
         counts = compared.valid if number == 0 else sums.weight > _LEAST_WEIGHT
         difference, sd, valid = sums.level(own, np.asarray(counts))
         # Most probable, given how alike levels are and what this one measures.
-        measured, measured_err = log(_spread(difference, sd, valid)), sqrt(0.5 / independent)
-        measured = max(measured, log_factor - _MOST_LESS)
+        measured = log(_spread(difference / sd, valid, width / step))
+        measured, measured_err = max(measured, log_factor - _MOST_LESS), sqrt(0.5 / independent)
         prior = err**2 + _PRIOR_ERR**2
         log_factor += (measured - log_factor) * prior / (prior + measured_err**2)
         err = sqrt(prior * measured_err**2 / (prior + measured_err**2))
@@ -238,12 +242,17 @@ def _blurred(image: Float32Array, sigma_px: float) -> Float32Array:
     return np.asarray(blurred, dtype=np.float32)
 
 
-def _spread(difference_dn: Float32Array, sd_dn: Float32Array, valid: BoolArray) -> float:
-    """Standard deviations by which the places scatter, changes left out."""
-    ratio: FloatArray = np.abs(difference_dn[valid] / sd_dn[valid])
-    if not len(ratio):
+def _spread(deviation: Float32Array, valid: BoolArray, width: float) -> float:
+    """Standard deviations by which places scatter, changes left out with their blurred skirts.
+
+    ``width`` is that of the filter, in places.
+    """
+    if not valid.any():
         return 1.0
-    spread = float(np.median(ratio)) / 0.6745 + 1e-6
+    size = np.abs(deviation)
+    spread = float(np.median(size[valid])) / 0.6745 + 1e-6
+    unchanged = valid & away_from(valid & (size > _CHANGE_SD * spread), _SKIRT * width)
+    ratio: FloatArray = size[unchanged if unchanged.any() else valid]
     for _ in range(_ROUNDS):
         inside = ratio[ratio < _CLIP_SD * spread]
         spread = float(np.sqrt(np.mean(np.square(inside)))) / _CLIPPED_RMS + 1e-6

@@ -10,9 +10,12 @@ from simulation.arrays import FloatArray
 POWER = 0.95
 """Of a detection limit."""
 
-_SEARCHED = 2.0
-"""What is searched for the highest significance, beside its own noise: the place counts for two,
-and the width for one where it lies between others, which it does not for the narrowest spots."""
+_SEARCHED = 1.0
+"""Degrees of freedom of the search for the highest significance, beside a spot's own noise.
+
+In white noise it is 2 to 2.5, two for the place and the rest for the width; what the fit between
+photographs takes of each spot is worth one.
+"""
 
 _OFF_PX2 = 1 / 6
 """Mean squared distance of a spot from the nearest pixel's centre."""

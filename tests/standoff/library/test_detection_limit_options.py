@@ -73,7 +73,7 @@ def test_a_geometry_gives_the_size_at_the_height_of_the_reference(
 
 def test_a_height_without_a_scale_is_refused_with_those_that_have_one() -> None:
     options = standoff.DetectionLimitOptions(geometry=geometry(), reference_height_mm=900.0)
-    with pytest.raises(ApplicationError, match="no scale at 900 mm.*between 200 and 300 mm"):
+    with pytest.raises(ApplicationError, match=r"no scale at 900 mm.*between 200 and 300 mm"):
         standoff.find_changes(*photographs(3), limit=options)
 
 
@@ -139,6 +139,6 @@ def test_the_sentence_names_size_amplitude_power_and_share() -> None:
     )
     limit = DetectionLimit(power=0.95, spots=(spot,), contrast_dn=5.0, map_spot_sigma_px=1.5)
     assert spot_sentence(limit) == (
-        "a spot of 1.5 px and 4.1 DN would have been found (95 %) in 95 % of the compared area, and "
-        "one of 5 DN in 97 % of it"
+        "a spot of 1.5 px and 4.1 DN would have been found (95 %) in 95 % of the compared area, "
+        "and one of 5 DN in 97 % of it"
     )
