@@ -4,9 +4,12 @@ from typing import Literal, get_args
 
 from simulation.choices import KernelModel, Model
 
-Observer = Literal["npw", "hotelling", "cho"]
-OBSERVERS: tuple[Observer, ...] = get_args(Observer)
-"""Non-prewhitening, Hotelling and channelised Hotelling observer."""
+Observer = Literal["npw", "hotelling", "cho", "changes"]
+OBSERVERS: tuple[Observer, ...] = ("npw", "hotelling", "cho")
+"""Non-prewhitening, Hotelling and channelised Hotelling observer: templates on the difference that
+an alignment leaves. What a comparison finds is told by ``changes``, if it is asked for."""
+
+ALL_OBSERVERS: tuple[Observer, ...] = get_args(Observer)
 
 REFERENCE_ZOOM = 2.0
 """Zoom from c to the reference c', from the paper."""

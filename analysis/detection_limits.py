@@ -27,6 +27,33 @@ class SpotLimit(StoredValues):
     spot_sigma_mm: float | None = None
 
 
+class PredictedLimit(StoredValues):
+    """A limit that was predicted, and the one that a pair shows of the same change of the scene.
+
+    Parameters
+    ----------
+    spot_sigma_px
+        Width with which a follow-up as sharp as predicted shows the change, in its pixels.
+    noise_dn
+        Standard deviation of the noise that was assumed in either photograph.
+    median_dn, shown_dn, ratio
+        The limit at the median place as it was predicted and as the pair shows it, in levels of a
+        follow-up as sharp and as bright as predicted; the second over the first.
+    factors
+        By what focus, light, registration and texture each raised the limit.
+    lost_to
+        Sentences on those that explain a loss of more than 15 %, the most first.
+    """
+
+    spot_sigma_px: float
+    noise_dn: float
+    median_dn: float
+    shown_dn: float
+    ratio: float
+    factors: dict[str, float]
+    lost_to: tuple[str, ...] = ()
+
+
 PixelPlane = Literal["scene", "sensor"]
 """Where the size of a pixel is measured."""
 
@@ -46,6 +73,8 @@ class DetectionLimit(StoredValues):
         Width of the spots whose limit limit.tif maps.
     pixel_size_mm, pixel_size_on
         Side of a follow-up pixel, if it is known, and where: on the scene or on the sensor.
+    predicted
+        The limit that was predicted, if it was and for this zoom.
     """
 
     power: float
@@ -54,12 +83,16 @@ class DetectionLimit(StoredValues):
     map_spot_sigma_px: float
     pixel_size_mm: float | None = None
     pixel_size_on: PixelPlane | None = None
+    predicted: PredictedLimit | None = None
 
     @property
     def mapped(self) -> SpotLimit:
         """The limit that limit.tif maps."""
         return next(spot for spot in self.spots if spot.spot_sigma_px == self.map_spot_sigma_px)
 
+
+AGREEING_RATIO = 1.15
+"""Ratio of shown and predicted limits up to which they agree."""
 
 _WHERE = {"scene": "", "sensor": " on the sensor"}
 
@@ -76,6 +109,19 @@ def spot_sentence(limit: DetectionLimit) -> str:
             f", and one of {limit.contrast_dn:g} DN in {percent_text(spot.reached_fraction)} of it"
         )
     return sentence
+
+
+def prediction_sentence(predicted: PredictedLimit) -> str:
+    """Say how the limit that a pair shows and the predicted one compare, and why."""
+    said = (
+        f"for a change that shows as a spot of {predicted.spot_sigma_px:.2g} px, the pair shows a "
+        f"limit of {predicted.shown_dn:.2g} DN where {predicted.median_dn:.2g} DN were predicted"
+    )
+    if predicted.lost_to:
+        return f"{said}: {'; '.join(predicted.lost_to)}"
+    if predicted.ratio > AGREEING_RATIO:
+        return f"{said}, for no reason that it tells"
+    return said
 
 
 def size_text(spot: SpotLimit, limit: DetectionLimit) -> str:

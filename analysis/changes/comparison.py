@@ -14,10 +14,12 @@ from analysis.changes.document import KernelOrigin
 from analysis.changes.matching import (
     GRADIENT,
     LAPLACIAN,
+    FittedScatter,
     PairFit,
     RelativeBlur,
     Smoothing,
     VarianceTerms,
+    WhiteNoiseGain,
     calibrated_blur_px2,
     calibrated_factor,
     fit_pair,
@@ -51,9 +53,6 @@ _MOST_ROUNDING = 0.75
 """Share of the variance that is rounding from which on the noise, less than 0.17 of a step, no
 longer makes it random: at 0.1 of a step 8 for 1, at 0.3 as stated."""
 
-_COMMON_PSF_PX2 = 0.64
-"""Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
-
 _BLUR_ERR_PX2 = 1.0
 """How far the relative blur may be from that guess."""
 
@@ -79,8 +78,8 @@ class Comparison:
         Pixels that were compared.
     smoothing_px
         Width of the Gaussian that smoothed the photograph whose pixels the grid has.
-    followup_smoothing_px
-        Width of that which smoothed the follow-up, in pixels of the grid.
+    smoothing
+        Of the photograph with the grid's pixels, the target, and of the other one.
     target_dn
         The photograph whose pixels the grid has, smoothed, in the levels that were matched: its
         own, or those that a tone curve made of them.
@@ -98,6 +97,8 @@ class Comparison:
     registration_err_px, width_err_px2
         Standard deviations of the registration along the gradient, and of the variance by which
         the fitted blur is wrong.
+    scatter
+        Of what the difference consists.
     warnings
         Sentences on what makes the comparison doubtful.
     """
@@ -108,7 +109,7 @@ class Comparison:
     sd_dn: FloatImage
     valid: BoolArray
     smoothing_px: float
-    followup_smoothing_px: float
+    smoothing: Smoothing
     target_dn: Float32Array = field(repr=False)
     matched_scale: Float32Array | float = field(repr=False)
     kernel: KernelOrigin
@@ -118,18 +119,19 @@ class Comparison:
     noise_factor: float
     registration_err_px: float
     width_err_px2: float
+    scatter: FittedScatter
     warnings: tuple[str, ...] = ()
+
+    @property
+    def followup_smoothing_px(self) -> float:
+        """Width of the Gaussian that smoothed the follow-up, in pixels of the grid."""
+        return self.smoothing.target_px if self.is_on_followup else self.smoothing.source_px
 
     @property
     def significance(self) -> FloatImage:
         """Difference over its standard deviation."""
         none = np.zeros_like(self.difference_dn)
         return np.divide(self.difference_dn, self.sd_dn, out=none, where=self.valid)
-
-
-def _guessed_blur_px2(zoom: float) -> float:
-    """How much blurrier the target is if one camera took both."""
-    return _COMMON_PSF_PX2 * (1 - 1 / zoom**2)
 
 
 def compare(
@@ -160,7 +162,7 @@ def compare(
         If the photographs share too little.
     """
     pair = PhotographPair.of(reference, followup, pose, options)
-    rough = pair.valid(smoothing_for(_guessed_blur_px2(pair.positions.zoom)))
+    rough = pair.valid(smoothing_for(pair.guessed_blur_px2))
     shared = int(np.count_nonzero(rough))
     if shared < _LEAST_PIXELS:
         raise OverlapError(
@@ -210,7 +212,7 @@ class _Matched:
     @classmethod
     def of(cls, pair: PhotographPair, rough: BoolArray, noise: CaptureNoise | None) -> "_Matched":
         """Measure the blur on the pixels ``rough``, smooth, and fit."""
-        guess = _guessed_blur_px2(pair.positions.zoom)
+        guess = pair.guessed_blur_px2
         blur = relative_blur(pair.source, pair.target, pair.positions, rough, guess)
         smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
         valid = pair.valid(smoothing)
@@ -255,21 +257,24 @@ class _Matched:
     @property
     def rounding_variance_dn2(self) -> Float32Array | None:
         """Variance by rounding to the files' levels, without which shadows have none at all."""
-        pair, smoothing = self.pair, self.smoothing
-        gains = white_noise_gain(self.fit.kernel.taps, smoothing, pair.positions.zoom)
+        pair, gains = self.pair, self.gains
         own, other = rounding_variance(pair.target), rounding_variance(pair.source)
         total = None if own is None else np.float32(gains.target) * own
         if other is not None:
             brought = np.float32(gains.source) * np.nan_to_num(pair.positions.seen(other))
             total = brought if total is None else total + brought
-        return None if total is None else smoothed(total, smoothing.target_px)
+        return None if total is None else smoothed(total, self.smoothing.target_px)
+
+    @property
+    def gains(self) -> WhiteNoiseGain:
+        """Of white noise in either photograph."""
+        return white_noise_gain(self.fit.kernel.taps, self.smoothing, self.pair.positions.zoom)
 
     @property
     def noise_factor(self) -> float:
         """Noise that was fitted over that of the noise model, or over 1 DN^2."""
         if self.floor_dn2 is None:
-            gains = white_noise_gain(self.fit.kernel.taps, self.smoothing, self.pair.positions.zoom)
-            expected = gains.target + gains.source
+            expected = self.gains.target + self.gains.source
         else:
             expected = float(self.floor_dn2[self.valid].mean())
         return self.terms.noise_dn2(self.fit.sizes, self.valid) / expected
@@ -366,7 +371,6 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         sd_dn=sd,
         valid=valid,
         smoothing_px=smoothing.target_px,
-        followup_smoothing_px=(smoothing.target_px if pair.is_on_followup else smoothing.source_px),
         target_dn=target,
         matched_scale=1.0 if scale is None else scale,
         kernel=focus.kernel,
@@ -376,6 +380,10 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         noise_factor=matched.noise_factor,
         registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
         width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),
+        smoothing=smoothing,
+        scatter=FittedScatter.of(
+            fit, matched.terms, matched.floor_dn2, valid, matched.gains, (pair.source, pair.target)
+        ),
         warnings=(*focus.warnings, *_unexplained(share)),
     )
 

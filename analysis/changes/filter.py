@@ -23,6 +23,7 @@ from analysis.changes.followup_grid import FollowupGrid
 from analysis.changes.matching import PixelPositions
 from analysis.changes.moved_changes import ToldApart, moved_apart
 from analysis.changes.options import ChangeOptions
+from analysis.changes.prediction import meet
 from analysis.changes.unusable import clipped_at_white
 from analysis.changes.warning_sentences import ChangeMasks, change_warnings
 from analysis.errors import AnalysisError
@@ -267,6 +268,9 @@ class _Detected:
     ) -> ChangeSummary:
         """Return it in figures; what only the caller knows is left open."""
         limit = detection_limit(self.limits, options.spot_sigma_px, options.limit_contrast_dn)
+        if options.expected is not None:
+            met = meet(options.expected, self.pose.zoom, compared, self.limits)
+            limit = limit.model_copy(update={"predicted": met})
         return ChangeSummary(
             homography=self.pose.matrix.tolist(),
             distortion_k1=self.pose.k1,

@@ -1,11 +1,15 @@
 """How two photographs are compared."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from analysis.choices import FALSE_ALARMS, SPOT_SIGMA_PX
 from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import BoolArray, Float32Array
 from simulation.capture_noise import CaptureNoise
+
+if TYPE_CHECKING:
+    from analysis.changes.prediction import LimitCurve
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -29,6 +33,8 @@ class ChangeOptions:
         Width of the spots that the map of the detection limit is for, in follow-up pixels.
     limit_contrast_dn
         Amplitude for which the detection limit says where it would have been found.
+    expected
+        Limits that were predicted, to hold against the one that is shown.
     left_out
         Follow-up pixels that do not count, shape of the follow-up.
     white_level_dn
@@ -48,6 +54,7 @@ class ChangeOptions:
     false_discovery_rate: float | None = None
     spot_sigma_px: float = SPOT_SIGMA_PX
     limit_contrast_dn: float | None = None
+    expected: "LimitCurve | None" = None
     left_out: BoolArray | None = None
     white_level_dn: tuple[float | None, float | None] = (None, None)
     variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)

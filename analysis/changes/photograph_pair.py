@@ -18,6 +18,9 @@ from analysis.changes.unusable import unusable
 from calibration.registration import DistortedPose
 from simulation.arrays import AnyArray, BoolArray, Float32Array
 
+_COMMON_PSF_PX2 = 0.64
+"""Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
+
 _BORDER_SD = 3.0
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
@@ -87,6 +90,11 @@ class PhotographPair:
             source_variance_dn2=variances[0],
             target_variance_dn2=variances[1],
         )
+
+    @property
+    def guessed_blur_px2(self) -> float:
+        """How much blurrier the target is if one camera took both."""
+        return _COMMON_PSF_PX2 * (1 - 1 / self.positions.zoom**2)
 
     def with_tone(self, curve: ToneCurve) -> "PhotographPair":
         """Return the pair with the target in the source's levels; its variance is fitted then."""

@@ -1,4 +1,11 @@
 from .artefact import ArtefactTiles as ArtefactTiles
+from .compared import (
+    ComparedChange as ComparedChange,
+    compared_change as compared_change,
+    comparison_d_prime as comparison_d_prime,
+    expected_limits as expected_limits,
+    scene_residual as scene_residual,
+)
 from .covariance import WindowCovariance as WindowCovariance
 from .curves import (
     AmbiguousCurveError as AmbiguousCurveError,

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 CURVES_SCHEMA: Final = "standoff.detectability/1"
 
+_SEEN = ("seen_sigma_px", "seen_dn")
+
 _NOTE = (
     "Every d' is an upper bound: sampling, sharpness, noise and the artefact of the alignment are "
     "in the model; exposure, registration error, gloss, parallax, defocus and motion are not. "
@@ -59,7 +61,12 @@ class CurveChoice(StoredValues):
 
 
 class DetectabilityCurve(StoredValues):
-    """d' against zoom for one model, observer, noise and contrast; an upper bound."""
+    """d' against zoom for one model, observer, noise and contrast; an upper bound.
+
+    Of observer ``changes`` it is what a comparison of photographs is expected to show, and
+    ``seen_sigma_px`` and ``seen_dn`` are the width and the peak with which the follow-up shows a
+    Gaussian change, in its own pixels; None of others.
+    """
 
     model: Model
     observer: Observer
@@ -71,6 +78,8 @@ class DetectabilityCurve(StoredValues):
     dprime_low: list[float]
     dprime_high: list[float]
     auc: list[float]
+    seen_sigma_px: list[float] | None = None
+    seen_dn: list[float] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -79,6 +88,10 @@ class DetectabilityCurve(StoredValues):
                 raise ValueError(
                     f"{name} has {len(getattr(self, name))} values, zoom {len(self.zoom)}"
                 )
+        for name in _SEEN:
+            seen = getattr(self, name)
+            if seen is not None and (len(seen) != len(self.zoom) or not min(seen) > 0):
+                raise ValueError(f"{name} must be positive at each zoom")
         if self.zoom[0] < 1 or any(np.diff(self.zoom) <= 0):
             raise ValueError("zoom must increase and start at 1 or more")
         if min(*self.dprime, *self.dprime_low, *self.dprime_high) < 0:
@@ -199,7 +212,7 @@ class DetectabilityCurves(ResultsDocument):
         """
         each = ("zoom", "dprime", "dprime_low", "dprime_high", "auc")
         return dataframe(
-            {**curve.model_dump(exclude=set(each)), **dict(zip(each, values, strict=True))}
+            {**curve.model_dump(exclude={*each, *_SEEN}), **dict(zip(each, values, strict=True))}
             for curve in self.curves
             for values in zip(*(getattr(curve, name) for name in each), strict=True)
         )

@@ -90,7 +90,7 @@ def d_primes(
     if not (noise_dn > 0 and np.isfinite(noise_dn)):
         raise ValueError(f"noise_dn must be positive, got {noise_dn}")
     artefact_dn2 = artefact.autocovariance_dn2
-    drawn = _drawn_shares(artefact.pixels, seed, replicates)
+    drawn = drawn_shares(artefact.pixels, seed, replicates)
     values: dict[Observer, list[float]] = {name: [] for name in observers}
     replicated: dict[Observer, FloatArray] = {name: np.zeros(replicates) for name in observers}
     for change in changes:
@@ -105,18 +105,20 @@ def d_primes(
             # Sums of single tiles reach into their neighbours and may fall below zero.
             parts = np.maximum(drawn @ sums, 0.0)
             replicated[name] += response / np.sqrt(noise_dn2 + parts) / len(changes)
-    intervals = {
-        name: np.percentile(replicated[name], _INTERVAL_PERCENT).tolist() for name in observers
-    }
-    return {
-        name: DPrime(
-            value=float(np.mean(values[name])), low=intervals[name][0], high=intervals[name][1]
-        )
-        for name in observers
-    }
+    found: dict[Observer, DPrime] = {}
+    for name in observers:
+        low, high = interval_of(replicated[name])
+        found[name] = DPrime(value=float(np.mean(values[name])), low=low, high=high)
+    return found
 
 
-def _drawn_shares(pixels: FloatArray, seed: int, replicates: int) -> FloatArray:
+def interval_of(replicated: FloatArray) -> tuple[float, float]:
+    """Return the ends of the 95 % interval of bootstrap replicates."""
+    low, high = np.percentile(replicated, _INTERVAL_PERCENT).tolist()
+    return low, high
+
+
+def drawn_shares(pixels: FloatArray, seed: int, replicates: int) -> FloatArray:
     """Weights of the tiles' sums in each bootstrap replicate, shape (replicates, tiles)."""
     tiles = len(pixels)
     rng = np.random.default_rng(seed)

@@ -26,6 +26,7 @@ OBSERVER_NAMES = {
     "npw": "non-prewhitening",
     "hotelling": "Hotelling",
     "cho": "channelised Hotelling",
+    "changes": "comparison (standoff changes)",
 }
 _STYLES: Final[tuple[Literal["-", "--", ":", "-."], ...]] = ("-", "--", ":", "-.")
 _WIDTHS = {"paper": 3.2, "lmmse": 2.2}

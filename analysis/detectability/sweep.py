@@ -7,7 +7,7 @@ results are the same bits for any number of workers, and after any interruption.
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from itertools import groupby
+from itertools import groupby, product
 from math import ceil, sqrt
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import numpy as np
 from acquisition.printable import on_one_line
 from acquisition.session import atomic_write
 from analysis.detectability.artefact import ArtefactTiles
+from analysis.detectability.compared import scene_residual
 from analysis.detectability.dprime import scene_artefact
 from analysis.detectability.scenario import Scenario
 from analysis.detectability.sums import (
@@ -53,18 +54,26 @@ _KEY_LETTERS = 32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepPlan:
-    """What is measured on every image; ``reading`` states how the files are read."""
+    """What is measured on every image; ``reading`` states how the files are read.
+
+    ``is_compared`` asks for what a comparison leaves as well, for observer ``changes``: its sums
+    follow those of the artefact, model by model.
+    """
 
     scenario: Scenario
     models: tuple[Model, ...]
     zooms: tuple[float, ...]
     tiles_per_side: int
     reading: str = ""
+    is_compared: bool = False
 
     @property
     def key(self) -> str:
         """The plan as text, the same for equal plans."""
-        return json.dumps({"version": _VERSION, **asdict(self)}, sort_keys=True)
+        stated = asdict(self)
+        if not self.is_compared:  # of which sums of before know nothing
+            del stated["is_compared"]
+        return json.dumps({"version": _VERSION, **stated}, sort_keys=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -111,9 +120,10 @@ def scene_sums(scene_dn: FloatArray, plan: SweepPlan) -> ArtefactSums:
     """
     n = plan.scenario.window_px
     products, pixels = [], []
-    for model in plan.models:
+    kinds = (scene_artefact, scene_residual) if plan.is_compared else (scene_artefact,)
+    for measured, model in product(kinds, plan.models):
         tiles = [
-            scene_artefact(scene_dn, plan.scenario, model, zoom, plan.tiles_per_side)
+            measured(scene_dn, plan.scenario, model, zoom, plan.tiles_per_side)
             for zoom in plan.zooms
         ]
         products.append([one.products_dn2[:, :n] for one in tiles])
@@ -235,7 +245,10 @@ class SweepSums:
             raise AnalysisError("no photograph could be measured")
 
     def artefacts(self, model: int) -> list[ArtefactTiles]:
-        """Artefact of a model of the plan at each zoom: tiles in a fixed order."""
+        """Artefact of a model of the plan at each zoom: tiles in a fixed order.
+
+        Beyond the models come the residuals of their comparisons.
+        """
         groups = [
             sums
             for files in self._groups

@@ -7,6 +7,7 @@ import numpy as np
 
 from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX, Observer
 from analysis.detectability.artefact import ArtefactTiles
+from analysis.detectability.compared import compared_change, comparison_d_prime
 from analysis.detectability.curves import DetectabilityCurve, DetectabilityCurves
 from analysis.detectability.dprime import DPrime, d_primes
 from analysis.detectability.local import local_changes
@@ -16,6 +17,11 @@ from analysis.detectability.signal import ChangeSignal, GaussianSignal
 from analysis.detectability.sweep import SweepPlan, scene_sums, tiles_per_side
 from simulation import Model, Psf
 from simulation.arrays import FloatArray
+
+Found = dict[tuple[Observer, float], list[DPrime]]
+"""d' of contrast 1 at each zoom, by observer and noise."""
+
+Seen = dict[str, list[float]]
 
 _USUAL_ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
 
@@ -74,6 +80,7 @@ class DetectionTask:
             models=self.models,
             zooms=self.zooms,
             tiles_per_side=tiles_per_side(images),
+            is_compared="changes" in self.observers,
         )
 
 
@@ -129,7 +136,8 @@ def curves_of(
     Parameters
     ----------
     artefacts
-        Artefact of the plan's model with this index at each of its zooms, in a fixed order.
+        Artefact of the plan's model with this index at each of its zooms, in a fixed order;
+        after those of all models come the residuals of their comparisons.
     images
         Number of images that it is of.
     plan
@@ -147,7 +155,13 @@ def curves_of(
     curves: list[DetectabilityCurve] = []
     psf = plan.scenario.psf
     for number, model in enumerate(plan.models):
-        curves += _curves_of_model(model, artefacts(number), plan, task)
+        found = _linear_observers(model, artefacts(number), plan, task)
+        seen: Seen = {}
+        if "changes" in task.observers:
+            residuals = artefacts(len(plan.models) + number)
+            compared, seen = _comparisons(model, residuals, plan, task)
+            found.update(compared)
+        curves += _curves_of_model(model, found, seen, task, plan.zooms)
         progress(number + 1)
     return DetectabilityCurves(
         images=images,
@@ -159,16 +173,46 @@ def curves_of(
     )
 
 
-def _curves_of_model(
+def _linear_observers(
     model: Model, artefacts: Sequence[ArtefactTiles], plan: SweepPlan, task: DetectionTask
-) -> list[DetectabilityCurve]:
-    found: dict[tuple[Observer, float], list[DPrime]] = {}
+) -> Found:
+    found: Found = {}
+    observers = tuple(name for name in task.observers if name != "changes")
+    if not observers:
+        return found
     for zoom, artefact in zip(plan.zooms, artefacts, strict=True):
         changes = local_changes(task.signal, plan.scenario, model, zoom)
         for noise_dn in task.noises_dn:
-            results = d_primes(changes, artefact, noise_dn, task.observers, seed=task.seed)
+            results = d_primes(changes, artefact, noise_dn, observers, seed=task.seed)
             for observer, result in results.items():
                 found.setdefault((observer, noise_dn), []).append(result)
+    return found
+
+
+def _comparisons(
+    model: Model, residuals: Sequence[ArtefactTiles], plan: SweepPlan, task: DetectionTask
+) -> tuple[Found, Seen]:
+    """Observer ``changes``, and the spots that it saw by name of their lists, of contrast 1."""
+    found: Found = {}
+    spots = []
+    for zoom, residual in zip(plan.zooms, residuals, strict=True):
+        change = compared_change(task.signal, plan.scenario, model, zoom)
+        spots.append(change.spot)
+        for noise_dn in task.noises_dn:
+            result = comparison_d_prime(change, residual, noise_dn, seed=task.seed)
+            found.setdefault(("changes", noise_dn), []).append(result)
+    known = [spot for spot in spots if spot is not None]
+    if len(known) < len(spots):
+        return found, {}
+    return found, {
+        "sigma_px": [spot.sigma_px for spot in known],
+        "peak": [spot.peak for spot in known],
+    }
+
+
+def _curves_of_model(
+    model: Model, found: Found, seen: Seen, task: DetectionTask, zooms: Sequence[float]
+) -> list[DetectabilityCurve]:
     curves = []
     for observer in task.observers:
         for noise_dn in task.noises_dn:
@@ -176,6 +220,7 @@ def _curves_of_model(
             for contrast_dn in task.contrasts_dn:
                 # The noise does not depend on the signal: d' is proportional to the contrast.
                 values = [contrast_dn * result.value for result in results_at]
+                is_seen = observer == "changes" and bool(seen)
                 curves.append(
                     DetectabilityCurve(
                         model=model,
@@ -183,11 +228,13 @@ def _curves_of_model(
                         noise_dn=noise_dn,
                         contrast_dn=contrast_dn,
                         signal_sigma_px=task.signal.sigma_px,
-                        zoom=list(plan.zooms),
+                        zoom=list(zooms),
                         dprime=values,
                         dprime_low=[contrast_dn * result.low for result in results_at],
                         dprime_high=[contrast_dn * result.high for result in results_at],
                         auc=auc_of(np.array(values)).tolist(),
+                        seen_sigma_px=seen["sigma_px"] if is_seen else None,
+                        seen_dn=[contrast_dn * one for one in seen["peak"]] if is_seen else None,
                     )
                 )
     return curves

@@ -20,6 +20,8 @@ _RULES = (
     terminal.excludes("geometry", "pixel_size_mm", because="either says how large a pixel is"),
     terminal.needs("reference_height_mm", "geometry"),
     terminal.needs("transfer", "psf"),
+    terminal.needs("curve_noise", "curves"),
+    terminal.needs("curve_model", "curves"),
     terminal.excludes(
         "false_discovery_rate", "false_alarms", because="either decides the threshold"
     ),
@@ -110,6 +112,17 @@ def changes(
             help="Height at which the reference was taken; the lowest of --geometry by default.",
         ),
     ] = None,
+    curves: Annotated[
+        Path | None,
+        Option(
+            help="curves.json with observer changes: says how the limit compares with the one "
+            "that was predicted, and what the difference was lost to."
+        ),
+    ] = None,
+    curve_noise: Annotated[
+        float | None, Option(metavar="S", help="Use the curve for this noise in DN.")
+    ] = None,
+    curve_model: terminal.CurveModel = None,
     count_moved: Annotated[
         bool,
         Option(
@@ -140,7 +153,7 @@ def changes(
     """
     terminal.check_options(context, _RULES)
     terminal.refuse_suffix(report, "--report", terminal.REPORTS)
-    inputs_given = [reference, *followup, psf, noise, geometry, homography, points, mask]
+    inputs_given = [reference, *followup, psf, noise, geometry, curves, homography, points, mask]
     terminal.refuse_overwriting([report], inputs_given, force=force)
     sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
     library.require_writable([report])
@@ -160,6 +173,9 @@ def changes(
             pixel_size_mm=pixel_size_mm,
             geometry=geometry,
             reference_height_mm=reference_height_mm,
+            curves=curves,
+            curve_model=curve_model,
+            curve_noise_dn=curve_noise,
         ),
         "reading": terminal.reading_options(encoding, page, mean),
         "progress": terminal.ShownProgress(),
@@ -190,7 +206,12 @@ def changes(
 
 
 def _show_one(out: Path, summary: ChangeSummary) -> None:
-    from analysis.changes import describe_focus, describe_limit, describe_moved
+    from analysis.changes import (
+        describe_focus,
+        describe_limit,
+        describe_moved,
+        describe_prediction,
+    )
 
     found, count = summary.changes, len(summary.changes)
     if found:
@@ -222,6 +243,9 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
     limit = describe_limit(summary)
     if limit is not None:
         terminal.say(limit)
+    predicted = describe_prediction(summary)
+    if predicted is not None:
+        terminal.say(predicted)
     focus = describe_focus(summary)
     if focus is not None and summary.kernel != "both":  # of which a warning tells
         terminal.say(focus)

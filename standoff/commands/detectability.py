@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from typer import Argument, BadParameter, Option
 
-from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX
+from analysis.choices import ALL_OBSERVERS, OBSERVERS, REFERENCE_ZOOM, WINDOW_PX
 from simulation.choices import MODELS, Model
 from standoff import library, terminal
 from standoff.errors import ArgumentError
@@ -54,9 +54,13 @@ def detectability(
     signal: Annotated[
         Path | None, Option(help="Image patch to use as the change, instead of a Gaussian.")
     ] = None,
-    observer: Annotated[str, Option(help=f"Observers: any of {', '.join(OBSERVERS)}.")] = ",".join(
-        OBSERVERS
-    ),
+    observer: Annotated[
+        str,
+        Option(
+            help=f"Observers: any of {', '.join(ALL_OBSERVERS)}; the last one predicts what "
+            "standoff changes finds."
+        ),
+    ] = ",".join(OBSERVERS),
     model: Annotated[str, Option(help=f"Capture models: any of {', '.join(MODELS)}.")] = ",".join(
         _MODELS
     ),
@@ -80,7 +84,7 @@ def detectability(
     terminal.refuse_suffix(out, "--out", {".json"})
     zoom_list = terminal.number_list(zooms, _ZOOMS)
     contrasts = terminal.number_list(contrast, _CONTRASTS)
-    observers = _chosen(observer, "--observer", OBSERVERS)
+    observers = _chosen(observer, "--observer", ALL_OBSERVERS)
     models = _chosen(model, "--model", MODELS)
     noises = None if noise.endswith(".json") else terminal.number_list(noise, _NOISES)
     if psf is None and set(models) != {"bicubic"}:

@@ -126,6 +126,28 @@ class DetectionLevel:
         )
 
 
+def usual_widths(smoothing_px: float, compared_px: int) -> tuple[FilterWidth, ...]:
+    """Return the widths of the levels that a frame is expected to have, without allowances.
+
+    Parameters
+    ----------
+    smoothing_px
+        Width of the comparison's smoothing.
+    compared_px
+        Pixels of the frame.
+    """
+    widths: list[FilterWidth] = []
+    err = 0.0
+    for number, step_px in enumerate(_STEPS):
+        width_px = smoothing_px * _NARROWEST * 2**number
+        measured_err = sqrt(0.5 * 4 * pi * width_px**2 / compared_px)
+        prior_err = hypot(err, _PRIOR_ERR)
+        err = prior_err * measured_err / hypot(prior_err, measured_err)
+        spread_err = hypot(SPREAD_ERR, err)
+        widths.append(FilterWidth(width_px=width_px, step_px=step_px, spread_err=spread_err))
+    return tuple(widths)
+
+
 def detection_levels(compared: Comparison, false_share: float) -> tuple[DetectionLevel, ...]:
     """Smooth a difference further, the narrowest level first.
 

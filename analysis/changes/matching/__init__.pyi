@@ -1,4 +1,5 @@
 from .calibrated_blur import calibrated_blur_px2 as calibrated_blur_px2
+from .fitted_scatter import FittedScatter as FittedScatter
 from .matching_kernel import (
     KERNEL_RADIUS_PX as KERNEL_RADIUS_PX,
     MatchingKernel as MatchingKernel,
@@ -6,7 +7,7 @@ from .matching_kernel import (
     white_noise_gain as white_noise_gain,
 )
 from .pair_fit import PairFit as PairFit, fit_pair as fit_pair
-from .pixels import away_from as away_from
+from .pixels import away_from as away_from, sampled as sampled
 from .relative_blur import (
     RelativeBlur as RelativeBlur,
     Smoothing as Smoothing,

@@ -61,6 +61,15 @@ class MatchingKernel:
         """Kernel at the middle of the frame, shape ``(side, side)``, order (y, x)."""
         return self.coefficients[:_TAPS].reshape(_SIDE, _SIDE)
 
+    @property
+    def varying_shift_px2(self) -> float:
+        """Mean square over the frame of what varies of the kernel's centroid: of a displacement."""
+        one, of_x, of_y = self.coefficients[:_LINEAR].reshape(3, _SIDE, _SIDE)
+        q = np.arange(_SIDE) - KERNEL_RADIUS_PX
+        slopes = [[taps.sum(axis=0) @ q, taps.sum(axis=1) @ q] for taps in (of_x, of_y)]
+        # x and y from -1 to 1: their mean squares are 1/3.
+        return float(np.sum(np.square(slopes)) / 3 / one.sum() ** 2)
+
     def light(self, shape: tuple[int, int]) -> tuple[Float32Array, Float32Array]:
         """Gain, which is the sum of the kernel, and offset at every pixel."""
         sums = self.coefficients[:_LINEAR].reshape(3, _TAPS).sum(axis=1)

@@ -9,6 +9,7 @@ from analysis.changes import (
     describe_focus,
     describe_limit,
     describe_moved,
+    describe_prediction,
 )
 from analysis.detection_limits import DetectionLimit, size_text
 from analysis.reports.page import (
@@ -96,9 +97,11 @@ def _front(summary: ChangeSummary, facts: Sequence[tuple[str, str]]) -> ReportFr
 
 
 def _front_sentence(summary: ChangeSummary) -> str:
-    limit = describe_limit(summary)
     said = f"{comparison_sentence(summary)}."
-    return said if limit is None else f"{said} {limit[0].upper()}{limit[1:]}."
+    for sentence in (describe_limit(summary), describe_prediction(summary)):
+        if sentence is not None:
+            said += f" {sentence[0].upper()}{sentence[1:]}."
+    return said
 
 
 def comparison_sentence(summary: ChangeSummary) -> str:

@@ -4,7 +4,12 @@ from base64 import b64encode
 
 from markupsafe import Markup
 
-from analysis.changes import ChangeSummary, describe_focus, describe_limit
+from analysis.changes import (
+    ChangeSummary,
+    describe_focus,
+    describe_limit,
+    describe_prediction,
+)
 from analysis.pose import PoseSummary
 from analysis.reports.changes.sections import comparison_sentence, count_text, list_table
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable
@@ -25,16 +30,12 @@ def stored_changes_section(
     summary, figure_png
         Its changes.json and its changes-figure.png.
     """
-    focus = describe_focus(summary)
     text = [
         f"{summary.followup} against {summary.reference}: {count_text(len(summary.changes))}. "
         f"{comparison_sentence(summary)}."
     ]
-    limit = describe_limit(summary)
-    if limit is not None:
-        text.append(f"{limit[0].upper()}{limit[1:]}.")
-    if focus is not None:
-        text.append(f"{focus[0].upper()}{focus[1:]}.")
+    said = (describe_limit(summary), describe_prediction(summary), describe_focus(summary))
+    text += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in said if sentence is not None]
     text += [f"Warning: {warning}." for warning in summary.warnings]
     if len(summary.changes) > _LISTED:
         text.append(f"The {_LISTED} most significant changes are listed.")

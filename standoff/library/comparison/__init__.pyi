@@ -15,6 +15,7 @@ from .change_search import (
 )
 from .limit_options import (
     DetectionLimitOptions as DetectionLimitOptions,
+    limit_files as limit_files,
 )
 from .registered import (
     FeatureMatches as FeatureMatches,

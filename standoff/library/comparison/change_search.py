@@ -34,8 +34,10 @@ from standoff.library.comparison.alignment_hints import AlignmentHints, hint_fil
 from standoff.library.comparison.limit_options import (
     DetectionLimitOptions,
     SceneScale,
+    limit_files,
     scene_scale,
 )
+from standoff.library.comparison.limit_prediction import expected_limit, note_on_prediction
 from standoff.library.files import (
     make_folder,
     write_figure,
@@ -191,7 +193,8 @@ def find_changes(
     white_level
         Level of the files at which they are clipped; the files' own by default.
     limit
-        Which spots the detection limit is mapped for, and how large a pixel is in mm.
+        Which spots the detection limit is mapped for, how large a pixel is in mm, and the curves
+        that predict a limit.
     count_moved
         Count what a shift of a few pixels explains among the changes, not apart.
     reading
@@ -219,7 +222,7 @@ def find_changes(
     >>> found = standoff.find_changes("before.tif", "after.tif")
     >>> [(one.x_px, one.y_px, one.amplitude_dn) for one in found.summary.changes]
     """
-    files = psf, noise, None if limit is None else limit.geometry, *hint_files(hints)
+    files = psf, noise, *limit_files(limit), *hint_files(hints)
     call = Call("find_changes", progress, reading, files)
     options = ChangeOptions(
         noise=camera_noise(noise),
@@ -238,6 +241,7 @@ def find_changes(
     found = compared(near, far, known, rules)
     for warning in found.summary.warnings:
         call.announce(warning)
+    note_on_prediction(call, limit, found.summary)
     summary = found.summary.model_copy(
         update={
             "reference": near.name,
@@ -260,7 +264,10 @@ def comparison_rules(
     asked = limit or DetectionLimitOptions()
     return ComparisonRules(
         options=replace(
-            options, spot_sigma_px=asked.spot_sigma_px, limit_contrast_dn=asked.contrast_dn
+            options,
+            spot_sigma_px=asked.spot_sigma_px,
+            limit_contrast_dn=asked.contrast_dn,
+            expected=expected_limit(asked),
         ),
         hints=hints,
         white_level=white_level,

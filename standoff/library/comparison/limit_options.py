@@ -9,8 +9,10 @@ from analysis.detection_limits import DetectionLimit
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration
+from simulation import Model
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
+from standoff.library.detectability import CurveLike
 from standoff.library.inputs import FilePath, PsfLike, path_of
 from standoff.library.psf import read_psf
 
@@ -31,6 +33,11 @@ class DetectionLimitOptions:
         Instead of it the camera's geometry, and the height at which the reference was taken; by
         default the lowest of the geometry. With neither, sizes are those on the sensor, if the
         PSF's calibration states the pixel pitch.
+    curves
+        Curves of d' with one of observer ``changes``: the limit that it predicts is held against
+        the one that the pair shows.
+    curve_model, curve_noise_dn
+        Which of several such curves.
 
     Raises
     ------
@@ -43,6 +50,9 @@ class DetectionLimitOptions:
     pixel_size_mm: float | None = None
     geometry: GeometryCalibration | FilePath | None = None
     reference_height_mm: float | None = None
+    curves: CurveLike | None = None
+    curve_model: Model | None = None
+    curve_noise_dn: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("spot_sigma_px", "contrast_dn", "pixel_size_mm"):
@@ -53,6 +63,11 @@ class DetectionLimitOptions:
             raise ArgumentError("pixel_size_mm: the geometry states it already; give one of them")
         if self.reference_height_mm is not None and self.geometry is None:
             raise ArgumentError("reference_height_mm: needs a geometry, which has the scale there")
+
+
+def limit_files(options: DetectionLimitOptions | None) -> tuple[object, ...]:
+    """What the options were read from, for the provenance."""
+    return () if options is None else (options.geometry, options.curves)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -62,6 +62,7 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             "limit_contrast_dn": options.limit_contrast_dn,
             "count_moved": options.count_moved,
             "scale": asdict(self.rules.scale),
+            "expected": None if options.expected is None else asdict(options.expected),
         }
 
     def find(self, near: Photograph, photograph: Photograph) -> ComparedPhotographs:

@@ -36,6 +36,7 @@ from standoff.library.comparison import (
     RegistrationHints,
     comparison_rules,
     hint_files,
+    limit_files,
 )
 from standoff.library.detectability import CurveLike, given_curve
 from standoff.library.files import each_image, write_file, write_page
@@ -148,7 +149,7 @@ def find_changes_of_series(
     >>> found = standoff.find_changes_of_series("before.tif", "after", "changes")
     >>> found.document.changed
     """
-    files = psf, noise, None if limit is None else limit.geometry, *hint_files(hints)
+    files = psf, noise, *limit_files(limit), *hint_files(hints)
     call = Call("find_changes_of_series", progress, reading, files)
     options = ChangeOptions(
         noise=camera_noise(noise),

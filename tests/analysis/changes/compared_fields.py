@@ -7,8 +7,18 @@ from analysis.changes.change_list import list_changes
 from analysis.changes.comparison import Comparison
 from analysis.changes.detection.levels import detection_levels
 from analysis.changes.detection.linked_regions import LinkedRegion, link_levels
+from analysis.changes.matching import FittedScatter, Smoothing, WhiteNoiseGain
 from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
+
+WHITE = FittedScatter(
+    gains=WhiteNoiseGain(source=0.5, target=0.5),
+    noise_dn2=1.0,
+    white_dn2=1.0,
+    structure_share=0.0,
+    displaced=0.0,
+)
+"""Of a difference that is noise alone."""
 
 
 def spot(
@@ -54,13 +64,14 @@ def comparison(
     if valid is None:
         valid = np.ones(difference_dn.shape, dtype=np.bool_)
     return Comparison(
+        scatter=WHITE,
         is_on_followup=is_on_followup,
         difference_dn=np.where(valid, difference_dn, 0.0),
         plain_difference_dn=difference_dn,
         sd_dn=np.broadcast_to(sd_dn, difference_dn.shape),
         valid=valid,
         smoothing_px=smoothing_px,
-        followup_smoothing_px=smoothing_px,
+        smoothing=Smoothing(source_px=smoothing_px, target_px=smoothing_px),
         target_dn=np.where(valid, difference_dn, 0.0).astype(np.float32),
         matched_scale=1.0,
         kernel="pair",

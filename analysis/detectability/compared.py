@@ -1,0 +1,269 @@
+"""The observer ``changes``: how far a change stands out in a comparison of two photographs.
+
+The comparison matches both photographs at one sharpness on the coarser one's pixels and looks for
+changes behind Gaussians of several widths. d' is the significance that a change has by itself
+behind the best of them. What noise leaves there is known in closed form; what aliasing leaves is
+measured on pairs that the capture model makes from the photographs, without noise.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, pi, sqrt
+
+import cv2
+import numpy as np
+
+from analysis.changes import (
+    ExpectedFilters,
+    FilterWidth,
+    LimitCurve,
+    smoothing_for,
+    unexplained,
+)
+from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
+from analysis.detectability.curves import DetectabilityCurve
+from analysis.detectability.dprime import BOOTSTRAP_REPLICATES, DPrime, drawn_shares, interval_of
+from analysis.detectability.pair import ComparedPair, compared_pair, frame_size_px
+from analysis.detectability.scenario import Scenario
+from analysis.detectability.signal import ChangeSignal, GaussianSignal, signal_offsets_px
+from simulation import Model, SamplingGrid
+from simulation.arrays import FloatArray
+
+_LEAST_ZOOM = 1.01
+"""Zoom of the pair that shows what aliasing leaves: at 1 the pixels of a simulated pair coincide,
+those of two photographs never do."""
+
+_PROBES_PX = (1.0, 2.0)
+"""Filters behind which a spot's height tells its width and peak."""
+
+_LEAST_PX2 = 1e-6
+_OFF_PX2 = 1 / 6
+"""Mean squared distance of a change from the nearest pixel's centre."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenSpot:
+    """A change as a photograph shows it: the Gaussian spot that stands as high behind filters.
+
+    ``sigma_px`` is in the photograph's pixels, ``peak`` that of a change of contrast 1.
+    """
+
+    sigma_px: float
+    peak: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComparedChange:
+    """A change of contrast 1 in a comparison.
+
+    Parameters
+    ----------
+    filters
+        Of the comparison.
+    heights
+        Of the change behind each of their widths.
+    spot
+        The change as the follow-up shows it; None where it is no Gaussian.
+    """
+
+    filters: ExpectedFilters
+    heights: tuple[float, ...]
+    spot: SeenSpot | None
+
+
+def scene_residual(
+    scene_dn: FloatArray, scenario: Scenario, model: Model, zoom: float, tiles_per_side: int = 4
+) -> ArtefactTiles:
+    """Measure what a comparison leaves of one scene image without noise, at its median place.
+
+    Parameters
+    ----------
+    scene_dn
+        The image c, grey, shape ``(rows, cols)``, finite.
+    scenario, model, zoom
+        How the two images come about.
+    tiles_per_side
+        Tiles are what the bootstrap draws.
+
+    Raises
+    ------
+    ValueError
+        If the image is too small for the zoom and the window.
+    """
+    shape, zoom = (scene_dn.shape[0], scene_dn.shape[1]), max(zoom, _LEAST_ZOOM)
+    pair = compared_pair(shape, scenario.psf, model, zoom, scenario.reference_zoom)
+    far = SamplingGrid.centred(shape, scenario.reference_zoom * zoom)
+    left = unexplained(
+        pair.reference_of(scene_dn),
+        np.asarray(pair.followup.apply(scene_dn), dtype=np.float64),
+        np.linalg.inv(pair.reference_grid.matrix) @ far.matrix,
+        comparison_filters(scenario, model, zoom).smoothing,
+    )
+    return artefact_tiles(left.at_the_median_place, scenario.window_px, tiles_per_side)
+
+
+@lru_cache(maxsize=64)
+def comparison_filters(scenario: Scenario, model: Model, zoom: float) -> ExpectedFilters:
+    """Return the filters of a comparison, from how blurry both photographs show a small spot."""
+    probe = GaussianSignal(sigma_px=scenario.reference_zoom)
+    frame = _Frame.around(probe, scenario, model, zoom)
+    near = frame.spot(frame.reference(probe), scenario.reference_zoom)
+    far = frame.spot(frame.followup(probe), scenario.reference_zoom * zoom)
+    blur_px2 = far.sigma_px**2 - near.sigma_px**2 / zoom**2
+    return ExpectedFilters(zoom=zoom, smoothing=smoothing_for(blur_px2))
+
+
+def compared_change(
+    signal: ChangeSignal, scenario: Scenario, model: Model, zoom: float
+) -> ComparedChange:
+    """Work out what a comparison's filters show of a change of contrast 1.
+
+    Parameters
+    ----------
+    signal
+        On the grid of c.
+    scenario, model, zoom
+        How the two images come about.
+    """
+    filters = comparison_filters(scenario, model, zoom)
+    frame = _Frame.around(signal, scenario, model, zoom)
+    total = scenario.reference_zoom * zoom
+    if isinstance(signal, GaussianSignal):
+        spot = frame.spot(frame.followup(signal), total)
+        own = tuple(spot.peak * filters.response(width, spot.sigma_px) for width in filters.widths)
+        return ComparedChange(filters=filters, heights=own, spot=spot)
+    images = [
+        frame.followup(signal, offset) for offset in signal_offsets_px(scenario.positions, total)
+    ]
+    heights = []
+    for width in filters.widths:
+        peaks = [float(np.abs(_smoothed(image, width.width_px)).max()) for image in images]
+        # Wider filters are sampled less densely.
+        beside = np.exp(-_OFF_PX2 * (width.step_px**2 - 1) / (2 * width.width_px**2))
+        heights.append(float(np.mean(peaks) * beside))
+    return ComparedChange(filters=filters, heights=tuple(heights), spot=None)
+
+
+def comparison_d_prime(
+    change: ComparedChange,
+    residual: ArtefactTiles,
+    noise_dn: float,
+    *,
+    seed: int = 0,
+    replicates: int = BOOTSTRAP_REPLICATES,
+) -> DPrime:
+    """Return how many standard deviations a change of contrast 1 stands out at its median place.
+
+    Parameters
+    ----------
+    change
+        From `compared_change`.
+    residual
+        From `scene_residual`, of all scene images in a fixed order.
+    noise_dn
+        Standard deviation of the white noise in either image.
+    seed, replicates
+        For the bootstrap over tiles.
+
+    Raises
+    ------
+    ValueError
+        If the noise is not positive.
+    """
+    if not (noise_dn > 0 and np.isfinite(noise_dn)):
+        raise ValueError(f"noise_dn must be positive, got {noise_dn}")
+    drawn = drawn_shares(residual.pixels, seed, replicates)
+    shares = residual.pixels / residual.pixels.sum()
+    values: list[float] = []
+    replicated: list[FloatArray] = []
+    for width, height in zip(change.filters.widths, change.heights, strict=True):
+        noise_dn2 = noise_dn**2 * change.filters.noise_gain(width)
+        sums = _residual_sums(residual, change.filters, width)
+        whole = max(float(shares @ (sums / residual.pixels)), 0.0)
+        values.append(height / (width.allowance * sqrt(noise_dn2 + whole)))
+        parts = np.maximum(drawn @ sums, 0.0)
+        replicated.append(height / (width.allowance * np.sqrt(noise_dn2 + parts)))
+    low, high = interval_of(np.max(replicated, axis=0))
+    return DPrime(value=max(values), low=low, high=high)
+
+
+def expected_limits(curve: DetectabilityCurve) -> LimitCurve:
+    """Turn a curve of observer ``changes`` round: the limit that comparisons should have.
+
+    Raises
+    ------
+    ValueError
+        If the curve is of another observer, or its change has no width.
+    """
+    if curve.observer != "changes" or curve.seen_sigma_px is None or curve.seen_dn is None:
+        raise ValueError(
+            f"{curve.name}: not of observer changes and a Gaussian change; only those say what a "
+            "comparison finds"
+        )
+    d_primes = np.asarray(curve.dprime)
+    never = np.full(len(d_primes), np.inf)
+    limits = np.divide(np.asarray(curve.seen_dn), d_primes, out=never, where=d_primes > 0)
+    return LimitCurve(
+        zoom=tuple(curve.zoom),
+        spot_sigma_px=tuple(curve.seen_sigma_px),
+        dn_per_height=tuple(limits.tolist()),
+        noise_dn=curve.noise_dn,
+    )
+
+
+def _residual_sums(
+    residual: ArtefactTiles, filters: ExpectedFilters, width: FilterWidth
+) -> FloatArray:
+    """Sum over each tile's pixels of the squared residual behind a width, shape (tiles,)."""
+    lags = residual.products_dn2.shape[1] // 2
+    return np.asarray(np.tensordot(residual.products_dn2, filters.averaging(width, lags), axes=2))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Frame:
+    """Operators for a square frame of c in which a signal near the middle meets no border."""
+
+    pair: ComparedPair
+    side_px: int
+
+    @classmethod
+    def around(
+        cls, signal: ChangeSignal, scenario: Scenario, model: Model, zoom: float
+    ) -> "_Frame":
+        total = scenario.reference_zoom * zoom
+        reach_px = signal.reach_px + 8 * ceil(total)
+        side = frame_size_px(
+            scenario.psf, reach_px, scenario.window_px, zoom, scenario.reference_zoom
+        )
+        pair = compared_pair((side, side), scenario.psf, model, zoom, scenario.reference_zoom)
+        return cls(pair=pair, side_px=side)
+
+    def reference(self, signal: ChangeSignal) -> FloatArray:
+        """The reference's pixels of a signal in the middle."""
+        return self.pair.reference_of(signal.image(self.side_px, (0, 0)))
+
+    def followup(self, signal: ChangeSignal, offset_px: tuple[int, int] = (0, 0)) -> FloatArray:
+        """The follow-up's pixels of a signal, offset ``(y, x)`` from the middle."""
+        scene = signal.image(self.side_px, offset_px)
+        return np.asarray(self.pair.followup.apply(scene), dtype=np.float64)
+
+    def spot(self, image: FloatArray, total_zoom: float) -> SeenSpot:
+        """The spot ``peak sigma^2 / (sigma^2 + w^2)`` high behind widths w, as an image's middle.
+
+        ``total_zoom`` is that from c to the image.
+        """
+        grid = SamplingGrid.centred((self.side_px, self.side_px), total_zoom)
+        at = (self.side_px // 2 - grid.rows_px) / total_zoom
+        inverse = []
+        for width_px in _PROBES_PX:
+            line = np.exp(-(at**2) / (2 * width_px**2)) / (sqrt(2 * pi) * width_px)
+            inverse.append(1 / float(line @ image @ line))
+        # 1 / height is a straight line over w^2.
+        (first, second), (narrow, wide) = inverse, _PROBES_PX
+        slope = (second - first) / (wide**2 - narrow**2)
+        start = first - slope * narrow**2
+        return SeenSpot(sigma_px=sqrt(max(start / slope, _LEAST_PX2)), peak=1 / start)
+
+
+def _smoothed(image: FloatArray, width_px: float) -> FloatArray:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), width_px, borderType=cv2.BORDER_CONSTANT))
