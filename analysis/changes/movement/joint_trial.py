@@ -60,14 +60,14 @@ class _Chi2:
 
 
 class JointTrial(Trial):
-    """Several changes, whose pixels were given one change after the other."""
+    """Several changes, the strongest first."""
 
     def joint_shift(self, ways: IntArray, member: IntArray) -> "JointShift | None":
         """Find one shift of several changes; each pixel came from a changed place or went to one.
 
         ``member`` numbers the change of each pixel that was given.
         """
-        member = member[:: self._stride]
+        member = self._member_of_own(member)
         pixels, sparse = self._pixels(1.0)[: self._own], 1 + self._own // _MOST_SEARCHED
         costs = joint_search_costs(pixels[::sparse], self._images, self._changed, ways)
         rest = self._by_member(self._static[: self._own], member)
@@ -93,8 +93,15 @@ class JointTrial(Trial):
         shift = self.explained(replace(fit, share=share, gain=gain))
         return JointShift(shift=shift, members=np.flatnonzero(kept))
 
+    def _member_of_own(self, member: IntArray) -> IntArray:
+        """The change of each pixel that is looked at: the strongest, of those that share one."""
+        number = np.zeros(self._valid.shape, dtype=np.int64)
+        rows, cols = self._given
+        number[rows[::-1], cols[::-1]] = member[::-1]
+        return np.asarray(number[self._y[: self._own], self._x[: self._own]])
+
     def _by_member(self, square: FloatArray, member: IntArray) -> "_Chi2":
-        count = int(member.max()) + 1
+        count = int(member.max(initial=0)) + 1
         return _Chi2(
             chi2=np.asarray(self._norm * np.bincount(member, square, count), dtype=np.float64),
             values=np.asarray(self._norm * np.bincount(member, minlength=count), dtype=np.float64),

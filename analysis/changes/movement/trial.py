@@ -134,7 +134,8 @@ class Trial:
         self._sd = np.where(self._valid, images.sd_dn[crop], 1.0).astype(np.float64)
         self._reach_px = reach_px
         own = np.zeros(self._valid.shape, dtype=np.uint8)
-        own[rows - top, cols - left] = 1
+        self._given = rows - top, cols - left
+        own[self._given] = 1
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * ring + 1, 2 * ring + 1))
         around = (cv2.dilate(own, disc) > own) & self._valid
         inner, outer = np.nonzero(own), np.nonzero(around)
