@@ -7,7 +7,7 @@ movement.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,6 +21,10 @@ _NEAR_PX, _FAR_PX = 6.0, 16.0
 
 _MOST_JOINED, _MOST_JOINED_PX = 8, 1000
 """Changes that are tried together, and pixels of each."""
+
+_SKIRT, _STRIP_SHARE = 2.0, 0.5
+"""Of what lies beside a movement and is part of it: its distance beyond the displacement over the
+smoothing, and its pixels over those of the movement, at most."""
 
 _MOST_MEASURED = 40
 """Pixels of a change between which distances are measured."""
@@ -104,7 +108,39 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
         for index in group:
             near[index] += [other for other in group if other not in (index, *near[index])]
     _add_followers(images, regions, found, near)
-    return _joined(images, regions, found, near)
+    movements = _joined(images, regions, found, near)
+    return _with_strips(movements, regions, images.smoothing_px)
+
+
+def _with_strips(
+    movements: Sequence[Movement], regions: Sequence[ChangedRegion], smoothing_px: float
+) -> tuple[Movement, ...]:
+    """Add what a thing covers or uncovers on its way, which no shift explains.
+
+    That lies within the displacement of what the shift explains, and is less of it.
+    """
+    free = set(range(len(regions))).difference(*(one.regions for one in movements))
+    made = []
+    for movement in movements:
+        pixels = _pixels_of(regions, movement.regions)
+        reach = float(np.hypot(*movement.displacement_px)) + _SKIRT * smoothing_px
+        tree = cKDTree(pixels)
+        strips = [
+            index
+            for index in sorted(free)
+            if len(regions[index].rows) <= _STRIP_SHARE * len(pixels)
+            and np.max(tree.query(_pixels_of(regions, (index,)))[0]) <= reach
+        ]
+        free -= set(strips)
+        made.append(replace(movement, regions=tuple(sorted((*movement.regions, *strips)))))
+    return tuple(made)
+
+
+def _pixels_of(regions: Sequence[ChangedRegion], chosen: Sequence[int]) -> IntArray:
+    """Rows and columns of some changes, shape ``(n, 2)``."""
+    return np.concatenate(
+        [np.stack([regions[one].rows, regions[one].cols], axis=1) for one in chosen]
+    )
 
 
 def _add_joint(
