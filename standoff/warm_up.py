@@ -22,6 +22,7 @@ from acquisition.averaging import average_frames
 from acquisition.bench import load_bench
 from acquisition.devices import FrameImage
 from acquisition.focus import FOCUS_MEASURES, focus_value
+from analysis.changes import ChangeOptions, find_changes
 from analysis.validation import scaled_up
 from calibration.edge_fit import EdgeFit
 from calibration.edge_search import find_edges
@@ -33,7 +34,7 @@ from calibration.edges import (
     roughness_px,
     without_shading,
 )
-from calibration.registration import RegistrationHints, register
+from calibration.registration import DistortedPose, RegistrationHints, register
 from hil_mocks.scene import PeriodicImage
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf
@@ -181,8 +182,21 @@ def _demo(rng: np.random.Generator) -> None:
     _run(_OF_THE_DEMO, rng)
 
 
+def _moved_things(rng: np.random.Generator) -> None:
+    """What a comparison computes where something changed: a patch that moved over its ground."""
+    before, beneath = texture(rng), texture(rng)
+    after = before.copy()
+    before[60:90, 60:100], after[62:92, 61:101] = beneath[60:90, 60:100], beneath[60:90, 60:100]
+    pose = DistortedPose(
+        matrix=np.eye(3), k1=0.0, reference_shape=before.shape, followup_shape=after.shape
+    )
+    first, second = (image + rng.normal(0, 200.0, image.shape) for image in (before, after))
+    find_changes(first, second, None, ChangeOptions(pose=pose))
+
+
 def _pairs(rng: np.random.Generator) -> None:
     _run((*_OF_THE_DEMO[:1], *_OF_PAIRS), rng)
+    _moved_things(rng)
 
 
 _WORK: dict[str, Callable[[np.random.Generator], None]] = {
