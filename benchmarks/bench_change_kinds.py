@@ -195,7 +195,8 @@ def scored(
     """Compare pairs of a kind; swapped, the spots are in the earlier photograph."""
     score = Score()
     before, after = (replace(how, noise_dn=study.noise_dn) for how in kind.developments)
-    for unchanged, changed, where in made:
+    for number, (unchanged, changed, where) in enumerate(made):
+        first = 1000 * study.seed + 100 * number  # noise of its own for each pair
         pose = DistortedPose(
             matrix=unchanged.matrix,
             k1=unchanged.pose.distortion_k1,
@@ -212,7 +213,7 @@ def scored(
             return find_changes(reference, followup, kind.psf, ChangeOptions(pose=known))
 
         for draw in range(study.draws):
-            result = found(unchanged, study.seed + draw)
+            result = found(unchanged, first + draw)
             size = np.abs(result.significance[result.valid])
             score.flagged.append(
                 [
@@ -220,7 +221,7 @@ def scored(
                     for r in STATED
                 ]
             )
-        result = found(changed, study.seed + study.draws)
+        result = found(changed, first + study.draws)
         change = np.abs(changed.followup_dn - unchanged.followup_dn)
         _add_spots(score, result, change, where, pose if is_swapped else None)
     return score

@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_figures")]
 
 FILES = (
     *("changes-figure.png", "changes.csv", "changes.json", "changes.png", "compared.png"),
-    *("difference.tif", "plain-difference.tif", "pose-difference.tif", "report.html"),
+    *("difference.tif", "limit.tif", "plain-difference.tif", "pose-difference.tif", "report.html"),
     *("significance.tif", "uncertainty.tif"),
 )
 WITH_PROVENANCE = ("changes.json", "report.html")
