@@ -99,7 +99,8 @@ def test_a_setting_out_of_range_is_refused_and_changes_nothing(camera: Camera) -
 def test_a_stopped_camera_starts_again(camera: Camera) -> None:
     for _ in range(2):
         camera.start()
-        assert camera.next_frame(1.0).is_complete
+        # A packet may be lost on a busy computer, and a frame with it, but not three in a row.
+        assert any(camera.next_frame(1.0).is_complete for _ in range(3))
         camera.stop()
 
 

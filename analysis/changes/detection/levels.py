@@ -174,9 +174,11 @@ def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:
         if number and independent < _LEAST_INDEPENDENT:
             return
         sums = sums.wider(width, step)
-        # Of the narrowest, all that was compared.
-        counts = compared.valid if number == 0 else sums.weight > _LEAST_WEIGHT
-        difference, sd, valid = sums.level(own, np.asarray(counts))
+        # Of the narrowest, all that was compared; of the others, what has enough around it.
+        counts = compared.valid[::step, ::step]
+        if number:
+            counts = counts & (sums.weight > _LEAST_WEIGHT)
+        difference, sd, valid = sums.level(own, counts)
         # Most probable, given how alike levels are and what this one measures.
         measured = log(_spread(difference, sd, valid, width / step))
         measured, measured_err = max(measured, log_factor - _MOST_LESS), sqrt(0.5 / independent)

@@ -165,3 +165,32 @@ def test_what_is_small_and_strong_within_what_is_wide_is_part_of_neither_more_th
     assert pieces.max() > 5.5  # the narrowest filter alone has pieces of it
     (region,) = link_levels(levels, 5.5).regions
     assert region.level >= 2
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    holes=st.integers(1, 40),
+    size=st.integers(1, 12),
+    height=st.floats(3.0, 300.0),
+)
+@settings(max_examples=15, deadline=None)
+def test_masks_full_of_holes_have_a_list_of_places_that_were_compared(
+    seed: int, holes: int, size: int, height: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    valid = np.ones((96, 110), dtype=np.bool_)
+    for row, col in rng.integers(0, 90, (holes, 2)):
+        valid[row : row + size, col : col + size] = False
+    field = smoothed_noise(rng, valid.shape, 1.0)
+    for place in rng.uniform(10, 86, (4, 2)).tolist():
+        spot = (place[0], place[1])
+        field += smoothed_spot(valid.shape, spot, height, float(rng.uniform(0.5, 8.0)), 1.0)
+    compared = comparison(field, valid=valid)
+    found = link_levels(detection_levels(compared, 1e-6), 5.0)
+    assert not found.is_change[~valid].any()
+    for region in found.regions:
+        assert len(region.rows)
+        assert valid[region.row, region.col]
+    for change in listed(compared, SAME, 5.0):
+        assert change.amplitude_err_dn > 0
+        assert change.spot_sigma_px is not None
