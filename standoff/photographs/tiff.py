@@ -30,7 +30,7 @@ _JPEG = {7, 33007, 34892}
 _WITH_A_SIZE = {*_JPEG, 33003, 33004, 33005, 34712, 34933, 50001}
 _WITHOUT_A_SIZE = {1, 2, 3, 4, 5, 8, 32771, 32773, 32946, 34925, 50000}
 _ICC_TAG, _EXIF_TAG, _CFA_REPEAT_TAG, _CFA_PATTERN_TAG = 34675, 34665, 33421, 33422
-_BLACK_REPEAT_TAG = 50713
+_BLACK_REPEAT_TAG, _SUB_DIRECTORIES_TAG = 50713, 330
 _SMALL_PX = 1 << 16
 _REDUCED_OR_MASK = 1 | 4
 _PATTERNS: dict[object, Pattern] = {(0, 1, 1, 2): "RGGB", (1, 0, 2, 1): "GRBG",
@@ -170,7 +170,13 @@ class _Stack:
 def _stack(tiff: tifffile.TiffFile, data: bytes) -> _Stack:
     pages = _full_size(tiff.pages)
     if not pages:  # a thumbnail first, the image in a directory below it
-        pages = _full_size(tiff.pages.first.pages or ()) or [tiff.pages.first]
+        pages = _full_size(tiff.pages.first.pages or ())
+        if not pages and _SUB_DIRECTORIES_TAG in tiff.pages.first.tags:
+            raise DecodingError(
+                "its first image is a thumbnail, and the picture below it is not read; save the "
+                "picture as a TIFF of its own"
+            )
+        pages = pages or [tiff.pages.first]
     _refuse_unread(pages[0])
     _refuse_giant(pages[0], data)
     frames = None

@@ -268,6 +268,17 @@ def test_a_thumbnail_above_the_image_is_not_measured(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path, buffer.getvalue()).stored, GREY_16)
 
 
+@pytest.mark.parametrize("place", [2**31 - 2, 0])
+def test_a_thumbnail_whose_picture_cannot_be_read_is_not_measured_for_it(
+    tmp_path: Path, place: int
+) -> None:
+    tags = [long_tag(254, 1), *grey_tags(40, 52, 8), long_tag(330, place)]
+    head = b"II*\0" + struct.pack("<I", 8 + GREY.size)
+    said = refusal(tmp_path, head + GREY.tobytes() + directory(tags, 8 + GREY.size))
+    assert "thumbnail" in said
+    assert "TIFF of its own" in said
+
+
 @pytest.mark.parametrize("is_below", [False, True])
 def test_a_pyramid_is_one_image(tmp_path: Path, is_below: bool) -> None:
     buffer = BytesIO()
