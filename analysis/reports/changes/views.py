@@ -10,7 +10,7 @@ from analysis.changes import Change
 from analysis.reports.changes.pictures import ComparedPictures
 from analysis.reports.page import ReportFigure
 
-BRIGHTER, DARKER = "#d55e00", "#0072b2"
+BRIGHTER, DARKER, MOVED = "#d55e00", "#0072b2", "#009e73"
 
 _PRINTED_WIDTH_IN = 2.38  # three side by side on A4
 _RING_SHARE = 1 / 70  # of the frame's width: the least radius of a ring that is seen
@@ -19,7 +19,10 @@ _MOST_MARKED = 200
 
 
 def view_figures(
-    pictures: ComparedPictures, changes: Sequence[Change], size: tuple[int, int]
+    pictures: ComparedPictures,
+    changes: Sequence[Change],
+    size: tuple[int, int],
+    moved: Sequence[Change] = (),
 ) -> tuple[ReportFigure, ...]:
     """Return the views before, after and difference; the page's script links and blinks them.
 
@@ -31,14 +34,17 @@ def view_figures(
         Numbered from 1 in this order.
     size
         ``(width, height)`` of the follow-up, in whose pixels changes are placed.
+    moved
+        Movements, which get dashed rings without numbers.
     """
-    marks = "".join(
+    marks = "".join(_moved_mark(change, size[0]) for change in moved[:_MOST_MARKED])
+    marks += "".join(
         _mark(number, change, size[0]) for number, change in enumerate(changes[:_MOST_MARKED], 1)
     )
     captions = {
         "before": "Before: the reference on the follow-up's pixels, in the follow-up's light.",
         "after": "After: the follow-up. Rings and numbers are the changes of the list: "
-        "orange brighter, blue darker than before.",
+        "orange brighter, blue darker than before" + ("; dashed green: moved." if moved else "."),
         "difference": "After minus before, less what pose, light and blur explain: red is "
         f"brighter, blue darker, full colour at {pictures.reach_dn:.3g} DN.",
     }
@@ -66,6 +72,14 @@ def _view(name: str, picture: bytes, masks: bytes, marks: str, size: tuple[int, 
         f'<image class="picture" {frame} href="{_url(picture, "jpeg")}"/>'
         f'<image class="masks" {frame} href="{_url(masks, "png")}"/>'
         f'<g class="marks">{marks}</g></svg>'
+    )
+
+
+def _moved_mark(change: Change, width: int) -> str:
+    radius = max(1.7 * sqrt(change.area_px / pi), width * _RING_SHARE)
+    return (
+        f'<circle cx="{change.x_px:.2f}" cy="{change.y_px:.2f}" r="{radius:.2f}" fill="none" '
+        f'stroke="{MOVED}" stroke-width="{width / 350:.2f}" stroke-dasharray="{width / 90:.2f}"/>'
     )
 
 

@@ -124,7 +124,7 @@ class ComparedPhotographs(ChangeResult):
         pictures = compared_pictures(self.reference.grey_dn, self, self.left_out)
         return render_changes_report(
             self.summary,
-            view_figures(pictures, self.summary.changes, (cols, rows)),
+            view_figures(pictures, self.summary.changes, (cols, rows), self.summary.moved),
             limit_figure(self),
             tuple(
                 (f"{when}, taken", photograph.facts.taken or "not stated")

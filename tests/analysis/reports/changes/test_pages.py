@@ -273,3 +273,26 @@ def test_the_views_blink_and_move_together(tmp_path: Path) -> None:
         view.wait_for_function(f"({shown})() === 1")
         browser.close()
     assert errors == []
+
+
+def test_what_moved_has_dashed_rings_and_rows_but_no_number() -> None:
+    moved = CHANGES[0].model_copy(
+        update={
+            "is_moved": True,
+            "displacement_px": (2.0, -1.0),
+            "displacement_err_px": (0.1, 0.2),
+            "x_px": 33.0,
+        }
+    )
+    found = summary(moved=(moved,), moved_px=9)
+    after = np.random.default_rng(0).normal(100, 10, SHAPE)
+    pictures = compared_pictures(after, result(after, np.zeros(SHAPE, np.bool_)), None)
+    views = view_figures(pictures, CHANGES, (SHAPE[1], SHAPE[0]), found.moved)
+    for view in views:
+        assert view.markup.count("stroke-dasharray") == 1
+        assert view.markup.count("<g data-change=") == len(CHANGES)
+    assert "dashed green: moved" in views[1].caption
+    page = Page(render_changes_report(found, views))
+    assert "+2.0 ± 0.2" in page.text
+    assert "-1.0 ± 0.4" in page.text
+    assert "1 change is listed apart" in page.text.replace("\n", " ")
