@@ -131,7 +131,7 @@ class PracticeBench(TargetBench):
             bayer_order=bayer_order,
             black_level_dn=self.truth.black_level_dn,
             link_mtu_bytes=link_mtu_bytes,
-            identity=maker_identity(maker),
+            identity=maker_identity(maker, address),
         )
 
     @property

@@ -82,6 +82,8 @@ class Identity:
     maker: Maker = "allied_vision"
 
 
+_LOOPBACK = ipaddress.IPv4Network("127.0.0.0/8")
+
 _VENDOR_NAMES: dict[Maker, str] = {
     "basler": "Basler",
     "flir": "Point Grey Research",
@@ -92,11 +94,18 @@ _VENDOR_NAMES: dict[Maker, str] = {
 """What cameras of these makers name as theirs."""
 
 
-def maker_identity(maker: Maker) -> Identity:
-    """The names of a simulated camera of this maker."""
+def maker_identity(maker: Maker, address: str = "127.0.0.1") -> Identity:
+    """The names of a simulated camera of this maker; its serial number is that of its address."""
+    number = int(ipaddress.IPv4Address(address)) - int(_LOOPBACK.network_address)
+    serial_number = f"SIM-{number}"
     if maker == "allied_vision":
-        return Identity()
-    return Identity(vendor=_VENDOR_NAMES[maker], model=f"Simulated {maker}", maker=maker)
+        return Identity(serial_number=serial_number)
+    return Identity(
+        vendor=_VENDOR_NAMES[maker],
+        model=f"Simulated {maker}",
+        serial_number=serial_number,
+        maker=maker,
+    )
 
 
 def bootstrap_page(identity: Identity, address: str, url: str) -> bytearray:

@@ -87,5 +87,5 @@ def test_aravis_and_viva_genicam_find_the_camera() -> None:
     found = run_in_own_network(f"{HERE}:clients")
     (camera,) = found["standoff"]
     assert camera["address"] == ADDRESSES[1]
-    assert (camera["vendor"], camera["serial_number"]) == ("standoff", "SIM-1")
+    assert (camera["vendor"], camera["serial_number"]) == ("standoff", "SIM-591879")
     assert found["viva"] == [ADDRESSES[0]]
