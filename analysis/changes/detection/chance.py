@@ -1,7 +1,7 @@
 """How many pixels and how many peaks of a frame without change exceed a significance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import log, pi, sqrt
 
@@ -71,24 +71,16 @@ def equally_strict(widths: Sequence[FilterWidth], share: float) -> tuple[FilterW
     share
         Share of the pixels that chance flags behind any of them, for which this is exact.
     """
-    narrowest = FilterWidth(width_px=widths[0].width_px, spread_err=widths[0].spread_err)
+    plain = [replace(width, allowance=1.0) for width in widths]
     # Roughly: for the allowances it hardly matters how much the widths agree.
-    threshold = significance_threshold(share / len(widths), (narrowest,))
+    threshold = significance_threshold(share / len(widths), plain[:1])
     if not threshold:
         return tuple(widths)
-    own = narrowest.exceeded_share(threshold)
-    made = []
-    for width in widths:
-        plain = FilterWidth(width_px=width.width_px, spread_err=width.spread_err)
-        made.append(
-            FilterWidth(
-                width_px=width.width_px,
-                step_px=width.step_px,
-                spread_err=width.spread_err,
-                allowance=significance_threshold(own, (plain,)) / threshold,
-            )
-        )
-    return tuple(made)
+    own = plain[0].exceeded_share(threshold)
+    return tuple(
+        replace(width, allowance=significance_threshold(own, (width,)) / threshold)
+        for width in plain
+    )
 
 
 def exceeded_share(threshold_sd: float, widths: Sequence[FilterWidth]) -> float:

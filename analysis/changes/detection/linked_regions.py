@@ -58,13 +58,10 @@ class FoundChanges:
         The most significant first.
     significance
         Signed significance of every pixel at the level where it stands out most.
-    is_change
-        Pixels of the regions.
     """
 
     regions: tuple[LinkedRegion, ...]
     significance: Float32Array
-    is_change: BoolArray
 
 
 def link_levels(levels: Sequence[DetectionLevel], threshold_sd: float) -> FoundChanges:
@@ -88,11 +85,7 @@ def link_levels(levels: Sequence[DetectionLevel], threshold_sd: float) -> FoundC
         brought[~narrowest.valid] = 0
         np.copyto(strongest, brought, where=np.abs(brought) > np.abs(strongest))
     found.sort(key=lambda one: (-abs(one.significance), one.row, one.col))
-    return FoundChanges(
-        regions=tuple(found),
-        significance=strongest,
-        is_change=pixels_of(found, strongest.shape),
-    )
+    return FoundChanges(regions=tuple(found), significance=strongest)
 
 
 def _with_wider(

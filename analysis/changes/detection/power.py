@@ -25,8 +25,7 @@ def detection_power(height: FloatArray, threshold_sd: float) -> FloatArray:
     """Probability that a spot is found.
 
     Its significance is searched over places and widths: the square of the highest one is that of
-    ``height`` and its own noise, and chi-squared with a degree of freedom for each direction of
-    the search.
+    ``height`` and its own noise, and chi-squared for what the search adds.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How large a follow-up pixel is, on the scene or on the sensor."""
+"""Which spots a detection limit is for, what was predicted, and how large a pixel is."""
 
 from dataclasses import dataclass
 from math import inf
