@@ -1,5 +1,6 @@
 """The list of changes, each with its place, amplitude and size."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -121,7 +122,7 @@ def _as_it_stands(region: LinkedRegion, fields: Sequence[SmoothedField]) -> Fitt
         signed = field.difference_dn[rows, cols] * np.sign(region.significance)
         top = int(np.argmax(signed / sd_dn))
         independent = len(region.rows) / (4 * np.pi * field.width_px**2)
-        chance = np.sqrt(2 * np.log(max(independent, np.e)))
+        chance = np.sqrt(2 * np.log(max(independent, math.e)))
         surely = float(signed[top] - _SURE * chance * sd_dn[top])
         if best is None or surely > best[0]:
             best = (
