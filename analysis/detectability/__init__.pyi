@@ -16,6 +16,16 @@ from .curves import (
     read_curves as read_curves,
 )
 from .dprime import d_primes as d_primes, scene_artefact as scene_artefact
+from .error_sources import (
+    NORMAL_95 as NORMAL_95,
+    SOURCE_WORDS as SOURCE_WORDS,
+    STATED as STATED,
+    BudgetShare as BudgetShare,
+    CurveUncertainty as CurveUncertainty,
+    DPrimeErrors as DPrimeErrors,
+    ErrorSources as ErrorSources,
+    Source as Source,
+)
 from .local import LocalChange as LocalChange, local_changes as local_changes
 from .observers import observer_templates as observer_templates
 from .pair import compared_pair as compared_pair
@@ -25,6 +35,12 @@ from .plot import (
     draw_curve as draw_curve,
 )
 from .scenario import Scenario as Scenario
+from .sensitivity import (
+    MOST_SCENES as MOST_SCENES,
+    DPrimeSlopes as DPrimeSlopes,
+    capture_response as capture_response,
+    response_scenes as response_scenes,
+)
 from .signal import (
     ChangeSignal as ChangeSignal,
     GaussianSignal as GaussianSignal,

@@ -76,7 +76,7 @@ def artefact_tiles(artefact_dn: FloatArray, window_px: int, tiles_per_side: int)
             f"{window_px} px"
         )
     lag = window_px - 1
-    fading = np.outer(*(_fading(size, window_px // 2) for size in artefact_dn.shape))
+    fading = _frame_fading(artefact_dn.shape, window_px)
     padded = np.pad(fading * (artefact_dn - artefact_dn.mean()), lag)
     rows, cols = (
         np.linspace(0, size, tiles_per_side + 1).astype(int) for size in artefact_dn.shape
@@ -93,11 +93,32 @@ def artefact_tiles(artefact_dn: FloatArray, window_px: int, tiles_per_side: int)
     return ArtefactTiles(products_dn2=np.stack(products), pixels=np.array(pixels))
 
 
+def lagged_products(first: FloatArray, second: FloatArray, window_px: int) -> FloatArray:
+    """Even part of the sums over pixels x of ``first(x) second(x + lag)``, (2 n - 1, 2 n - 1).
+
+    Both images are taken around their means and fade to zero at the border, as in `artefact_tiles`.
+    """
+    lag = window_px - 1
+    fading = _frame_fading(first.shape, window_px)
+    around = np.pad(fading * (first - first.mean()), lag)
+    product = _correlated(around, fading * (second - second.mean()), 2 * lag + 1)
+    return np.asarray((product + product[::-1, ::-1]) / 2)
+
+
+def faded_pixels(shape: tuple[int, ...], window_px: int) -> float:
+    """Number of pixels of an image, those at the border by the weight they have left."""
+    return float(np.sum(_frame_fading(shape, window_px) ** 2))
+
+
 def template_autocorrelation(template: FloatArray) -> FloatArray:
     """Lagged products of a template, shape ``(2 n - 1, 2 n - 1)``, lag 0 in the middle."""
     n = template.shape[0]
     padded = np.pad(template, n - 1)
     return _correlated(padded, template, 2 * n - 1)
+
+
+def _frame_fading(shape: tuple[int, ...], window_px: int) -> FloatArray:
+    return np.outer(*(_fading(size, window_px // 2) for size in shape))
 
 
 def _fading(size: int, width: int) -> FloatArray:

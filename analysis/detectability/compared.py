@@ -8,7 +8,7 @@ measured on pairs that the capture model makes from the photographs, without noi
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, pi, sqrt
+from math import ceil, log, pi, sqrt
 
 import cv2
 import numpy as np
@@ -22,9 +22,16 @@ from analysis.changes import (
 )
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.curves import DetectabilityCurve
-from analysis.detectability.dprime import BOOTSTRAP_REPLICATES, DPrime, drawn_shares, interval_of
+from analysis.detectability.dprime import (
+    BOOTSTRAP_REPLICATES,
+    DPrime,
+    drawn_shares,
+    interval_of,
+    scene_error,
+)
 from analysis.detectability.pair import ComparedPair, compared_pair, frame_size_px
 from analysis.detectability.scenario import Scenario
+from analysis.detectability.sensitivity import PSF_STEP_PX2, DPrimeSlopes
 from analysis.detectability.signal import ChangeSignal, GaussianSignal, signal_offsets_px
 from simulation import Model, SamplingGrid
 from simulation.arrays import FloatArray
@@ -130,7 +137,7 @@ def compared_change(
     total = scenario.reference_zoom * zoom
     if isinstance(signal, GaussianSignal):
         spot = frame.spot(frame.followup(signal), total)
-        own = tuple(spot.peak * filters.response(width, spot.sigma_px) for width in filters.widths)
+        own = tuple(_spot_height(filters, width, spot) for width in filters.widths)
         return ComparedChange(filters=filters, heights=own, spot=spot)
     images = [
         frame.followup(signal, offset) for offset in signal_offsets_px(scenario.positions, total)
@@ -151,6 +158,7 @@ def comparison_d_prime(
     *,
     seed: int = 0,
     replicates: int = BOOTSTRAP_REPLICATES,
+    by_psf: tuple[ComparedChange, ComparedChange] | None = None,
 ) -> DPrime:
     """Return how many standard deviations a change of contrast 1 stands out at its median place.
 
@@ -164,6 +172,9 @@ def comparison_d_prime(
         Standard deviation of the white noise in either image.
     seed, replicates
         For the bootstrap over tiles.
+    by_psf
+        For the slopes, the change with the Gaussian nearest to the PSF, and with one whose variance
+        is larger by ``PSF_STEP_PX2``.
 
     Raises
     ------
@@ -176,15 +187,63 @@ def comparison_d_prime(
     shares = residual.pixels / residual.pixels.sum()
     values: list[float] = []
     replicated: list[FloatArray] = []
+    noise_shares: list[float] = []
     for width, height in zip(change.filters.widths, change.heights, strict=True):
         noise_dn2 = noise_dn**2 * change.filters.noise_gain(width)
         sums = _residual_sums(residual, change.filters, width)
         whole = max(float(shares @ (sums / residual.pixels)), 0.0)
         values.append(height / (width.allowance * sqrt(noise_dn2 + whole)))
+        noise_shares.append(noise_dn2 / (noise_dn2 + whole))
         parts = np.maximum(drawn @ sums, 0.0)
         replicated.append(height / (width.allowance * np.sqrt(noise_dn2 + parts)))
-    low, high = interval_of(np.max(replicated, axis=0))
-    return DPrime(value=max(values), low=low, high=high)
+    best = np.max(replicated, axis=0)
+    low, high = interval_of(best)
+    at = int(np.argmax(values))
+    return DPrime(
+        value=values[at],
+        low=low,
+        high=high,
+        scene_err=scene_error(best, len(residual.pixels)),
+        slopes=None if by_psf is None else _slopes(change, by_psf, at, noise_shares[at]),
+    )
+
+
+def _slopes(
+    change: ComparedChange,
+    by_psf: tuple[ComparedChange, ComparedChange],
+    width: int,
+    noise_share: float,
+) -> DPrimeSlopes:
+    """Slopes behind the filter of this index.
+
+    A comparison matches focus and place of both photographs itself: what remains of the focus is
+    that the follow-up shows the change softer.
+    """
+    narrow, wide = (one.heights[width] for one in by_psf)
+    psf_per_px2 = by_followup = log(wide / narrow) / PSF_STEP_PX2
+    if change.spot is not None:
+        before, after = (
+            _spot_height(change.filters, change.filters.widths[width], change.spot, more_px2)
+            for more_px2 in (0.0, PSF_STEP_PX2)
+        )
+        by_followup = log(after / before) / PSF_STEP_PX2
+    return DPrimeSlopes(
+        psf_per_px2=psf_per_px2,
+        followup_per_px2=by_followup,
+        reference_per_px2=0.0,
+        focus_loss_per_px4=0.0,
+        registration_loss_per_px2=0.0,
+        noise=-noise_share,
+    )
+
+
+def _spot_height(
+    filters: ExpectedFilters, width: FilterWidth, spot: SeenSpot, more_px2: float = 0.0
+) -> float:
+    """Height behind a filter of a spot whose variance a blur has raised."""
+    sigma_px2 = spot.sigma_px**2 + more_px2
+    peak = spot.peak * spot.sigma_px**2 / sigma_px2
+    return float(peak * filters.response(width, sqrt(sigma_px2)))
 
 
 def expected_limits(curve: DetectabilityCurve) -> LimitCurve:

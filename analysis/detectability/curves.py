@@ -1,5 +1,7 @@
 """curves.json: curves of d' against zoom, how to interpolate and how to select them."""
 
+from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self
 
@@ -9,6 +11,14 @@ from pydantic import Field, model_validator
 
 from acquisition.dataframe import dataframe
 from analysis.choices import Observer
+from analysis.detectability.error_sources import (
+    NORMAL_95,
+    SOURCE_WORDS,
+    STATED,
+    CurveUncertainty,
+    DPrimeErrors,
+    ErrorSources,
+)
 from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
@@ -24,7 +34,12 @@ if TYPE_CHECKING:
 
 CURVES_SCHEMA: Final = "standoff.detectability/1"
 
+_ENOUGH = 0.1
+"""Half of an interval of d', over d', that is narrow enough."""
+
 _SEEN = ("seen_sigma_px", "seen_dn")
+_ALONG_ZOOM = ("dprime", "dprime_low", "dprime_high", "auc")
+_SCENE = ("dprime_low_scene", "dprime_high_scene")
 
 _NOTE = (
     "Every d' is an upper bound: sampling, sharpness, noise and the artefact of the alignment are "
@@ -63,6 +78,9 @@ class CurveChoice(StoredValues):
 class DetectabilityCurve(StoredValues):
     """d' against zoom for one model, observer, noise and contrast; an upper bound.
 
+    ``dprime_low`` and ``dprime_high`` are the 95 % interval with every source of error that
+    ``uncertainty`` knows, those ending in ``_scene`` that of the choice of photographs alone, all
+    that files of before know.
     Of observer ``changes`` it is what a comparison of photographs is expected to show, and
     ``seen_sigma_px`` and ``seen_dn`` are the width and the peak with which the follow-up shows a
     Gaussian change, in its own pixels; None of others.
@@ -77,17 +95,21 @@ class DetectabilityCurve(StoredValues):
     dprime: list[float]
     dprime_low: list[float]
     dprime_high: list[float]
+    dprime_low_scene: list[float] | None = None
+    dprime_high_scene: list[float] | None = None
     auc: list[float]
+    uncertainty: CurveUncertainty | None = Field(default=None, repr=False)
     seen_sigma_px: list[float] | None = None
     seen_dn: list[float] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        for name in ("dprime", "dprime_low", "dprime_high", "auc"):
-            if len(getattr(self, name)) != len(self.zoom):
-                raise ValueError(
-                    f"{name} has {len(getattr(self, name))} values, zoom {len(self.zoom)}"
-                )
+        for name in (*_ALONG_ZOOM, *_SCENE):
+            values = getattr(self, name)
+            if values is not None and len(values) != len(self.zoom):
+                raise ValueError(f"{name} has {len(values)} values, zoom {len(self.zoom)}")
+        if self.uncertainty is not None and len(self.uncertainty.scene) != len(self.zoom):
+            raise ValueError("uncertainty must have a value at each zoom")
         for name in _SEEN:
             seen = getattr(self, name)
             if seen is not None and (len(seen) != len(self.zoom) or not min(seen) > 0):
@@ -128,6 +150,45 @@ class DetectabilityCurve(StoredValues):
         """
         value = self.between(self.dprime, zoom)
         return np.asarray(np.where(np.asarray(zoom) > self.zoom[-1] + 1e-9, np.nan, value))
+
+    def with_sources(self, sources: ErrorSources) -> "DetectabilityCurve":
+        """Return the curve with the interval that these errors of the camera give.
+
+        A curve of before, which does not know what errors do, stays as it is.
+        """
+        if self.uncertainty is None:
+            return self
+        known = self.uncertainty.model_copy(update={"sources": sources})
+        ends = [
+            known.errors(self.zoom, zoom).interval(d_prime)
+            for zoom, d_prime in zip(self.zoom, self.dprime, strict=True)
+        ]
+        low, high = ([end[k] for end in ends] for k in (0, 1))
+        update = {"uncertainty": known, "dprime_low": low, "dprime_high": high}
+        return self.model_copy(update=update)
+
+    def knowing(
+        self, *, focus_scatter_px2: float | None = None, registration_err_px: float | None = None
+    ) -> "DetectabilityCurve":
+        """Return the curve with these errors in its interval; None leaves what is known of one."""
+        if self.uncertainty is None:
+            return self
+        known: dict[str, object] = {}
+        if focus_scatter_px2 is not None:
+            known = {"focus_scatter_px2": focus_scatter_px2, "focus_from": STATED}
+        if registration_err_px is not None:
+            known["registration_err_px"] = registration_err_px
+        return self.with_sources(self.uncertainty.sources.model_copy(update=known))
+
+    def errors_at(self, zoom: float) -> DPrimeErrors:
+        """Return the errors of ln d' at a zoom; of a curve of before, those in its interval."""
+        if self.uncertainty is not None:
+            return self.uncertainty.errors(self.zoom, zoom)
+        low, middle, high = (
+            float(self.between(values, zoom))
+            for values in (self.dprime_low, self.dprime, self.dprime_high)
+        )
+        return DPrimeErrors.of_interval(low, middle, high)
 
     def between(self, values: ArrayLike, zoom: ArrayLike) -> FloatArray:
         """Interpolate values given at the curve's zooms in the same way as d'."""
@@ -172,11 +233,21 @@ class DetectabilityCurve(StoredValues):
         return self.contrast_dn * min_dprime / d_prime
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneUncertainty:
+    """Half of the 95 % interval of d' that the choice of photographs leaves, over d'."""
+
+    curve: str
+    zoom: float
+    half_width: float
+
+
 class DetectabilityCurves(ResultsDocument):
     """Curves of several models, observers, noises and contrasts: the document of curves.json.
 
     ``images`` to ``psf_form`` say what the curves were worked out from, None where that is not
-    known.
+    known. ``photographs_needed`` is about how many of the scene would leave every d' uncertain by
+    less than 10 % (95 %), None where those there are do.
     """
 
     schema_name: Literal["standoff.detectability/1"] = Field(default=CURVES_SCHEMA, alias="schema")
@@ -186,12 +257,54 @@ class DetectabilityCurves(ResultsDocument):
     window_px: int | None = None
     signal: str | None = None
     psf_form: PsfForm | None = None
+    photographs_needed: int | None = None
     curves: list[DetectabilityCurve] = Field(min_length=1)
 
     def __repr__(self) -> str:
         kinds = ", ".join(dict.fromkeys(f"{one.model} {one.observer}" for one in self.curves))
         zooms = self.curves[0].zoom
         return f"<{len(self.curves)} curves of d', zoom {zooms[0]:g} to {zooms[-1]:g}: {kinds}>"
+
+    @property
+    def worst_scene(self) -> "SceneUncertainty | None":
+        """Where the choice of photographs leaves d' most uncertain; None in files of before."""
+        known = [
+            SceneUncertainty(curve=curve.name, zoom=zoom, half_width=NORMAL_95 * err)
+            for curve in self.curves
+            if curve.uncertainty is not None
+            for zoom, err in zip(curve.zoom, curve.uncertainty.scene, strict=True)
+        ]
+        return max(known, key=lambda one: one.half_width, default=None)
+
+    @property
+    def too_few_sentence(self) -> str | None:
+        """What is to be said where the photographs are too few."""
+        worst = self.worst_scene
+        if self.photographs_needed is None or worst is None:
+            return None
+        have = "1 photograph leaves" if self.images == 1 else f"{self.images} photographs leave"
+        return (
+            f"{have} d' uncertain by up to {100 * worst.half_width:.0f} % (95 %; {worst.curve}, "
+            f"zoom {worst.zoom:g}); about {self.photographs_needed} of the scene would bring that "
+            f"below {100 * _ENOUGH:.0f} %"
+        )
+
+    @property
+    def unknown_sentence(self) -> str | None:
+        """What the intervals do not hold, as nothing is known of it."""
+        known = self.curves[0].uncertainty
+        if known is None or not known.sources.unknown:
+            return None
+        named = " and ".join(SOURCE_WORDS[name] for name in known.sources.unknown)
+        return f"not in the intervals, as nothing is known of it: {named}"
+
+    def with_need(self) -> "DetectabilityCurves":
+        """Return the curves with ``photographs_needed``."""
+        worst = self.worst_scene
+        if worst is None or self.images is None or worst.half_width <= _ENOUGH:
+            return self
+        needed = ceil(self.images * (worst.half_width / _ENOUGH) ** 2)
+        return self.model_copy(update={"photographs_needed": needed})
 
     def _repr_html_(self) -> str:
         rows = [(one.name, *(f"{d_prime:.3g}" for d_prime in one.dprime)) for one in self.curves]
@@ -210,9 +323,10 @@ class DetectabilityCurves(ResultsDocument):
         --------
         >>> curves.to_dataframe().pivot_table("dprime", "zoom", ["model", "noise_dn"])
         """
-        each = ("zoom", "dprime", "dprime_low", "dprime_high", "auc")
+        each = ("zoom", *_ALONG_ZOOM)
+        left_out = {*each, *_SEEN, *_SCENE, "uncertainty"}
         return dataframe(
-            {**curve.model_dump(exclude={*each, *_SEEN}), **dict(zip(each, values, strict=True))}
+            {**curve.model_dump(exclude=left_out), **dict(zip(each, values, strict=True))}
             for curve in self.curves
             for values in zip(*(getattr(curve, name) for name in each), strict=True)
         )

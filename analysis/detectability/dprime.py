@@ -7,16 +7,20 @@ and motion are outside the model. ``docs/theory-detectability.md`` derives all o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
+from scipy.special import stdtrit
 
 from analysis.choices import OBSERVERS, Observer
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.covariance import WindowCovariance
+from analysis.detectability.error_sources import NORMAL_95
 from analysis.detectability.local import LocalChange
 from analysis.detectability.observers import observer_templates
 from analysis.detectability.pair import compared_pair
 from analysis.detectability.scenario import Scenario
+from analysis.detectability.sensitivity import CaptureResponse, DPrimeSlopes, mean_slopes
 from simulation import Model
 from simulation.arrays import FloatArray
 
@@ -26,11 +30,17 @@ _INTERVAL_PERCENT = (2.5, 97.5)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DPrime:
-    """Detectability index of contrast 1, with its 95 % interval over images and positions."""
+    """Detectability index of contrast 1, with its 95 % interval over images and positions.
+
+    ``scene_err`` is the standard error of its logarithm over images, widened by Student's quantile;
+    ``slopes`` say how it follows errors of the capture, None where that was not asked for.
+    """
 
     value: float
     low: float
     high: float
+    scene_err: float
+    slopes: DPrimeSlopes | None = None
 
 
 def scene_artefact(
@@ -65,6 +75,7 @@ def d_primes(
     *,
     seed: int = 0,
     replicates: int = BOOTSTRAP_REPLICATES,
+    response: CaptureResponse | None = None,
 ) -> dict[Observer, DPrime]:
     """Detectability index of a signal of contrast 1, analytic in the noise.
 
@@ -81,6 +92,8 @@ def d_primes(
     seed, replicates
         For the bootstrap over tiles. It keeps each observer's template, so that the interval is
         that of the observer trained on all of them.
+    response
+        What errors of the capture do, for the slopes.
 
     Raises
     ------
@@ -93,23 +106,44 @@ def d_primes(
     drawn = drawn_shares(artefact.pixels, seed, replicates)
     values: dict[Observer, list[float]] = {name: [] for name in observers}
     replicated: dict[Observer, FloatArray] = {name: np.zeros(replicates) for name in observers}
-    for change in changes:
+    slopes: dict[Observer, list[DPrimeSlopes]] = {name: [] for name in observers}
+    for place, change in enumerate(changes):
         covariance = WindowCovariance(noise_dn**2, change.up_y, change.up_x, artefact_dn2)
         templates = observer_templates(change.signal, covariance, observers)
         for name, template in templates.items():
-            response = float(np.sum(template * change.signal))
+            seen = float(np.sum(template * change.signal))
             noise_dn2 = noise_dn**2 * change.noise_variance(template)
             sums = artefact.template_sums(template)
             whole = max(float(sums.sum() / artefact.pixels.sum()), 0.0)
-            values[name].append(response / np.sqrt(noise_dn2 + whole))
+            values[name].append(seen / np.sqrt(noise_dn2 + whole))
             # Sums of single tiles reach into their neighbours and may fall below zero.
             parts = np.maximum(drawn @ sums, 0.0)
-            replicated[name] += response / np.sqrt(noise_dn2 + parts) / len(changes)
+            replicated[name] += seen / np.sqrt(noise_dn2 + parts) / len(changes)
+            if response is not None:
+                slopes[name].append(response.slopes(template, place, change, noise_dn2, whole))
     found: dict[Observer, DPrime] = {}
     for name in observers:
         low, high = interval_of(replicated[name])
-        found[name] = DPrime(value=float(np.mean(values[name])), low=low, high=high)
+        found[name] = DPrime(
+            value=float(np.mean(values[name])),
+            low=low,
+            high=high,
+            scene_err=scene_error(replicated[name], len(artefact.pixels)),
+            slopes=mean_slopes(slopes[name]) if slopes[name] else None,
+        )
     return found
+
+
+def scene_error(replicated: FloatArray, tiles: int) -> float:
+    """Standard error of ln d' from its bootstrap over so many tiles.
+
+    The spread of resampled means is too small by sqrt((n - 1) / n), and uncertain itself: normal
+    quantiles of the result are Student's.
+    """
+    if tiles < 2:
+        return 0.0
+    student = float(stdtrit(tiles - 1, 0.975)) / NORMAL_95
+    return float(np.std(np.log(replicated)) * sqrt(tiles / (tiles - 1)) * student)
 
 
 def interval_of(replicated: FloatArray) -> tuple[float, float]:

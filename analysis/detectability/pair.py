@@ -49,7 +49,10 @@ class ComparedPair:
 
     def aligned_of(self, scene: FloatArray) -> FloatArray:
         """Follow-up of a scene image on the pixels of c'; of a signal, what is left of it."""
-        followup = np.asarray(self.followup.apply(scene), dtype=np.float64)
+        return self.upscaled(np.asarray(self.followup.apply(scene), dtype=np.float64))
+
+    def upscaled(self, followup: FloatArray) -> FloatArray:
+        """An image on the follow-up's pixels, brought onto those of c'."""
         return np.asarray(apply_separable(self.up_y, self.up_x, followup), dtype=np.float64)
 
     def artefact_of(self, scene: FloatArray) -> FloatArray:
@@ -60,13 +63,15 @@ class ComparedPair:
         ValueError
             If nothing is left within the border.
         """
-        margin = ceil(_CUBIC_REACH_PX * self.zoom) + 1
-        difference = (self.aligned_of(scene) - self.reference_of(scene))[
-            margin:-margin, margin:-margin
-        ]
+        difference = self.within_border(self.aligned_of(scene) - self.reference_of(scene))
         if difference.size == 0:
             raise ValueError(f"an image of {scene.shape} is too small for zoom {self.zoom:g}")
         return difference
+
+    def within_border(self, image: FloatArray) -> FloatArray:
+        """Cut an image on the pixels of c' to where U needs no border."""
+        margin = ceil(_CUBIC_REACH_PX * self.zoom) + 1
+        return image[margin:-margin, margin:-margin]
 
 
 @lru_cache(maxsize=64)

@@ -1,7 +1,7 @@
 """Curves of d' against zoom: the task, and its evaluation on images."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,9 +10,16 @@ from analysis.detectability.artefact import ArtefactTiles
 from analysis.detectability.compared import compared_change, comparison_d_prime
 from analysis.detectability.curves import DetectabilityCurve, DetectabilityCurves
 from analysis.detectability.dprime import DPrime, d_primes
+from analysis.detectability.error_sources import CurveUncertainty, ErrorSources
 from analysis.detectability.local import local_changes
 from analysis.detectability.observers import auc_of
 from analysis.detectability.scenario import Scenario
+from analysis.detectability.sensitivity import (
+    capture_response,
+    gaussian_psf,
+    response_scenes,
+    softer_psf,
+)
 from analysis.detectability.signal import ChangeSignal, GaussianSignal
 from analysis.detectability.sweep import SweepPlan, scene_sums, tiles_per_side
 from simulation import Model, Psf
@@ -50,6 +57,8 @@ class DetectionTask:
         Side of the observer's window on the reference, odd.
     seed
         Seed of the bootstrap over images.
+    sources
+        What is known of the camera's errors, for the intervals.
 
     Raises
     ------
@@ -66,6 +75,7 @@ class DetectionTask:
     reference_zoom: float = REFERENCE_ZOOM
     window_px: int = WINDOW_PX
     seed: int = 0
+    sources: ErrorSources = field(default_factory=ErrorSources)
 
     def __post_init__(self) -> None:
         if not self.zooms or self.zooms[0] < 1 or np.any(np.diff(self.zooms) <= 0):
@@ -121,7 +131,7 @@ def d_prime_curves(
             for zoom in range(len(plan.zooms))
         ]
 
-    return curves_of(artefacts, len(images), plan, task)
+    return curves_of(artefacts, len(images), plan, task, some=images)
 
 
 def curves_of(
@@ -130,6 +140,7 @@ def curves_of(
     plan: SweepPlan,
     task: DetectionTask,
     progress: Callable[[int], None] = lambda _: None,
+    some: Sequence[FloatArray] = (),
 ) -> DetectabilityCurves:
     """Compute the curves from the artefact of measured images.
 
@@ -139,13 +150,16 @@ def curves_of(
         Artefact of the plan's model with this index at each of its zooms, in a fixed order;
         after those of all models come the residuals of their comparisons.
     images
-        Number of images that it is of.
+        Number of images that the artefact is of.
     plan
         What was measured on them; its models and zooms count.
     task
         What is asked for.
     progress
         Called with the number of models done.
+    some
+        A few of the images, on which is measured what errors of the capture do; without them the
+        intervals hold the choice of images alone.
 
     Raises
     ------
@@ -153,9 +167,9 @@ def curves_of(
         If the change is wider than the window, or a noise is not positive.
     """
     curves: list[DetectabilityCurve] = []
-    psf = plan.scenario.psf
+    psf, scenes = plan.scenario.psf, response_scenes(some)
     for number, model in enumerate(plan.models):
-        found = _linear_observers(model, artefacts(number), plan, task)
+        found = _linear_observers(model, artefacts(number), scenes, plan, task)
         seen: Seen = {}
         if "changes" in task.observers:
             residuals = artefacts(len(plan.models) + number)
@@ -170,11 +184,15 @@ def curves_of(
         signal=task.signal.name,
         psf_form=None if psf is None else psf.form,
         curves=curves,
-    )
+    ).with_need()
 
 
 def _linear_observers(
-    model: Model, artefacts: Sequence[ArtefactTiles], plan: SweepPlan, task: DetectionTask
+    model: Model,
+    artefacts: Sequence[ArtefactTiles],
+    scenes: Sequence[FloatArray],
+    plan: SweepPlan,
+    task: DetectionTask,
 ) -> Found:
     found: Found = {}
     observers = tuple(name for name in task.observers if name != "changes")
@@ -182,8 +200,13 @@ def _linear_observers(
         return found
     for zoom, artefact in zip(plan.zooms, artefacts, strict=True):
         changes = local_changes(task.signal, plan.scenario, model, zoom)
+        response = None
+        if scenes:
+            response = capture_response(scenes, task.signal, plan.scenario, model, zoom)
         for noise_dn in task.noises_dn:
-            results = d_primes(changes, artefact, noise_dn, observers, seed=task.seed)
+            results = d_primes(
+                changes, artefact, noise_dn, observers, seed=task.seed, response=response
+            )
             for observer, result in results.items():
                 found.setdefault((observer, noise_dn), []).append(result)
     return found
@@ -197,9 +220,15 @@ def _comparisons(
     spots = []
     for zoom, residual in zip(plan.zooms, residuals, strict=True):
         change = compared_change(task.signal, plan.scenario, model, zoom)
+        narrow, wide = (
+            compared_change(task.signal, replace(plan.scenario, psf=psf), model, zoom)
+            for psf in (gaussian_psf(plan.scenario.psf), softer_psf(plan.scenario.psf))
+        )
         spots.append(change.spot)
         for noise_dn in task.noises_dn:
-            result = comparison_d_prime(change, residual, noise_dn, seed=task.seed)
+            result = comparison_d_prime(
+                change, residual, noise_dn, seed=task.seed, by_psf=(narrow, wide)
+            )
             found.setdefault(("changes", noise_dn), []).append(result)
     known = [spot for spot in spots if spot is not None]
     if len(known) < len(spots):
@@ -216,25 +245,35 @@ def _curves_of_model(
     curves = []
     for observer in task.observers:
         for noise_dn in task.noises_dn:
-            results_at = found[observer, noise_dn]
+            results = found[observer, noise_dn]
+            slopes = [one.slopes for one in results if one.slopes is not None]
+            uncertainty = None
+            if len(slopes) == len(zooms):
+                scene = [one.scene_err for one in results]
+                uncertainty = CurveUncertainty.of(task.sources, scene, slopes)
             for contrast_dn in task.contrasts_dn:
                 # The noise does not depend on the signal: d' is proportional to the contrast.
-                values = [contrast_dn * result.value for result in results_at]
                 is_seen = observer == "changes" and bool(seen)
-                curves.append(
-                    DetectabilityCurve(
-                        model=model,
-                        observer=observer,
-                        noise_dn=noise_dn,
-                        contrast_dn=contrast_dn,
-                        signal_sigma_px=task.signal.sigma_px,
-                        zoom=list(zooms),
-                        dprime=values,
-                        dprime_low=[contrast_dn * result.low for result in results_at],
-                        dprime_high=[contrast_dn * result.high for result in results_at],
-                        auc=auc_of(np.array(values)).tolist(),
-                        seen_sigma_px=seen["sigma_px"] if is_seen else None,
-                        seen_dn=[contrast_dn * one for one in seen["peak"]] if is_seen else None,
-                    )
+                values = [contrast_dn * one.value for one in results]
+                low, high = (
+                    [contrast_dn * getattr(one, end) for one in results] for end in ("low", "high")
                 )
+                curve = DetectabilityCurve(
+                    model=model,
+                    observer=observer,
+                    noise_dn=noise_dn,
+                    contrast_dn=contrast_dn,
+                    signal_sigma_px=task.signal.sigma_px,
+                    zoom=list(zooms),
+                    dprime=values,
+                    dprime_low=low,
+                    dprime_high=high,
+                    dprime_low_scene=low,
+                    dprime_high_scene=high,
+                    auc=auc_of(np.array(values)).tolist(),
+                    uncertainty=uncertainty,
+                    seen_sigma_px=seen["sigma_px"] if is_seen else None,
+                    seen_dn=[contrast_dn * one for one in seen["peak"]] if is_seen else None,
+                )
+                curves.append(curve.with_sources(task.sources))
     return curves

@@ -1,3 +1,10 @@
+from .decision import (
+    CONFIDENCE as CONFIDENCE,
+    PoseDecision as PoseDecision,
+    Verdict as Verdict,
+    decide as decide,
+    verdict_of as verdict_of,
+)
 from .limits import (
     PoseLimits as PoseLimits,
     contrast_found_at as contrast_found_at,

@@ -139,9 +139,14 @@ class PoseLimits:
         Largest ratio of the distances for a straight move back, without any tilt.
     is_zoom_beyond_curve
         d' is above the threshold up to the curve's end: the true limit is larger.
+    zoom_interval_95
+        Of ``zoom``, from the interval of d'; its ends are None where the threshold is never
+        reached, or not left before the curve ends.
     tilt_deg
         Largest tilt at equal distances, up to 75 degrees, in the direction asked for or in
         whichever is the worst; None if there is none.
+    tilt_interval_95_deg
+        Of ``tilt_deg``, likewise.
     zoom_by_tilt
         Tilt in degrees and the largest ratio of the distances with it, None if there is none.
     overlap_by_shift
@@ -156,6 +161,8 @@ class PoseLimits:
     tilt_deg: float | None
     zoom_by_tilt: tuple[tuple[float, float | None], ...]
     overlap_by_shift: tuple[tuple[float, float], ...]
+    zoom_interval_95: tuple[float | None, float | None] = (None, None)
+    tilt_interval_95_deg: tuple[float | None, float | None] = (None, None)
 
     def __repr__(self) -> str:
         more = " and more" if self.is_zoom_beyond_curve else ""
@@ -214,12 +221,18 @@ def pose_limits(
         )
     # A follow-up that leans like its reference is the easiest; in any direction, an upright one.
     start = 0.0 if direction_deg is None else abs(reference_tilt_deg)
-    tilt_deg = _largest(
-        lambda tilt: worst_zoom(camera, 1.0, tilt, reference_tilt_deg, direction_deg),
-        start,
-        _TILT_LIMIT_DEG,
-        allowed,
-    )
+
+    def largest_tilt(allowed: float | None) -> float | None:
+        if allowed is None:
+            return None
+        return _largest(
+            lambda tilt: worst_zoom(camera, 1.0, tilt, reference_tilt_deg, direction_deg),
+            start,
+            _TILT_LIMIT_DEG,
+            allowed,
+        )
+
+    zooms = _zoom_interval(curve, min_d_prime)
     by_tilt = []
     for tilt in sorted({*_TILTS_DEG, abs(reference_tilt_deg)}):
 
@@ -232,10 +245,25 @@ def pose_limits(
         min_d_prime=min_d_prime,
         zoom=allowed,
         is_zoom_beyond_curve=min(curve.dprime) >= min_d_prime,
-        tilt_deg=tilt_deg,
+        zoom_interval_95=zooms,
+        tilt_deg=largest_tilt(allowed),
+        tilt_interval_95_deg=(largest_tilt(zooms[0]), largest_tilt(zooms[1])),
         zoom_by_tilt=tuple(by_tilt),
         overlap_by_shift=tuple((share, shift_overlap(share)) for share in _SHIFTS),
     )
+
+
+def _zoom_interval(
+    curve: DetectabilityCurve, min_d_prime: float
+) -> tuple[float | None, float | None]:
+    """Zooms at which either end of the interval of d' falls below the threshold."""
+    low, high = (
+        curve.model_copy(update={"dprime": values})
+        for values in (curve.dprime_low, curve.dprime_high)
+    )
+    least = low.largest_zoom(min_d_prime)
+    most = high.largest_zoom(min_d_prime)
+    return least, None if min(high.dprime) >= min_d_prime else most
 
 
 def shift_overlap(share: float) -> float:

@@ -8,9 +8,10 @@ import numpy as np
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.choices import Criterion
-from analysis.detectability import CurveChoice, DetectabilityCurve
+from analysis.detectability import BudgetShare, CurveChoice, DetectabilityCurve, Source
 from analysis.detection_limits import DetectionLimit
 from analysis.errors import AnalysisError, OverlapError, ResultsFileError
+from analysis.pose.decision import PoseDecision, Verdict, decide
 from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
 from calibration.provenance import Provenance
@@ -44,6 +45,8 @@ class PoseSummary(StoredValues):
         on it where they were registered.
     warnings
         Sentences on what to check of the alignment.
+    verdict, probability, dprime_interval_95, budget, unknown_sources, focus_turning_px2
+        How sure that is, as in `PoseDecision`; None in documents of before.
     detection_limit
         What a comparison of the two photographs would have found, where they were compared.
     picture
@@ -68,6 +71,12 @@ class PoseSummary(StoredValues):
     homography: tuple[_Row3, _Row3, _Row3]
     registration_correlation: float | None = None
     warnings: tuple[str, ...] = ()
+    verdict: Verdict | None = None
+    probability: float | None = None
+    dprime_interval_95: tuple[float, float] | None = None
+    budget: tuple[BudgetShare, ...] = ()
+    unknown_sources: tuple[Source, ...] = ()
+    focus_turning_px2: float | None = None
     detection_limit: DetectionLimit | None = None
     picture: str | None = None
     provenance: Provenance | None = None
@@ -92,6 +101,8 @@ class PoseQuality:
         What was asked for.
     beyond_curve
         Share of the overlap whose local zoom the curve does not reach.
+    decision
+        How sure the verdict is.
     """
 
     matrix: FloatArray
@@ -102,6 +113,7 @@ class PoseQuality:
     min_d_prime: float
     criterion: Criterion
     beyond_curve: float
+    decision: PoseDecision
 
     @property
     def is_accepted(self) -> bool:
@@ -117,10 +129,9 @@ class PoseQuality:
         )
 
     def __repr__(self) -> str:
-        verdict = "accepted" if self.is_accepted else "rejected"
         return (
-            f"<PoseQuality: {verdict}, {self.criterion} d' {self.decisive_d_prime:.2f}, "
-            f"threshold {self.min_d_prime:g}>"
+            f"<PoseQuality: {self.decision.verdict}, {self.criterion} d' "
+            f"{self.decisive_d_prime:.2f}, threshold {self.min_d_prime:g}>"
         )
 
     @property
@@ -141,6 +152,7 @@ class PoseQuality:
             overlap=self.sampling.overlap,
             beyond_curve=self.beyond_curve,
             homography=self.matrix.tolist(),
+            **{name: getattr(self.decision, name) for name in PoseDecision.model_fields},
         )
 
 
@@ -186,16 +198,19 @@ def judge_pose(
     # Whatever d' is there, it is below the curve's last value and not known to be enough.
     d_prime = np.where(is_beyond, 0.0, known)
     seen = d_prime[sampling.inside]
-    decisive = seen.min() if criterion == "min" else np.quantile(seen, QUANTILE, method="lower")
+    rank = 0 if criterion == "min" else int(QUANTILE * (len(seen) - 1))
+    place = int(np.argpartition(seen, rank)[rank])
+    decisive, zoom = float(seen[place]), float(sampling.worst_zoom[sampling.inside][place])
     return PoseQuality(
         matrix=matrix,
         curve=curve,
         sampling=sampling,
         d_prime=np.where(sampling.inside, d_prime, np.nan),
-        decisive_d_prime=float(decisive),
+        decisive_d_prime=decisive,
         min_d_prime=min_d_prime,
         criterion=criterion,
         beyond_curve=float(is_beyond[sampling.inside].mean()),
+        decision=decide(curve, zoom, decisive, min_d_prime),
     )
 
 

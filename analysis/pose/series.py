@@ -8,6 +8,7 @@ from pydantic import Field
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice
 from analysis.errors import ResultsFileError
+from analysis.pose.decision import Verdict
 from analysis.pose.quality import PoseSummary
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
@@ -25,7 +26,7 @@ class JudgedFollowup(StoredValues):
     followup, sha256
         The file, and the hash of its bytes if it could be read.
     is_accepted, dprime_decisive, dprime_min, dprime_max, zoom_min, zoom_max, anisotropy_max,
-    overlap, beyond_curve, registration_correlation, homography
+    overlap, beyond_curve, registration_correlation, homography, verdict, probability
         As in `PoseSummary`; None if it could not be judged.
     refused
         Why it could not.
@@ -43,6 +44,8 @@ class JudgedFollowup(StoredValues):
     overlap: float | None = None
     beyond_curve: float | None = None
     registration_correlation: float | None = None
+    verdict: Verdict | None = None
+    probability: float | None = None
     homography: tuple[_Row3, _Row3, _Row3] | None = None
     refused: str | None = None
 
@@ -57,7 +60,8 @@ class PoseSeries(ResultsDocument):
     """Several follow-ups of one reference, in the order of their paths.
 
     ``accepted``, ``rejected`` and ``refused`` are numbers of follow-ups; a refused one could not
-    be read or registered. The provenance lists what they share; each follow-up has its own hash.
+    be read or registered, and ``unsure`` counts those accepted or rejected without being sure. The
+    provenance lists what they share; each follow-up has its own hash.
     """
 
     schema_name: Literal["standoff.pose-summary/1"] = Field(
@@ -71,6 +75,7 @@ class PoseSeries(ResultsDocument):
     accepted: int
     rejected: int
     refused: int
+    unsure: int | None = None
     followups: tuple[JudgedFollowup, ...] = ()
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from analysis.choices import Criterion
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import AnalysisError
+from analysis.pose.decision import Verdict
 from analysis.pose.quality import PoseQuality, judge_pose
 from calibration.errors import RegistrationError
 from calibration.registration import TrackedPose, TrackingReference
@@ -26,6 +27,9 @@ class PoseVerdict:
     ----------
     accepted
         Whether d' reaches the threshold by the criterion; False where the pose is not known.
+    verdict, probability
+        ``go``, ``no go`` or ``unsure``, and the probability that d' reaches the threshold; ``no
+        go`` and None where the pose is not known.
     dprime
         What the criterion looks at, an upper bound; None where the pose is not known.
     margin
@@ -43,6 +47,8 @@ class PoseVerdict:
     """
 
     accepted: bool
+    verdict: Verdict
+    probability: float | None
     dprime: float | None
     margin: float | None
     reason: str
@@ -55,6 +61,8 @@ class PoseVerdict:
         """Return the verdict for a JSON document."""
         return {
             "is_accepted": self.accepted,
+            "verdict": self.verdict,
+            "probability": self.probability,
             "dprime_decisive": self.dprime,
             "margin": self.margin,
             "reason": self.reason,
@@ -183,6 +191,8 @@ class PoseTracker:
         self._last = found.matrix
         return PoseVerdict(
             accepted=quality.is_accepted,
+            verdict=quality.decision.verdict,
+            probability=quality.decision.probability,
             dprime=quality.decisive_d_prime,
             margin=quality.decisive_d_prime / self._min_d_prime - 1,
             reason=_reason(quality, self._curve),
@@ -196,6 +206,8 @@ class PoseTracker:
 def _unknown(reason: str) -> PoseVerdict:
     return PoseVerdict(
         accepted=False,
+        verdict="no go",
+        probability=None,
         dprime=None,
         margin=None,
         reason=reason,
@@ -209,6 +221,8 @@ def _unknown(reason: str) -> PoseVerdict:
 def _reason(quality: PoseQuality, curve: DetectabilityCurve) -> str:
     """The reason in one line: too far and by how much, or too oblique and where."""
     wanted = f"d′ {quality.decisive_d_prime:.2f}, threshold {quality.min_d_prime:g}"
+    if quality.decision.verdict == "unsure":
+        return f"unsure: {100 * quality.decision.probability:.0f} % that it is enough ({wanted})"
     if quality.is_accepted:
         return f"good: {wanted}"
     allowed = curve.largest_zoom(quality.min_d_prime)

@@ -70,6 +70,11 @@ def detectability(
     window: Annotated[
         int, Option(min=5, help="Side of the observer's window in px; odd.", callback=_odd)
     ] = WINDOW_PX,
+    focus_scatter: terminal.FocusScatter = None,
+    registration_error: Annotated[
+        float | None,
+        Option(min=0, help="Standard deviation of a pair's registration error in px, each axis."),
+    ] = None,
     workers: terminal.Workers = 1,
     scheduler: terminal.Scheduler = None,
     shard: terminal.PartOfShards = "1/1",
@@ -115,6 +120,8 @@ def detectability(
             transfer=transfer,
             signal=signal,
             noise=noise if noises is None else None,
+            focus_scatter_px2=focus_scatter,
+            registration_err_px=registration_error,
             sweep=sweep,
             reading=terminal.reading_options(encoding, page, mean),
             progress=terminal.ShownProgress(),
@@ -152,6 +159,7 @@ def _show_curves(out: Path, figures: list[Path], found: DetectabilityCurves, *, 
     )
     terminal.say(
         "d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it",
+        *filter(None, (found.too_few_sentence, found.unknown_sentence)),
         f"wrote {out} and {', '.join(files)}",
     )
 

@@ -57,6 +57,7 @@ def limits(
     ] = None,
     at_tilt: Annotated[float, Option(min=-75, max=75, help="Tilt at --at-zoom in degrees.")] = 0.0,
     plot: Annotated[Path | None, Option(help="Also write a figure (PNG or SVG).")] = None,
+    focus_scatter: terminal.FocusScatter = None,
     model: terminal.CurveModel = None,
     observer: terminal.CurveObserver = None,
     noise: terminal.CurveNoise = None,
@@ -80,6 +81,7 @@ def limits(
         direction_deg=tilt_direction,
         at_zoom=at_zoom,
         at_tilt_deg=at_tilt,
+        focus_scatter_px2=focus_scatter,
     )
     if plot is not None:
         found.write_plot(plot)
@@ -95,13 +97,24 @@ def limits(
         )
 
 
+def _interval(ends: tuple[float | None, float | None], digits: int) -> str:
+    """The interval of a limit; its ends may lie beyond what can be said."""
+    low, high = ends
+    if low is None and high is None:
+        return ""
+    least = "none" if low is None else f"{low:.{digits}f}"
+    most = "the curve's end" if high is None else f"{high:.{digits}f}"
+    return f" (95 %: {least} to {most})"
+
+
 def _print_limits(found: PoseLimits, min_dprime: float, where: str) -> None:
     more = " or more (the curve ends there)" if found.is_zoom_beyond_curve else ""
     tilt = "none" if found.tilt_deg is None else f"up to {found.tilt_deg:.1f} degrees"
     terminal.say(
         f"{found.curve.name}; d' of at least {min_dprime:g}, at best:",
-        f"straight back: up to {found.zoom:.3f} times the distance{more}",
-        f"tilt {where} at the same distance: {tilt}",
+        f"straight back: up to {found.zoom:.3f} times the distance{more}"
+        f"{_interval(found.zoom_interval_95, 3)}",
+        f"tilt {where} at the same distance: {tilt}{_interval(found.tilt_interval_95_deg, 1)}",
     )
     terminal.print_table(
         f"Distance and tilt {where}",

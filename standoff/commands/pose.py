@@ -74,6 +74,7 @@ def pose(
     frames: Annotated[int | None, Option(min=1, help="Live: end after this many frames.")] = None,
     target: Annotated[str | None, Option(help="Live: target under a simulated camera.")] = None,
     settings: terminal.BenchKeys = None,
+    focus_scatter: terminal.FocusScatter = None,
     model: terminal.CurveModel = None,
     observer: terminal.CurveObserver = None,
     noise: terminal.CurveNoise = None,
@@ -99,6 +100,7 @@ def pose(
     always: dict[str, Any] = {
         "choice": terminal.curve_choice(model, observer, noise, contrast),
         "criterion": criterion,
+        "focus_scatter_px2": focus_scatter,
         "reading": terminal.reading_options(encoding, page, mean),
     }
     how: dict[str, Any] = {
@@ -166,10 +168,13 @@ def _watch(
 def _show_one(quality: PoseQuality, summary: PoseSummary) -> None:
     from analysis.detection_limits import spot_sentence
 
+    decision = quality.decision
     word = "accepted" if quality.is_accepted else "rejected"
     terminal.say(
-        f"{word}: {quality.criterion} d' {quality.decisive_d_prime:.2f}, threshold "
-        f"{quality.min_d_prime:g} ({quality.curve.name})",
+        f"{decision.verdict}: {quality.criterion} d' {quality.decisive_d_prime:.2f} {word}, "
+        f"threshold {quality.min_d_prime:g} ({quality.curve.name})",
+        decision.sentence,
+        *filter(None, (decision.unknown_sentence,)),
         f"local zoom {summary.zoom_min:.3f} to {summary.zoom_max:.3f}, anisotropy up to "
         f"{summary.anisotropy_max:.3f}, overlap {100 * summary.overlap:.0f} % of the follow-up",
         terminal.UPPER_BOUND,
@@ -199,9 +204,9 @@ def _show_series(
             "Follow-ups with the least d'",
         )
         terminal.say(
-            f"{document.accepted} of {document.accepted + document.rejected} poses accepted: "
-            f"{document.criterion} d' of at least {document.min_dprime:g} "
-            f"({found.sweep.found_done} already done); wrote {out}",
+            f"{document.accepted} of {document.accepted + document.rejected} poses accepted"
+            f"{_of_unsure(document.unsure)}: {document.criterion} d' of at least "
+            f"{document.min_dprime:g} ({found.sweep.found_done} already done); wrote {out}",
             terminal.UPPER_BOUND,
         )
     terminal.report_refused(found.sweep, "the verdicts on the others are complete")
@@ -212,11 +217,15 @@ def _cells(one: JudgedFollowup) -> list[str]:
         return [Path(one.followup).name, "none", "", "", ""]
     return [
         Path(one.followup).name,
-        "accepted" if one.is_accepted else "rejected",
+        one.verdict or "",
         f"{one.dprime_decisive:.2f}",
         f"{one.zoom_min:.3f} to {one.zoom_max:.3f}",
         f"{100 * one.overlap:.0f} %",
     ]
+
+
+def _of_unsure(count: int | None) -> str:
+    return f", {count} of all unsure" if count else ""
 
 
 def _show_stream(watched: library.PoseWatch, *, json: bool) -> None:

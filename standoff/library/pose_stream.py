@@ -39,7 +39,7 @@ class PoseWatch:
     ----------
     reference
         The earlier, nearer photograph: an array or a file.
-    curve, min_d_prime, choice, criterion
+    curve, min_d_prime, choice, criterion, focus_scatter_px2
         As in ``judge_pose``.
     reading
         How files are read; see ``standoff.reading``.
@@ -65,10 +65,11 @@ class PoseWatch:
         *,
         choice: CurveChoice | None = None,
         criterion: Criterion = "min",
+        focus_scatter_px2: float | None = None,
         reading: ReadOptions | None = None,
     ) -> None:
         self._call = Call("PoseWatch", None, reading, (curve,))
-        self.curve = given_curve(curve, min_d_prime, choice)
+        self.curve = given_curve(curve, min_d_prime, choice, focus_scatter_px2)
         self.min_d_prime, self.criterion = min_d_prime, criterion
         self.summary = StreamSummary()
         near = self._call.photograph(reference, "reference")

@@ -35,6 +35,7 @@ from .options import (
     CurvesPath as CurvesPath,
     EncodingName as EncodingName,
     ExpectZoom as ExpectZoom,
+    FocusScatter as FocusScatter,
     Force as Force,
     Json as Json,
     KernelWorkers as KernelWorkers,

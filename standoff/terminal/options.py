@@ -279,6 +279,15 @@ MinDprime = Annotated[
         callback=_checked_threshold,
     ),
 ]
+FocusScatter = Annotated[
+    float | None,
+    Option(
+        "--focus-scatter",
+        min=0,
+        help="Standard deviation of the PSF's variance from capture to capture in px^2, as focus "
+        "makes it; by default as the calibration's captures show it.",
+    ),
+]
 CurveModel = Annotated[Model | None, Option(help="Use the curve for this capture model.")]
 CurveObserver = Annotated[Observer | None, Option(help="Use the curve for this observer.")]
 CurveNoise = Annotated[float | None, Option(help="Use the curve for this noise in DN.")]

@@ -280,13 +280,14 @@ def prompt_document(prompt: Prompt | None) -> Document | None:
 
 
 def pose_document(view: PoseView) -> Document:
-    """Go or no-go, with the reason and the margin."""
+    """Go, no go or unsure, with the reason, the margin and the probability."""
     document: Document = {
         "is_possible": view.is_possible,
         "reference": view.reference,
         "verdict": "",
         "reason": "",
         "margin": "",
+        "probability": "",
     }
     verdict = view.verdict
     if not view.reference:
@@ -295,9 +296,10 @@ def pose_document(view: PoseView) -> Document:
         return document | {"verdict": "…", "reason": "waiting for a picture"}
     margin = "" if verdict.margin is None else f"{100 * verdict.margin:+.0f} %"
     return document | {
-        "verdict": "GO" if verdict.accepted else "NO GO",
+        "verdict": verdict.verdict.upper(),
         "reason": verdict.reason,
         "margin": margin,
+        "probability": "" if verdict.probability is None else f"{100 * verdict.probability:.0f} %",
     }
 
 

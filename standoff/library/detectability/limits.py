@@ -1,7 +1,7 @@
 """How well a change can be detected from further away, and the camera movement this allows."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
@@ -13,6 +13,7 @@ from analysis.detectability import (
     DetectabilityCurve,
     DetectabilityCurves,
     DetectionTask as DetectionTask,
+    ErrorSources,
     d_prime_curves as curves_of_images,
     read_curves,
 )
@@ -26,6 +27,7 @@ from analysis.pose import (
 from calibration.files import read_geometry
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
+from standoff.library.detectability.known_errors import known_errors
 from standoff.library.files import write_figure
 from standoff.library.inputs import (
     FilePath,
@@ -53,6 +55,7 @@ def d_prime_curves(
         The camera's PSF; only model ``bicubic`` works without it.
     task
         Zooms, noises, contrasts, models and observers; the defaults of ``DetectionTask`` if None.
+        Where its ``sources`` say nothing, they are what the calibration says of its errors.
 
     Returns
     -------
@@ -72,6 +75,10 @@ def d_prime_curves(
     >>> curves = standoff.d_prime_curves(["scene.tif"], "psf.json")
     >>> curves.plot()
     """
+    known = known_errors(psf)
+    task = task or DetectionTask()
+    if task.sources == ErrorSources():
+        task = replace(task, sources=known)
     scenes = [
         grey_image(image, f"images[{number}]") for number, image in enumerate(listed_images(images))
     ]
@@ -125,7 +132,15 @@ class AllowedMovement(PoseLimits):
         write_figure(path_of(path, "path"), plot_limits(self))
 
 
-_LIMITS = ("zoom", "is_zoom_beyond_curve", "tilt_deg", "zoom_by_tilt", "overlap_by_shift")
+_LIMITS = (
+    "zoom",
+    "zoom_interval_95",
+    "is_zoom_beyond_curve",
+    "tilt_deg",
+    "tilt_interval_95_deg",
+    "zoom_by_tilt",
+    "overlap_by_shift",
+)
 
 
 def pose_limits(
@@ -140,6 +155,7 @@ def pose_limits(
     direction_deg: float | None = None,
     at_zoom: float | None = None,
     at_tilt_deg: float = 0.0,
+    focus_scatter_px2: float | None = None,
 ) -> AllowedMovement:
     """Return the distance ratio, the tilt and the shift that keep d' at a threshold or above.
 
@@ -161,6 +177,8 @@ def pose_limits(
         Of the follow-up's tilt, from +x towards +y; the worst by default.
     at_zoom, at_tilt_deg
         Pose at which the least detectable contrast is wanted as well.
+    focus_scatter_px2
+        Standard deviation of the PSF's variance from capture to capture, instead of the curve's.
 
     Returns
     -------
@@ -182,7 +200,7 @@ def pose_limits(
     >>> limits.zoom, limits.tilt_deg
     """
     camera = viewing_camera(geometry, focal_length_px, image_size)
-    found = given_curve(curve, min_d_prime, choice)
+    found = given_curve(curve, min_d_prime, choice, focus_scatter_px2)
     limits = limits_of_curve(found, min_d_prime, camera, reference_tilt_deg, direction_deg)
     contrast_dn = None
     if at_zoom is not None:
@@ -204,21 +222,33 @@ def pose_limits(
 
 
 def given_curve(
-    curve: CurveLike, min_d_prime: float, choice: CurveChoice | None = None
+    curve: CurveLike,
+    min_d_prime: float,
+    choice: CurveChoice | None = None,
+    focus_scatter_px2: float | None = None,
 ) -> DetectabilityCurve:
-    """Return the one curve that is meant.
+    """Return the one curve that is meant, with a scatter of the focus if one is stated.
 
     Raises
     ------
     TypeError
         If it is neither a curve nor a path.
     ArgumentError
-        If none or several match, or the threshold is not positive.
+        If none or several match, the threshold is not positive, or the scatter is negative.
     ResultsFileError
         If the file cannot be read.
     """
     if not 0 < min_d_prime < inf:
         raise ArgumentError(f"a threshold must be a number above 0, got {min_d_prime:g}")
+    if focus_scatter_px2 is not None and not 0 <= focus_scatter_px2 < inf:
+        raise ArgumentError(
+            f"a scatter of the focus must be a number from 0, got {focus_scatter_px2:g}"
+        )
+    chosen = _chosen_curve(curve, choice)
+    return chosen.knowing(focus_scatter_px2=focus_scatter_px2)
+
+
+def _chosen_curve(curve: CurveLike, choice: CurveChoice | None) -> DetectabilityCurve:
     if isinstance(curve, DetectabilityCurve):
         return curve
     name = "curves"

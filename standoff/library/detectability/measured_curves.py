@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from heapq import nsmallest
 from os import PathLike
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from acquisition.session import file_sha256
 from analysis.detectability import (
+    MOST_SCENES,
     ArtefactWork,
     DetectabilityCurve,
     DetectabilityCurves,
@@ -26,10 +28,11 @@ from analysis.reports import plot_detectability
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep
 from simulation import Psf
-from simulation.capture_noise import CaptureNoise
+from simulation.arrays import FloatArray
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
+from standoff.library.detectability.known_errors import known_errors, noise_relative_err
 from standoff.library.files import each_image, write_figure, written_together
 from standoff.library.inputs import (
     FilePath,
@@ -90,15 +93,21 @@ class _Asked:
 
     task: DetectionTask
     psf: Psf | None
-    noise: CaptureNoise | None
+    noise: NoiseLike | None
 
     def task_on(self, sums: SweepSums) -> DetectionTask:
         """Return the task with the noise that the camera has at the photographs' mean level."""
-        if self.noise is None:
+        known = camera_noise(self.noise)
+        if self.noise is None or known is None:
             return self.task
         levels = np.fromiter((one.mean_dn for one in sums.photographs()), np.float64)
-        noise_dn = math.sqrt(float(self.noise.variance_dn2(levels).mean()))
-        return replace(self.task, noises_dn=(noise_dn,))
+        noise_dn = math.sqrt(float(known.variance_dn2(levels).mean()))
+        relative_err = noise_relative_err(self.noise, levels)
+        return replace(
+            self.task,
+            noises_dn=(noise_dn,),
+            sources=self.task.sources.model_copy(update={"noise_relative_err": relative_err}),
+        )
 
 
 def measure_curves(
@@ -110,6 +119,8 @@ def measure_curves(
     transfer: PsfShape = "best",
     signal: ImageLike | None = None,
     noise: NoiseLike | None = None,
+    focus_scatter_px2: float | None = None,
+    registration_err_px: float | None = None,
     sweep: SweepOptions | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
@@ -135,6 +146,11 @@ def measure_curves(
         Image patch to use as the change, instead of the task's.
     noise
         A camera's noise, instead of the task's.
+    focus_scatter_px2
+        Standard deviation of the PSF's variance from capture to capture, for the intervals; by
+        default that of the calibration, if its captures show it.
+    registration_err_px
+        Standard deviation of a pair's registration error along either axis.
     sweep
         Who works, and on what part; by default this process, on all.
     reading
@@ -162,10 +178,18 @@ def measure_curves(
     """
     call = Call("measure_curves", progress, reading, (psf, noise))
     asked = _Asked(
-        task=_with_signal(call, task or DetectionTask(), signal),
+        task=replace(
+            _with_signal(call, task or DetectionTask(), signal),
+            sources=known_errors(
+                psf,
+                focus_scatter_px2=focus_scatter_px2,
+                registration_err_px=registration_err_px,
+            ),
+        ),
         psf=None if psf is None else camera_psf(call, psf, transfer),
-        noise=camera_noise(noise),
+        noise=noise,
     )
+    camera_noise(noise)  # a wrong file is refused before the work
     paths = each_image(listed_paths(images, "images"))
     folder = path_of(state, "state").absolute()
     measured = _measured(call, paths, folder, asked, sweep or SweepOptions())
@@ -217,8 +241,9 @@ def _measured(
     _list_inputs(sums, inputs, state)
     copies = sums.list_copies(state / _COPIES_NAME)
     task = asked.task_on(sums)
+    some = _some_photographs(sums, inputs.options)
     with call.bar("computing d'", len(task.models)) as advance_to:
-        curves = curves_of(sums.artefacts, sums.images, plan, task, advance_to)
+        curves = curves_of(sums.artefacts, sums.images, plan, task, advance_to, some)
     return MeasuredCurves(
         curves=curves,
         photographs=summary,
@@ -236,6 +261,12 @@ def _scene(options: ReadOptions, path: Path) -> SceneImage:
             encoding=photograph.encoding.name,
             notes=photograph.remarks,
         )
+
+
+def _some_photographs(sums: SweepSums, options: ReadOptions) -> list[FloatArray]:
+    """Read a few photographs again, those of the least hashes, whatever the order of the paths."""
+    least = nsmallest(MOST_SCENES, sums.photographs(), key=lambda one: (one.sha256, one.path))
+    return [_scene(options, Path(one.path)).grey_dn for one in least]
 
 
 def _list_inputs(sums: SweepSums, inputs: Inputs, state: Path) -> None:

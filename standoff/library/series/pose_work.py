@@ -3,16 +3,23 @@
 import os
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 from acquisition.printable import on_one_line
 from analysis.changes import ChangeOptions
 from analysis.choices import Criterion
-from analysis.detectability import CurveChoice, DetectabilityCurve
+from analysis.detectability import STATED, CurveChoice, DetectabilityCurve
 from analysis.detection_limits import DetectionLimit
 from analysis.errors import AnalysisError
 from analysis.followup_series import FollowupWork, Written
-from analysis.pose import JudgedFollowup, PoseQuality, PoseSummary, judge_pose as pose_quality
+from analysis.pose import (
+    JudgedFollowup,
+    PoseDecision,
+    PoseQuality,
+    PoseSummary,
+    judge_pose as pose_quality,
+)
 from analysis.reports import plot_pose
 from calibration.errors import CalibrationError
 from calibration.provenance import Provenance
@@ -88,6 +95,11 @@ class JudgedPose:
         return self.quality.is_accepted
 
     @property
+    def decision(self) -> PoseDecision:
+        """Go, no go or unsure, with its probability and what decides it."""
+        return self.quality.decision
+
+    @property
     def summary(self) -> PoseSummary:
         """The verdict in figures."""
         return self.quality.summary.model_copy(
@@ -129,6 +141,7 @@ def judge_pose(
     criterion: Criterion = "min",
     psf: PsfLike | None = None,
     hints: AlignmentHints | RegistrationHints | None = None,
+    focus_scatter_px2: float | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> JudgedPose:
@@ -150,6 +163,8 @@ def judge_pose(
         Of the camera, for a finer registration.
     hints
         What is known of the pose beforehand, as in ``find_changes``.
+    focus_scatter_px2
+        Standard deviation of the PSF's variance from capture to capture, instead of the curve's.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -158,8 +173,8 @@ def judge_pose(
     Returns
     -------
     JudgedPose
-        ``quality`` with the verdict and d' over the frame; ``summary`` describes the pose, and
-        holds what a comparison of the two would have found.
+        ``quality`` with the verdict and d' over the frame; ``decision`` says how sure it is;
+        ``summary`` describes the pose, and holds what a comparison of the two would have found.
 
     Raises
     ------
@@ -176,7 +191,7 @@ def judge_pose(
     """
     call = Call("judge_pose", progress, reading, (curve, psf, *hint_files(hints)))
     demand = PoseDemand(
-        curve=given_curve(curve, min_d_prime, choice),
+        curve=given_curve(curve, min_d_prime, choice, focus_scatter_px2),
         min_d_prime=min_d_prime,
         criterion=criterion,
         psf=registration_psf(call, psf),
@@ -235,7 +250,7 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Judged
             found.pose.nearest_homography(),
             (cols, rows),
             (near_cols, near_rows),
-            demand.curve,
+            demand.curve.knowing(registration_err_px=found.place_err_px / sqrt(2)),
             demand.min_d_prime,
             demand.criterion,
         )
@@ -275,7 +290,16 @@ class PoseWork(FollowupWork[Photograph, JudgedPose]):
             "criterion": self.demand.criterion,
             "curve": self.demand.curve.choice.model_dump(),
             "hints": hint_settings(self.demand.hints),
+            **self._focus,
         }
+
+    @property
+    def _focus(self) -> dict[str, Any]:
+        """The scatter of the focus, where it is not the curves' own."""
+        uncertainty = self.demand.curve.uncertainty
+        if uncertainty is None or uncertainty.sources.focus_from != STATED:
+            return {}
+        return {"focus_scatter_px2": uncertainty.sources.focus_scatter_px2}
 
     def find(self, near: Photograph, photograph: Photograph) -> JudgedPose:
         """Judge one follow-up."""

@@ -222,6 +222,7 @@ def judge_poses(
     criterion: Criterion = "min",
     psf: PsfLike | None = None,
     hints: AlignmentHints | RegistrationHints | None = None,
+    focus_scatter_px2: float | None = None,
     sweep: SweepOptions | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
@@ -236,7 +237,7 @@ def judge_poses(
         Files and folders; of a folder the reference itself is left out.
     out
         Folder for the results.
-    curve, min_d_prime, choice, criterion, psf, hints
+    curve, min_d_prime, choice, criterion, psf, hints, focus_scatter_px2
         As in ``judge_pose``.
     sweep
         Who works, and on what part; by default this process, on all.
@@ -261,7 +262,7 @@ def judge_poses(
     """
     call = Call("judge_poses", progress, reading, (curve, psf, *hint_files(hints)))
     demand = PoseDemand(
-        curve=given_curve(curve, min_d_prime, choice),
+        curve=given_curve(curve, min_d_prime, choice, focus_scatter_px2),
         min_d_prime=min_d_prime,
         criterion=criterion,
         psf=registration_psf(call, psf),
@@ -286,6 +287,7 @@ def judge_poses(
                 curve=demand.curve.choice,
                 accepted=rows.count(lambda row: row["is_accepted"] is True),
                 rejected=rows.count(lambda row: row["is_accepted"] is False),
+                unsure=rows.count(lambda row: row.get("verdict") == "unsure"),
                 refused=rows.count(is_refused),
                 provenance=work.provenance,
             )

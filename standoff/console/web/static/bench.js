@@ -54,10 +54,10 @@ function stage_(stage, isMine) {
 
 function pose_(pose, isMine) {
   setText("pose-verdict", pose.verdict || "–");
-  byId("pose-verdict").className = `verdict ${pose.verdict === "GO" ? "go" : pose.verdict === "NO GO" ? "no" : ""}`;
+  byId("pose-verdict").className = `verdict ${pose.verdict === "GO" ? "go" : pose.verdict === "NO GO" ? "no" : pose.verdict === "UNSURE" ? "unsure" : ""}`;
   const help = pose.is_possible ? "choose a reference: this picture, or a capture of a session" : "to judge poses, start the console with --curves";
   setText("pose-reason", pose.reference ? pose.reason : help);
-  setText("pose-reference", pose.reference ? `${pose.margin && `margin ${pose.margin} · `}against ${pose.reference}` : "");
+  setText("pose-reference", pose.reference ? `${pose.margin && `margin ${pose.margin} · `}${pose.probability && `${pose.probability} sure of the threshold · `}against ${pose.reference}` : "");
   enable(isMine && pose.is_possible, "pose-here", "pose-clear");
   show("pose-clear", Boolean(pose.reference));
 }

@@ -17,6 +17,8 @@ from tests.standoff.console.hub_fixtures import DEADLINE_S, wait_for
 RNG = np.random.default_rng(4)
 ACCEPTED = PoseVerdict(
     accepted=True,
+    verdict="go",
+    probability=None,
     dprime=None,
     margin=None,
     reason="",

@@ -82,6 +82,8 @@ class SizeTracker:
             raise ValueError(f"the frames changed from {self._reference.shape} to {image.shape}")
         return PoseVerdict(
             accepted=True,
+            verdict="go",
+            probability=None,
             dprime=None,
             margin=None,
             reason="of its size",

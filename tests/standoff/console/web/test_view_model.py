@@ -6,7 +6,7 @@ import pytest
 from acquisition.focus.measures import Region
 from acquisition.focus.trace import FocusReading
 from acquisition.plan import PlanEntry
-from analysis.pose.tracker import PoseVerdict
+from analysis.pose import PoseVerdict, Verdict
 from standoff.console.devices.device_status import DeviceStatus
 from standoff.console.devices.frame_broadcaster import FrameCounts
 from standoff.console.devices.picture_monitor import Levels, PictureFacts
@@ -152,14 +152,21 @@ def test_the_plan_is_a_table_of_what_is_done_next_and_failed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("accepted", "margin", "verdict", "text"),
-    [(True, 0.31, "GO", "+31 %"), (False, -0.204, "NO GO", "-20 %"), (False, None, "NO GO", "")],
+    ("verdict", "margin", "probability", "texts"),
+    [
+        ("go", 0.31, 0.98, ("GO", "+31 %", "98 %")),
+        ("no go", -0.204, 0.012, ("NO GO", "-20 %", "1 %")),
+        ("unsure", 0.02, 0.61, ("UNSURE", "+2 %", "61 %")),
+        ("no go", None, None, ("NO GO", "", "")),
+    ],
 )
-def test_the_pose_is_go_or_no_go_with_its_margin(
-    accepted: bool, margin: float | None, verdict: str, text: str
+def test_the_pose_is_go_no_go_or_unsure_with_its_margin_and_probability(
+    verdict: Verdict, margin: float | None, probability: float | None, texts: tuple[str, str, str]
 ) -> None:
     found = PoseVerdict(
-        accepted=accepted,
+        accepted=margin is not None and margin >= 0,
+        verdict=verdict,
+        probability=probability,
         dprime=None if margin is None else 2 * (1 + margin),
         margin=margin,
         reason="because",
@@ -169,7 +176,8 @@ def test_the_pose_is_go_or_no_go_with_its_margin(
         anchored=False,
     )
     shown = pose_document(PoseView(is_possible=True, reference="before", verdict=found))
-    assert (shown["verdict"], shown["margin"], shown["reason"]) == (verdict, text, "because")
+    assert (shown["verdict"], shown["margin"], shown["probability"]) == texts
+    assert shown["reason"] == "because"
     assert pose_document(PoseView(is_possible=True))["verdict"] == ""
 
 

@@ -1,0 +1,82 @@
+"""What calibrations say of their own errors, for the interval of a d'."""
+
+from math import sqrt
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from analysis.detectability import STATED, ErrorSources
+from calibration.files import read_noise, read_psf
+from calibration.psf import PsfCalibration
+from simulation.arrays import FloatArray
+from standoff.library.inputs import NoiseLike, PsfLike
+
+
+def known_errors(
+    psf: PsfLike | None,
+    *,
+    focus_scatter_px2: float | None = None,
+    registration_err_px: float | None = None,
+) -> ErrorSources:
+    """Return what is known of the errors of a camera.
+
+    Parameters
+    ----------
+    psf
+        A calibration, or the path of one, says how sure it is and how its captures scattered; a
+        bare PSF says nothing.
+    focus_scatter_px2, registration_err_px
+        As stated; the scatter instead of the calibration's.
+    """
+    stored = psf
+    if isinstance(psf, str | PathLike):
+        stored = read_psf(Path(psf))
+    variance_err_px2, focus_from = None, None if focus_scatter_px2 is None else STATED
+    if isinstance(stored, PsfCalibration):
+        variance_err_px2 = _variance_err_px2(stored)
+        focus = getattr(stored, "focus", None)
+        if focus_scatter_px2 is None and focus is not None:
+            focus_scatter_px2 = focus.scatter_px2
+            focus_from = f"{focus.captures} captures of the calibration"
+    return ErrorSources(
+        psf_variance_err_px2=variance_err_px2,
+        focus_scatter_px2=focus_scatter_px2,
+        focus_from=focus_from,
+        registration_err_px=registration_err_px,
+    )
+
+
+def noise_relative_err(noise: NoiseLike, levels_dn: FloatArray) -> float | None:
+    """Return the standard error of a camera's noise at levels, over that noise; None if unknown.
+
+    Parameters
+    ----------
+    noise
+        A noise.json, or what it says; only the file knows its errors.
+    levels_dn
+        Mean levels of the photographs.
+    """
+    if not isinstance(noise, str | PathLike):
+        return None
+    stored = read_noise(Path(noise))
+    gain_err, read_err = stored.gain_e_per_dn_err, stored.read_noise_e_err
+    if gain_err is None or read_err is None:
+        return None
+    gain, read = stored.gain_e_per_dn, stored.read_noise_e
+    light_dn = np.maximum(levels_dn - stored.black_level_dn, 0.0)
+    # Variance in DN^2 is light / gain + read^2 / gain^2.
+    variance = float(np.mean(light_dn / gain + (read / gain) ** 2))
+    by_gain = float(np.mean(-light_dn / gain**2 - 2 * read**2 / gain**3)) * gain_err
+    by_read = 2 * read / gain**2 * read_err
+    return sqrt(by_gain**2 + by_read**2) / (2 * variance) if variance > 0 else None
+
+
+def _variance_err_px2(psf: PsfCalibration) -> float | None:
+    """Standard error of the mean of the variances along x and y."""
+    widths = psf.sigma_x_px, psf.sigma_y_px
+    if widths[0] is None or widths[1] is None or psf.estimate_covariance is None:
+        return None
+    slope = np.array(widths, dtype=np.float64)
+    among = np.array(psf.estimate_covariance)[:2, :2]
+    return sqrt(max(float(slope @ among @ slope), 0.0))
