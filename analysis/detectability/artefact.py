@@ -6,6 +6,7 @@ their arrays, and what a template makes of the artefact is one sum over lags.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Self
 
@@ -60,8 +61,9 @@ def artefact_tiles(artefact_dn: FloatArray, window_px: int, tiles_per_side: int)
         Shape ``(rows, cols)``.
     window_px
         Side n of the window; lags up to n - 1 are taken. The image fades to zero over n / 2 px at
-        its border, so that the covariance is positive semidefinite and the border itself is not
-        taken for artefact; it counts by the weight it has left.
+        its border, so that the border itself is not taken for artefact; it counts by the weight it
+        has left. What the fading takes of a lag is given back, so that small images tell the same
+        covariance as large ones, and one that is positive semidefinite only as far as it is known.
     tiles_per_side
         The image is cut into this many tiles along each axis.
 
@@ -77,6 +79,7 @@ def artefact_tiles(artefact_dn: FloatArray, window_px: int, tiles_per_side: int)
         )
     lag = window_px - 1
     fading = _frame_fading(artefact_dn.shape, window_px)
+    regained = _regained(artefact_dn.shape, window_px)
     padded = np.pad(fading * (artefact_dn - artefact_dn.mean()), lag)
     rows, cols = (
         np.linspace(0, size, tiles_per_side + 1).astype(int) for size in artefact_dn.shape
@@ -88,7 +91,7 @@ def artefact_tiles(artefact_dn: FloatArray, window_px: int, tiles_per_side: int)
             inside = padded[top + lag : bottom + lag, left + lag : right + lag]
             product = _correlated(around, inside, 2 * lag + 1)
             # Templates meet the even part alone.
-            products.append((product + product[::-1, ::-1]) / 2)
+            products.append(regained * (product + product[::-1, ::-1]) / 2)
             pixels.append(float(np.sum(fading[top:bottom, left:right] ** 2)))
     return ArtefactTiles(products_dn2=np.stack(products), pixels=np.array(pixels))
 
@@ -102,7 +105,7 @@ def lagged_products(first: FloatArray, second: FloatArray, window_px: int) -> Fl
     fading = _frame_fading(first.shape, window_px)
     around = np.pad(fading * (first - first.mean()), lag)
     product = _correlated(around, fading * (second - second.mean()), 2 * lag + 1)
-    return np.asarray((product + product[::-1, ::-1]) / 2)
+    return np.asarray(_regained(first.shape, window_px) * (product + product[::-1, ::-1]) / 2)
 
 
 def faded_pixels(shape: tuple[int, ...], window_px: int) -> float:
@@ -115,6 +118,15 @@ def template_autocorrelation(template: FloatArray) -> FloatArray:
     n = template.shape[0]
     padded = np.pad(template, n - 1)
     return _correlated(padded, template, 2 * n - 1)
+
+
+@lru_cache(maxsize=32)
+def _regained(shape: tuple[int, ...], window_px: int) -> FloatArray:
+    """What gives each lag's sum the weight that lag 0 has."""
+    fading = _frame_fading(shape, window_px)
+    lag = window_px - 1
+    overlap = _correlated(np.pad(fading, lag), fading, 2 * lag + 1)
+    return np.asarray(overlap[lag, lag] / ((overlap + overlap[::-1, ::-1]) / 2))
 
 
 def _frame_fading(shape: tuple[int, ...], window_px: int) -> FloatArray:

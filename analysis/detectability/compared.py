@@ -229,10 +229,7 @@ def _slopes(
         by_followup = log(after / before) / PSF_STEP_PX2
     return DPrimeSlopes(
         psf_per_px2=psf_per_px2,
-        followup_per_px2=by_followup,
-        reference_per_px2=0.0,
-        focus_loss_per_px4=0.0,
-        registration_loss_per_px2=0.0,
+        signal_per_px2=by_followup,
         noise=-noise_share,
     )
 

@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh
 
 from simulation.arrays import FloatArray
 
@@ -38,9 +38,14 @@ class Covariance(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DenseCovariance:
-    """A covariance written out: shape (n^2, n^2), pixels row by row, positive definite."""
+    """A covariance written out: shape (n^2, n^2), pixels row by row.
+
+    Where it is not positive definite, as a measured one may be, its least variances count as
+    ``least_dn2``.
+    """
 
     matrix_dn2: FloatArray
+    least_dn2: float = 0.0
 
     def times(self, images: FloatArray) -> FloatArray:
         """See `Covariance.times`."""
@@ -49,7 +54,12 @@ class DenseCovariance:
 
     def solved(self, image: FloatArray) -> FloatArray:
         """See `Covariance.solved`."""
-        factor = cho_factor(self.matrix_dn2, lower=True, check_finite=False)
+        try:
+            factor = cho_factor(self.matrix_dn2, lower=True, check_finite=False)
+        except LinAlgError:
+            variances, axes = eigh(self.matrix_dn2, check_finite=False)
+            along = (axes.T @ image.ravel()) / np.maximum(variances, self.least_dn2)
+            return np.asarray(axes @ along).reshape(image.shape)
         weights = cho_solve(factor, image.ravel(), check_finite=False)
         return np.asarray(weights).reshape(image.shape)
 
@@ -64,7 +74,8 @@ class WindowCovariance:
     up_y, up_x
         Rows of ``U`` for the window, shape (n, follow-up pixels).
     autocovariance_dn2
-        Of the artefact, shape ``(2 n - 1, 2 n - 1)``, lag 0 in the middle, positive semidefinite.
+        Of the artefact, shape ``(2 n - 1, 2 n - 1)``, lag 0 in the middle; positive semidefinite as
+        far as it is known.
     """
 
     def __init__(
@@ -103,14 +114,17 @@ class WindowCovariance:
             if float(np.linalg.norm(residual)) <= limit:
                 return found
             image_of = self.times(direction)
-            step = power / float(np.vdot(direction, image_of))
+            curvature = float(np.vdot(direction, image_of))
+            if not curvature > 0:
+                break
+            step = power / curvature
             found = found + step * direction
             residual = residual - step * image_of
             conditioned = self._filtered(residual, self._preconditioner)
             before, power = power, float(np.vdot(residual, conditioned))
             direction = conditioned + (power / before) * direction
-        # Next to no noise: the artefact alone is close to singular.
-        return DenseCovariance(self.dense()).solved(image)
+        # Next to no noise: the artefact alone is close to singular, or not known well enough.
+        return DenseCovariance(self.dense(), self._noise_dn2).solved(image)
 
     def dense(self) -> FloatArray:
         """All elements, shape (n^2, n^2), pixels row by row."""

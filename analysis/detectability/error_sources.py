@@ -3,12 +3,14 @@
 Everything is in ln d', whose errors add up; ``docs/how-sure.md`` derives the sums.
 """
 
-from dataclasses import dataclass
-from math import exp, inf, log, sqrt
+from dataclasses import dataclass, field, fields
+from functools import reduce
+from math import exp, log, pi, sqrt
 from typing import Final, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from analysis.detectability.sensitivity import DPrimeSlopes
@@ -31,7 +33,11 @@ STATED: Final = "stated"
 """What ``focus_from`` says of a scatter that somebody stated."""
 
 NORMAL_95 = 1.959963984540054
-_NODES, _WEIGHTS = np.polynomial.laguerre.laggauss(32)
+_TAILS = 0.025, 0.975
+_FOCUS_NODES, _REGISTRATION_NODES = 12, 8
+_LEAST_POWER = 0.02
+"""Of the variance of a decision, what slopes leave at the least: beyond, they say too little."""
+_SMOOTHED, _LEAST_ERR = 0.1, 1e-9
 
 
 class ErrorSources(StoredValues):
@@ -78,64 +84,40 @@ class CurveUncertainty(StoredValues):
         What is known of the camera's errors.
     scene
         Standard error of ln d' from the choice of photographs, widened by Student's quantile.
-    psf_per_px2, focus_per_px2, focus_loss_per_px4, registration_loss_per_px2, noise
-        As in `DPrimeSlopes`; ``focus_per_px2`` is that of both photographs together, each with a
-        focus of its own.
+    slopes
+        How d' follows the other errors.
     """
 
     sources: ErrorSources = ErrorSources()
     scene: list[float]
-    psf_per_px2: list[float]
-    focus_per_px2: list[float]
-    focus_loss_per_px4: list[float]
-    registration_loss_per_px2: list[float]
-    noise: list[float]
+    slopes: list[DPrimeSlopes]
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        lengths = {len(values) for name, values in self if name != "sources"}
-        if len(lengths) > 1:
-            raise ValueError("all lists of an uncertainty must have a value at each zoom")
+        if len(self.scene) != len(self.slopes):
+            raise ValueError("an uncertainty must have as many slopes as errors of the scene")
         return self
 
-    @classmethod
-    def of(cls, sources: ErrorSources, scene: list[float], slopes: list[DPrimeSlopes]) -> Self:
-        """Put together the slopes at each zoom."""
-        return cls(
-            sources=sources,
-            scene=scene,
-            psf_per_px2=[one.psf_per_px2 for one in slopes],
-            focus_per_px2=[
-                sqrt(one.followup_per_px2**2 + one.reference_per_px2**2) for one in slopes
-            ],
-            focus_loss_per_px4=[one.focus_loss_per_px4 for one in slopes],
-            registration_loss_per_px2=[one.registration_loss_per_px2 for one in slopes],
-            noise=[one.noise for one in slopes],
-        )
-
     def errors(self, zooms: list[float], zoom: float) -> "DPrimeErrors":
-        """Errors of ln d' at a zoom, linear between those of the curve."""
+        """Errors of ln d' at a zoom; what they are made of is linear between the curve's."""
 
-        def at(values: list[float]) -> float:
-            return float(np.interp(zoom, zooms, values))
+        def at(name: str) -> float:
+            return float(np.interp(zoom, zooms, [getattr(one, name) for one in self.slopes]))
 
         known = self.sources
-        variances: dict[Source, float] = {"scene": at(self.scene) ** 2}
-        shift = 0.0
+        variances: dict[Source, float] = {"scene": float(np.interp(zoom, zooms, self.scene)) ** 2}
         if known.psf_variance_err_px2 is not None:
-            variances["psf"] = (at(self.psf_per_px2) * known.psf_variance_err_px2) ** 2
-        if known.focus_scatter_px2 is not None:
-            scatter_px4 = known.focus_scatter_px2**2
-            loss = _loss(at(self.focus_loss_per_px4) * scatter_px4)
-            shift += loss.mean
-            variances["focus"] = at(self.focus_per_px2) ** 2 * scatter_px4 + loss.variance
+            variances["psf"] = (at("psf_per_px2") * known.psf_variance_err_px2) ** 2
         if known.noise_relative_err is not None:
-            variances["noise"] = (at(self.noise) * known.noise_relative_err) ** 2
-        if known.registration_err_px is not None:
-            loss = _loss(at(self.registration_loss_per_px2) * known.registration_err_px**2)
-            shift += loss.mean
-            variances["registration"] = loss.variance
-        return DPrimeErrors(shift=shift, variances=variances)
+            variances["noise"] = (at("noise") * known.noise_relative_err) ** 2
+        spreads: dict[Source, Spread] = {}
+        if known.focus_scatter_px2:
+            slopes = DPrimeSlopes(**{one.name: at(one.name) for one in fields(DPrimeSlopes)})
+            spreads["focus"] = focus_spread(slopes, known.focus_scatter_px2)
+        if known.registration_err_px:
+            share = at("registration_per_px2") * known.registration_err_px**2
+            spreads["registration"] = registration_spread(share)
+        return DPrimeErrors(variances=variances, spreads=spreads)
 
 
 class BudgetShare(StoredValues):
@@ -145,64 +127,132 @@ class BudgetShare(StoredValues):
     share: float
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spread:
+    """A distribution of additions to ln d', as values and their probabilities, shape (n,)."""
+
+    values: FloatArray
+    weights: FloatArray
+
+    @property
+    def variance(self) -> float:
+        """Of the addition."""
+        mean = float(self.weights @ self.values)
+        return max(float(self.weights @ (self.values - mean) ** 2), 0.0)
+
+    def plus(self, other: "Spread") -> "Spread":
+        """Sum of two independent additions."""
+        return Spread(
+            values=np.add.outer(self.values, other.values).ravel(),
+            weights=np.outer(self.weights, other.weights).ravel(),
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DPrimeErrors:
-    """Errors of ln d': its mean less that of the curve, and its variance by source."""
+    """Errors of ln d': variances of those that are normal, and distributions of the others."""
 
-    shift: float
     variances: dict[Source, float]
+    spreads: dict[Source, Spread] = field(default_factory=dict)
 
     @classmethod
     def of_interval(cls, low: float, d_prime: float, high: float) -> Self:
         """Errors that a 95 % interval stands for, of which the scene is the only known source."""
         if not 0 < low <= d_prime <= high:
-            low = high = 1.0 if d_prime <= 0 else d_prime
-        return cls(shift=0.0, variances={"scene": (log(high / low) / (2 * NORMAL_95)) ** 2})
+            return cls(variances={"scene": 0.0})
+        return cls(variances={"scene": (log(high / low) / (2 * NORMAL_95)) ** 2})
 
     @property
     def standard_error(self) -> float:
         """Of ln d', all sources together."""
-        return sqrt(sum(self.variances.values()))
+        return sqrt(sum(self._by_source.values()))
 
     @property
     def budget(self) -> tuple[BudgetShare, ...]:
         """Shares of the sources, the largest first."""
-        whole = sum(self.variances.values())
+        whole = sum(self._by_source.values())
         shares = [
             BudgetShare(source=name, share=one / whole if whole > 0 else 0.0)
-            for name, one in self.variances.items()
+            for name, one in self._by_source.items()
         ]
         return tuple(sorted(shares, key=lambda one: -one.share))
 
     def interval(self, d_prime: float) -> tuple[float, float]:
         """The 95 % interval of a d'."""
-        reach = NORMAL_95 * self.standard_error
-        return d_prime * exp(self.shift - reach), d_prime * exp(self.shift + reach)
+        reach = NORMAL_95 * self._normal_err
+        if not self.spreads:
+            return d_prime * exp(-reach), d_prime * exp(reach)
+        spread = self._spread
+        bounds = (
+            float(spread.values.min()) - 2 * reach - 1,
+            float(spread.values.max()) + 2 * reach + 1,
+        )
+        low, high = (
+            brentq(lambda x, share=share: self._below(x) - share, *bounds, xtol=1e-7)
+            for share in _TAILS
+        )
+        return d_prime * exp(low), d_prime * exp(high)
 
     def probability_of(self, min_d_prime: float, d_prime: float) -> float:
-        """Probability that the d' of a curve's value reaches a threshold."""
+        """Probability that the d' that a curve gives as ``d_prime`` reaches a threshold."""
         if d_prime <= 0:
             return 0.0
-        margin, err = log(d_prime / min_d_prime) + self.shift, self.standard_error
-        if err == 0:
+        margin = log(d_prime / min_d_prime)
+        if not self.spreads and self._normal_err == 0:
             return float(margin >= 0)
-        return float(ndtr(margin / err))
+        return 1 - self._below(-margin)
+
+    @property
+    def _by_source(self) -> dict[Source, float]:
+        return {**self.variances, **{name: one.variance for name, one in self.spreads.items()}}
+
+    @property
+    def _normal_err(self) -> float:
+        return sqrt(sum(self.variances.values()))
+
+    @property
+    def _spread(self) -> Spread:
+        return reduce(
+            Spread.plus, self.spreads.values(), Spread(values=np.zeros(1), weights=np.ones(1))
+        )
+
+    def _below(self, addition: float) -> float:
+        """Probability of a smaller addition to ln d'."""
+        spread = self._spread
+        # Between the values of a distribution that nothing else blurs, it is smooth as well.
+        err = max(self._normal_err, _SMOOTHED * sqrt(spread.variance), _LEAST_ERR)
+        return float(spread.weights @ ndtr((addition - spread.values) / err))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Loss:
-    mean: float
-    variance: float
+def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> Spread:
+    """What two photographs, each with a focus of its own, make of ln d'.
 
-
-def _loss(share: float) -> _Loss:
-    """Mean and variance of ``-ln(1 + share u) / 2``, u exponentially distributed with mean 1.
-
-    Half the sum of the squares of two standard normal numbers is: the errors along both axes, or of
-    both photographs' focus.
+    Parameters
+    ----------
+    slopes
+        Of d'.
+    scatter_px2
+        Standard deviation of the variance that focus adds, from capture to capture.
     """
-    if not share < inf:
-        return _Loss(mean=-inf, variance=inf)
-    values: FloatArray = -0.5 * np.log1p(share * _NODES)
-    mean = float(_WEIGHTS @ values)
-    return _Loss(mean=mean, variance=max(float(_WEIGHTS @ values**2) - mean**2, 0.0))
+    nodes, weights = np.polynomial.hermite_e.hermegauss(_FOCUS_NODES)
+    f, r = np.meshgrid(scatter_px2 * nodes, scatter_px2 * nodes)
+    power = (
+        1
+        + 2 * slopes.with_followup_per_px2 * f
+        + 2 * slopes.with_reference_per_px2 * r
+        + slopes.followup_per_px4 * f**2
+        + slopes.reference_per_px4 * r**2
+        + 2 * slopes.both_per_px4 * f * r
+    )
+    values = slopes.signal_per_px2 * f - 0.5 * np.log(np.maximum(power, _LEAST_POWER))
+    return Spread(values=values.ravel(), weights=np.outer(weights, weights).ravel() / (2 * pi))
+
+
+def registration_spread(share: float) -> Spread:
+    """What a registration error makes of ln d'.
+
+    ``share`` is what its mean square adds to the variance of the decision, over that. Half the sum
+    of the squares along both axes is exponentially distributed.
+    """
+    nodes, weights = np.polynomial.laguerre.laggauss(_REGISTRATION_NODES)
+    return Spread(values=-0.5 * np.log1p(max(share, 0.0) * nodes), weights=weights)

@@ -44,8 +44,9 @@ class ArtefactResponse:
     with_psf, with_followup, with_reference
         Of a with its change per px^2 of variance: of the PSF, of the follow-up's focus and of the
         reference's.
-    focus
-        Of the changes by either focus, each with itself, summed.
+    followup, reference, both
+        Of the changes by the follow-up's and by the reference's focus with themselves, and with
+        each other.
     gradient
         Of the reference's gradient with itself, summed over both axes: what a registration error
         of one px adds.
@@ -57,7 +58,9 @@ class ArtefactResponse:
     with_psf: FloatArray
     with_followup: FloatArray
     with_reference: FloatArray
-    focus: FloatArray
+    followup: FloatArray
+    reference: FloatArray
+    both: FloatArray
     gradient: FloatArray
     pixels: float
 
@@ -94,27 +97,36 @@ class SignalResponse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DPrimeSlopes:
-    """How ln d' follows each error.
+    """How d' follows each error.
+
+    With f and r for the variances that focus adds to follow-up and reference, d' is multiplied by
+    ``exp(signal f) / sqrt(1 + 2 A f + 2 B r + F f^2 + R r^2 + 2 C f r)``.
 
     Parameters
     ----------
     psf_per_px2
-        Derivative by the variance that the PSF is taken to have.
-    followup_per_px2, reference_per_px2
-        Derivatives by the variance that focus adds to either photograph.
-    focus_loss_per_px4
-        What both photographs' focus adds to the variance of the decision, over that variance.
-    registration_loss_per_px2
-        The same for a registration error along both axes.
+        Derivative of ln d' by the variance that the PSF is taken to have.
+    signal_per_px2
+        That of the logarithm of the signal by the follow-up's focus: ``signal``.
+    with_followup_per_px2, with_reference_per_px2
+        A and B.
+    followup_per_px4, reference_per_px4, both_per_px4
+        F, R and C.
+    registration_per_px2
+        What a registration error of one px along both axes adds to the variance of the decision,
+        over that variance.
     noise
-        Derivative by the logarithm of the noise.
+        Derivative of ln d' by the logarithm of the noise.
     """
 
     psf_per_px2: float
-    followup_per_px2: float
-    reference_per_px2: float
-    focus_loss_per_px4: float
-    registration_loss_per_px2: float
+    signal_per_px2: float = 0.0
+    with_followup_per_px2: float = 0.0
+    with_reference_per_px2: float = 0.0
+    followup_per_px4: float = 0.0
+    reference_per_px4: float = 0.0
+    both_per_px4: float = 0.0
+    registration_per_px2: float = 0.0
     noise: float
 
 
@@ -128,7 +140,7 @@ class CaptureResponse:
     def slopes(
         self, template: FloatArray, place: int, change: LocalChange, noise_dn2: float, whole: float
     ) -> DPrimeSlopes:
-        """Slopes of ln d' for a template that stays as it is.
+        """Slopes of d' for a template that stays as it is.
 
         Parameters
         ----------
@@ -154,10 +166,13 @@ class CaptureResponse:
         )
         return DPrimeSlopes(
             psf_per_px2=by_psf - share * sums["with_psf"],
-            followup_per_px2=by_followup - share * sums["with_followup"],
-            reference_per_px2=-share * sums["with_reference"],
-            focus_loss_per_px4=share * max(sums["focus"], 0.0),
-            registration_loss_per_px2=share * max(sums["gradient"], 0.0),
+            signal_per_px2=by_followup,
+            with_followup_per_px2=share * sums["with_followup"],
+            with_reference_per_px2=share * sums["with_reference"],
+            followup_per_px4=share * sums["followup"],
+            reference_per_px4=share * sums["reference"],
+            both_per_px4=share * sums["both"],
+            registration_per_px2=share * sums["gradient"],
             noise=-noise_dn2 / (noise_dn2 + whole),
         )
 
@@ -231,7 +246,9 @@ def _artefact_response(
         with_psf=products(own, by_psf),
         with_followup=products(own, by_followup),
         with_reference=products(own, by_reference),
-        focus=products(by_followup, by_followup) + products(by_reference, by_reference),
+        followup=products(by_followup, by_followup),
+        reference=products(by_reference, by_reference),
+        both=products(by_followup, by_reference),
         gradient=products(slopes[0], slopes[0]) + products(slopes[1], slopes[1]),
         pixels=float(faded_pixels(own.shape, window_px)),
     )

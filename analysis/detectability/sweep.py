@@ -42,7 +42,7 @@ from analysis.sweep import (
 from simulation import Model
 from simulation.arrays import FloatArray
 
-_VERSION = 4
+_VERSION = 5
 """Version of the sums; older ones are measured again."""
 
 _TILES_WANTED = 16

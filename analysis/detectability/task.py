@@ -249,8 +249,11 @@ def _curves_of_model(
             slopes = [one.slopes for one in results if one.slopes is not None]
             uncertainty = None
             if len(slopes) == len(zooms):
-                scene = [one.scene_err for one in results]
-                uncertainty = CurveUncertainty.of(task.sources, scene, slopes)
+                uncertainty = CurveUncertainty(
+                    sources=task.sources,
+                    scene=[one.scene_err for one in results],
+                    slopes=slopes,
+                )
             for contrast_dn in task.contrasts_dn:
                 # The noise does not depend on the signal: d' is proportional to the contrast.
                 is_seen = observer == "changes" and bool(seen)

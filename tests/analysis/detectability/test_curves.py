@@ -210,6 +210,7 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path) -> None:
     assert set(document["curves"][0]) == {
         *("model", "observer", "noise_dn", "contrast_dn", "signal_sigma_px"),
         *("zoom", "dprime", "dprime_low", "dprime_high", "auc", "seen_sigma_px", "seen_dn"),
+        *("dprime_low_scene", "dprime_high_scene", "uncertainty"),
     }
 
 

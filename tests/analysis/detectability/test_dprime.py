@@ -196,21 +196,25 @@ def test_the_noise_is_that_of_both_images() -> None:
 
 def test_the_window_covariance_is_that_of_all_windows() -> None:
     # Worked out by cutting every window of the image, padded by zeros; it fades over 1 px,
-    # to (1 - cos(pi / 2)) / 2 at the border.
+    # to (1 - cos(pi / 2)) / 2 at the border, and each lag counts by what the fading leaves of it.
     rng = np.random.default_rng(3)
     field = rng.standard_normal((9, 11))
     tiles = artefact_tiles(field, 3, 2)
     fading = np.outer(*(np.pad(np.ones(n - 2), 1, constant_values=0.5) for n in field.shape))
     padded = np.pad(fading * (field - field.mean()), 2)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).reshape(-1, 9)
+    windows, faded = (
+        np.lib.stride_tricks.sliding_window_view(image, (3, 3)).reshape(-1, 9)
+        for image in (padded, np.pad(fading, 2))
+    )
+    covariance = (windows.T @ windows) / (faded.T @ faded)
     np.testing.assert_allclose(
         WindowCovariance(1.0, NOWHERE, NOWHERE, tiles.autocovariance_dn2).dense() - np.eye(9),
-        windows.T @ windows / np.sum(fading**2),
+        covariance,
         atol=1e-12,
     )
     template = rng.standard_normal((3, 3))
     assert tiles.template_sums(template).sum() == pytest.approx(
-        float(np.sum((windows @ template.ravel()) ** 2))
+        float(template.ravel() @ covariance @ template.ravel() * np.sum(fading**2))
     )
 
 

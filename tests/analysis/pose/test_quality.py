@@ -80,13 +80,15 @@ def test_a_pose_is_accepted_up_to_the_threshold(zoom: float, is_accepted: bool) 
 def test_the_verdict_in_figures_is_what_is_printed() -> None:
     grid = SamplingGrid.centred((480, 640), 1.5)
     found = judge_pose(grid.matrix, (grid.cols, grid.rows), (640, 480), curve(), 3.0)
-    assert repr(found) == "<PoseQuality: rejected, min d' 2.00, threshold 3>"
+    assert repr(found) == "<PoseQuality: no go, min d' 2.00, threshold 3>"
     document = found.summary.model_dump(mode="json")
     assert list(document) == [
         *("is_accepted", "criterion", "min_dprime", "curve", "is_upper_bound"),
         *("dprime_decisive", "dprime_min", "dprime_max", "zoom_min", "zoom_max"),
         *("anisotropy_max", "overlap", "beyond_curve", "homography"),
-        *("registration_correlation", "warnings", "detection_limit", "picture", "provenance"),
+        *("registration_correlation", "warnings", "verdict", "probability"),
+        *("dprime_interval_95", "budget", "unknown_sources", "focus_turning_px2"),
+        *("detection_limit", "picture", "provenance"),
     ]
     assert document["curve"] == {
         **{"model": "matched", "observer": "npw"},
