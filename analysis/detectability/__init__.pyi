@@ -12,10 +12,13 @@ from .curves import (
     CurveChoice as CurveChoice,
     DetectabilityCurve as DetectabilityCurve,
     DetectabilityCurves as DetectabilityCurves,
-    d_prime_between as d_prime_between,
     read_curves as read_curves,
 )
-from .dprime import d_primes as d_primes, scene_artefact as scene_artefact
+from .dprime import (
+    d_prime_between as d_prime_between,
+    d_primes as d_primes,
+    scene_artefact as scene_artefact,
+)
 from .error_sources import (
     NORMAL_95 as NORMAL_95,
     SOURCE_WORDS as SOURCE_WORDS,
@@ -25,6 +28,7 @@ from .error_sources import (
     DPrimeErrors as DPrimeErrors,
     ErrorSources as ErrorSources,
     Source as Source,
+    focus_spread as focus_spread,
 )
 from .local import LocalChange as LocalChange, local_changes as local_changes
 from .observers import observer_templates as observer_templates

@@ -23,7 +23,6 @@ from analysis.changes import (
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.curves import DetectabilityCurve
 from analysis.detectability.dprime import (
-    BOOTSTRAP_REPLICATES,
     DPrime,
     drawn_shares,
     interval_of,
@@ -157,7 +156,6 @@ def comparison_d_prime(
     noise_dn: float,
     *,
     seed: int = 0,
-    replicates: int = BOOTSTRAP_REPLICATES,
     by_psf: tuple[ComparedChange, ComparedChange] | None = None,
 ) -> DPrime:
     """Return how many standard deviations a change of contrast 1 stands out at its median place.
@@ -170,7 +168,7 @@ def comparison_d_prime(
         From `scene_residual`, of all scene images in a fixed order.
     noise_dn
         Standard deviation of the white noise in either image.
-    seed, replicates
+    seed
         For the bootstrap over tiles.
     by_psf
         For the slopes, the change with the Gaussian nearest to the PSF, and with one whose variance
@@ -183,7 +181,7 @@ def comparison_d_prime(
     """
     if not (noise_dn > 0 and np.isfinite(noise_dn)):
         raise ValueError(f"noise_dn must be positive, got {noise_dn}")
-    drawn = drawn_shares(residual.pixels, seed, replicates)
+    drawn = drawn_shares(residual.pixels, seed)
     shares = residual.pixels / residual.pixels.sum()
     values: list[float] = []
     replicated: list[FloatArray] = []

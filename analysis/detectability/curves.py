@@ -1,6 +1,5 @@
 """curves.json: curves of d' against zoom, how to interpolate and how to select them."""
 
-from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, Self
@@ -11,6 +10,7 @@ from pydantic import Field, model_validator
 
 from acquisition.dataframe import dataframe
 from analysis.choices import Observer
+from analysis.detectability.dprime import d_prime_between
 from analysis.detectability.error_sources import (
     NORMAL_95,
     SOURCE_WORDS,
@@ -233,15 +233,6 @@ class DetectabilityCurve(StoredValues):
         return self.contrast_dn * min_dprime / d_prime
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneUncertainty:
-    """Half of the 95 % interval of d' that the choice of photographs leaves, over d'."""
-
-    curve: str
-    zoom: float
-    half_width: float
-
-
 class DetectabilityCurves(ResultsDocument):
     """Curves of several models, observers, noises and contrasts: the document of curves.json.
 
@@ -266,27 +257,26 @@ class DetectabilityCurves(ResultsDocument):
         return f"<{len(self.curves)} curves of d', zoom {zooms[0]:g} to {zooms[-1]:g}: {kinds}>"
 
     @property
-    def worst_scene(self) -> "SceneUncertainty | None":
-        """Where the choice of photographs leaves d' most uncertain; None in files of before."""
+    def _worst_scene(self) -> tuple[float, str]:
+        """Half of the widest 95 % interval, over d', that the photographs leave, and where it is."""
         known = [
-            SceneUncertainty(curve=curve.name, zoom=zoom, half_width=NORMAL_95 * err)
+            (NORMAL_95 * err, f"{curve.name}, zoom {zoom:g}")
             for curve in self.curves
             if curve.uncertainty is not None
             for zoom, err in zip(curve.zoom, curve.uncertainty.scene, strict=True)
         ]
-        return max(known, key=lambda one: one.half_width, default=None)
+        return max(known, default=(0.0, ""))
 
     @property
     def too_few_sentence(self) -> str | None:
         """What is to be said where the photographs are too few."""
-        worst = self.worst_scene
-        if self.photographs_needed is None or worst is None:
+        half_width, where = self._worst_scene
+        if self.photographs_needed is None:
             return None
         have = "1 photograph leaves" if self.images == 1 else f"{self.images} photographs leave"
         return (
-            f"{have} d' uncertain by up to {100 * worst.half_width:.0f} % (95 %; {worst.curve}, "
-            f"zoom {worst.zoom:g}); about {self.photographs_needed} of the scene would bring that "
-            f"below {100 * _ENOUGH:.0f} %"
+            f"{have} d' uncertain by up to {100 * half_width:.0f} % (95 %; {where}); about "
+            f"{self.photographs_needed} of the scene would bring that below {100 * _ENOUGH:.0f} %"
         )
 
     @property
@@ -300,10 +290,10 @@ class DetectabilityCurves(ResultsDocument):
 
     def with_need(self) -> "DetectabilityCurves":
         """Return the curves with ``photographs_needed``."""
-        worst = self.worst_scene
-        if worst is None or self.images is None or worst.half_width <= _ENOUGH:
+        half_width, _ = self._worst_scene
+        if self.images is None or half_width <= _ENOUGH:
             return self
-        needed = ceil(self.images * (worst.half_width / _ENOUGH) ** 2)
+        needed = ceil(self.images * (half_width / _ENOUGH) ** 2)
         return self.model_copy(update={"photographs_needed": needed})
 
     def _repr_html_(self) -> str:
@@ -376,32 +366,6 @@ class DetectabilityCurves(ResultsDocument):
             else f"no curve matches; there are {'; '.join(curve.name for curve in self.curves[:8])}"
         )
         raise AmbiguousCurveError(message, fitting=tuple(fitting), open_choices=open_choices)
-
-
-def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> FloatArray:
-    """Interpolate d' at any zoom, 1/d' linear between those computed; outside, the nearest one.
-
-    The artefact of the alignment grows about as z - 1 and adds to the noise in quadrature, so that
-    1/d' is much like a hyperbola, which bends upwards: its chord reads d' a little too low, where
-    the chord of d' itself reads up to several times too much. A step just beyond zoom 1 is the
-    exception; docs/theory-detectability.md has the figures.
-
-    Parameters
-    ----------
-    zooms, d_primes
-        What was computed: zooms in rising order, d' of 0 or more. Beside a d' of 0 it is 0 in the
-        whole open interval: nothing says where it vanished.
-    zoom
-        Any shape; NaN gives NaN.
-    """
-    nodes, values = np.asarray(zooms, np.float64), np.asarray(d_primes, np.float64)
-    within = np.clip(np.asarray(zoom, np.float64), nodes[0], nodes[-1])
-    straight = np.interp(within, nodes, values)
-    with np.errstate(divide="ignore", over="ignore"):  # a d' of 0, or next to it
-        # Rounding must not lift it above the chord of d' itself.
-        reciprocal = np.maximum(np.interp(within, nodes, 1 / values), 1 / straight)
-    # 1 / (1 / d') is not always d', and a threshold may be a computed value.
-    return np.asarray(np.where(np.isin(within, nodes), straight, 1 / reciprocal))
 
 
 def read_curves(path: Path) -> DetectabilityCurves:

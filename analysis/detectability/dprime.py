@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from analysis.choices import OBSERVERS, Observer
@@ -24,7 +25,7 @@ from analysis.detectability.sensitivity import CaptureResponse, DPrimeSlopes, me
 from simulation import Model
 from simulation.arrays import FloatArray
 
-BOOTSTRAP_REPLICATES = 1000
+_REPLICATES = 1000
 _INTERVAL_PERCENT = (2.5, 97.5)
 
 
@@ -74,7 +75,6 @@ def d_primes(
     observers: tuple[Observer, ...] = OBSERVERS,
     *,
     seed: int = 0,
-    replicates: int = BOOTSTRAP_REPLICATES,
     response: CaptureResponse | None = None,
 ) -> dict[Observer, DPrime]:
     """Detectability index of a signal of contrast 1, analytic in the noise.
@@ -89,7 +89,7 @@ def d_primes(
         Standard deviation of the white noise in either image.
     observers
         Observers to evaluate.
-    seed, replicates
+    seed
         For the bootstrap over tiles. It keeps each observer's template, so that the interval is
         that of the observer trained on all of them.
     response
@@ -103,9 +103,9 @@ def d_primes(
     if not (noise_dn > 0 and np.isfinite(noise_dn)):
         raise ValueError(f"noise_dn must be positive, got {noise_dn}")
     artefact_dn2 = artefact.autocovariance_dn2
-    drawn = drawn_shares(artefact.pixels, seed, replicates)
+    drawn = drawn_shares(artefact.pixels, seed)
     values: dict[Observer, list[float]] = {name: [] for name in observers}
-    replicated: dict[Observer, FloatArray] = {name: np.zeros(replicates) for name in observers}
+    replicated: dict[Observer, FloatArray] = {name: np.zeros(_REPLICATES) for name in observers}
     slopes: dict[Observer, list[DPrimeSlopes]] = {name: [] for name in observers}
     for place, change in enumerate(changes):
         covariance = WindowCovariance(noise_dn**2, change.up_y, change.up_x, artefact_dn2)
@@ -152,9 +152,35 @@ def interval_of(replicated: FloatArray) -> tuple[float, float]:
     return low, high
 
 
-def drawn_shares(pixels: FloatArray, seed: int, replicates: int) -> FloatArray:
+def drawn_shares(pixels: FloatArray, seed: int) -> FloatArray:
     """Weights of the tiles' sums in each bootstrap replicate, shape (replicates, tiles)."""
     tiles = len(pixels)
     rng = np.random.default_rng(seed)
-    counts = rng.multinomial(tiles, np.full(tiles, 1.0 / tiles), size=replicates)
+    counts = rng.multinomial(tiles, np.full(tiles, 1.0 / tiles), size=_REPLICATES)
     return np.asarray(counts / (counts @ pixels)[:, None])
+
+
+def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> FloatArray:
+    """Interpolate d' at any zoom, 1/d' linear between those computed; outside, the nearest one.
+
+    The artefact of the alignment grows about as z - 1 and adds to the noise in quadrature, so that
+    1/d' is much like a hyperbola, which bends upwards: its chord reads d' a little too low, where
+    the chord of d' itself reads up to several times too much. A step just beyond zoom 1 is the
+    exception; docs/theory-detectability.md has the figures.
+
+    Parameters
+    ----------
+    zooms, d_primes
+        What was computed: zooms in rising order, d' of 0 or more. Beside a d' of 0 it is 0 in the
+        whole open interval: nothing says where it vanished.
+    zoom
+        Any shape; NaN gives NaN.
+    """
+    nodes, values = np.asarray(zooms, np.float64), np.asarray(d_primes, np.float64)
+    within = np.clip(np.asarray(zoom, np.float64), nodes[0], nodes[-1])
+    straight = np.interp(within, nodes, values)
+    with np.errstate(divide="ignore", over="ignore"):  # a d' of 0, or next to it
+        # Rounding must not lift it above the chord of d' itself.
+        reciprocal = np.maximum(np.interp(within, nodes, 1 / values), 1 / straight)
+    # 1 / (1 / d') is not always d', and a threshold may be a computed value.
+    return np.asarray(np.where(np.isin(within, nodes), straight, 1 / reciprocal))

@@ -5,13 +5,13 @@ Everything is in ln d', whose errors add up; ``docs/how-sure.md`` derives the su
 
 from dataclasses import dataclass, field, fields
 from functools import reduce
-from math import exp, log, pi, sqrt
+from math import exp, log, sqrt
 from typing import Final, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 from scipy.optimize import brentq
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from analysis.detectability.sensitivity import DPrimeSlopes
 from analysis.results_file import StoredValues
@@ -34,10 +34,20 @@ STATED: Final = "stated"
 
 NORMAL_95 = 1.959963984540054
 _TAILS = 0.025, 0.975
-_FOCUS_NODES, _REGISTRATION_NODES = 12, 8
+_PARTS = 121
 _LEAST_POWER = 0.02
 """Of the variance of a decision, what slopes leave at the least: beyond, they say too little."""
 _SMOOTHED, _LEAST_ERR = 0.1, 1e-9
+
+
+def _equal_parts(count: int) -> FloatArray:
+    return (np.arange(count) + 0.5) / count
+
+
+_NORMAL: Final[FloatArray] = np.asarray(ndtri(_equal_parts(41)) / np.std(ndtri(_equal_parts(41))))
+"""Of a standard normal distribution, values of equal probability, of variance 1."""
+_EXPONENTIAL: Final[FloatArray] = np.asarray(-np.log(_equal_parts(61)))
+"""Of an exponential distribution of mean 1, likewise."""
 
 
 class ErrorSources(StoredValues):
@@ -98,24 +108,27 @@ class CurveUncertainty(StoredValues):
             raise ValueError("an uncertainty must have as many slopes as errors of the scene")
         return self
 
-    def errors(self, zooms: list[float], zoom: float) -> "DPrimeErrors":
-        """Errors of ln d' at a zoom; what they are made of is linear between the curve's."""
+    def slopes_at(self, zooms: list[float], zoom: float) -> DPrimeSlopes:
+        """Slopes at a zoom, linear between those at the curve's."""
 
         def at(name: str) -> float:
             return float(np.interp(zoom, zooms, [getattr(one, name) for one in self.slopes]))
 
-        known = self.sources
+        return DPrimeSlopes(**{one.name: at(one.name) for one in fields(DPrimeSlopes)})
+
+    def errors(self, zooms: list[float], zoom: float) -> "DPrimeErrors":
+        """Errors of ln d' at a zoom."""
+        known, slopes = self.sources, self.slopes_at(zooms, zoom)
         variances: dict[Source, float] = {"scene": float(np.interp(zoom, zooms, self.scene)) ** 2}
         if known.psf_variance_err_px2 is not None:
-            variances["psf"] = (at("psf_per_px2") * known.psf_variance_err_px2) ** 2
+            variances["psf"] = (slopes.psf_per_px2 * known.psf_variance_err_px2) ** 2
         if known.noise_relative_err is not None:
-            variances["noise"] = (at("noise") * known.noise_relative_err) ** 2
+            variances["noise"] = (slopes.noise * known.noise_relative_err) ** 2
         spreads: dict[Source, Spread] = {}
         if known.focus_scatter_px2:
-            slopes = DPrimeSlopes(**{one.name: at(one.name) for one in fields(DPrimeSlopes)})
             spreads["focus"] = focus_spread(slopes, known.focus_scatter_px2)
         if known.registration_err_px:
-            share = at("registration_per_px2") * known.registration_err_px**2
+            share = slopes.registration_per_px2 * known.registration_err_px**2
             spreads["registration"] = registration_spread(share)
         return DPrimeErrors(variances=variances, spreads=spreads)
 
@@ -145,6 +158,21 @@ class Spread:
         return Spread(
             values=np.add.outer(self.values, other.values).ravel(),
             weights=np.outer(self.weights, other.weights).ravel(),
+        ).compressed()
+
+    def compressed(self) -> "Spread":
+        """The same distribution as the means of few parts of equal probability."""
+        if len(self.values) <= _PARTS:
+            return self
+        order = np.argsort(self.values)
+        weights = self.weights[order]
+        part = np.minimum((np.cumsum(weights) - weights / 2) * _PARTS, _PARTS - 1).astype(np.int64)
+        shares = np.bincount(part, weights, minlength=_PARTS)
+        sums = np.bincount(part, weights * self.values[order], minlength=_PARTS)
+        is_met = shares > 0
+        return Spread(
+            values=np.asarray(sums[is_met] / shares[is_met], np.float64),
+            weights=np.asarray(shares[is_met], np.float64),
         )
 
 
@@ -234,8 +262,7 @@ def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> Spread:
     scatter_px2
         Standard deviation of the variance that focus adds, from capture to capture.
     """
-    nodes, weights = np.polynomial.hermite_e.hermegauss(_FOCUS_NODES)
-    f, r = np.meshgrid(scatter_px2 * nodes, scatter_px2 * nodes)
+    f, r = np.meshgrid(scatter_px2 * _NORMAL, scatter_px2 * _NORMAL)
     power = (
         1
         + 2 * slopes.with_followup_per_px2 * f
@@ -245,7 +272,7 @@ def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> Spread:
         + 2 * slopes.both_per_px4 * f * r
     )
     values = slopes.signal_per_px2 * f - 0.5 * np.log(np.maximum(power, _LEAST_POWER))
-    return Spread(values=values.ravel(), weights=np.outer(weights, weights).ravel() / (2 * pi))
+    return Spread(values=values.ravel(), weights=np.full(values.size, 1 / values.size)).compressed()
 
 
 def registration_spread(share: float) -> Spread:
@@ -254,5 +281,5 @@ def registration_spread(share: float) -> Spread:
     ``share`` is what its mean square adds to the variance of the decision, over that. Half the sum
     of the squares along both axes is exponentially distributed.
     """
-    nodes, weights = np.polynomial.laguerre.laggauss(_REGISTRATION_NODES)
-    return Spread(values=-0.5 * np.log1p(max(share, 0.0) * nodes), weights=weights)
+    values = -0.5 * np.log1p(max(share, 0.0) * _EXPONENTIAL)
+    return Spread(values=values, weights=np.full(values.size, 1 / values.size))

@@ -1,11 +1,18 @@
 """Go, no go or unsure: what the errors of d' make of a threshold."""
 
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
 from scipy.optimize import brentq
 
-from analysis.detectability import SOURCE_WORDS, BudgetShare, DetectabilityCurve, Source
+from analysis.detectability import (
+    SOURCE_WORDS,
+    BudgetShare,
+    DetectabilityCurve,
+    Source,
+    focus_spread,
+)
 from analysis.results_file import StoredValues
 
 Verdict = Literal["go", "no go", "unsure"]
@@ -16,6 +23,7 @@ it falls short with it."""
 
 _MOST_SCATTER_PX2 = 1.0
 """A focus that scatters more changes the PSF of most lenses beyond what slopes describe."""
+_TRIED_PX2 = np.geomspace(0.002, _MOST_SCATTER_PX2, 14).tolist()
 
 _REMEDIES: Final[dict[Source, str]] = {
     "scene": "more photographs of the scene",
@@ -140,20 +148,21 @@ def _turning_scatter(
     assert curve.uncertainty is not None
     if d_prime <= 0:
         return None
-    known = curve.uncertainty.sources
+    errors = curve.errors_at(zoom)
+    slopes = curve.uncertainty.slopes_at(curve.zoom, zoom)
 
     def probability(scatter_px2: float) -> float:
-        sources = known.model_copy(update={"focus_scatter_px2": scatter_px2})
-        return curve.with_sources(sources).errors_at(zoom).probability_of(min_d_prime, d_prime)
+        focus = focus_spread(slopes, scatter_px2)
+        spreads = {**errors.spreads, "focus": focus}
+        return replace(errors, spreads=spreads).probability_of(min_d_prime, d_prime)
 
-    tried = np.geomspace(1e-3, _MOST_SCATTER_PX2, 25).tolist()
-    before = 0.0
-    for scatter_px2 in tried:
-        if verdict_of(probability(scatter_px2)) != verdict:
+    before, turned = 0.0, verdict
+    for scatter_px2 in _TRIED_PX2:
+        turned = verdict_of(probability(scatter_px2))
+        if turned != verdict:
             break
         before = scatter_px2
     else:
         return None
-    turned = verdict_of(probability(scatter_px2))
     bound = CONFIDENCE if "go" in (verdict, turned) else 1 - CONFIDENCE
     return float(brentq(lambda s: probability(s) - bound, before, scatter_px2, xtol=1e-4))

@@ -16,9 +16,9 @@ from analysis.detectability.curves import (
     CurveChoice,
     DetectabilityCurve,
     DetectabilityCurves,
-    d_prime_between,
     read_curves,
 )
+from analysis.detectability.dprime import d_prime_between
 from analysis.detectability.scenario import Scenario
 from analysis.detectability.sweep import scene_sums
 from analysis.detectability.task import DetectionTask, curves_of
