@@ -258,7 +258,7 @@ class DetectabilityCurves(ResultsDocument):
 
     @property
     def _worst_scene(self) -> tuple[float, str]:
-        """Half of the widest 95 % interval, over d', that the photographs leave, and where it is."""
+        """Half of the widest 95 % interval that photographs leave, over d', and where it is."""
         known = [
             (NORMAL_95 * err, f"{curve.name}, zoom {zoom:g}")
             for curve in self.curves

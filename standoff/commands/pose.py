@@ -171,9 +171,9 @@ def _show_one(quality: PoseQuality, summary: PoseSummary) -> None:
     decision = quality.decision
     word = "accepted" if quality.is_accepted else "rejected"
     terminal.say(
-        f"{decision.verdict}: {quality.criterion} d' {quality.decisive_d_prime:.2f} {word}, "
-        f"threshold {quality.min_d_prime:g} ({quality.curve.name})",
-        decision.sentence,
+        f"{word}: {quality.criterion} d' {quality.decisive_d_prime:.2f}, threshold "
+        f"{quality.min_d_prime:g} ({quality.curve.name})",
+        f"{decision.verdict}: {decision.sentence}",
         *filter(None, (decision.unknown_sentence,)),
         f"local zoom {summary.zoom_min:.3f} to {summary.zoom_max:.3f}, anisotropy up to "
         f"{summary.anisotropy_max:.3f}, overlap {100 * summary.overlap:.0f} % of the follow-up",
