@@ -228,7 +228,7 @@ class DPrimeErrors:
         margin = log(d_prime / min_d_prime)
         if not self.spreads and self._normal_err == 0:
             return float(margin >= 0)
-        return 1 - self._below(-margin)
+        return min(max(1 - self._below(-margin), 0.0), 1.0)
 
     @property
     def _by_source(self) -> dict[Source, float]:

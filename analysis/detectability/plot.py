@@ -63,6 +63,14 @@ def _draw_legend(figure: Figure, handles: "Sequence[Line2D]") -> None:
         legend.remove()
 
 
+def _held(curve: "DetectabilityCurve") -> str:
+    """What a band holds."""
+    if curve.uncertainty is None:
+        return "over images and positions"
+    unknown = curve.uncertainty.sources.unknown
+    return "all sources" if not unknown else f"without {', '.join(unknown)} (not known)"
+
+
 def curves_figure(
     curves: "Sequence[DetectabilityCurve]", varied: Literal["noise_dn", "contrast_dn"]
 ) -> Figure:
@@ -112,7 +120,5 @@ def curves_figure(
     ]
     _draw_legend(figure, handles)
     level = float(getattr(curves[0], fixed))
-    figure.suptitle(
-        f"{_NAMES[fixed]} {level:.4g} DN; bands: 95 % over images and positions", fontsize=9
-    )
+    figure.suptitle(f"{_NAMES[fixed]} {level:.4g} DN\nbands: 95 %, {_held(curves[0])}", fontsize=9)
     return figure

@@ -41,7 +41,9 @@ def pose_figure(followup: NDArray[np.floating[Any]], quality: "PoseQuality") -> 
     axes.set(
         title=(
             f"{verdict}: {quality.criterion} d′ {quality.decisive_d_prime:.2f}, "
-            f"threshold {quality.min_d_prime:g}"
+            f"threshold {quality.min_d_prime:g}\n"
+            f"{quality.decision.verdict}: "
+            f"{quality.decision.probability_text.replace("d'", "d′")}"
         ),
         xlabel="follow-up x / px",
         ylabel="follow-up y / px",

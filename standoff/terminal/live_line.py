@@ -62,9 +62,14 @@ def _reading_text(reading: FocusReading) -> str:
     )
 
 
+_VERDICT_STYLES = {"go": "bold green", "no go": "bold red", "unsure": "bold yellow"}
+
+
 def verdict_line(name: str, verdict: PoseVerdict) -> str:
     """One line for the operator: verdict, margin and reason."""
     word = "accept" if verdict.accepted else "reject" if verdict.dprime is not None else "lost"
+    if verdict.verdict == "unsure":
+        word = "unsure"
     margin = "" if verdict.margin is None else f"{100 * verdict.margin:+6.1f} %"
     return f"{name:<12} {word:<6} {margin:>8}  {verdict.reason}"
 
@@ -86,7 +91,7 @@ def verdict_display(
         with LiveLine() as line:
             yield lambda name, verdict: line.show(
                 verdict_line(name, verdict),
-                "bold green" if verdict.accepted else "bold red",
+                _VERDICT_STYLES[verdict.verdict],
                 now_s=time.monotonic(),
             )
     elif is_silent:

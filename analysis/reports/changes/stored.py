@@ -55,13 +55,23 @@ def stored_changes_section(
 
 def stored_pose_section(name: str, verdict: PoseSummary) -> ReportSection:
     """Show a stored pose.json; ``name`` is that of its file or folder."""
-    rows = (
+    rows: tuple[tuple[str, str], ...] = (
         ("d' by the criterion", f"{verdict.dprime_decisive:.2f}"),
         ("threshold", f"{verdict.min_dprime:g}"),
         ("local zoom", f"{verdict.zoom_min:.3f} to {verdict.zoom_max:.3f}"),
         ("anisotropy, up to", f"{verdict.anisotropy_max:.3f}"),
         ("overlap", f"{100 * verdict.overlap:.0f} % of the follow-up"),
     )
+    if verdict.verdict is not None and verdict.probability is not None:
+        rows = (
+            ("verdict", verdict.verdict),
+            ("probability that d' reaches the threshold", f"{100 * verdict.probability:.1f} %"),
+            *rows,
+            *(
+                (f"share of {one.source} in the uncertainty", f"{100 * one.share:.0f} %")
+                for one in verdict.budget
+            ),
+        )
     text = [
         f"The pose is {'accepted' if verdict.is_accepted else 'rejected'} by criterion "
         f"{verdict.criterion}. d' is an upper bound: registration, light, gloss, parallax and "

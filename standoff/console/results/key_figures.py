@@ -127,6 +127,9 @@ def _changes(document: Mapping[str, Any]) -> str:
 
 def _pose(document: Mapping[str, Any]) -> str:
     verdict = "accepted" if document["is_accepted"] else "rejected"
+    sure, probability = document.get("verdict"), document.get("probability")
+    if sure is not None and probability is not None:
+        verdict = f"{sure} ({100 * float(probability):.0f} % that d' is enough)"
     return (
         f"{verdict}: d' {float(document['dprime_decisive']):.2f}, threshold "
         f"{float(document['min_dprime']):g}, overlap {100 * float(document['overlap']):.0f} %"

@@ -28,6 +28,11 @@ def known_errors(
         bare PSF says nothing.
     focus_scatter_px2, registration_err_px
         As stated; the scatter instead of the calibration's.
+
+    Returns
+    -------
+    ErrorSources
+        With a noise that is taken as stated; that of a noise.json has an error of its own.
     """
     stored = psf
     if isinstance(psf, str | PathLike):
@@ -43,6 +48,7 @@ def known_errors(
         psf_variance_err_px2=variance_err_px2,
         focus_scatter_px2=focus_scatter_px2,
         focus_from=focus_from,
+        noise_relative_err=0.0,
         registration_err_px=registration_err_px,
     )
 

@@ -1,0 +1,308 @@
+"""How sure d', the limits and the verdicts are: calibrated from pixels, held against closed forms.
+
+Each run photographs edges, calibrates, photographs a scene, computes a curve with its interval, and
+judges pairs. The lens is a Gaussian, pixel included; every capture (of edges, of the scene, of the
+pair) has a focus of its own, normal with a scatter of 0 to 0.15 px^2. The scene is a Gaussian
+random field, whose d' is known in closed form for the pair's own two lenses
+(``gaussian_scenes``, which shares nothing with ``analysis``).
+
+Reported: the share of 95 % intervals of d', of the zoom limit and of the tilt limit that hold the
+truth; of 1000 poses of random zoom, how many verdicts are wrong, and unsure near the threshold; the
+time of a curve's interval beside the curve.
+
+    OMP_NUM_THREADS=1 python -m benchmarks.bench_dprime_coverage [--quick]
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import atan2, pi, sqrt
+from time import perf_counter
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from analysis.detectability import (
+    DetectabilityCurve,
+    DetectionTask,
+    ErrorSources,
+    curves_of,
+    d_prime_curves,
+    scene_sums,
+)
+from analysis.pose import ViewingCamera, decide, pose_limits
+from benchmarks.gaussian_scenes import GaussianScene, true_d_prime
+from benchmarks.harness import Recorder, bench_parser
+from calibration.edges import EdgeImage
+from calibration.noise import LevelNoise
+from calibration.psf import PsfCalibration, calibrate_psf
+from simulation.arrays import FloatArray
+from standoff.library.detectability import known_errors
+
+SCENE = GaussianScene()
+PSF_PX2 = 0.64
+NOISE_DN, CONTRAST_DN = 2.0, 12.0
+ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.3, 1.4, 1.57, 1.73, 1.93, 2.3, 2.8)
+JUDGED = (1.2, 1.4, 1.57, 1.93)
+SCATTERS_PX2 = (0.0, 0.05, 0.1, 0.15)
+SNRS = (100.0, 30.0)
+THRESHOLD = 1.6
+CAMERA = ViewingCamera(focal_length_px=964.0, width_px=780, height_px=580)
+EDGE_PX = 56
+LEVELS_DN = (600.0, 3000.0)
+_TRUE_ZOOMS = np.linspace(1.03, 2.75, 19)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """What a run is made of."""
+
+    snr: float
+    scatter_px2: float
+    captures: int = 8
+    photographs: int = 4
+
+
+def edges_of(condition: Condition, rng: np.random.Generator) -> Iterator[EdgeImage]:
+    """Four edges of each capture, all with the capture's focus; a closed form."""
+    noise_dn = (LEVELS_DN[1] - LEVELS_DN[0]) / condition.snr
+    known = LevelNoise(offset_dn2=noise_dn**2, slope_dn=0.0, floor_dn2=noise_dn**2)
+    at = np.arange(EDGE_PX) - (EDGE_PX - 1) / 2
+    for capture in range(condition.captures):
+        psf_px2 = PSF_PX2 + condition.scatter_px2 * rng.standard_normal()
+        for turn in range(4):
+            angle = turn * pi / 4 + rng.uniform(0.05, 0.4)
+            away = at[None] * np.cos(angle) + at[:, None] * np.sin(angle) + rng.uniform(-0.5, 0.5)
+            share = ndtr(away / sqrt(max(psf_px2, 0.05)))
+            image = LEVELS_DN[0] + (LEVELS_DN[1] - LEVELS_DN[0]) * share
+            yield EdgeImage(
+                name=f"capture {capture} edge {turn}",
+                image_dn=image + rng.normal(0.0, noise_dn, image.shape),
+                capture=capture,
+                noise=known,
+            )
+
+
+def focus_of_pair(condition: Condition, rng: np.random.Generator) -> tuple[float, float]:
+    """What focus adds to the variance of reference and follow-up."""
+    reference, followup = (condition.scatter_px2 * rng.standard_normal(2)).tolist()
+    return reference, followup
+
+
+def curve_of(
+    condition: Condition, psf: PsfCalibration, sources: ErrorSources, rng: np.random.Generator
+) -> DetectabilityCurve:
+    """The curve from photographs of the scene, each with its own focus."""
+    scenes = [
+        SCENE.photograph(300, PSF_PX2 + condition.scatter_px2 * rng.standard_normal(), rng)
+        for _ in range(condition.photographs)
+    ]
+    task = task_with(sources)
+    return d_prime_curves(scenes, psf.best_psf("psf"), task).curves[0]
+
+
+def task_with(sources: ErrorSources) -> DetectionTask:
+    """One curve: model ``matched``, Hotelling's observer."""
+    return DetectionTask(
+        noises_dn=(NOISE_DN,),
+        contrasts_dn=(CONTRAST_DN,),
+        models=("matched",),
+        observers=("hotelling",),
+        zooms=ZOOMS,
+        sources=sources,
+    )
+
+
+def truth(zoom: float, focus_px2: tuple[float, float]) -> float:
+    """The pair's d' in closed form."""
+    return true_d_prime(SCENE, PSF_PX2, zoom, NOISE_DN, CONTRAST_DN, focus_px2)
+
+
+def true_zoom_limit(focus_px2: tuple[float, float]) -> float | None:
+    """Zoom at which the pair's d' falls to the threshold; None beyond what is looked at."""
+    values = np.log([truth(zoom, focus_px2) / THRESHOLD for zoom in _TRUE_ZOOMS.tolist()])
+    below = np.flatnonzero(values < 0)
+    if below.size == 0 or below[0] == 0:
+        return None
+    k = int(below[0])
+    return float(
+        brentq(
+            lambda zoom: float(np.interp(zoom, _TRUE_ZOOMS, values)),
+            _TRUE_ZOOMS[k - 1],
+            _TRUE_ZOOMS[k],
+        )
+    )
+
+
+def corner_zoom(tilt_deg: float) -> float:
+    """Worst local zoom of a camera that tilts about the point it looks at, own geometry.
+
+    Rays are intersected with the plane; the stretch of the reference's pixels is taken by
+    differences at the places that may be the worst: corners, along the frame's axes and diagonals.
+    """
+    worst = 0.0
+    corners = [(x, y) for x in (-1, 1) for y in (-1, 1)]
+    for lean in (0.0, atan2(CAMERA.height_px, CAMERA.width_px), pi / 2):
+        tilt = np.deg2rad(tilt_deg)
+        along = np.array([np.cos(lean), np.sin(lean), 0.0])
+        normal = np.cos(tilt) * np.array([0.0, 0.0, 1.0]) + np.sin(tilt) * along
+        centre = np.array([0.0, 0.0, CAMERA.focal_length_px])
+        side_a = np.cos(tilt) * along - np.sin(tilt) * np.array([0.0, 0.0, 1.0])
+        side_b = np.cross(np.array([0.0, 0.0, 1.0]), along)
+
+        def seen(
+            x: float,
+            y: float,
+            normal: FloatArray = normal,
+            centre: FloatArray = centre,
+            axes: tuple[FloatArray, FloatArray, FloatArray] = (side_a, side_b, along),
+        ) -> FloatArray:
+            ray = np.array([x, y, CAMERA.focal_length_px])
+            hit = ray * (centre @ normal) / (ray @ normal) - centre
+            first, second, lean_axis = axes
+            across = np.array([-lean_axis[1], lean_axis[0]])
+            return np.asarray((hit @ first) * lean_axis[:2] + (hit @ second) * across)
+
+        for sign_x, sign_y in corners:
+            x, y = sign_x * (CAMERA.width_px - 1) / 2, sign_y * (CAMERA.height_px - 1) / 2
+            place = seen(x, y)
+            limits = np.array([CAMERA.width_px / 2, CAMERA.height_px / 2])
+            if np.any(np.abs(place) > limits + 1e-6):
+                continue
+            slopes = np.stack(
+                [seen(x + 0.5, y) - seen(x - 0.5, y), seen(x, y + 0.5) - seen(x, y - 0.5)]
+            )
+            worst = max(worst, float(np.linalg.svd(slopes, compute_uv=False)[0]))
+    return worst
+
+
+def run(condition: Condition, seed: int, tally: Counter[str]) -> None:
+    """One calibration, one curve, and pairs that are judged by it."""
+    rng = np.random.default_rng([seed, round(condition.snr), round(1000 * condition.scatter_px2)])
+    psf = calibrate_psf(edges_of(condition, rng))
+    curve = curve_of(condition, psf, known_errors(psf), rng)
+    focus_px2 = focus_of_pair(condition, rng)
+    for zoom in JUDGED:
+        at = curve.zoom.index(zoom)
+        tally[f"d' {zoom:g}"] += (
+            curve.dprime_low[at] <= truth(zoom, focus_px2) <= curve.dprime_high[at]
+        )
+    limit = true_zoom_limit(focus_px2)
+    if limit is not None:
+        tally["limits"] += 1
+        found = pose_limits(curve, THRESHOLD, CAMERA)
+        low, high = found.zoom_interval_95
+        tally["zoom limit"] += (low or 0.0) <= limit <= (high or np.inf)
+    tally["runs"] += 1
+    for _ in range(2):
+        judge(curve, condition, rng, tally)
+
+
+def judge(
+    curve: DetectabilityCurve, condition: Condition, rng: np.random.Generator, tally: Counter[str]
+) -> None:
+    """A pose near the threshold, by the curve, and by the pair's own d'."""
+    zoom = float(rng.uniform(1.25, 1.75))
+    focus_px2 = focus_of_pair(condition, rng)
+    true = truth(round(zoom, 2), focus_px2)
+    zoom = round(zoom, 2)
+    verdict = decide(curve, zoom, float(curve.d_prime_at(zoom)), THRESHOLD).verdict
+    tally["poses"] += 1
+    tally[verdict] += 1
+    tally["wrong go"] += verdict == "go" and true < THRESHOLD
+    tally["wrong no go"] += verdict == "no go" and true >= THRESHOLD
+    if abs(true / THRESHOLD - 1) < 0.05:
+        tally["near"] += 1
+        tally["near unsure"] += verdict == "unsure"
+
+
+def coverage(record: Recorder, runs: int) -> None:
+    """All conditions; the shares of each, and of all together."""
+    everything: Counter[str] = Counter()
+    for snr in SNRS:
+        for scatter_px2 in SCATTERS_PX2:
+            tally: Counter[str] = Counter()
+            for seed in range(runs):
+                run(Condition(snr=snr, scatter_px2=scatter_px2), seed, tally)
+            everything += tally
+            say(record, f"SNR {snr:g}, focus scatter {scatter_px2:g} px^2", tally)
+    say(record, "all", everything)
+    sure: Counter[str] = Counter()
+    for seed in range(runs):
+        run(Condition(snr=100.0, scatter_px2=0.002, captures=16, photographs=24), seed, sure)
+    say(record, "a focus that is locked, 24 photographs", sure)
+
+
+def say(record: Recorder, name: str, tally: Counter[str]) -> None:
+    """Print the shares, and keep them."""
+    shares = {f"d' at zoom {zoom:g}": tally[f"d' {zoom:g}"] / tally["runs"] for zoom in JUDGED}
+    shares["zoom limit"] = tally["zoom limit"] / max(tally["limits"], 1)
+    shares["go that is wrong"] = tally["wrong go"] / max(tally["go"], 1)
+    shares["no go that is wrong"] = tally["wrong no go"] / max(tally["no go"], 1)
+    shares["unsure"] = tally["unsure"] / tally["poses"]
+    shares["unsure within 5 % of the threshold"] = tally["near unsure"] / max(tally["near"], 1)
+    text = ", ".join(f"{what} {100 * share:.1f} %" for what, share in shares.items())
+    record.say(f"{name}, {tally['runs']} runs, {tally['poses']} poses: {text}")
+    for what, share in shares.items():
+        record.figure(f"{what}, {name}", 100 * share, "%")
+
+
+def tilts(record: Recorder) -> None:
+    """The tilt limit is the zoom limit seen through the camera: by an own geometry."""
+    errors = []
+    curve = DetectabilityCurve.model_validate(
+        {
+            **{"model": "matched", "observer": "hotelling", "noise_dn": 2.0, "contrast_dn": 12.0},
+            **{"signal_sigma_px": 2.0, "zoom": [1.0, 2.0], "dprime": [4.0, 1.0]},
+            **{"dprime_low": [3.0, 0.8], "dprime_high": [5.0, 1.2], "auc": [0.9, 0.8]},
+        }
+    )
+    for threshold in (1.5, 2.0, 2.5, 3.0):
+        found = pose_limits(curve, threshold, CAMERA)
+        assert found.tilt_deg is not None
+        own = brentq(lambda t, zoom=found.zoom: corner_zoom(t) - zoom, 0.5, 60.0)
+        errors.append(abs(own - found.tilt_deg))
+    record.say(f"tilt limits beside an own geometry: within {max(errors):.3f} degrees")
+    record.figure("tilt limit's largest error", max(errors), "degrees")
+
+
+def cost(record: Recorder) -> None:
+    """Time of the curves with and without what their intervals need, as a ratio."""
+    rng = np.random.default_rng(0)
+    scenes = [SCENE.photograph(300, PSF_PX2, rng) for _ in range(2)]
+    psf = calibrate_psf(edges_of(Condition(snr=100.0, scatter_px2=0.0), rng)).best_psf("psf")
+    task = DetectionTask()
+    plan = task.plan(psf, 2)
+    sums = [scene_sums(scene, plan) for scene in scenes]
+
+    def seconds(some: list[FloatArray]) -> float:
+        begin = perf_counter()
+        curves_of(
+            lambda model: [sums[0].artefact(model, zoom) for zoom in range(len(task.zooms))],
+            1,
+            plan,
+            task,
+            some=some,
+        )
+        return perf_counter() - begin
+
+    seconds(scenes)
+    without, whole = min(seconds([]) for _ in range(2)), min(seconds(scenes) for _ in range(2))
+    record.say(
+        f"curves with intervals of all sources take {whole / without:.2f} of the time without"
+    )
+    record.figure("time of curves with their intervals, over without", whole / without, "times")
+
+
+def main() -> None:
+    """Measure coverage, verdicts and cost."""
+    arguments = bench_parser(__doc__).parse_args()
+    with Recorder.of(arguments, "dprime_coverage", packages=("numpy", "scipy")) as record:
+        tilts(record)
+        cost(record)
+        coverage(record, 3 if arguments.quick else 63)
+
+
+if __name__ == "__main__":
+    main()
