@@ -1,6 +1,6 @@
 """From photographs of edges to the PSF of the camera: the whole measurement, without files."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import ceil
 
@@ -22,6 +22,7 @@ from calibration.edges import (
     plane_places,
 )
 from calibration.errors import NoEdgeError
+from calibration.psf.consistency import SoftnessFit, measure_softness
 from calibration.psf.covariance import (
     CovarianceFit,
     Estimate,
@@ -32,6 +33,14 @@ from calibration.psf.covariance import (
 from calibration.psf.document import ColourPsf, PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
 from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
+from calibration.psf.repeatability import (
+    FocusScatter,
+    SharedByCapture,
+    capture_numbers,
+    capture_of,
+    shared_reach_px2,
+    without_blur,
+)
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
 from calibration.sharpness import with_sharpness
 from simulation.arrays import FloatArray
@@ -99,25 +108,50 @@ def psf_of_edges(
     frame
         Rows and columns of the photographs; None if they differ, and then no field is fitted.
     """
-    used = [edge for edge in edges if edge.is_used]
-    resolved = _resolved(used)
-    total = _medians(used) if method == "paper" else _fit(used, is_optical=False)
+    seen = [edge for edge in edges if edge.is_used]
+    softness = measure_softness(seen)
+    blur_px2 = {} if softness is None else softness.blur_px2
+    used = [without_blur(edge, blur_px2.get(capture_of(edge), 0.0)) for edge in seen]
+    field = None if method == "paper" or frame is None else _field(used, frame)
+    # Over a field, places differ as well, and captures at other places with them.
+    shared = None if field is not None else _shared(used, softness)
+    total = _medians(used, shared) if method == "paper" else _fit(used, shared, is_optical=False)
+    focus = total.by_capture
     return PsfCalibration.of(
         total,
-        _fit(resolved, is_optical=True) if resolved else None,
-        field=None if method == "paper" or frame is None else _field(used, frame),
+        _optical(used, shared),
+        field=field,
         method=method,
         height_trend=_height_trend(used, total),
-        transfer=_transfer(used),
-        transfer_2d=None if method == "paper" else _transfer_2d(used, total),
+        focus=None if focus is None else FocusScatter.of(focus),
+        target_softness=None if softness is None else softness.document,
+        transfer=_transfer(seen),
+        transfer_2d=None if method == "paper" else _transfer_2d(used, total, blur_px2),
         picture_width_px=None if frame is None else frame[1],
         picture_height_px=None if frame is None else frame[0],
         edges=tuple(edges),
     )
 
 
+def _shared(edges: Sequence[EdgeMeasurement], softness: SoftnessFit | None) -> SharedByCapture:
+    if softness is not None:
+        return softness.shared(edges)
+    numbers = capture_numbers([capture_of(edge) for edge in edges])
+    return SharedByCapture.focus_alone(numbers, np.array([edge.normal_rad for edge in edges]))
+
+
 def _resolved(edges: Sequence[EdgeMeasurement]) -> list[EdgeMeasurement]:
     return [edge for edge in edges if edge.optical_sigma_px is not None]
+
+
+def _optical(
+    edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None
+) -> CovarianceFit | None:
+    chosen = np.flatnonzero([edge.optical_sigma_px is not None for edge in edges])
+    if not chosen.size:
+        return None
+    known = None if shared is None else shared.some(chosen)
+    return _fit(_resolved(edges), known, is_optical=True)
 
 
 def _widths(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
@@ -135,12 +169,19 @@ def _angles(edges: Sequence[EdgeMeasurement]) -> FloatArray:
     return np.array([edge.angle_deg for edge in edges])
 
 
-def _fit(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> CovarianceFit:
-    return fit_covariance(_angles(edges), *_widths(edges, is_optical=is_optical))
+def _fit(
+    edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None, *, is_optical: bool
+) -> CovarianceFit:
+    return fit_covariance(_angles(edges), *_widths(edges, is_optical=is_optical), shared)
 
 
-def _medians(edges: Sequence[EdgeMeasurement]) -> CovarianceFit:
-    x, y = _median_width(edges, "vertical"), _median_width(edges, "horizontal")
+def _medians(edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None) -> CovarianceFit:
+    """The paper's medians, whose errors hold what the captures share."""
+    by_capture = _fit(edges, shared, is_optical=False).by_capture
+    x, y = (
+        None if median is None else median.with_shared(by_capture)
+        for median in (_median_width(edges, "vertical"), _median_width(edges, "horizontal"))
+    )
     return CovarianceFit(
         sigma_x_px=x,
         sigma_y_px=y,
@@ -149,6 +190,7 @@ def _medians(edges: Sequence[EdgeMeasurement]) -> CovarianceFit:
         estimate_covariance=independent(x, y),
         scatter_px=0.0,
         weights=np.array([float(edge.orientation != "diagonal") for edge in edges]),
+        by_capture=by_capture,
     )
 
 
@@ -191,15 +233,27 @@ def _transfer(edges: Sequence[EdgeMeasurement]) -> MeasuredTransfer:
     return MeasuredTransfer(x=curves["vertical"], y=curves["horizontal"])
 
 
-def _transfer_2d(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> Transfer2d | None:
-    """The transfer function over both axes, without edges whose width the others contradict."""
+def _transfer_2d(
+    edges: Sequence[EdgeMeasurement], total: CovarianceFit, softness_px2: Mapping[Hashable, float]
+) -> Transfer2d | None:
+    """The transfer function over both axes, without edges whose width the others contradict.
+
+    Each edge is compared at its own focus and softness of the target, so that the transfer is that
+    of the camera at its mean focus; what these leave unknown is in its errors.
+    """
+    keys = [capture_of(edge) for edge in edges]
+    focus = total.by_capture
+    offsets = {} if focus is None else focus.offset_px2
+    numbers = capture_numbers(keys).tolist()
     trusted = [
-        edge.binned
-        for edge, weight in zip(edges, total.weights.tolist(), strict=True)
+        replace(edge.binned, blur_px2=softness_px2.get(key, 0.0) + offsets.get(number, 0.0))
+        for edge, key, number, weight in zip(
+            edges, keys, numbers, total.weights.tolist(), strict=True
+        )
         # Where no covariance is determined, a weight of 0 says only that an edge was not needed.
         if edge.binned is not None and (weight > _TRUSTED or total.covariance_px2 is None)
     ]
-    return measure_transfer_2d(trusted) if trusted else None
+    return measure_transfer_2d(trusted, shared_reach_px2(focus)) if trusted else None
 
 
 def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> HeightTrend | None:

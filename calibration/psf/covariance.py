@@ -6,12 +6,12 @@ three elements of Sigma: weighted least squares on the squared widths gives them
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
 from calibration.edges import orientation_of
-from calibration.psf.repeatability import CaptureFit, SharedByCapture
+from calibration.psf.repeatability import CaptureFit, SharedByCapture, shared_reach_px2
 from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray
@@ -36,6 +36,15 @@ class Estimate:
         """Return an estimate with the interval of a normal distribution."""
         reach = _NORMAL_95 * err
         return cls(value=value, err=err, low=value - reach, high=value + reach)
+
+    def with_shared(self, captures: CaptureFit | None) -> "Estimate":
+        """Return a width whose error holds what edges of one capture share."""
+        if captures is None or captures.shared_err_px2 == 0:
+            return self
+        per_px = 1 / (2 * self.value)
+        err = hypot(self.err, captures.shared_err_px2 * per_px)
+        half = hypot(0.5 * (self.high - self.low), _NORMAL_95 * shared_reach_px2(captures) * per_px)
+        return Estimate(value=self.value, err=err, low=self.value - half, high=self.value + half)
 
     def __str__(self) -> str:
         return f"{self.value:.4f} ± {self.err:.4f}"
@@ -244,8 +253,8 @@ def _width(fit: VarianceFit, index: int) -> Estimate | None:
     value = sqrt(variance)
     variance_err = sqrt(float(fit.covariance[index, index]))
     err = variance_err / (2 * value)
-    shared = fit.by_capture
-    if shared is not None and shared.is_scattered:
+    shared = fit.by_capture if fit.is_by_capture else None
+    if shared is not None and shared.holds_scatter:
         # The variance is what is distributed as Student says.
         reach = variance_err * shared.reach(np.eye(fit.values.size)[index])
         low, high = sqrt(max(variance - reach, 0.0)), sqrt(variance + reach)
@@ -261,8 +270,8 @@ def _correlation(fit: VarianceFit, slope: FloatArray) -> Estimate:
     xx, xy, yy = fit.values.tolist()
     value = xy / sqrt(xx * yy)
     err = sqrt(float(slope @ fit.covariance @ slope))
-    shared = fit.by_capture
-    if shared is not None and shared.is_scattered:
+    shared = fit.by_capture if fit.is_by_capture else None
+    if shared is not None and shared.holds_scatter:
         reach = err * shared.reach(slope)
         return Estimate(value=value, err=err, low=value - reach, high=value + reach)
     replicates = None

@@ -12,9 +12,11 @@ from acquisition.dataframe import dataframe
 from calibration.edges import EdgeMeasurement, MeasuredTransfer
 from calibration.errors import PsfFileError
 from calibration.provenance import Provenance
+from calibration.psf.consistency import TargetSoftness
 from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.height_trend import HeightTrend
+from calibration.psf.repeatability import FocusScatter
 from calibration.psf.transfer_2d import Transfer2d
 from calibration.sharpness import Picture, SharpnessLimits, SharpnessVerdict, judge_sharpness
 from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
@@ -210,6 +212,8 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     ``transfer_2d`` is the transfer function measured over both axes, null where the edges have one
     direction alone and for methods that know Gaussians alone. ``channels`` holds the PSF of each
     colour of a mosaic. ``pairs`` are the pairs of photographs of a two-distance calibration,
+    ``focus`` is its scatter between captures, null with one capture; ``target_softness`` what the
+    target's own edges are blurred by, null with fewer than three scales.
     ``softness_px2`` is the mean variance that the scene adds in a single-image calibration.
     ``photograph`` is what the files of the photographs say alike of their taking: camera, lens,
     exposure. ``picture_width_px`` and ``picture_height_px`` are columns and rows of the
@@ -221,6 +225,8 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     field: FieldFit | None = None
     method: str | None = None
     height_trend: HeightTrend | None = None
+    focus: FocusScatter | None = Field(default=None, repr=False)
+    target_softness: TargetSoftness | None = Field(default=None, repr=False)
     transfer: MeasuredTransfer | None = None
     transfer_2d: Transfer2d | None = Field(default=None, repr=False)
     camera: CameraIdentity | None = CameraIdentity()

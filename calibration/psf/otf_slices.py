@@ -91,8 +91,9 @@ class StackedBins:
 
     ``centre_px`` are the bins' centres, shape ``(bins,)``; ``along`` is the place along each edge,
     1 at its end. ``normal_rad`` and ``blur_px2`` have shape ``(edges,)``: the latter is an edge's
-    variance beyond that of the lens. ``sharpest_px`` is the least width of the Gaussians. Where edges are pooled, ``count`` levels were and ``pooled_squares`` is their
-    chi-squared about the levels here.
+    variance beyond that of the lens. ``sharpest_px`` is the least width of the Gaussians. Where
+    edges are pooled, ``count`` levels were and ``pooled_squares`` is their chi-squared about the
+    levels here.
     """
 
     centre_px: FloatArray

@@ -43,6 +43,11 @@ class VarianceFit:
     weights: FloatArray
     by_capture: CaptureFit | None = None
 
+    @property
+    def is_by_capture(self) -> bool:
+        """Whether the values are those of the fit with what captures share."""
+        return self.by_capture is not None and self.values is self.by_capture.values
+
 
 def fit_variances(
     design: FloatArray,
@@ -105,8 +110,7 @@ def fit_variances(
             design=design, squares_px2=squares, err_px=err, spread_px=2 * centre, trust=trust
         )
         fit = _by_capture(fit, fit_by_capture(edges, shared), shared)
-    has_own_interval = fit.by_capture is not None and fit.values is fit.by_capture.values
-    if is_resampled and not has_own_interval:
+    if is_resampled and not fit.is_by_capture:
         return replace(fit, replicates=_bootstrap(design, squares, weight))
     return fit
 

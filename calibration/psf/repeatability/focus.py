@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from calibration.psf.repeatability.mixed_model import CaptureFit
+from calibration.psf.repeatability.mixed_model import SCATTERS_P, CaptureFit
 
 
 class FocusScatter(BaseModel):
@@ -46,12 +46,20 @@ class FocusScatter(BaseModel):
         scatter = sqrt(fit.scatter2_px4)
         spread2 = fit.scatter2_err_px4
         # Near zero the square is what has an error, and its root has the root of that.
-        err = sqrt(scatter**2 + spread2) - scatter if spread2 > scatter**2 else spread2 / scatter / 2
+        err = (
+            sqrt(scatter**2 + spread2) - scatter if spread2 > scatter**2 else spread2 / scatter / 2
+        )
         return cls(
             scatter_px2=scatter,
             scatter_err_px2=err,
-            mean_err_px2=fit.shared_err_px2 if fit.is_scattered else 0.0,
+            mean_err_px2=_mean_err(fit, scatter),
             captures=fit.captures,
             freedom=float(fit.between) if fit.is_scattered else None,
             p_value=fit.p_value,
         )
+
+
+def _mean_err(fit: CaptureFit, scatter_px2: float) -> float:
+    if fit.is_single and fit.p_value < SCATTERS_P:
+        return scatter_px2 / sqrt(fit.captures)
+    return fit.shared_err_px2 if fit.is_scattered else 0.0

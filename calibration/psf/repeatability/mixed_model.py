@@ -16,7 +16,7 @@ F. G. Giesbrecht and J. C. Burns, "Two-stage analysis based on a mixed model", B
 """
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf, sqrt
 
 import numpy as np
@@ -35,31 +35,48 @@ _ROUNDS = 4
 _TUKEY_SIGMAS = 5.0
 _LEAST_TRUST = 1e-3
 _RANK_TOLERANCE = 1e-7
+_TELLS = 0.05  # least singular value, of columns of order 1, over the root of the number of edges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SharedByCapture:
     """What is known of the edges' captures.
 
-    ``group`` is the number of each edge's capture. ``columns``, shape ``(edges, k)``, are what
-    unknowns that the captures share do to the squared widths, beside their focus;
-    ``precision`` is the inverse variance with which each of them is known beforehand, 0 for not.
+    ``group`` is the number of each edge's capture, ``normal_rad`` the direction of its normal.
+    ``columns``, shape ``(edges, k)``, are what unknowns that the captures share do to the squared
+    widths, beside their focus; ``precision`` is the inverse variance with which each of them is
+    known beforehand, 0 for not.
     """
 
     group: IntArray
+    normal_rad: FloatArray
     columns: FloatArray
     precision: FloatArray
 
     @classmethod
-    def focus_alone(cls, group: IntArray) -> "SharedByCapture":
+    def focus_alone(cls, group: IntArray, normal_rad: FloatArray) -> "SharedByCapture":
         """Return captures that share nothing but their focus."""
-        return cls(group=group, columns=np.empty((group.size, 0)), precision=np.empty(0))
+        none = np.empty((group.size, 0))
+        return cls(group=group, normal_rad=normal_rad, columns=none, precision=np.empty(0))
 
     def some(self, chosen: IntArray) -> "SharedByCapture":
         """Return those of some edges."""
         return SharedByCapture(
-            group=self.group[chosen], columns=self.columns[chosen], precision=self.precision
+            group=self.group[chosen],
+            normal_rad=self.normal_rad[chosen],
+            columns=self.columns[chosen],
+            precision=self.precision,
         )
+
+    @property
+    def is_single(self) -> bool:
+        """Whether each capture has one edge, so that edges are independent as they are."""
+        return self.captures == self.group.size
+
+    @property
+    def fourfold(self) -> FloatArray:
+        """What widths may change by direction beyond an ellipse: cos 4a and sin 4a."""
+        return np.column_stack([np.cos(4 * self.normal_rad), np.sin(4 * self.normal_rad)])
 
     @property
     def captures(self) -> int:
@@ -96,13 +113,16 @@ class CaptureFit:
     ----------
     values, covariance
         The elements, without the further unknowns of the captures, and their covariance.
+    shared_values
+        The further unknowns of the captures.
     by_focus
         Derivative of ``covariance`` by the variance between captures; the same shape.
     scatter2_px4, scatter2_err_px4
         Variance between captures of the variance of the PSF, and its standard error; the best
         estimate even where it is not significant, and then no part of ``covariance``.
     p_value
-        Of so much difference between captures if they had none.
+        Of so much difference between captures if they had none, whatever the widths do with the
+        direction of the edge.
     offset_px2
         What its focus adds to the squared widths of a capture, by its number: the best prediction,
         0 where captures do not differ significantly.
@@ -113,10 +133,15 @@ class CaptureFit:
     shared_err_px2
         Standard error that scatter and further unknowns leave in the variance averaged over both
         axes, beyond what the edges' own errors leave.
+    is_single
+        Whether each capture has one edge: what differs then may be the edges, not the captures.
+    holds_scatter
+        Whether values and covariance allow for the scatter.
     """
 
     values: FloatArray
     covariance: FloatArray
+    shared_values: FloatArray
     by_focus: FloatArray
     scatter2_px4: float
     scatter2_err_px4: float
@@ -127,16 +152,18 @@ class CaptureFit:
     captures: int
     between: int
     shared_err_px2: float
+    is_single: bool
+    holds_scatter: bool
 
     @property
     def is_scattered(self) -> bool:
-        """Whether the captures differ significantly, so that the errors hold their scatter."""
-        return self.p_value < SCATTERS_P and self.scatter2_px4 > 0
+        """Whether captures, and not their edges alone, differ significantly."""
+        return self.holds_scatter and not self.is_single
 
     def freedom(self, slope: FloatArray) -> float:
         """Satterthwaite's degrees of freedom of what changes by ``slope`` with each value."""
         part = float(slope @ self.by_focus @ slope)
-        if not self.is_scattered or part <= 0:
+        if not self.holds_scatter or part <= 0:
             return inf
         whole = float(slope @ self.covariance @ slope)
         return max(2 * (whole / (part * self.scatter2_err_px4)) ** 2, 1.0)
@@ -144,6 +171,17 @@ class CaptureFit:
     def reach(self, slope: FloatArray) -> float:
         """Half of the 95 % interval over the standard error of what changes by ``slope``."""
         return float(stdtrit(self.freedom(slope), 0.975))
+
+
+def shared_reach_px2(fit: CaptureFit | None) -> float:
+    """Return the error of the variance that captures share, of which 1.96 are 95 %.
+
+    Student's quantile for few captures is in it; 0 where captures share nothing.
+    """
+    if fit is None:
+        return 0.0
+    freedom = float(fit.between) if fit.holds_scatter else inf
+    return fit.shared_err_px2 * float(stdtrit(freedom, 0.975) / stdtrit(inf, 0.975))
 
 
 def fit_by_capture(edges: EdgeSquares, shared: SharedByCapture) -> CaptureFit | None:
@@ -174,6 +212,9 @@ def fit_by_capture(edges: EdgeSquares, shared: SharedByCapture) -> CaptureFit | 
     model = _CaptureModel(whole, group.astype(np.int64), known)
     if model.between < 1:
         return None
+    strict = model.with_columns(shared.fourfold)
+    p_value = max(model.p_value, strict.p_value)
+    model.is_scattered = (model.p_value if shared.is_single else p_value) < SCATTERS_P
     for _ in range(_ROUNDS):
         if not model.is_scattered:
             break
@@ -183,16 +224,29 @@ def fit_by_capture(edges: EdgeSquares, shared: SharedByCapture) -> CaptureFit | 
     return CaptureFit(
         values=fitted.values[own],
         covariance=fitted.covariance[own, own],
+        shared_values=fitted.values[count:],
         by_focus=fitted.by_focus[own, own],
-        scatter2_px4=model.scatter2_px4,
+        scatter2_px4=(
+            model if model.is_scattered and not shared.is_single else strict
+        ).scatter2_px4,
         scatter2_err_px4=fitted.scatter2_err_px4,
-        p_value=model.p_value,
-        offset_px2=dict(zip(numbers.tolist(), fitted.offset_px2.tolist(), strict=True)),
+        p_value=p_value,
+        offset_px2=(
+            {}
+            if shared.is_single
+            else dict(zip(numbers.tolist(), fitted.offset_px2.tolist(), strict=True))
+        ),
         scatter_px=sqrt(model.scatter2_px2),
         trust=model.edges.trust,
         captures=shared.captures,
         between=model.between,
-        shared_err_px2=_shared_err(edges, model, fitted),
+        shared_err_px2=(
+            _shared_err(edges, model, fitted)
+            if model.is_scattered or shared.precision.size
+            else 0.0
+        ),
+        is_single=shared.is_single,
+        holds_scatter=model.is_scattered,
     )
 
 
@@ -235,6 +289,7 @@ class _CaptureModel:
         self.scatter2_px2 = self._edge_scatter()
         self.weight = edges.weight(self.scatter2_px2)
         self._sums = np.bincount(group, self.weight, self.captures)
+        self.is_scattered = False
         self._test()
 
     def _less_mean(self, columns: FloatArray, weight: FloatArray) -> FloatArray:
@@ -290,9 +345,16 @@ class _CaptureModel:
             brentq(lambda t: self._between_squares(t) - self.between, 0.0, most, rtol=1e-10)
         )
 
-    @property
-    def is_scattered(self) -> bool:
-        return self.p_value < SCATTERS_P and self.scatter2_px4 > 0
+    def with_columns(self, columns: FloatArray) -> "_CaptureModel":
+        """Return the model with more columns, as far as the edges and captures tell them."""
+        design = self.edges.design
+        wider = np.column_stack([design, columns])
+        tolerance = _TELLS * design.shape[0] ** 0.5
+        if np.linalg.matrix_rank(wider, tol=tolerance) < wider.shape[1]:
+            return self
+        known = np.concatenate([self.known, np.zeros(columns.shape[1])])
+        more = _CaptureModel(replace(self.edges, design=wider), self.group, known)
+        return more if more.between > 0 else self
 
     def _between_squares(self, scatter2_px4: float) -> float:
         """Weighted squares between captures, over what focus of that scatter explains."""
@@ -346,11 +408,6 @@ class _CaptureModel:
         trust = np.where(ratio < 0.5, 1.0, np.where(ratio < 1, (1 - ratio**2) ** 2, 0.0))
         # An edge that the others contradict whatever its capture does not come back in.
         trust = np.where(first > 0, np.maximum(trust, _LEAST_TRUST), _LEAST_TRUST)
-        edges = EdgeSquares(
-            design=self.edges.design,
-            squares_px2=self.edges.squares_px2,
-            err_px=self.edges.err_px,
-            spread_px=self.edges.spread_px,
-            trust=trust,
-        )
-        return _CaptureModel(edges, self.group, self.known)
+        again = _CaptureModel(replace(self.edges, trust=trust), self.group, self.known)
+        again.is_scattered = self.is_scattered and again.scatter2_px4 > 0
+        return again
