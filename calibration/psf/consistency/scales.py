@@ -15,7 +15,8 @@ ScaleSource = Literal["heights", "sides"]
 
 _SAME_SCALE = 0.02
 _SAME_DIRECTION_DEG, _SAME_LENGTH = 4.0, 0.15
-_LEAST_APART, _MOST_APART = 0.9, 1.4  # of the length that was measured, which ends before corners
+# Of the length that was measured, which ends before the corners: by so much more, in px.
+_LEAST_APART, _MOST_APART, _CORNERS_PX = 0.9, 1.2, 12.0
 _PUPIL_ERR_MM = 30.0
 
 
@@ -23,12 +24,18 @@ _PUPIL_ERR_MM = 30.0
 class CaptureScales:
     """Relative scale of the target in the capture of each edge; shape ``(edges,)``.
 
-    ``height_mm`` is None where the scales are those of sides of squares.
+    ``sides_px`` are the sides of squares, None where the scales are those of the heights;
+    ``height_mm`` is None where they are not known.
     """
 
     source: ScaleSource
     height_mm: FloatArray | None
     sides_px: FloatArray | None
+
+    @property
+    def has_pupil(self) -> bool:
+        """Whether the scales depend on the distance of the entrance pupil."""
+        return self.sides_px is None
 
     @property
     def pupil_precision(self) -> float:
@@ -37,17 +44,17 @@ class CaptureScales:
 
     def relative(self, pupil_mm: float) -> FloatArray:
         """Scale of each edge over that of the nearest capture."""
-        if self.height_mm is None:
-            assert self.sides_px is not None
+        if self.sides_px is not None:
             return np.asarray(self.sides_px / self.sides_px.max())
+        assert self.height_mm is not None
         away_mm = self.height_mm + pupil_mm
         return np.asarray(away_mm.min() / away_mm)
 
     def slope_per_mm(self, pupil_mm: float) -> FloatArray:
         """Derivative of the squared scale by the distance of the pupil."""
-        if self.height_mm is None:
-            assert self.sides_px is not None
+        if self.sides_px is not None:
             return np.zeros_like(self.sides_px)
+        assert self.height_mm is not None
         away_mm = self.height_mm + pupil_mm
         nearest_mm = away_mm.min()
         return np.asarray(2 * nearest_mm * (away_mm - nearest_mm) / away_mm**3)
@@ -60,7 +67,10 @@ class CaptureScales:
 
 
 def capture_scales(edges: Sequence[EdgeMeasurement]) -> CaptureScales | None:
-    """Return the scales of the captures: by their heights, or by the squares they show.
+    """Return the scales of the captures: by the squares they show, or by their heights.
+
+    Sides tell a scale without the distance of the entrance pupil; where heights are known as well,
+    they count if they shrink with the height as in a pinhole, and are then those of one square.
 
     Returns
     -------
@@ -68,8 +78,26 @@ def capture_scales(edges: Sequence[EdgeMeasurement]) -> CaptureScales | None:
         None where a capture has neither a height nor two sides that face each other.
     """
     heights = [edge.height_mm for edge in edges if edge.height_mm is not None]
-    if len(heights) == len(edges) and min(heights, default=0.0) > 0:
-        return CaptureScales(source="heights", height_mm=np.array(heights), sides_px=None)
+    is_known = len(heights) == len(edges) and min(heights, default=0.0) > 0
+    height_mm = np.array(heights) if is_known else None
+    sides_px = _sides_px(edges)
+    if sides_px is not None and (height_mm is None or _is_pinhole(height_mm, sides_px)):
+        return CaptureScales(source="sides", height_mm=height_mm, sides_px=sides_px)
+    if height_mm is None:
+        return None
+    return CaptureScales(source="heights", height_mm=height_mm, sides_px=None)
+
+
+def _is_pinhole(height_mm: FloatArray, sides_px: FloatArray) -> bool:
+    """Whether the side is inversely proportional to the distance from some point."""
+    if np.ptp(height_mm) == 0:
+        return False
+    design = np.column_stack([height_mm, np.ones_like(height_mm)]) * sides_px[:, None]
+    values = np.linalg.lstsq(design, np.ones_like(height_mm), rcond=None)[0]
+    return bool(np.abs(design @ values - 1).max() < _SAME_SCALE)
+
+
+def _sides_px(edges: Sequence[EdgeMeasurement]) -> FloatArray | None:
     captures: dict[Hashable, list[EdgeMeasurement]] = {}
     for edge in edges:
         captures.setdefault(capture_of(edge), []).append(edge)
@@ -77,7 +105,7 @@ def capture_scales(edges: Sequence[EdgeMeasurement]) -> CaptureScales | None:
     known = [sides[capture_of(edge)] for edge in edges]
     if any(side is None for side in known):
         return None
-    return CaptureScales(source="sides", height_mm=None, sides_px=np.array(known, dtype=np.float64))
+    return np.array(known, dtype=np.float64)
 
 
 def side_px(edges: Sequence[EdgeMeasurement]) -> float | None:
@@ -98,5 +126,5 @@ def _apart_px(first: EdgeMeasurement, second: EdgeMeasurement) -> float | None:
     dx, dy = first.x_px - second.x_px, first.y_px - second.y_px
     apart = abs(float(dx * np.cos(normal) + dy * np.sin(normal)))
     aside = abs(float(dy * np.cos(normal) - dx * np.sin(normal)))
-    is_square = _LEAST_APART * length_px < apart < _MOST_APART * length_px
+    is_square = _LEAST_APART * length_px < apart < _MOST_APART * length_px + _CORNERS_PX
     return apart if is_square and aside < 0.5 * length_px else None

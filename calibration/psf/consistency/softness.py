@@ -47,7 +47,8 @@ class TargetSoftness(BaseModel):
     nearest_height_mm
         Height of the nearest capture, null where none is known.
     pupil_offset_mm
-        Distance from the height's zero to the entrance pupil that fits best, null without heights.
+        Distance from the height's zero to the entrance pupil that fits best, null where the scales
+        are those of sides.
     p_value
         One-sided, of so much softness of a sharp target.
     p_value_misfit
@@ -131,7 +132,7 @@ def measure_softness(edges: Sequence[EdgeMeasurement]) -> SoftnessFit | None:
         mean_variance_px2=float(squares.mean()),
         scale_from=scales.source,
         nearest_height_mm=None if scales.height_mm is None else float(scales.height_mm.min()),
-        pupil_offset_mm=None if scales.height_mm is None else found.pupil_mm,
+        pupil_offset_mm=found.pupil_mm if scales.has_pupil else None,
         p_value=found.p_value,
         p_value_misfit=found.p_value_misfit,
         is_removed=is_removed,
@@ -150,7 +151,10 @@ def measure_softness(edges: Sequence[EdgeMeasurement]) -> SoftnessFit | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Softness:
-    """The softness of the nearest capture with its tests; ``left`` is chi-squared."""
+    """The softness of the nearest capture with its tests.
+
+    ``left`` is chi-squared with these weights of the edges and this scatter between captures.
+    """
 
     variance_px2: float
     err_px2: float
@@ -158,6 +162,8 @@ class _Softness:
     p_value: float
     p_value_misfit: float
     left: float
+    weight: FloatArray
+    between_px4: float
 
     @property
     def is_soft(self) -> bool:
@@ -192,7 +198,7 @@ class _Series:
     def fitted(self) -> _Softness:
         """Fit softness and pupil in turn; the pupil is known beforehand to a few cm."""
         pupil_mm, column = 0.0, np.zeros_like(self.sigma_px)
-        has_pupil = self.scales.height_mm is not None
+        has_pupil = self.scales.has_pupil
         for _ in range(_ROUNDS if has_pupil else 1):
             fit = self._fit(pupil_mm, column)
             variance_px2 = max(float(fit.values[-1]), 0.0)
@@ -204,20 +210,25 @@ class _Series:
         last = np.eye(fit.values.size)[-1]
         freedom = np.inf if fit.by_capture is None else fit.by_capture.freedom(last)
         p_value = float(ndtr(-value / err) if np.isinf(freedom) else stdtr(freedom, -value / err))
-        left, p_misfit = self._misfit(fit, self.soft_design(pupil_mm), column)
+        weight = fit.weights / (4 * self.sigma_px**2 * (self.err_px**2 + fit.scatter_px**2))
+        shared = fit.by_capture
+        between = shared.scatter2_px4 if shared is not None and shared.holds_scatter else 0.0
+        left = self._chi2(self.soft_design(pupil_mm), weight, between)
         return _Softness(
             variance_px2=value,
             err_px2=err,
             pupil_mm=pupil_mm,
             p_value=p_value,
-            p_value_misfit=p_misfit,
+            p_value_misfit=self._p_misfit(left, weight, between),
             left=left,
+            weight=weight,
+            between_px4=between,
         )
 
     def unknowns(self, found: _Softness) -> tuple[FloatArray, FloatArray]:
         """Columns and precisions of what is not known exactly: the softness, and the pupil."""
         softness = self.scales.relative(found.pupil_mm) ** 2
-        if self.scales.height_mm is None:
+        if not self.scales.has_pupil:
             return softness[:, None], np.zeros(1)
         pupil = found.variance_px2 * self.scales.slope_per_mm(found.pupil_mm)
         precision = np.array([0.0, self.scales.pupil_precision])
@@ -229,8 +240,7 @@ class _Series:
         if away is None:
             away = 1 / self.scales.relative(0.0)
         design = np.column_stack([self.directions, away / away.max()])
-        fit = self._plain(design, self.sigma_px, self.err_px)
-        left, _ = self._misfit(fit, design, np.zeros_like(self.sigma_px))
+        left = self._chi2(design, found.weight, found.between_px4)
         return found.left <= left + _AS_WELL
 
     def _fit(self, pupil_mm: float, column: FloatArray) -> VarianceFit:
@@ -253,29 +263,19 @@ class _Series:
         shared = SharedByCapture.focus_alone(self.group, self.normal_rad)
         return fit_variances(design, sigma, err, shared=shared, is_resampled=False)
 
-    def _misfit(
-        self, fit: VarianceFit, design: FloatArray, column: FloatArray
-    ) -> tuple[float, float]:
-        """Chi-squared of a model, and the probability that heights are so far from it.
-
-        Against a model in which each scale has a variance of its own.
-        """
-        del column
+    def _p_misfit(self, left: float, weight: FloatArray, between_px4: float) -> float:
+        """Probability of so much better a model in which each scale has a variance of its own."""
         scale = np.unique(np.round(np.log(self.scales.relative(0.0)), 3), return_inverse=True)[1]
         each = np.eye(int(scale.max()) + 1)[scale]
         free = np.column_stack([self.directions, each[:, 1:]])
-        weight = fit.weights / (4 * self.sigma_px**2 * (self.err_px**2 + fit.scatter_px**2))
-        between = 0.0
-        if fit.by_capture is not None and fit.by_capture.holds_scatter:
-            between = fit.by_capture.scatter2_px4
-        left = self._chi2(design, weight, between)
-        left_free = self._chi2(free, weight, between)
-        extra = free.shape[1] - design.shape[1]
-        freedom = float(fit.weights.sum()) - free.shape[1]
+        left_free = self._chi2(free, weight, between_px4)
+        # The softness and, where it is not known, the pupil take one each.
+        extra = int(scale.max()) - 1 - int(self.scales.has_pupil)
+        freedom = float(np.count_nonzero(weight)) - free.shape[1]
         if extra < 1 or freedom < 1 or left_free <= 0:
-            return left, 1.0
-        scale2 = max(left_free / freedom, 1.0)
-        return left, float(fdtrc(extra, freedom, max(left - left_free, 0.0) / extra / scale2))
+            return 1.0
+        scatter = max(left_free / freedom, 1.0)
+        return float(fdtrc(extra, freedom, max(left - left_free, 0.0) / extra / scatter))
 
     def _chi2(self, design: FloatArray, weight: FloatArray, between_px4: float) -> float:
         """Chi-squared with the scatter between captures in the weights."""
