@@ -2,7 +2,7 @@
 
 Truth: a Gaussian lens before square pixels that sees a few dark squares, in closed form (products
 of error functions, pixels averaged by quadrature: benchmarks/edge_scenes.py), with noise. Each
-capture adds a variance of its own to the lens: normal, with a standard deviation of 0, 0.05, 0.10 or
+capture adds a variance of its own to the lens: normal, of a standard deviation of 0, 0.05, 0.10 or
 0.15 px^2. Every calibration has 4 to 12 captures of two squares each, turned at random. An interval
 covers where it holds the width of the mean variance, of the lens and in total, and the transfer of
 the same lens at half Nyquist (0.25 cy/px), in four directions. The total width of a Gaussian lens
@@ -174,8 +174,8 @@ def softness(record: Recorder, draws: int) -> None:
             ratio = np.array(widths) / sqrt(LENS_PX2) - 1
             bias, scatter = 100 * float(ratio.mean()), 100 * float(ratio.std())
             record.say(
-                f"SNR {snr:3.0f}, blur {blur_mm:.2f} mm, {draws} calibrations: sigma of the lens off by "
-                f"{bias:+.2f} % in the mean, scatter {scatter:.2f} %, 95 % intervals hold "
+                f"SNR {snr:3.0f}, blur {blur_mm:.2f} mm, {draws} calibrations: sigma of the lens off "
+                f"by {bias:+.2f} % in the mean, scatter {scatter:.2f} %, 95 % intervals hold "
                 f"{100 * np.mean(held):.1f} %, taken off in {100 * np.mean(removed):.1f} %"
             )
             name = f"SNR {snr:.0f}, blur {blur_mm:.2f} mm"

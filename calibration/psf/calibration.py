@@ -6,10 +6,8 @@ from math import ceil
 
 import numpy as np
 
-from calibration.choices import Pattern
 from calibration.edge_search import least_side_px
 from calibration.edges import (
-    PITCH_PX,
     REJECTING_FLAGS,
     EdgeImage,
     EdgeMeasurement,
@@ -17,12 +15,17 @@ from calibration.edges import (
     MeasuredTransfer,
     Method,
     Orientation,
-    PlanePlace,
     mean_transfer,
-    plane_places,
 )
 from calibration.errors import NoEdgeError
-from calibration.psf.consistency import SoftnessFit, measure_softness
+from calibration.psf.consistency import (
+    HeightGroup,
+    HeightTrend,
+    cross_validate,
+    fit_height_trend,
+    measure_softness,
+    shared_of,
+)
 from calibration.psf.covariance import (
     CovarianceFit,
     Estimate,
@@ -30,9 +33,8 @@ from calibration.psf.covariance import (
     independent,
     median_width,
 )
-from calibration.psf.document import ColourPsf, PsfCalibration
+from calibration.psf.document import PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
-from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
 from calibration.psf.repeatability import (
     FocusScatter,
     SharedByCapture,
@@ -88,7 +90,7 @@ def calibrate_psf(
         del source  # before the next one is read
     used = [edge for edge in edges if edge.is_used]
     if not used:
-        raise _no_edge(names, edges)
+        raise no_edge_error(names, edges)
     return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
 
 
@@ -114,7 +116,7 @@ def psf_of_edges(
     used = [without_blur(edge, blur_px2.get(capture_of(edge), 0.0)) for edge in seen]
     field = None if method == "paper" or frame is None else _field(used, frame)
     # Over a field, places differ as well, and captures at other places with them.
-    shared = None if field is not None else _shared(used, softness)
+    shared = None if field is not None else shared_of(used, softness)
     total = _medians(used, shared) if method == "paper" else _fit(used, shared, is_optical=False)
     focus = total.by_capture
     return PsfCalibration.of(
@@ -124,6 +126,7 @@ def psf_of_edges(
         method=method,
         height_trend=_height_trend(used, total),
         focus=None if focus is None else FocusScatter.of(focus),
+        cross_validation=cross_validate(seen, used, softness, focus, total.scatter_px),
         target_softness=None if softness is None else softness.document,
         transfer=_transfer(seen),
         transfer_2d=None if method == "paper" else _transfer_2d(used, total, blur_px2),
@@ -131,13 +134,6 @@ def psf_of_edges(
         picture_height_px=None if frame is None else frame[0],
         edges=tuple(edges),
     )
-
-
-def _shared(edges: Sequence[EdgeMeasurement], softness: SoftnessFit | None) -> SharedByCapture:
-    if softness is not None:
-        return softness.shared(edges)
-    numbers = capture_numbers([capture_of(edge) for edge in edges])
-    return SharedByCapture.focus_alone(numbers, np.array([edge.normal_rad for edge in edges]))
 
 
 def _resolved(edges: Sequence[EdgeMeasurement]) -> list[EdgeMeasurement]:
@@ -293,7 +289,7 @@ def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None
     return None if axis is None else axis.value
 
 
-def _no_edge(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) -> NoEdgeError:
+def no_edge_error(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) -> NoEdgeError:
     """Build the error that says why no edge of these photographs is usable, and the remedy."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
@@ -321,76 +317,3 @@ def _least_side_px(edges: list[EdgeMeasurement], pitch_px: int) -> int:
     widths = [edge.sigma_px for edge in edges if "too_short" in edge.flags]
     width = float(np.median(widths)) if widths else 0.0
     return ceil(pitch_px * least_side_px(width / pitch_px))
-
-
-COLOURS = ("red", "green", "blue")
-
-
-def plane_source(source: EdgeImage, place: PlanePlace) -> EdgeImage:
-    """Return one colour plane of a mosaic photograph."""
-    clipped = source.clipped
-    return replace(
-        source,
-        image_dn=place.plane(source.image_dn),
-        clipped=None if clipped is None else place.plane(clipped).astype(np.bool_),
-        pitch_px=PITCH_PX,
-        first_x_px=place.first_x_px,
-        first_y_px=place.first_y_px,
-        sensor_shape=source.frame,
-    )
-
-
-def calibrate_mosaic(
-    sources: Iterable[EdgeImage],
-    pattern: Pattern,
-    channel: str = "green",
-    *,
-    method: Method = "all-angles",
-    selection: EdgeSelection = _TARGET,
-    progress: Callable[[int], None] = lambda _: None,
-) -> PsfCalibration:
-    """Measure the PSF of every colour of a mosaic, in pixels of the sensor.
-
-    Parameters
-    ----------
-    sources
-        The mosaics, read one at a time.
-    pattern
-        Bayer pattern of the mosaic.
-    channel
-        The colour whose values are returned; the others are in ``channels``.
-    method, selection, progress
-        As in ``calibrate_psf``.
-
-    Raises
-    ------
-    NoEdgeError
-        If that colour has no usable edge.
-    """
-    edges: dict[str, list[EdgeMeasurement]] = {colour: [] for colour in COLOURS}
-    names: list[str] = []
-    frames: set[tuple[int, int]] = set()
-    for source in sources:
-        names.append(source.name)
-        frames.add(source.frame)
-        coloured = replace(source, pattern=pattern)
-        for place in plane_places(pattern):
-            plane = plane_source(source, place)
-            found = selection.measured_in(plane, method)
-            shown = coloured if place.colour == channel else source
-            edges[place.colour].extend(with_sharpness(found, shown))
-        progress(len(names))
-        del source, coloured, shown, plane
-    if not any(edge.is_used for edge in edges[channel]):
-        raise _no_edge([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
-    frame = frames.pop() if len(frames) == 1 else None
-    channels = {
-        colour: psf_of_edges(found, method, frame if colour == channel else None)
-        for colour, found in edges.items()
-        if any(edge.is_used for edge in found)
-    }
-    colours = {
-        colour: ColourPsf.of(one.total, one.optical, edge_count=len(one.edges_used))
-        for colour, one in channels.items()
-    }
-    return channels[channel].model_copy(update={"channels": colours})
