@@ -174,8 +174,8 @@ def softness(record: Recorder, draws: int) -> None:
             ratio = np.array(widths) / sqrt(LENS_PX2) - 1
             bias, scatter = 100 * float(ratio.mean()), 100 * float(ratio.std())
             record.say(
-                f"SNR {snr:3.0f}, blur {blur_mm:.2f} mm, {draws} calibrations: sigma of the lens off "
-                f"by {bias:+.2f} % in the mean, scatter {scatter:.2f} %, 95 % intervals hold "
+                f"SNR {snr:3.0f}, blur {blur_mm:.2f} mm, {draws} calibrations: sigma of the lens "
+                f"off by {bias:+.2f} % in the mean, scatter {scatter:.2f} %, 95 % intervals hold "
                 f"{100 * np.mean(held):.1f} %, taken off in {100 * np.mean(removed):.1f} %"
             )
             name = f"SNR {snr:.0f}, blur {blur_mm:.2f} mm"

@@ -6,7 +6,12 @@ from .captures import (
     origin_of as origin_of,
     scene_records as scene_records,
 )
-from .comparison import PsfChange as PsfChange, compare_psfs as compare_psfs
+from .comparison import (
+    FocusRepeatability as FocusRepeatability,
+    PsfChange as PsfChange,
+    compare_psfs as compare_psfs,
+    focus_repeatability as focus_repeatability,
+)
 from .consistency import (
     CrossValidation as CrossValidation,
     HalvesCheck as HalvesCheck,

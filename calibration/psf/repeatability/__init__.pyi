@@ -4,7 +4,7 @@ from .adjusted import (
     without_blur as without_blur,
 )
 from .excess import excess_variance as excess_variance
-from .focus import FocusScatter as FocusScatter
+from .focus import FocusScatter as FocusScatter, scatter_err as scatter_err
 from .mixed_model import (
     CaptureFit as CaptureFit,
     EdgeSquares as EdgeSquares,

@@ -44,19 +44,25 @@ class FocusScatter(BaseModel):
     def of(cls, fit: CaptureFit) -> "FocusScatter":
         """Return the scatter between the captures of a calibration."""
         scatter = sqrt(fit.scatter2_px4)
-        spread2 = fit.scatter2_err_px4
-        # Near zero the square is what has an error, and its root has the root of that.
-        err = (
-            sqrt(scatter**2 + spread2) - scatter if spread2 > scatter**2 else spread2 / scatter / 2
-        )
         return cls(
             scatter_px2=scatter,
-            scatter_err_px2=err,
+            scatter_err_px2=scatter_err(fit.scatter2_px4, fit.scatter2_err_px4),
             mean_err_px2=_mean_err(fit, scatter),
             captures=fit.captures,
             freedom=float(fit.between) if fit.is_scattered else None,
             p_value=fit.p_value,
         )
+
+
+def scatter_err(scatter2: float, scatter2_err: float) -> float:
+    """Return the standard error of a scatter from that of its square.
+
+    Near zero the square is what has a normal error, and the root is as unsure as the root of that.
+    """
+    scatter = sqrt(scatter2)
+    if scatter2_err > scatter2:
+        return sqrt(scatter2 + scatter2_err) - scatter
+    return scatter2_err / (2 * scatter)
 
 
 def _mean_err(fit: CaptureFit, scatter_px2: float) -> float:
