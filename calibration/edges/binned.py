@@ -49,7 +49,8 @@ class BinnedEdge:
     ``along_px`` is the pixels' mean position along the edge. ``normal_rad`` is the direction of the
     normal, ``sigma_px`` the total width of the fitted Gaussian and ``optical_sigma_px`` that
     without the pixel, None where the pixel alone is as wide. Lengths are in sensor pixels, of which
-    ``pitch_px`` lie between the centres of neighbours that were used.
+    ``pitch_px`` lie between the centres of neighbours that were used. ``blur_px2`` is a variance
+    that this edge has beyond that of the camera, below 0 for less: of its focus or its target.
     """
 
     bin_index: IntArray = field(repr=False)
@@ -61,6 +62,7 @@ class BinnedEdge:
     sigma_px: float
     optical_sigma_px: float | None = None
     pitch_px: int = 1
+    blur_px2: float = 0.0
 
     @property
     def distance_px(self) -> FloatArray:

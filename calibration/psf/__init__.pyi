@@ -1,4 +1,4 @@
-from .calibration import calibrate_mosaic as calibrate_mosaic, calibrate_psf as calibrate_psf
+from .calibration import calibrate_psf as calibrate_psf
 from .captures import (
     capture_images as capture_images,
     edge_images as edge_images,
@@ -6,7 +6,20 @@ from .captures import (
     origin_of as origin_of,
     scene_records as scene_records,
 )
-from .comparison import PsfChange as PsfChange, compare_psfs as compare_psfs
+from .comparison import (
+    FocusRepeatability as FocusRepeatability,
+    PsfChange as PsfChange,
+    compare_psfs as compare_psfs,
+    focus_repeatability as focus_repeatability,
+)
+from .consistency import (
+    CrossValidation as CrossValidation,
+    HalvesCheck as HalvesCheck,
+    HeightGroup as HeightGroup,
+    HeightTrend as HeightTrend,
+    Misfit as Misfit,
+    TargetSoftness as TargetSoftness,
+)
 from .covariance import (
     Estimate as Estimate,
     PsfEstimates as PsfEstimates,
@@ -23,14 +36,15 @@ from .document import (
     PsfOrigin as PsfOrigin,
 )
 from .field import FieldFit as FieldFit
-from .height_trend import HeightGroup as HeightGroup, HeightTrend as HeightTrend
 from .linearise import REC601_LUMA as REC601_LUMA, luma_plane as luma_plane
+from .mosaic import calibrate_mosaic as calibrate_mosaic
 from .plot import (
     ORIENTATION_COLOURS as ORIENTATION_COLOURS,
     draw_mtf as draw_mtf,
     draw_transfer_2d as draw_transfer_2d,
     draw_widths_by_angle as draw_widths_by_angle,
 )
+from .repeatability import FocusScatter as FocusScatter
 from .transfer_2d import (
     OtfTable as OtfTable,
     Transfer2d as Transfer2d,

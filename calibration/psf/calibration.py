@@ -1,15 +1,13 @@
 """From photographs of edges to the PSF of the camera: the whole measurement, without files."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import ceil
 
 import numpy as np
 
-from calibration.choices import Pattern
 from calibration.edge_search import least_side_px
 from calibration.edges import (
-    PITCH_PX,
     REJECTING_FLAGS,
     EdgeImage,
     EdgeMeasurement,
@@ -17,11 +15,17 @@ from calibration.edges import (
     MeasuredTransfer,
     Method,
     Orientation,
-    PlanePlace,
     mean_transfer,
-    plane_places,
 )
 from calibration.errors import NoEdgeError
+from calibration.psf.consistency import (
+    HeightGroup,
+    HeightTrend,
+    cross_validate,
+    fit_height_trend,
+    measure_softness,
+    shared_of,
+)
 from calibration.psf.covariance import (
     CovarianceFit,
     Estimate,
@@ -29,9 +33,16 @@ from calibration.psf.covariance import (
     independent,
     median_width,
 )
-from calibration.psf.document import ColourPsf, PsfCalibration
+from calibration.psf.document import PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
-from calibration.psf.height_trend import HeightGroup, HeightTrend, fit_height_trend
+from calibration.psf.repeatability import (
+    FocusScatter,
+    SharedByCapture,
+    capture_numbers,
+    capture_of,
+    shared_reach_px2,
+    without_blur,
+)
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
 from calibration.sharpness import with_sharpness
 from simulation.arrays import FloatArray
@@ -79,7 +90,7 @@ def calibrate_psf(
         del source  # before the next one is read
     used = [edge for edge in edges if edge.is_used]
     if not used:
-        raise _no_edge(names, edges)
+        raise no_edge_error(names, edges)
     return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
 
 
@@ -99,17 +110,26 @@ def psf_of_edges(
     frame
         Rows and columns of the photographs; None if they differ, and then no field is fitted.
     """
-    used = [edge for edge in edges if edge.is_used]
-    resolved = _resolved(used)
-    total = _medians(used) if method == "paper" else _fit(used, is_optical=False)
+    seen = [edge for edge in edges if edge.is_used]
+    softness = measure_softness(seen)
+    blur_px2 = {} if softness is None else softness.blur_px2
+    used = [without_blur(edge, blur_px2.get(capture_of(edge), 0.0)) for edge in seen]
+    field = None if method == "paper" or frame is None else _field(used, frame)
+    # Over a field, places differ as well, and captures at other places with them.
+    shared = None if field is not None else shared_of(used, softness)
+    total = _medians(used, shared) if method == "paper" else _fit(used, shared, is_optical=False)
+    focus = total.by_capture
     return PsfCalibration.of(
         total,
-        _fit(resolved, is_optical=True) if resolved else None,
-        field=None if method == "paper" or frame is None else _field(used, frame),
+        _optical(used, shared),
+        field=field,
         method=method,
         height_trend=_height_trend(used, total),
-        transfer=_transfer(used),
-        transfer_2d=None if method == "paper" else _transfer_2d(used, total),
+        focus=None if focus is None else FocusScatter.of(focus),
+        cross_validation=cross_validate(seen, used, softness, focus, total.scatter_px),
+        target_softness=None if softness is None else softness.document,
+        transfer=_transfer(seen),
+        transfer_2d=None if method == "paper" else _transfer_2d(used, total, blur_px2),
         picture_width_px=None if frame is None else frame[1],
         picture_height_px=None if frame is None else frame[0],
         edges=tuple(edges),
@@ -118,6 +138,16 @@ def psf_of_edges(
 
 def _resolved(edges: Sequence[EdgeMeasurement]) -> list[EdgeMeasurement]:
     return [edge for edge in edges if edge.optical_sigma_px is not None]
+
+
+def _optical(
+    edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None
+) -> CovarianceFit | None:
+    chosen = np.flatnonzero([edge.optical_sigma_px is not None for edge in edges])
+    if not chosen.size:
+        return None
+    known = None if shared is None else shared.some(chosen)
+    return _fit(_resolved(edges), known, is_optical=True)
 
 
 def _widths(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
@@ -135,12 +165,19 @@ def _angles(edges: Sequence[EdgeMeasurement]) -> FloatArray:
     return np.array([edge.angle_deg for edge in edges])
 
 
-def _fit(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> CovarianceFit:
-    return fit_covariance(_angles(edges), *_widths(edges, is_optical=is_optical))
+def _fit(
+    edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None, *, is_optical: bool
+) -> CovarianceFit:
+    return fit_covariance(_angles(edges), *_widths(edges, is_optical=is_optical), shared)
 
 
-def _medians(edges: Sequence[EdgeMeasurement]) -> CovarianceFit:
-    x, y = _median_width(edges, "vertical"), _median_width(edges, "horizontal")
+def _medians(edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None) -> CovarianceFit:
+    """The paper's medians, whose errors hold what the captures share."""
+    by_capture = _fit(edges, shared, is_optical=False).by_capture
+    x, y = (
+        None if median is None else median.with_shared(by_capture)
+        for median in (_median_width(edges, "vertical"), _median_width(edges, "horizontal"))
+    )
     return CovarianceFit(
         sigma_x_px=x,
         sigma_y_px=y,
@@ -149,6 +186,7 @@ def _medians(edges: Sequence[EdgeMeasurement]) -> CovarianceFit:
         estimate_covariance=independent(x, y),
         scatter_px=0.0,
         weights=np.array([float(edge.orientation != "diagonal") for edge in edges]),
+        by_capture=by_capture,
     )
 
 
@@ -191,15 +229,27 @@ def _transfer(edges: Sequence[EdgeMeasurement]) -> MeasuredTransfer:
     return MeasuredTransfer(x=curves["vertical"], y=curves["horizontal"])
 
 
-def _transfer_2d(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> Transfer2d | None:
-    """The transfer function over both axes, without edges whose width the others contradict."""
+def _transfer_2d(
+    edges: Sequence[EdgeMeasurement], total: CovarianceFit, softness_px2: Mapping[Hashable, float]
+) -> Transfer2d | None:
+    """The transfer function over both axes, without edges whose width the others contradict.
+
+    Each edge is compared at its own focus and softness of the target, so that the transfer is that
+    of the camera at its mean focus; what these leave unknown is in its errors.
+    """
+    keys = [capture_of(edge) for edge in edges]
+    focus = total.by_capture
+    offsets = {} if focus is None else focus.offset_px2
+    numbers = capture_numbers(keys).tolist()
     trusted = [
-        edge.binned
-        for edge, weight in zip(edges, total.weights.tolist(), strict=True)
+        replace(edge.binned, blur_px2=softness_px2.get(key, 0.0) + offsets.get(number, 0.0))
+        for edge, key, number, weight in zip(
+            edges, keys, numbers, total.weights.tolist(), strict=True
+        )
         # Where no covariance is determined, a weight of 0 says only that an edge was not needed.
         if edge.binned is not None and (weight > _TRUSTED or total.covariance_px2 is None)
     ]
-    return measure_transfer_2d(trusted) if trusted else None
+    return measure_transfer_2d(trusted, shared_reach_px2(focus)) if trusted else None
 
 
 def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> HeightTrend | None:
@@ -239,7 +289,7 @@ def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None
     return None if axis is None else axis.value
 
 
-def _no_edge(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) -> NoEdgeError:
+def no_edge_error(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) -> NoEdgeError:
     """Build the error that says why no edge of these photographs is usable, and the remedy."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
@@ -267,76 +317,3 @@ def _least_side_px(edges: list[EdgeMeasurement], pitch_px: int) -> int:
     widths = [edge.sigma_px for edge in edges if "too_short" in edge.flags]
     width = float(np.median(widths)) if widths else 0.0
     return ceil(pitch_px * least_side_px(width / pitch_px))
-
-
-COLOURS = ("red", "green", "blue")
-
-
-def plane_source(source: EdgeImage, place: PlanePlace) -> EdgeImage:
-    """Return one colour plane of a mosaic photograph."""
-    clipped = source.clipped
-    return replace(
-        source,
-        image_dn=place.plane(source.image_dn),
-        clipped=None if clipped is None else place.plane(clipped).astype(np.bool_),
-        pitch_px=PITCH_PX,
-        first_x_px=place.first_x_px,
-        first_y_px=place.first_y_px,
-        sensor_shape=source.frame,
-    )
-
-
-def calibrate_mosaic(
-    sources: Iterable[EdgeImage],
-    pattern: Pattern,
-    channel: str = "green",
-    *,
-    method: Method = "all-angles",
-    selection: EdgeSelection = _TARGET,
-    progress: Callable[[int], None] = lambda _: None,
-) -> PsfCalibration:
-    """Measure the PSF of every colour of a mosaic, in pixels of the sensor.
-
-    Parameters
-    ----------
-    sources
-        The mosaics, read one at a time.
-    pattern
-        Bayer pattern of the mosaic.
-    channel
-        The colour whose values are returned; the others are in ``channels``.
-    method, selection, progress
-        As in ``calibrate_psf``.
-
-    Raises
-    ------
-    NoEdgeError
-        If that colour has no usable edge.
-    """
-    edges: dict[str, list[EdgeMeasurement]] = {colour: [] for colour in COLOURS}
-    names: list[str] = []
-    frames: set[tuple[int, int]] = set()
-    for source in sources:
-        names.append(source.name)
-        frames.add(source.frame)
-        coloured = replace(source, pattern=pattern)
-        for place in plane_places(pattern):
-            plane = plane_source(source, place)
-            found = selection.measured_in(plane, method)
-            shown = coloured if place.colour == channel else source
-            edges[place.colour].extend(with_sharpness(found, shown))
-        progress(len(names))
-        del source, coloured, shown, plane
-    if not any(edge.is_used for edge in edges[channel]):
-        raise _no_edge([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
-    frame = frames.pop() if len(frames) == 1 else None
-    channels = {
-        colour: psf_of_edges(found, method, frame if colour == channel else None)
-        for colour, found in edges.items()
-        if any(edge.is_used for edge in found)
-    }
-    colours = {
-        colour: ColourPsf.of(one.total, one.optical, edge_count=len(one.edges_used))
-        for colour, one in channels.items()
-    }
-    return channels[channel].model_copy(update={"channels": colours})

@@ -1,11 +1,18 @@
 """Has the lens moved? Compares two calibrations parameter by parameter."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from math import erfc, hypot, sqrt
 from typing import Any
 
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import chdtrc
+
 from calibration.errors import CalibrationError
 from calibration.psf.document import PsfCalibration
+from calibration.psf.repeatability import scatter_err
+from simulation.arrays import FloatArray
 
 PARAMETERS = (
     "sigma_x_px",
@@ -142,6 +149,88 @@ def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
         remarks=_remarks(first, second),
         shared_inputs=_shared_inputs(first, second),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusRepeatability:
+    """Scatter of the PSF's variance, averaged over both axes, between calibrations of a camera.
+
+    ``scatter_px2`` is beyond the calibrations' own errors, ``p_value`` of so much difference
+    between them if there were none.
+    """
+
+    scatter_px2: float
+    scatter_err_px2: float
+    calibrations: int
+    p_value: float
+
+    def __str__(self) -> str:
+        return (
+            f"between {self.calibrations} calibrations the focus scatters by "
+            f"{self.scatter_px2:.4f} ± {self.scatter_err_px2:.4f} px^2 beyond their errors "
+            f"(p = {self.p_value:.2g})"
+        )
+
+
+def focus_repeatability(psfs: Sequence[PsfCalibration]) -> FocusRepeatability | None:
+    """Return how well the focus of a camera repeats from calibration to calibration.
+
+    Calibrations of the same captures count once: the first of them.
+
+    Returns
+    -------
+    FocusRepeatability or None
+        None with fewer than two calibrations that give both widths with errors.
+    """
+    chosen: list[PsfCalibration] = []
+    for psf in psfs:
+        if not any(_shared_inputs(other, psf) for other in chosen):
+            chosen.append(psf)
+    known = [found for psf in chosen if (found := _mean_variance(psf)) is not None]
+    if len(known) < 2:
+        return None
+    variance, err = np.array(known).T
+    freedom = variance.size - 1
+    plain = 1 / err**2
+    surplus = float(np.sum(plain * (variance - np.average(variance, weights=plain)) ** 2))
+    scatter2 = _between(variance, err)
+    weight = 1 / (err**2 + scatter2)
+    # Information of the restricted likelihood on the variance between (Searle et al. 1992, 6.6).
+    power = float(weight.sum() - np.sum(weight**2) / weight.sum())
+    spread2 = sqrt(2 * freedom) / power
+    scatter = sqrt(scatter2)
+    return FocusRepeatability(
+        scatter_px2=scatter,
+        scatter_err_px2=scatter_err(scatter2, spread2),
+        calibrations=len(known),
+        p_value=float(chdtrc(freedom, surplus)),
+    )
+
+
+def _mean_variance(psf: PsfCalibration) -> tuple[float, float] | None:
+    """Mean of both variances and its error, of what the calibrations' edges tell."""
+    x, y = psf.estimate("sigma_x_px"), psf.estimate("sigma_y_px")
+    if x is None or y is None or not (x.err > 0 and y.err > 0):
+        return None
+    slopes = np.array([x.value, y.value])  # of (x^2 + y^2) / 2
+    joint = np.diag([x.err**2, y.err**2])
+    if psf.estimate_covariance is not None:
+        joint = np.array(psf.estimate_covariance)[:2, :2]
+    return 0.5 * (x.value**2 + y.value**2), sqrt(float(slopes @ joint @ slopes))
+
+
+def _between(variance: FloatArray, err: FloatArray) -> float:
+    """Variance between calibrations beyond their errors (Paule and Mandel 1982)."""
+
+    def surplus(scatter2: float) -> float:
+        weight = 1 / (err**2 + scatter2)
+        away = variance - np.average(variance, weights=weight)
+        return float(np.sum(weight * away**2)) - (variance.size - 1)
+
+    if surplus(0.0) <= 0:
+        return 0.0
+    most = float(np.sum((variance - variance.mean()) ** 2))
+    return float(brentq(surplus, 0.0, most, rtol=1e-10))
 
 
 def _shared_inputs(first: PsfCalibration, second: PsfCalibration) -> tuple[str, ...]:

@@ -6,11 +6,12 @@ three elements of Sigma: weighted least squares on the squared widths gives them
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
 from calibration.edges import orientation_of
+from calibration.psf.repeatability import CaptureFit, SharedByCapture, shared_reach_px2
 from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray
@@ -35,6 +36,15 @@ class Estimate:
         """Return an estimate with the interval of a normal distribution."""
         reach = _NORMAL_95 * err
         return cls(value=value, err=err, low=value - reach, high=value + reach)
+
+    def with_shared(self, captures: CaptureFit | None) -> "Estimate":
+        """Return a width whose error holds what edges of one capture share."""
+        if captures is None or captures.shared_err_px2 == 0:
+            return self
+        per_px = 1 / (2 * self.value)
+        err = hypot(self.err, captures.shared_err_px2 * per_px)
+        half = hypot(0.5 * (self.high - self.low), _NORMAL_95 * shared_reach_px2(captures) * per_px)
+        return Estimate(value=self.value, err=err, low=self.value - half, high=self.value + half)
 
     def __str__(self) -> str:
         return f"{self.value:.4f} ± {self.err:.4f}"
@@ -117,10 +127,12 @@ class CovarianceFit(PsfEstimates):
 
     ``scatter_px`` is the scatter of the widths beyond their own errors (field, focus, paper);
     the errors include it. ``weights``, in [0, 1], are the robust weights of the edges.
+    ``by_capture`` is what the captures of the edges share, None where that cannot be told.
     """
 
     scatter_px: float
     weights: FloatArray
+    by_capture: CaptureFit | None = None
 
     @property
     def edges_used(self) -> int:
@@ -129,7 +141,10 @@ class CovarianceFit(PsfEstimates):
 
 
 def fit_covariance(
-    angles_deg: FloatArray, sigma_px: FloatArray, sigma_err_px: FloatArray
+    angles_deg: FloatArray,
+    sigma_px: FloatArray,
+    sigma_err_px: FloatArray,
+    shared: SharedByCapture | None = None,
 ) -> CovarianceFit:
     """Fit the PSF covariance to widths across edges.
 
@@ -139,6 +154,8 @@ def fit_covariance(
         Angle of each edge line from +x, with y down; shape ``(n,)``.
     sigma_px, sigma_err_px
         Width across each edge and its standard error, in px; shape ``(n,)``.
+    shared
+        The captures of the edges; None if each edge is independent of the others.
 
     Returns
     -------
@@ -161,24 +178,25 @@ def fit_covariance(
     normal = np.deg2rad(angles + 90.0)
     nx, ny = np.cos(normal), np.sin(normal)
     full = np.column_stack([nx**2, 2 * nx * ny, ny**2])
-    result = _determined_fully(full, sigma, err)
+    result = _determined_fully(full, sigma, err, shared)
     if result is not None:
         return result
     names = np.array([orientation_of(a) for a in angles.tolist()])
     vertical, horizontal = names == "vertical", names == "horizontal"
     axial = vertical | horizontal
     if vertical.any() and horizontal.any():
-        return _axis_aligned(full[:, [0, 2]], sigma, err, axial)
+        return _axis_aligned(full[:, [0, 2]], (sigma, err), axial, shared)
     weights = np.zeros(angles.size)
     fits: dict[str, Estimate | None] = {"vertical": None, "horizontal": None}
     scatter = 0.0
+    by_capture = None
     for name, chosen in (("vertical", vertical), ("horizontal", horizontal)):
         if chosen.any():
             ones = np.ones((int(chosen.sum()), 1))
-            fit = fit_variances(ones, sigma[chosen], err[chosen])
+            fit = fit_variances(ones, sigma[chosen], err[chosen], shared=_some(shared, chosen))
             fits[name] = _width(fit, 0)
             weights[chosen] = fit.weights
-            scatter = fit.scatter_px
+            scatter, by_capture = fit.scatter_px, fit.by_capture
     return CovarianceFit(
         sigma_x_px=fits["vertical"],
         sigma_y_px=fits["horizontal"],
@@ -187,6 +205,7 @@ def fit_covariance(
         estimate_covariance=independent(fits["vertical"], fits["horizontal"]),
         scatter_px=scatter,
         weights=weights,
+        by_capture=by_capture,
     )
 
 
@@ -215,6 +234,10 @@ def share_of_correlation(angles_deg: FloatArray) -> float:
     return max(shares)
 
 
+def _some(shared: SharedByCapture | None, chosen: BoolArray) -> SharedByCapture | None:
+    return None if shared is None else shared.some(np.flatnonzero(chosen))
+
+
 def _estimate(value: float, err: float, replicates: FloatArray | None) -> Estimate:
     if replicates is not None and replicates.size >= RESAMPLES // 2:
         low, high = np.quantile(replicates, [0.025, 0.975])
@@ -228,50 +251,73 @@ def _width(fit: VarianceFit, index: int) -> Estimate | None:
     if not variance > 0:
         return None
     value = sqrt(variance)
+    variance_err = sqrt(float(fit.covariance[index, index]))
+    err = variance_err / (2 * value)
+    shared = fit.by_capture if fit.is_by_capture else None
+    if shared is not None and shared.holds_scatter:
+        # The variance is what is distributed as Student says.
+        reach = variance_err * shared.reach(np.eye(fit.values.size)[index])
+        low, high = sqrt(max(variance - reach, 0.0)), sqrt(variance + reach)
+        return Estimate(value=value, err=err, low=low, high=high)
     replicates = None
     if fit.replicates is not None:
         replicates = np.sqrt(np.maximum(fit.replicates[:, index], 0.0))
-    err = sqrt(float(fit.covariance[index, index])) / (2 * value)
     return _estimate(value, err, replicates)
 
 
-def _determined_fully(
-    design: FloatArray, sigma: FloatArray, err: FloatArray
-) -> CovarianceFit | None:
-    if sigma.size < 3 or np.linalg.matrix_rank(design, tol=1e-3) < 3:
-        return None
-    fit = fit_variances(design, sigma, err)
+def _correlation(fit: VarianceFit, slope: FloatArray) -> Estimate:
+    """Correlation with its error; ``slope`` is its derivative by xx, xy and yy."""
     xx, xy, yy = fit.values.tolist()
-    if not (xx > 0 and yy > 0 and xx * yy > xy * xy):
-        return None
-    x, y = _width(fit, 0), _width(fit, 2)
-    rho = xy / sqrt(xx * yy)
-    slopes = _slopes(xx, xy, yy)
-    joint = slopes @ fit.covariance @ slopes.T
-    rho_err = sqrt(float(joint[2, 2]))
-    if x is None or y is None or rho_err > _RHO_ERR_MOST:
-        return None
-    if max(x.err / x.value, y.err / y.value) > _WIDTH_ERR_MOST:
-        return None
+    value = xy / sqrt(xx * yy)
+    err = sqrt(float(slope @ fit.covariance @ slope))
+    shared = fit.by_capture if fit.is_by_capture else None
+    if shared is not None and shared.holds_scatter:
+        reach = err * shared.reach(slope)
+        return Estimate(value=value, err=err, low=value - reach, high=value + reach)
     replicates = None
     if fit.replicates is not None:
         r = fit.replicates[(fit.replicates[:, 0] > 0) & (fit.replicates[:, 2] > 0)]
         replicates = r[:, 1] / np.sqrt(r[:, 0] * r[:, 2])
+    return _estimate(value, err, replicates)
+
+
+def _determined_fully(
+    design: FloatArray, sigma: FloatArray, err: FloatArray, shared: SharedByCapture | None
+) -> CovarianceFit | None:
+    if sigma.size < 3 or np.linalg.matrix_rank(design, tol=1e-3) < 3:
+        return None
+    fit = fit_variances(design, sigma, err, shared=shared)
+    xx, xy, yy = fit.values.tolist()
+    if not (xx > 0 and yy > 0 and xx * yy > xy * xy):
+        return None
+    x, y = _width(fit, 0), _width(fit, 2)
+    slopes = _slopes(xx, xy, yy)
+    joint = slopes @ fit.covariance @ slopes.T
+    rho = _correlation(fit, slopes[2])
+    if x is None or y is None or rho.err > _RHO_ERR_MOST:
+        return None
+    if max(x.err / x.value, y.err / y.value) > _WIDTH_ERR_MOST:
+        return None
     return CovarianceFit(
         sigma_x_px=x,
         sigma_y_px=y,
-        rho=_estimate(rho, rho_err, replicates),
+        rho=rho,
         covariance_px2=np.array([[xx, xy], [xy, yy]]),
         estimate_covariance=joint,
         scatter_px=fit.scatter_px,
         weights=fit.weights,
+        by_capture=fit.by_capture,
     )
 
 
 def _axis_aligned(
-    design: FloatArray, sigma: FloatArray, err: FloatArray, axial: BoolArray
+    design: FloatArray,
+    widths: tuple[FloatArray, FloatArray],
+    axial: BoolArray,
+    shared: SharedByCapture | None,
 ) -> CovarianceFit:
-    fit = fit_variances(design[axial], sigma[axial], err[axial])
+    sigma, err = widths
+    fit = fit_variances(design[axial], sigma[axial], err[axial], shared=_some(shared, axial))
     weights = np.zeros(sigma.size)
     weights[axial] = fit.weights
     x, y = _width(fit, 0), _width(fit, 1)
@@ -287,4 +333,5 @@ def _axis_aligned(
         estimate_covariance=independent(x, y) if joint is None else joint,
         scatter_px=fit.scatter_px,
         weights=weights,
+        by_capture=fit.by_capture,
     )

@@ -12,9 +12,10 @@ from acquisition.dataframe import dataframe
 from calibration.edges import EdgeMeasurement, MeasuredTransfer
 from calibration.errors import PsfFileError
 from calibration.provenance import Provenance
+from calibration.psf.consistency import CrossValidation, HeightTrend, TargetSoftness
 from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
-from calibration.psf.height_trend import HeightTrend
+from calibration.psf.repeatability import FocusScatter
 from calibration.psf.transfer_2d import Transfer2d
 from calibration.sharpness import Picture, SharpnessLimits, SharpnessVerdict, judge_sharpness
 from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
@@ -206,21 +207,24 @@ class ColourPsf(PsfWidths):
 class PsfCalibration(PsfWidths, _PsfDocument):
     """The PSF of a camera, and the edges or pairs of photographs it was measured from.
 
-    ``field`` is null if, as far as the edges show, one PSF holds for the whole frame.
-    ``transfer_2d`` is the transfer function measured over both axes, null where the edges have one
-    direction alone and for methods that know Gaussians alone. ``channels`` holds the PSF of each
-    colour of a mosaic. ``pairs`` are the pairs of photographs of a two-distance calibration,
-    ``softness_px2`` is the mean variance that the scene adds in a single-image calibration.
-    ``photograph`` is what the files of the photographs say alike of their taking: camera, lens,
-    exposure. ``picture_width_px`` and ``picture_height_px`` are columns and rows of the
-    photographs, null if they differ; ``verdict`` compares the edges with a limits file. ``notes``
-    are what there is to say of the calibration that was made; no file has them. Files that give
-    only the total values are accepted.
+    ``field`` is null if, as far as the edges show, one PSF holds for the whole frame. ``focus`` is
+    its scatter between captures, null with one; ``cross_validation`` names what does not fit;
+    ``target_softness`` is null with fewer than three scales. ``transfer_2d`` is null where edges
+    have one direction alone and for methods that know Gaussians alone. ``channels`` holds each
+    colour of a mosaic, ``pairs`` the pairs of photographs of a two-distance calibration,
+    ``softness_px2`` the mean variance that the scene adds in a single-image calibration,
+    ``photograph`` what the files say alike of their taking. ``picture_width_px`` and
+    ``picture_height_px`` are null if the photographs differ; ``verdict`` compares the edges with a
+    limits file. ``notes`` say what there is to say of the calibration that was made; no file has
+    them. Files that give only the total values are accepted.
     """
 
     field: FieldFit | None = None
     method: str | None = None
     height_trend: HeightTrend | None = None
+    focus: FocusScatter | None = Field(default=None, repr=False)
+    cross_validation: CrossValidation | None = Field(default=None, repr=False)
+    target_softness: TargetSoftness | None = Field(default=None, repr=False)
     transfer: MeasuredTransfer | None = None
     transfer_2d: Transfer2d | None = Field(default=None, repr=False)
     camera: CameraIdentity | None = CameraIdentity()

@@ -121,7 +121,7 @@ def _apart(first_deg: float, second_deg: float) -> float:
 
 
 def _optical_variance(edges: Sequence[BinnedEdge]) -> float:
-    total = float(np.median([edge.sigma_px for edge in edges])) ** 2
+    total = float(np.median([edge.sigma_px**2 - edge.blur_px2 for edge in edges]))
     return max(total - 1 / 12, _LEAST_VARIANCE_PX2)
 
 

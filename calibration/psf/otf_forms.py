@@ -56,6 +56,14 @@ class OtfForm:
         return self.harmonics * CORRECTION_SPLINES
 
     @property
+    def by_variance(self) -> FloatArray:
+        """What all parameters change by per unit of a variance that is added along both axes."""
+        elements = np.zeros(_ELEMENTS)
+        elements[[4, 6]] = 1.0
+        shape = np.linalg.lstsq(self.elements, elements, rcond=None)[0]
+        return np.concatenate([shape, np.zeros(self.corrections)])
+
+    @property
     def least(self) -> FloatArray:
         """Least value of each parameter; minus infinity where it has no bound of its own."""
         known = [_LEAST.get(name, -np.inf) for name in self.parameter_names]

@@ -47,6 +47,7 @@ def pooled(stack: EdgeStack, form: OtfForm, parameters: FloatArray, left: Residu
         away_px=(member @ (weight * stack.away_px)) * per_weight,
         along=np.zeros_like(total),
         normal_rad=normal_rad,
+        blur_px2=np.zeros_like(normal_rad),
         sharpest_px=stack.binned.sharpest_px,
         count=stack.bins,
         pooled_squares=left.squares - float(np.sum(total * mean**2)),

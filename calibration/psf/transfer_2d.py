@@ -65,7 +65,8 @@ class Transfer2d(BaseModel):
         By name, the unit in it; ``defocus_waves2`` is the square of the defocus in waves.
     covariance
         Covariance matrix of the parameters, in their order: its lower triangle, row by row. It
-        holds the scatter from edge to edge.
+        holds the scatter from edge to edge and that of the focus between captures, whose part is
+        widened by Student's quantile over the normal one: 1.96 standard errors are 95 %.
     angles_deg
         Directions of the frequencies that edges measured: their normals, modulo 180 degrees.
     edges, chi2_reduced
@@ -97,10 +98,18 @@ class Transfer2d(BaseModel):
         return self
 
     @classmethod
-    def of(cls, choice: OtfChoice, normal_rad: Sequence[float]) -> Self:
-        """Return the document of a fit to edges with these normals."""
+    def of(
+        cls, choice: OtfChoice, normal_rad: Sequence[float], shared_err_px2: float = 0.0
+    ) -> Self:
+        """Return the document of a fit to edges with these normals.
+
+        ``shared_err_px2`` is the error of the variance, of both axes alike, that edges of one
+        capture share.
+        """
         fit = choice.fit
-        covariance = choice.scale * fit.inverse
+        by_variance = fit.form.by_variance
+        shared = shared_err_px2**2 * np.outer(by_variance, by_variance)
+        covariance = choice.scale * fit.inverse + shared
         bare = cls(
             form=fit.form.name,
             reason=choice.reason,
@@ -199,10 +208,28 @@ class Transfer2d(BaseModel):
         )
 
 
-def measure_transfer_2d(edges: Sequence[BinnedEdge]) -> Transfer2d | None:
-    """Fit the two-dimensional transfer function; None where the edges have one direction alone."""
+def measure_transfer_2d(
+    edges: Sequence[BinnedEdge], shared_err_px2: float = 0.0
+) -> Transfer2d | None:
+    """Fit the two-dimensional transfer function.
+
+    Parameters
+    ----------
+    edges
+        The edges, each with what it is blurred beyond the camera.
+    shared_err_px2
+        Error of the variance, of both axes alike, that edges of one capture share and so do not
+        show by their scatter; 1.96 of it are 95 %.
+
+    Returns
+    -------
+    Transfer2d or None
+        None where the edges have one direction alone.
+    """
     choice = choose_otf(edges)
-    return None if choice is None else Transfer2d.of(choice, [edge.normal_rad for edge in edges])
+    if choice is None:
+        return None
+    return Transfer2d.of(choice, [edge.normal_rad for edge in edges], shared_err_px2)
 
 
 def _brief(freq_cy_per_px: float | None) -> str:

@@ -3,13 +3,19 @@
 Serves every model that is linear in the elements of a covariance: one PSF, or a PSF field.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import stdtrit
 
+from calibration.psf.repeatability import (
+    CaptureFit,
+    EdgeSquares,
+    SharedByCapture,
+    excess_variance,
+    fit_by_capture,
+)
 from calibration.robust import robust_sigma
 from simulation.arrays import FloatArray
 
@@ -27,6 +33,7 @@ class VarianceFit:
     ``covariance`` is that of ``values``; ``replicates`` holds the solutions of resampled edges,
     shape ``(resamples, unknowns)``, or None for few edges. ``scatter_px`` is the scatter of the
     widths beyond their errors; ``weights``, in [0, 1], are the robust weights of the edges.
+    ``by_capture`` is the fit with what captures share, None where they cannot be told apart.
     """
 
     values: FloatArray
@@ -34,10 +41,21 @@ class VarianceFit:
     replicates: FloatArray | None
     scatter_px: float
     weights: FloatArray
+    by_capture: CaptureFit | None = None
+
+    @property
+    def is_by_capture(self) -> bool:
+        """Whether the values are those of the fit with what captures share."""
+        return self.by_capture is not None and self.values is self.by_capture.values
 
 
 def fit_variances(
-    design: FloatArray, sigma: FloatArray, err: FloatArray, *, is_resampled: bool = True
+    design: FloatArray,
+    sigma: FloatArray,
+    err: FloatArray,
+    *,
+    shared: SharedByCapture | None = None,
+    is_resampled: bool = True,
 ) -> VarianceFit:
     """Robust weighted least squares on ``sigma**2``, allowing for scatter beyond the errors.
 
@@ -47,6 +65,8 @@ def fit_variances(
         Shape ``(n, unknowns)``, of full rank.
     sigma, err
         Widths and their standard errors, in px, positive; shape ``(n,)``.
+    shared
+        The captures of the edges; None if each edge is independent of the others.
     is_resampled
         Whether to resample the edges for the intervals.
     """
@@ -78,30 +98,35 @@ def fit_variances(
     covariance: FloatArray = np.asarray(
         np.linalg.inv(design.T @ (weight[:, None] * design)), dtype=np.float64
     )
-    return VarianceFit(
+    fit = VarianceFit(
         values=values,
         covariance=covariance,
-        replicates=_bootstrap(design, squares, weight) if is_resampled else None,
+        replicates=None,
         scatter_px=sqrt(scatter2),
         weights=trust,
     )
+    if shared is not None and shared.captures > 1:
+        edges = EdgeSquares(
+            design=design, squares_px2=squares, err_px=err, spread_px=2 * centre, trust=trust
+        )
+        fit = _by_capture(fit, fit_by_capture(edges, shared), shared)
+    if is_resampled and not fit.is_by_capture:
+        return replace(fit, replicates=_bootstrap(design, squares, weight))
+    return fit
 
 
-def excess_variance(
-    deviation: FloatArray, err: FloatArray, trust: FloatArray, freedom: float
-) -> float:
-    """Excess variance, beyond the errors, that brings the weighted squares to their expected value.
-
-    Paule and Mandel, "Consensus values and weighting factors", J. Res. NBS 87 (1982) 377.
-    """
-
-    def surplus(variance: float) -> float:
-        return float(np.sum(trust * deviation**2 / (err**2 + variance))) - freedom
-
-    if surplus(0.0) <= 0:
-        return 0.0
-    most = float(np.sum(trust * deviation**2)) / freedom
-    return float(brentq(surplus, 0.0, most, xtol=1e-12 * most))
+def _by_capture(fit: VarianceFit, found: CaptureFit | None, shared: SharedByCapture) -> VarianceFit:
+    """The fit that knows of captures, where these share something that is significant."""
+    if found is None or not (found.is_scattered or shared.precision.size):
+        return replace(fit, by_capture=found)
+    return replace(
+        fit,
+        values=found.values,
+        covariance=found.covariance,
+        scatter_px=found.scatter_px,
+        weights=found.trust,
+        by_capture=found,
+    )
 
 
 def _bootstrap(design: FloatArray, squares: FloatArray, weight: FloatArray) -> FloatArray | None:

@@ -80,5 +80,7 @@ def _show_history(files: list[Path], report: Path | None, json: bool) -> None:
             table.rows,
             ends_in_words=table.ends_in_words,
         )
+        for sentence in section.text[1:]:
+            terminal.say(sentence)
     if report is not None:
         terminal.say(f"wrote {report}")

@@ -16,7 +16,7 @@ from analysis.reports.page import (
     new_figure,
 )
 from calibration.errors import CalibrationError
-from calibration.psf import PsfCalibration, compare_psfs
+from calibration.psf import PsfCalibration, compare_psfs, focus_repeatability
 from calibration.sharpness import NORMAL_95, with_reach
 
 _UNKNOWN = "unknown"
@@ -67,6 +67,7 @@ def history_document(history: dict[str, list[HistoryEntry]]) -> dict[str, Any]:
         "cameras": [
             {
                 "serial": serial,
+                **_focus(entries),
                 "calibrations": [
                     {
                         "file": entry.name,
@@ -95,6 +96,15 @@ def history_document(history: dict[str, list[HistoryEntry]]) -> dict[str, Any]:
 def history_sections(history: dict[str, list[HistoryEntry]]) -> tuple[ReportSection, ...]:
     """Return one section for each camera."""
     return tuple(_camera_section(serial, entries) for serial, entries in history.items())
+
+
+def _focus(entries: Sequence[HistoryEntry]) -> dict[str, float | None]:
+    """Repeatability of the focus between the calibrations, null where there are too few."""
+    found = focus_repeatability([entry.psf for entry in entries])
+    return {
+        "focus_scatter_px2": None if found is None else found.scatter_px2,
+        "focus_scatter_err_px2": None if found is None else found.scatter_err_px2,
+    }
 
 
 @in_report_style
@@ -158,9 +168,11 @@ def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
         for entry in entries
     )
     figure = plot_history(entries)
+    focus = focus_repeatability([entry.psf for entry in entries])
+    repeats = () if focus is None else (f"{str(focus).capitalize()}.",)
     return ReportSection(
         title=f"Camera {serial}",
-        text=("Every calibration is compared with the first one of its camera.",),
+        text=("Every calibration is compared with the first one of its camera.", *repeats),
         tables=(
             ReportTable(
                 columns=("file", "captured (UTC)", "sigma x / px", "sigma y / px", "rho", "change"),

@@ -15,6 +15,9 @@ _REMARKS = {
     "non_gaussian": "{n} of {total} edges do not fit a Gaussian PSF; sigma is an equivalent width",
 }
 
+_OVER_HEIGHTS = ("soft_target", "focus_drift", "focus_scatter")
+"""Named causes of widths that differ between heights, which say more than the trend."""
+
 
 def psf_remarks(calibration: PsfCalibration) -> list[str]:
     """Say what is wrong with the edges of a target, and what they do not determine."""
@@ -27,8 +30,11 @@ def psf_remarks(calibration: PsfCalibration) -> list[str]:
     missing = _what_is_missing(calibration) if used else None
     if missing is not None:
         said.append(missing)
+    named = () if calibration.cross_validation is None else calibration.cross_validation.named
+    said.extend(one.sentence for one in named)
     trend = calibration.height_trend
-    if trend is not None and trend.is_drift:
+    is_explained = any(one.kind in _OVER_HEIGHTS for one in named)
+    if trend is not None and trend.is_drift and not is_explained:
         said.append(
             f"the width changes by {100 * trend.change:.1f} % over the heights: the focus drifts, "
             "or the target is too rough for the nearest height; calibrate at one height or refocus"

@@ -14,7 +14,7 @@ from calibration.edges.image import EdgeImage, Region
 from calibration.edges.mosaic import in_sensor_pixels, optical_of_total, plane_places
 from calibration.edges.selection import EdgeSelection
 from calibration.errors import NoEdgeError
-from calibration.psf.calibration import calibrate_mosaic
+from calibration.psf.mosaic import calibrate_mosaic
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, pixel_edge
 

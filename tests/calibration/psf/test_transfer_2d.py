@@ -10,9 +10,10 @@ from pydantic import ValidationError
 
 from calibration.errors import PsfFileError
 from calibration.files import read_psf, write_psf
-from calibration.psf.calibration import calibrate_mosaic, calibrate_psf
+from calibration.psf.calibration import calibrate_psf
 from calibration.psf.document import PsfCalibration
 from calibration.psf.field import FieldFit
+from calibration.psf.mosaic import calibrate_mosaic
 from calibration.psf.transfer_2d import OtfTable, Transfer2d
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, MeasuredPsf

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 from scipy.special import fdtrc, stdtr
 
-from calibration.psf.variance import excess_variance
+from calibration.psf.repeatability import excess_variance
 from simulation.arrays import FloatArray
 
 _DRIFT_P = 0.01
