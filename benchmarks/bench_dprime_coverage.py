@@ -135,45 +135,35 @@ def true_zoom_limit(focus_px2: tuple[float, float]) -> float | None:
     )
 
 
-def corner_zoom(tilt_deg: float) -> float:
-    """Worst local zoom of a camera that tilts about the point it looks at, own geometry.
+def tilted_zoom(tilt_deg: float) -> float:
+    """Worst local zoom of a camera that tilts about the point it looks at, by own ray tracing.
 
-    Rays are intersected with the plane; the stretch of the reference's pixels is taken by
-    differences at the places that may be the worst: corners, along the frame's axes and diagonals.
+    Rays through a dense grid of pixels meet the plane; the stretch of the reference's pixels is
+    taken by differences, where the reference sees the place too. Leans along the frame's axes and
+    its diagonal, the worst of which counts.
     """
+    tilt, focal_px = np.deg2rad(tilt_deg), CAMERA.focal_length_px
+    half = (CAMERA.width_px - 1) / 2, (CAMERA.height_px - 1) / 2
+    x, y = np.meshgrid(np.linspace(-half[0], half[0], 521), np.linspace(-half[1], half[1], 387))
     worst = 0.0
-    corners = [(x, y) for x in (-1, 1) for y in (-1, 1)]
     for lean in (0.0, atan2(CAMERA.height_px, CAMERA.width_px), pi / 2):
-        tilt = np.deg2rad(tilt_deg)
-        along = np.array([np.cos(lean), np.sin(lean), 0.0])
-        normal = np.cos(tilt) * np.array([0.0, 0.0, 1.0]) + np.sin(tilt) * along
-        centre = np.array([0.0, 0.0, CAMERA.focal_length_px])
-        side_a = np.cos(tilt) * along - np.sin(tilt) * np.array([0.0, 0.0, 1.0])
-        side_b = np.cross(np.array([0.0, 0.0, 1.0]), along)
+        cos, sin = np.cos(lean), np.sin(lean)
 
-        def seen(
-            x: float,
-            y: float,
-            normal: FloatArray = normal,
-            centre: FloatArray = centre,
-            axes: tuple[FloatArray, FloatArray, FloatArray] = (side_a, side_b, along),
-        ) -> FloatArray:
-            ray = np.array([x, y, CAMERA.focal_length_px])
-            hit = ray * (centre @ normal) / (ray @ normal) - centre
-            first, second, lean_axis = axes
-            across = np.array([-lean_axis[1], lean_axis[0]])
-            return np.asarray((hit @ first) * lean_axis[:2] + (hit @ second) * across)
+        def met(x: FloatArray, y: FloatArray, cos: float = cos, sin: float = sin) -> FloatArray:
+            """Reference pixels at which rays meet the plane."""
+            along, across = cos * x + sin * y, cos * y - sin * x
+            # The plane through (0, 0, f), leaning towards the first axis.
+            depth = focal_px / (1 - np.tan(tilt) * along / focal_px) / focal_px
+            first, second = depth * along / np.cos(tilt), depth * across
+            return np.stack([cos * first - sin * second, sin * first + cos * second])
 
-        for sign_x, sign_y in corners:
-            x, y = sign_x * (CAMERA.width_px - 1) / 2, sign_y * (CAMERA.height_px - 1) / 2
-            place = seen(x, y)
-            limits = np.array([CAMERA.width_px / 2, CAMERA.height_px / 2])
-            if np.any(np.abs(place) > limits + 1e-6):
-                continue
-            slopes = np.stack(
-                [seen(x + 0.5, y) - seen(x - 0.5, y), seen(x, y + 0.5) - seen(x, y - 0.5)]
-            )
-            worst = max(worst, float(np.linalg.svd(slopes, compute_uv=False)[0]))
+        place = met(x, y)
+        by_x, by_y = met(x + 0.5, y) - met(x - 0.5, y), met(x, y + 0.5) - met(x, y - 0.5)
+        square = np.sum(by_x**2 + by_y**2, axis=0)
+        area = by_x[0] * by_y[1] - by_x[1] * by_y[0]
+        stretch = np.sqrt((square + np.sqrt(np.maximum(square**2 - 4 * area**2, 0.0))) / 2)
+        is_seen = (np.abs(place[0]) <= half[0] + 0.5) & (np.abs(place[1]) <= half[1] + 0.5)
+        worst = max(worst, float(stretch[is_seen].max()))
     return worst
 
 
@@ -261,7 +251,7 @@ def tilts(record: Recorder) -> None:
     for threshold in (1.5, 2.0, 2.5, 3.0):
         found = pose_limits(curve, threshold, CAMERA)
         assert found.tilt_deg is not None
-        own = brentq(lambda t, zoom=found.zoom: corner_zoom(t) - zoom, 0.5, 60.0)
+        own = brentq(lambda t, zoom=found.zoom: tilted_zoom(t) - zoom, 0.5, 40.0)
         errors.append(abs(own - found.tilt_deg))
     record.say(f"tilt limits beside an own geometry: within {max(errors):.3f} degrees")
     record.figure("tilt limit's largest error", max(errors), "degrees")

@@ -29,6 +29,7 @@ from .error_sources import (
     ErrorSources as ErrorSources,
     Source as Source,
     focus_spread as focus_spread,
+    student_factor as student_factor,
 )
 from .local import LocalChange as LocalChange, local_changes as local_changes
 from .observers import observer_templates as observer_templates

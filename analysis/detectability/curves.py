@@ -175,7 +175,11 @@ class DetectabilityCurve(StoredValues):
             return self
         known: dict[str, object] = {}
         if focus_scatter_px2 is not None:
-            known = {"focus_scatter_px2": focus_scatter_px2, "focus_from": STATED}
+            known = {
+                "focus_scatter_px2": focus_scatter_px2,
+                "focus_from": STATED,
+                "focus_freedom": None,
+            }
         if registration_err_px is not None:
             known["registration_err_px"] = registration_err_px
         return self.with_sources(self.uncertainty.sources.model_copy(update=known))

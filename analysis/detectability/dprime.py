@@ -11,12 +11,11 @@ from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
 
 from analysis.choices import OBSERVERS, Observer
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.covariance import WindowCovariance
-from analysis.detectability.error_sources import NORMAL_95
+from analysis.detectability.error_sources import student_factor
 from analysis.detectability.local import LocalChange
 from analysis.detectability.observers import observer_templates
 from analysis.detectability.pair import compared_pair
@@ -142,8 +141,8 @@ def scene_error(replicated: FloatArray, tiles: int) -> float:
     """
     if tiles < 2:
         return 0.0
-    student = float(stdtrit(tiles - 1, 0.975)) / NORMAL_95
-    return float(np.std(np.log(replicated)) * sqrt(tiles / (tiles - 1)) * student)
+    widened = sqrt(tiles / (tiles - 1)) * student_factor(tiles - 1)
+    return float(np.std(np.log(replicated)) * widened)
 
 
 def interval_of(replicated: FloatArray) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from typing import Final, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 from scipy.optimize import brentq
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr, ndtri, stdtrit
 
 from analysis.detectability.sensitivity import DPrimeSlopes
 from analysis.results_file import StoredValues
@@ -40,6 +40,11 @@ _LEAST_POWER = 0.02
 _SMOOTHED, _LEAST_ERR = 0.1, 1e-9
 
 
+def student_factor(freedom: int) -> float:
+    """Student's 97.5 % quantile over the normal one."""
+    return float(stdtrit(freedom, 0.975)) / NORMAL_95
+
+
 def _equal_parts(count: int) -> FloatArray:
     return (np.arange(count) + 0.5) / count
 
@@ -61,6 +66,8 @@ class ErrorSources(StoredValues):
         Standard deviation of that variance from capture to capture.
     focus_from
         What states it, in words.
+    focus_freedom
+        Degrees of freedom with which captures tell it; None where it is stated.
     noise_relative_err
         Standard error of the noise over the noise.
     registration_err_px
@@ -70,8 +77,16 @@ class ErrorSources(StoredValues):
     psf_variance_err_px2: float | None = Field(default=None, ge=0)
     focus_scatter_px2: float | None = Field(default=None, ge=0)
     focus_from: str | None = None
+    focus_freedom: int | None = Field(default=None, ge=1)
     noise_relative_err: float | None = Field(default=None, ge=0)
     registration_err_px: float | None = Field(default=None, ge=0)
+
+    @property
+    def widened_scatter_px2(self) -> float | None:
+        """The scatter of the focus, widened by Student's quantile where captures tell it."""
+        if self.focus_scatter_px2 is None or self.focus_freedom is None:
+            return self.focus_scatter_px2
+        return self.focus_scatter_px2 * student_factor(self.focus_freedom)
 
     @property
     def unknown(self) -> tuple[Source, ...]:
@@ -125,8 +140,8 @@ class CurveUncertainty(StoredValues):
         if known.noise_relative_err is not None:
             variances["noise"] = (slopes.noise * known.noise_relative_err) ** 2
         spreads: dict[Source, Spread] = {}
-        if known.focus_scatter_px2:
-            spreads["focus"] = focus_spread(slopes, known.focus_scatter_px2)
+        if known.widened_scatter_px2:
+            spreads["focus"] = focus_spread(slopes, known.widened_scatter_px2)
         if known.registration_err_px:
             share = slopes.registration_per_px2 * known.registration_err_px**2
             spreads["registration"] = registration_spread(share)

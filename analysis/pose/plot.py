@@ -42,8 +42,7 @@ def pose_figure(followup: NDArray[np.floating[Any]], quality: "PoseQuality") -> 
         title=(
             f"{verdict}: {quality.criterion} d′ {quality.decisive_d_prime:.2f}, "
             f"threshold {quality.min_d_prime:g}\n"
-            f"{quality.decision.verdict}: "
-            f"{quality.decision.probability_text.replace("d'", "d′")}"
+            f"{quality.decision.verdict}: {_primed(quality.decision.probability_text)}"
         ),
         xlabel="follow-up x / px",
         ylabel="follow-up y / px",
@@ -81,3 +80,7 @@ def limits_figure(limits: "PoseLimits") -> Figure:
         title="shaded: allowed",
     )
     return figure
+
+
+def _primed(text: str) -> str:
+    return text.replace("d'", "d′")

@@ -1,3 +1,4 @@
+from .error_sources import known_errors as known_errors
 from .limits import (
     AllowedMovement as AllowedMovement,
     CurveChoice as CurveChoice,

@@ -27,7 +27,7 @@ from analysis.pose import (
 from calibration.files import read_geometry
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
-from standoff.library.detectability.known_errors import known_errors
+from standoff.library.detectability.error_sources import known_errors
 from standoff.library.files import write_figure
 from standoff.library.inputs import (
     FilePath,

@@ -32,7 +32,7 @@ from simulation.arrays import FloatArray
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
-from standoff.library.detectability.known_errors import known_errors, noise_relative_err
+from standoff.library.detectability.error_sources import known_errors, noise_relative_err
 from standoff.library.files import each_image, write_figure, written_together
 from standoff.library.inputs import (
     FilePath,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.detectability import STATED, ErrorSources
+from analysis.detectability import STATED, ErrorSources, student_factor
 from calibration.files import read_noise, read_psf
 from calibration.psf import PsfCalibration
 from simulation.arrays import FloatArray
@@ -37,17 +37,20 @@ def known_errors(
     stored = psf
     if isinstance(psf, str | PathLike):
         stored = read_psf(Path(psf))
-    variance_err_px2, focus_from = None, None if focus_scatter_px2 is None else STATED
+    variance_err_px2, freedom = None, None
+    focus_from = None if focus_scatter_px2 is None else STATED
     if isinstance(stored, PsfCalibration):
         variance_err_px2 = _variance_err_px2(stored)
-        focus = getattr(stored, "focus", None)
+        focus = stored.focus
         if focus_scatter_px2 is None and focus is not None:
             focus_scatter_px2 = focus.scatter_px2
             focus_from = f"{focus.captures} captures of the calibration"
+            freedom = focus.captures - 1
     return ErrorSources(
         psf_variance_err_px2=variance_err_px2,
         focus_scatter_px2=focus_scatter_px2,
         focus_from=focus_from,
+        focus_freedom=freedom,
         noise_relative_err=0.0,
         registration_err_px=registration_err_px,
     )
@@ -79,10 +82,15 @@ def noise_relative_err(noise: NoiseLike, levels_dn: FloatArray) -> float | None:
 
 
 def _variance_err_px2(psf: PsfCalibration) -> float | None:
-    """Standard error of the mean of the variances along x and y."""
+    """Standard error of the mean of the variances along x and y, as normal quantiles need it."""
     widths = psf.sigma_x_px, psf.sigma_y_px
     if widths[0] is None or widths[1] is None or psf.estimate_covariance is None:
         return None
     slope = np.array(widths, dtype=np.float64)
     among = np.array(psf.estimate_covariance)[:2, :2]
-    return sqrt(max(float(slope @ among @ slope), 0.0))
+    variance_px4 = max(float(slope @ among @ slope), 0.0)
+    if psf.focus is not None:
+        # The part that captures share is known with as many degrees of freedom as there are.
+        shared_px4 = min(psf.focus.mean_err_px2**2, variance_px4)
+        variance_px4 += shared_px4 * (student_factor(psf.focus.captures - 1) ** 2 - 1)
+    return sqrt(variance_px4)
