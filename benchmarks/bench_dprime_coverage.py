@@ -291,7 +291,7 @@ def main() -> None:
     with Recorder.of(arguments, "dprime_coverage", packages=("numpy", "scipy")) as record:
         tilts(record)
         cost(record)
-        coverage(record, 3 if arguments.quick else 63)
+        coverage(record, 2 if arguments.quick else 63)
 
 
 if __name__ == "__main__":

@@ -234,7 +234,8 @@ def given_curve(
     TypeError
         If it is neither a curve nor a path.
     ArgumentError
-        If none or several match, the threshold is not positive, or the scatter is negative.
+        If none or several match, the threshold is not positive, or the scatter is negative or of a
+        curve of before, which does not know what it does.
     ResultsFileError
         If the file cannot be read.
     """
@@ -245,6 +246,11 @@ def given_curve(
             f"a scatter of the focus must be a number from 0, got {focus_scatter_px2:g}"
         )
     chosen = _chosen_curve(curve, choice)
+    if focus_scatter_px2 is not None and chosen.uncertainty is None:
+        raise ArgumentError(
+            f"{chosen.name}: this curve does not know what the focus does to it; write it anew with "
+            "standoff detectability"
+        )
     return chosen.knowing(focus_scatter_px2=focus_scatter_px2)
 
 
