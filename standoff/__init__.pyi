@@ -25,6 +25,7 @@ from .library.detectability import (
 )
 from .library.followup import (
     CaptureOptions as CaptureOptions,
+    UncertaintyOptions as UncertaintyOptions,
     simulate as simulate,
     simulate_pose as simulate_pose,
     zoom_out as zoom_out,

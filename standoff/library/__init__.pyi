@@ -59,6 +59,7 @@ from .files import (
 from .followup import (
     CaptureOptions as CaptureOptions,
     SimulatedPhotograph as SimulatedPhotograph,
+    UncertaintyOptions as UncertaintyOptions,
     simulate as simulate,
     simulate_pose as simulate_pose,
     zoom_out as zoom_out,
