@@ -18,7 +18,7 @@ from benchmarks.harness import Recorder, bench_parser
 from hil_mocks.scene.pinhole import CameraPose
 from hil_mocks.scene.truth import BenchTruth
 from simulation import GaussianPsf, LensOtf, MeasuredPsf, PoseOptions, Psf
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 from simulation.choices import PoseModel
 from simulation.uncertainty import (
     KnownErrors,
@@ -126,7 +126,7 @@ def bench_cases() -> Iterator[Case]:
             near_px2: float,
             far_px2: float,
             far: CameraPose = far,
-            inside: FloatArray = inside,
+            inside: BoolArray = inside,
         ) -> tuple[FloatArray, FloatArray]:
             target = ("grass", "gravel", "brick", "astronaut")[seed % 4]
             images = [

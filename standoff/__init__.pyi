@@ -20,6 +20,7 @@ from .library.detectability import (
     CurveChoice as CurveChoice,
     DetectionTask as DetectionTask,
     d_prime_curves as d_prime_curves,
+    judge_homography as judge_homography,
     measure_curves as measure_curves,
     pose_limits as pose_limits,
 )

@@ -41,11 +41,13 @@ from .detectability import (
     CurveChoice as CurveChoice,
     CurveLike as CurveLike,
     DetectionTask as DetectionTask,
+    JudgedHomography as JudgedHomography,
     MeasuredCurves as MeasuredCurves,
     curve_figure_paths as curve_figure_paths,
     curves_made_by as curves_made_by,
     d_prime_curves as d_prime_curves,
     given_curve as given_curve,
+    judge_homography as judge_homography,
     measure_curves as measure_curves,
     pose_limits as pose_limits,
 )

@@ -1,3 +1,4 @@
+from .known_pose import JudgedHomography as JudgedHomography, judge_homography as judge_homography
 from .limits import (
     AllowedMovement as AllowedMovement,
     CurveChoice as CurveChoice,

@@ -1,5 +1,9 @@
 from .learned_kernel import FoundKernel as FoundKernel
-from .poses import simulate_pose as simulate_pose, zoom_out as zoom_out
+from .poses import (
+    given_homography as given_homography,
+    simulate_pose as simulate_pose,
+    zoom_out as zoom_out,
+)
 from .simulated_photograph import (
     SimulatedPhotograph as SimulatedPhotograph,
 )

@@ -42,6 +42,7 @@ from standoff.library.followup.poses import given_homography
 from standoff.library.followup.simulated_photograph import SimulatedPhotograph
 from standoff.library.followup.uncertainty import (
     Simulation,
+    SimulationUncertainty,
     UncertaintyOptions,
     simulation_uncertainty,
 )
@@ -157,24 +158,10 @@ def simulate(
         else:
             assert zoom is not None
             made = _zoomed(call, reference, zoom, psf, (model, transfer), how)
-        followup, kernel = made.followup, made.kernel
         if uncertainty is not None:
-            assert made.view is not None
-            assert made.psf is not None
-            assert psf is not None
-            done = Simulation(
-                view=made.view,
-                photograph=photograph,
-                reference=reference,
-                psf=made.psf,
-                followup=followup,
-                camera=camera,
-                noise=how.noise,
-                is_corrected=correct is not None,
-            )
-            errors = simulation_uncertainty(call, done, psf, uncertainty)
+            errors = _stated(call, made, (photograph, correct is not None), camera, uncertainty)
         with np.errstate(over="ignore"):  # levels beyond float32 are refused below
-            delivered = captured(followup, camera, how.noise).astype(np.float32, copy=False)
+            delivered = captured(made.followup, camera, how.noise).astype(np.float32, copy=False)
     except ValueError as error:
         raise ApplicationError(f"{fault}: {error}") from error
     if not np.all(np.isfinite(delivered)):
@@ -182,12 +169,12 @@ def simulate(
     named = Path(fault).name if fault != source else "given"
     return SimulatedPhotograph(
         image=delivered,
-        followup=followup,
+        followup=made.followup,
         source=source,
         pose=f"zoom {zoom!r}" if homography is None else f"homography {named}",
         model=model,
         zoom=zoom,
-        kernel=kernel,
+        kernel=made.kernel,
         provenance=call.provenance(),
         notes=call.notes,
         uncertainty=errors,
@@ -196,12 +183,39 @@ def simulate(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Made:
-    """A follow-up, with the kernel that it was learned by, or the view and the PSF."""
+    """A follow-up, with the kernel that it was learned by, or with what a kernel was made of."""
 
     followup: FollowUp
+    reference: AnyArray
+    how: Rendering
     kernel: FoundKernel | None = None
     view: SimulatedView | None = None
+    given: PsfLike | None = None
     psf: Psf | PsfField | None = None
+
+
+def _stated(
+    call: Call,
+    made: _Made,
+    photograph: tuple[Photograph, bool],
+    camera: CaptureOptions,
+    options: UncertaintyOptions,
+) -> SimulationUncertainty:
+    """Standard errors of a follow-up; a photograph comes with whether maps corrected it."""
+    assert made.view is not None
+    assert made.psf is not None
+    assert made.given is not None
+    done = Simulation(
+        view=made.view,
+        photograph=photograph[0],
+        reference=made.reference,
+        psf=made.psf,
+        followup=made.followup,
+        camera=camera,
+        noise=made.how.noise,
+        is_corrected=photograph[1],
+    )
+    return simulation_uncertainty(call, done, made.given, options)
 
 
 def _learned(
@@ -216,7 +230,8 @@ def _learned(
     shape = reference_shape(reference)
     grid = SamplingGrid.centred(shape, settings.zoom)
     operator = kernel_operator(shape, grid, kernel.kernel, sampler)
-    return _Made(followup=followup_by(reference, operator, how), kernel=kernel)
+    followup = followup_by(reference, operator, how)
+    return _Made(followup=followup, reference=reference, how=how, kernel=kernel)
 
 
 def _posed(
@@ -237,7 +252,7 @@ def _posed(
     )
     followup = from_pose(reference, pose.matrix, pose.size, known, options, how.noise)
     view = SimulatedView.of_pose(reference_shape(reference), pose.matrix, pose.size, options)
-    return _Made(followup=followup, view=view, psf=known)
+    return _Made(followup=followup, reference=reference, how=how, view=view, given=psf, psf=known)
 
 
 def _zoomed(
@@ -255,7 +270,7 @@ def _zoomed(
     known = None if psf is None else frame_psf(call, psf, frame, model, form)
     followup = zoomed_out(reference, zoom, known, model, how)
     view = SimulatedView.at_zoom(reference_shape(reference), zoom, model, how.threads)
-    return _Made(followup=followup, view=view, psf=known)
+    return _Made(followup=followup, reference=reference, how=how, view=view, given=psf, psf=known)
 
 
 def _refuse_uncertainty(model: Model | KernelModel, camera: CaptureOptions | None) -> None:
