@@ -1,8 +1,8 @@
 """How often the cross-validation of the geometry names a fault, and at which size.
 
-Surveys of five heights by the simulated bench's own optics, a board and a texture in turn, with 0.03
-px of noise. Without a fault every sentence is a false one; with a fault it is found if it is named,
-or if the captures that have it are left out by name.
+Surveys of five heights by the simulated bench's own optics, a board and a texture in turn, with
+0.03 px of noise. Without a fault every sentence is a false one; a fault is found if it is named, or
+if the captures that have it are left out by name.
 """
 
 from benchmarks.harness import Recorder, bench_parser

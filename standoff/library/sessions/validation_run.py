@@ -38,7 +38,7 @@ from standoff.library.files import (
     written_together,
 )
 from standoff.library.inputs import FilePath, opened_session, path_of
-from standoff.library.psf import camera_psf
+from standoff.library.psf import calibration_of, camera_psf
 
 _FILE = "validation.json"
 _PAGE = "report.html"
@@ -118,6 +118,7 @@ def validate(
         ),
         references=references,
         workers=workers,
+        calibration=calibration_of(path_of(psf, "psf")),
     )
     path = path_of(psf, "psf")
     camera = camera_psf(call, path, transfer)
