@@ -2,8 +2,11 @@ import numpy as np
 import pytest
 
 from calibration.geometry.cross_validation import cross_validation
-from calibration.geometry.document import CrossValidation
+from calibration.geometry.document import CrossValidation, GeometryCalibration
+from calibration.geometry.outliers import without_outliers
+from tests.calibration.exact_survey import Survey
 from tests.calibration.faulty_survey import Fault, surveyed
+from tests.calibration.geometry_bench import HEIGHTS_MM, poses_over
 
 pytestmark = pytest.mark.slow
 
@@ -64,3 +67,29 @@ def test_a_flat_board_has_no_sag() -> None:
         assert found.faults == ()
         sags.append(found.points.sag)
     assert np.median(sags) < 1e-3
+
+
+def test_two_heights_predict_nothing_and_three_one() -> None:
+    for count, is_known in ((2, False), (3, True)):
+        heights = HEIGHTS_MM[:count]
+        survey = Survey(noise_px=0.03).add("target", poses_over(heights), kind="board")
+        found = without_outliers(survey.adjusted())
+        validated_by_half = cross_validation(found.adjustment, found.pupil)
+        assert (validated_by_half.heights is not None) is is_known
+        assert (validated_by_half.travel is not None) is is_known
+        assert validated_by_half.faults == ()
+
+
+def test_a_document_of_before_has_no_cross_validation() -> None:
+    old = GeometryCalibration.model_validate(
+        {
+            "heights_mm": (180.0, 220.0),
+            "scale_px_per_mm": None,
+            "pupil_offset_mm": 12.5,
+            "k1": None,
+            "k2": None,
+            "tilt_deg": None,
+            "axis_drift_px_per_mm": None,
+        }
+    )
+    assert old.cross_validation is None
