@@ -204,7 +204,7 @@ def simulate(
     _say(found, out, uncertainty)
 
 
-def _say(found: library.SimulatedPhotograph, out: Path, uncertainty: Path | None) -> None:
+def _say(found: "library.SimulatedPhotograph", out: Path, uncertainty: Path | None) -> None:
     form = found.followup.psf_form
     shape = "" if form is None else f", PSF: {_SHAPES[form]}"
     rows, cols = found.image.shape[:2]
