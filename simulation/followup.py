@@ -173,12 +173,17 @@ def captured(
     image = _lit(followup.image, options, black_dn)
     own_variance_dn2 = followup.own_variance_dn2
     if noise is not None and own_variance_dn2 is not None:
-        light = _lit(np.ones_like(own_variance_dn2), options, 0.0)
+        light = light_on(options, own_variance_dn2.shape)
         rng = np.random.default_rng(options.seed)
         image = with_capture_noise(image, light**2 * own_variance_dn2, noise, rng)
     if options.sharpening is not None:
         image = unsharp_masked(image, *options.sharpening)
     return image
+
+
+def light_on(options: CaptureOptions, shape: tuple[int, ...]) -> FloatArray:
+    """Return the light of the follow-up's pixels over that of the reference, of a shape."""
+    return np.asarray(_lit(np.ones(shape), options, 0.0), dtype=np.float64)
 
 
 def _own_variance(reference: AnyArray, operator: ZoomOperator, noise: CaptureNoise) -> FloatArray:

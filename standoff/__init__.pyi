@@ -20,11 +20,13 @@ from .library.detectability import (
     CurveChoice as CurveChoice,
     DetectionTask as DetectionTask,
     d_prime_curves as d_prime_curves,
+    judge_homography as judge_homography,
     measure_curves as measure_curves,
     pose_limits as pose_limits,
 )
 from .library.followup import (
     CaptureOptions as CaptureOptions,
+    UncertaintyOptions as UncertaintyOptions,
     simulate as simulate,
     simulate_pose as simulate_pose,
     zoom_out as zoom_out,

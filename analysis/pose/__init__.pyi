@@ -13,6 +13,7 @@ from .limits import (
 from .plot import limits_figure as limits_figure, pose_figure as pose_figure
 from .pose_sentence import describe_pose as describe_pose
 from .quality import (
+    QUANTILE as QUANTILE,
     PoseQuality as PoseQuality,
     PoseSummary as PoseSummary,
     judge_pose as judge_pose,

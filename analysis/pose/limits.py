@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import BeyondCurveError, NotDetectableError
-from analysis.pose.local_sampling import sampled_places
+from analysis.pose.local_sampling import local_sampling, sampled_places
 from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
 from calibration.notebook import html_table
 from simulation.arrays import BoolArray, FloatArray
@@ -32,16 +32,24 @@ def worst_zoom(
     tilt_deg: float,
     reference_tilt_deg: float = 0.0,
     direction_deg: float | None = None,
+    aim_px: tuple[float, float] | None = None,
 ) -> float:
     """Largest local zoom in the overlap, infinite where the horizon comes into the frame.
 
     ``direction_deg`` is where the follow-up leans, from the reference's lean (x where that is
-    upright); None for the worst direction, to 1e-4 of its zoom.
+    upright); None for the worst direction, to 1e-4 of its zoom. ``aim_px`` is the pixel of the
+    reference that the follow-up's middle shows; None for the reference's own middle.
+
+    Raises
+    ------
+    ValueError
+        If the follow-up is aimed at a point that the reference does not show.
     """
+    aim = None if aim_px == camera.middle_px else aim_px
 
     def along(directions_deg: FloatArray) -> FloatArray:
         return _worst_zooms(
-            camera.followup_to_reference(zoom, tilt_deg, reference_tilt_deg, directions_deg),
+            camera.followup_to_reference(zoom, tilt_deg, reference_tilt_deg, directions_deg, aim),
             camera.size,
         )
 
@@ -49,12 +57,14 @@ def worst_zoom(
         return float(along(np.array([direction_deg]))[0])
     if tilt_deg == 0:
         return float(along(np.zeros(1))[0])
-    if reference_tilt_deg == 0:
+    if reference_tilt_deg == 0 and aim is None:
         # The frame's symmetry leaves its axes and diagonals.
         diagonal_deg = degrees(atan2(camera.height_px, camera.width_px))
         return float(along(np.array([0.0, diagonal_deg, 90.0])).max())
-    # Both sides of the reference's lean are alike.
-    tried_deg, step_deg = np.linspace(0.0, 180.0, _DIRECTIONS, retstep=True)
+    # Both sides of the reference's lean are alike, unless the aim lies on one of them.
+    is_halved = aim is None or aim[1] == camera.middle_px[1]
+    range_deg, count = (180.0, _DIRECTIONS) if is_halved else (360.0, 2 * _DIRECTIONS - 1)
+    tried_deg, step_deg = np.linspace(0.0, range_deg, count, retstep=True)
     found = along(tried_deg)
     is_peak = np.concatenate([[True], found[1:] >= found[:-1]])
     is_peak &= np.concatenate([found[:-1] >= found[1:], [True]])
@@ -123,6 +133,8 @@ def _is_within(places: FloatArray, corners: FloatArray) -> BoolArray:
 _TILT_LIMIT_DEG = 75.0
 _BEYOND = 10.0  # times what is allowed, for the infinite zoom at the horizon
 
+_FURTHER = 4.0
+
 _TILTS_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0)
 _SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5)
 
@@ -152,6 +164,10 @@ class PoseLimits:
     overlap_by_shift
         Sideways movement as a share of the field of view's width, and the share of the frame
         that remains; the sampling does not change.
+    aim_px, aimed_overlap
+        Pixel of the reference that the middle of the follow-up shows, if it is another than the
+        middle; and how much of a follow-up from the same distance, leaning as the reference does,
+        the reference then covers.
     """
 
     curve: DetectabilityCurve
@@ -163,6 +179,8 @@ class PoseLimits:
     overlap_by_shift: tuple[tuple[float, float], ...]
     zoom_interval_95: tuple[float | None, float | None] = (None, None)
     tilt_interval_95_deg: tuple[float | None, float | None] = (None, None)
+    aim_px: tuple[float, float] | None = None
+    aimed_overlap: float | None = None
 
     def __repr__(self) -> str:
         more = " and more" if self.is_zoom_beyond_curve else ""
@@ -189,6 +207,7 @@ def pose_limits(
     camera: ViewingCamera,
     reference_tilt_deg: float = 0.0,
     direction_deg: float | None = None,
+    aim_px: tuple[float, float] | None = None,
 ) -> PoseLimits:
     """Find the movement that a threshold of d' allows.
 
@@ -199,16 +218,20 @@ def pose_limits(
     min_d_prime
         Threshold.
     camera
-        Takes both images and looks at the same point of the plane in both.
+        Takes both images.
     reference_tilt_deg
         Tilt of the reference, along x.
     direction_deg
         Where the follow-up leans, from there; None for the worst direction.
+    aim_px
+        Pixel of the reference that the middle of the follow-up shows; by default its own middle.
 
     Raises
     ------
     NotDetectableError
         If d' is below the threshold even at equal poses.
+    ValueError
+        If the reference does not show ``aim_px``.
     """
     allowed = curve.largest_zoom(min_d_prime)
     if allowed is None:
@@ -226,20 +249,22 @@ def pose_limits(
         if allowed is None:
             return None
         return _largest(
-            lambda tilt: worst_zoom(camera, 1.0, tilt, reference_tilt_deg, direction_deg),
+            lambda tilt: worst_zoom(camera, 1.0, tilt, reference_tilt_deg, direction_deg, aim_px),
             start,
             _TILT_LIMIT_DEG,
             allowed,
         )
 
     zooms = _zoom_interval(curve, min_d_prime)
+    # Aimed at where a tilted reference samples coarsely itself, a follow-up may be further away.
+    furthest = allowed if aim_px is None else _FURTHER * allowed
     by_tilt = []
     for tilt in sorted({*_TILTS_DEG, abs(reference_tilt_deg)}):
 
         def zoom_needed(zoom: float, tilt: float = tilt) -> float:
-            return worst_zoom(camera, zoom, tilt, reference_tilt_deg, direction_deg)
+            return worst_zoom(camera, zoom, tilt, reference_tilt_deg, direction_deg, aim_px)
 
-        by_tilt.append((tilt, _largest(zoom_needed, 1.0, allowed, allowed)))
+        by_tilt.append((tilt, _largest(zoom_needed, 1.0, furthest, allowed)))
     return PoseLimits(
         curve=curve,
         min_d_prime=min_d_prime,
@@ -250,6 +275,8 @@ def pose_limits(
         tilt_interval_95_deg=(largest_tilt(zooms[0]), largest_tilt(zooms[1])),
         zoom_by_tilt=tuple(by_tilt),
         overlap_by_shift=tuple((share, shift_overlap(share)) for share in _SHIFTS),
+        aim_px=aim_px,
+        aimed_overlap=None if aim_px is None else _overlap(camera, reference_tilt_deg, aim_px),
     )
 
 
@@ -264,6 +291,16 @@ def _zoom_interval(
     least = low.largest_zoom(min_d_prime)
     most = high.largest_zoom(min_d_prime)
     return least, None if min(high.dprime) >= min_d_prime else most
+
+
+def _overlap(
+    camera: ViewingCamera, reference_tilt_deg: float, aim_px: tuple[float, float]
+) -> float:
+    """Share of a follow-up from the reference's distance that the reference covers."""
+    matrix = camera.followup_to_reference(
+        1.0, reference_tilt_deg, reference_tilt_deg, aim_px=aim_px
+    )
+    return local_sampling(matrix, camera.size, camera.size).overlap
 
 
 def shift_overlap(share: float) -> float:
@@ -287,7 +324,12 @@ def contrast_found_at(
         If d' is 0 there.
     """
     local = worst_zoom(
-        camera, pose.zoom, pose.tilt_deg, pose.reference_tilt_deg, pose.direction_deg
+        camera,
+        pose.zoom,
+        pose.tilt_deg,
+        pose.reference_tilt_deg,
+        pose.direction_deg,
+        pose.aim_px,
     )
     if local > curve.zoom[-1] + 1e-9:
         raise BeyondCurveError(

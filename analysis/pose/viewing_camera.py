@@ -13,22 +13,26 @@ LARGEST_SIDE_PX = 1_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowupPose:
-    """Where a follow-up is taken from, relative to its reference; both look at the plane's origin.
+    """Where a follow-up is taken from; its reference looks at the plane's origin.
 
     Parameters
     ----------
     zoom
-        Ratio of its distance to the reference's.
+        Ratio of its distance to the reference's, each along its optical axis.
     tilt_deg, reference_tilt_deg
         Angles between the optical axis and the plane's normal; the reference leans along x.
     direction_deg
         Where the follow-up leans, from the reference's lean; None for the worst direction.
+    aim_px
+        Pixel ``(x, y)`` of the reference that the middle of the follow-up shows; by default the
+        reference's own middle.
     """
 
     zoom: float = 1.0
     tilt_deg: float = 0.0
     reference_tilt_deg: float = 0.0
     direction_deg: float | None = None
+    aim_px: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +66,7 @@ class ViewingCamera:
     def plane_to_px(
         self, distance: float, tilt_deg: float, direction_deg: ArrayLike = 0.0
     ) -> FloatArray:
-        """Homography from the plane to pixels; the camera always looks at the plane's origin.
+        """Homography from the plane to pixels; the camera looks at the plane's origin.
 
         Parameters
         ----------
@@ -99,19 +103,57 @@ class ViewingCamera:
         )
         return np.asarray(camera @ seen)
 
+    @property
+    def middle_px(self) -> tuple[float, float]:
+        """Middle of the frame, ``(x, y)``: pixel centres are at integers."""
+        return (self.width_px - 1) / 2, (self.height_px - 1) / 2
+
+    def aimed_at(
+        self, aim_px: tuple[float, float], reference_tilt_deg: float = 0.0
+    ) -> tuple[float, float]:
+        """Point of the plane that a pixel of the reference shows, in the reference's distances.
+
+        Raises
+        ------
+        ValueError
+            If the pixel lies outside the frame, or looks past the plane's horizon.
+        """
+        x, y = aim_px
+        if not (-0.5 <= x <= self.width_px - 0.5 and -0.5 <= y <= self.height_px - 0.5):
+            raise ValueError(
+                f"the point to aim at must lie in the reference of {self.width_px} x "
+                f"{self.height_px} px, got {x:g},{y:g}"
+            )
+        near = self.plane_to_px(1.0, reference_tilt_deg)
+        place = np.linalg.solve(near, np.array([x, y, 1.0]))
+        # The plane's origin has a positive third component; so has all on this side of the horizon.
+        if not place[2] > 0:
+            raise ValueError(f"the reference looks past the plane's horizon at {x:g},{y:g} px")
+        return float(place[0] / place[2]), float(place[1] / place[2])
+
     def followup_to_reference(
         self,
         zoom: float,
         tilt_deg: float,
         reference_tilt_deg: float = 0.0,
         direction_deg: ArrayLike = 0.0,
+        aim_px: tuple[float, float] | None = None,
     ) -> FloatArray:
         """Homography of a follow-up from ``zoom`` times the reference's distance.
 
-        The reference leans along x, the follow-up in ``direction_deg`` from there. Shape
-        (..., 3, 3), the leading axes those of ``direction_deg``.
+        The reference leans along x, the follow-up in ``direction_deg`` from there; its middle
+        shows ``aim_px`` of the reference, or the reference's own middle. Shape (..., 3, 3), the
+        leading axes those of ``direction_deg``.
+
+        Raises
+        ------
+        ValueError
+            As ``aimed_at``.
         """
         near = self.plane_to_px(1.0, reference_tilt_deg)
         far = self.plane_to_px(zoom, tilt_deg, direction_deg)
+        if aim_px is not None:
+            x, y = self.aimed_at(aim_px, reference_tilt_deg)
+            far = far @ np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
         matrix = near @ np.linalg.inv(far)
         return np.asarray(matrix / matrix[..., 2:, 2:])

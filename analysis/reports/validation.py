@@ -59,6 +59,7 @@ def render_validation(session: Session, validation: Validation, shown: Sequence[
                 ),
             ),
         ),
+        _fit_section(validation),
         _registration_section(validation),
     )
     return render_report(
@@ -118,6 +119,39 @@ def _screening_section(validation: Validation) -> ReportSection:
         )
         if validation.excluded
         else (),
+    )
+
+
+def _fit_section(validation: Validation) -> ReportSection:
+    known = [pair for pair in validation.pairs if pair.chi2_reduced]
+    if not known:
+        return ReportSection(
+            title="Fit",
+            is_folded=True,
+            text=("The noise of the captures is not known: they are of a single frame.",),
+        )
+    return ReportSection(
+        title="Fit",
+        is_folded=True,
+        text=(
+            "Mean square of captured minus simulated, over what noise, PSF, focus, alignment and "
+            "the error that model lmmse states of itself explain: reduced chi-squared, 1 where "
+            "nothing else is left. The worst pairs of the best model come first.",
+        ),
+        tables=(
+            ReportTable(
+                columns=("target", "heights / mm", "zoom", *validation.models),
+                rows=tuple(
+                    (
+                        pair.target,
+                        f"{pair.reference_height_mm:g} to {pair.followup_height_mm:g}",
+                        f"{pair.zoom:.3f}",
+                        *(f"{pair.chi2_reduced[model]:.2f}" for model in validation.models),
+                    )
+                    for pair in sorted(known, key=lambda one: -min(one.chi2_reduced.values()))
+                ),
+            ),
+        ),
     )
 
 

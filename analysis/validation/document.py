@@ -135,7 +135,10 @@ class ValidatedPair(StoredValues):
     """A pair of captures, their metrics, and those of every model and procedure.
 
     ``reference`` and ``followup`` are the indices of their captures. ``captured_curves`` compare
-    the processed reference with the processed captured follow-up.
+    the processed reference with the processed captured follow-up. ``chi2_reduced`` has for each
+    model the mean square of captured minus simulated over what noise, PSF, focus, alignment and the
+    model's stated error explain, on the captured pixels; it is empty where the noise of a capture
+    is not known, and in files of before.
     """
 
     target: str
@@ -153,6 +156,7 @@ class ValidatedPair(StoredValues):
     matches: int
     captured_curves: dict[Procedure, ImageMetrics]
     models: tuple[ModelAgreement, ...]
+    chi2_reduced: dict[ValidationModel, float] = Field(default_factory=dict)
 
     def of(self, alignment: Procedure, model: ValidationModel) -> ModelAgreement:
         """Return the results of a model with a procedure."""
@@ -226,7 +230,8 @@ class Validation(ResultsDocument):
     def to_dataframe(self) -> "DataFrame":
         """Return the pairs as a pandas table, a line for each pair, procedure and model.
 
-        Metrics stand in ``agreement.NAME`` (what Table II averages) and ``curve.NAME`` (Figure 3).
+        Metrics stand in ``agreement.NAME`` (what Table II averages) and ``curve.NAME`` (Figure 3);
+        ``chi2_reduced`` is of the model, whatever the procedure.
 
         Raises
         ------
@@ -237,9 +242,13 @@ class Validation(ResultsDocument):
         --------
         >>> validation.to_dataframe().groupby(["model", "zoom"])["agreement.mse_dn2"].mean()
         """
-        left_out = {"models", "captured_curves", "homography"}
+        left_out = {"models", "captured_curves", "homography", "chi2_reduced"}
         return dataframe(
-            {**pair.model_dump(exclude=left_out), **one.model_dump()}
+            {
+                **pair.model_dump(exclude=left_out),
+                **one.model_dump(),
+                "chi2_reduced": pair.chi2_reduced.get(one.model),
+            }
             for pair in self.pairs
             for one in pair.models
         )

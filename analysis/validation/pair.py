@@ -34,11 +34,15 @@ class ProcessedFollowup:
         Brought onto the reference's pixels.
     followup, captured
         The two that Table II compares: on common pixels, the simulated and the captured one.
+    levels
+        The simulated follow-up on the captured one's pixels, in the reference's levels, where it
+        was simulated there.
     """
 
     aligned: FloatArray
     followup: FloatArray
     captured: FloatArray
+    levels: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots: what it computes is kept
@@ -107,15 +111,20 @@ class AlignedPair:
             aligned=process_for_comparison(aligned),
             followup=process_for_comparison(made),
             captured=self.captured_in_window,
+            levels=made,
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairMetrics:
-    """Metrics of the captured follow-up and of every model's; the fields of ``ValidatedPair``."""
+    """Metrics of the captured follow-up and of every model's; the fields of ``ValidatedPair``.
+
+    ``levels`` are the models' follow-ups on the captured one's pixels, in the reference's levels.
+    """
 
     captured_curves: Mapping[Procedure, ImageMetrics]
     models: tuple[ModelAgreement, ...]
+    levels: Mapping[ValidationModel, FloatArray]
 
 
 def compare_pair(pair: AlignedPair, feature_matrix: FloatArray, inputs: ModelInputs) -> PairMetrics:
@@ -144,6 +153,7 @@ def compare_pair(pair: AlignedPair, feature_matrix: FloatArray, inputs: ModelInp
     }
     curves["followup-grid"] = curves["reference-grid"]
     models = []
+    levels: dict[ValidationModel, FloatArray] = {}
     for model in inputs.kernels:
         scaled = pair.scaled_up(inputs, model)
         ways: dict[Procedure, ProcessedFollowup] = {
@@ -153,6 +163,9 @@ def compare_pair(pair: AlignedPair, feature_matrix: FloatArray, inputs: ModelInp
             "reference-grid": ProcessedFollowup(aligned=scaled, followup=scaled, captured=captured),
             "followup-grid": pair.on_followup_grid(inputs, model),
         }
+        found = ways["followup-grid"].levels
+        if found is not None:
+            levels[model] = found
         models += [
             ModelAgreement(
                 alignment=procedure,
@@ -162,7 +175,7 @@ def compare_pair(pair: AlignedPair, feature_matrix: FloatArray, inputs: ModelInp
             )
             for procedure, made in ways.items()
         ]
-    return PairMetrics(captured_curves=curves, models=tuple(models))
+    return PairMetrics(captured_curves=curves, models=tuple(models), levels=levels)
 
 
 def _pixels(shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:

@@ -25,12 +25,15 @@ from analysis.validation.document import (
     Validation,
     psf_sha256,
 )
+from analysis.validation.explained import Expectation, PairErrors, noise_variance
+from analysis.validation.fit_remarks import fit_remarks
 from analysis.validation.kernel_cache import default_cache_folder
 from analysis.validation.kernels import KernelBook
 from analysis.validation.metrics import ImageMetrics
 from analysis.validation.models import is_learned
 from analysis.validation.pair import AlignedPair, compare_pair
 from analysis.validation.screening import RegisteredPair, Screening, screen
+from calibration.psf import PsfCalibration
 from simulation import MODELS, Psf
 
 
@@ -52,12 +55,15 @@ class ValidationSettings:
         Reference poses of every target, from the nearest.
     workers
         Processes that train kernels.
+    calibration
+        The calibration of the PSF, which states its errors; None if there is none.
     """
 
     models: tuple[ValidationModel, ...] = MODELS
     kernels: KernelBook = field(default_factory=_default_kernels)
     references: int = 2
     workers: int = 1
+    calibration: PsfCalibration | None = None
 
     def steps_of(self, model: ValidationModel) -> int | None:
         """Training steps of a learned model, None for the others."""
@@ -143,7 +149,11 @@ def validate(
         ),
         pairs=tuple(pairs),
         excluded=screening.excluded,
-        remarks=(*screening.remarks, *_training_remarks(settings)),
+        remarks=(
+            *screening.remarks,
+            *_training_remarks(settings),
+            *fit_remarks(pairs, settings.models),
+        ),
     )
 
 
@@ -162,16 +172,25 @@ def _validated(
     session: Session, pair: RegisteredPair, psf: Psf, settings: ValidationSettings
 ) -> ValidatedPair:
     registration = pair.registration
-    near = session.load(pair.reference).mean_dn
+    near, far = session.load(pair.reference), session.load(pair.followup)
+    aligned = AlignedPair(reference=near.mean_dn, followup=far.mean_dn, pose=registration.pose)
     compared = compare_pair(
-        AlignedPair(
-            reference=near,
-            followup=session.load(pair.followup).mean_dn,
-            pose=registration.pose,
-        ),
+        aligned,
         registration.feature_matrix,
-        settings.kernels.inputs(near, settings.models, registration.zoom, psf),
+        settings.kernels.inputs(near.mean_dn, settings.models, registration.zoom, psf),
     )
+    near_dn2, far_dn2 = noise_variance(near), noise_variance(far)
+    chi2: dict[ValidationModel, float] = {}
+    if near_dn2 is not None and far_dn2 is not None:
+        errors = PairErrors(
+            reference_dn2=near_dn2,
+            followup_dn2=far_dn2,
+            place_err_px=registration.place_err_px,
+            psf=psf,
+            calibration=settings.calibration,
+        )
+        expected = Expectation.of(aligned, errors)
+        chi2 = {model: expected.chi2_reduced(made) for model, made in compared.levels.items()}
     return ValidatedPair(
         target=pair.reference.target,
         orientation_deg=pair.reference.orientation_deg,
@@ -188,6 +207,7 @@ def _validated(
         matches=registration.inlier_count,
         captured_curves=dict(compared.captured_curves),
         models=compared.models,
+        chi2_reduced=chi2,
     )
 
 

@@ -172,8 +172,12 @@ def _with_focal_length(series: Series, focal_length_px: float) -> Series:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
-    """Whitened equations of one set of matches."""
+class EquationRows:
+    """Whitened equations of one set of matches.
+
+    ``design`` has the derivatives of ``residual`` by the parameters of ``columns``; ``weight`` is
+    one for both coordinates of a match, ``region`` the part of the target that it lies in.
+    """
 
     columns: NDArray[np.intp]
     design: FloatArray
@@ -212,7 +216,7 @@ def adjust(
     for _ in range(_ITERATIONS):
         values = _values(current, columns)
         normal, gradient = np.diag(precisions), -precisions * values
-        for part in _equations(current, matches, columns):
+        for part in equations(current, matches, columns):
             weighted = part.design * part.weight[:, None, None]
             normal[np.ix_(part.columns, part.columns)] += np.einsum(
                 "nac,nad->cd", weighted, part.design
@@ -224,9 +228,9 @@ def adjust(
         # Newton's decrement: the step's length squared, in standard errors.
         if float(step @ gradient) < _CONVERGED**2:
             break
-    rows = _equations(current, matches, columns)
+    rows = equations(current, matches, columns)
     covariance = np.zeros((columns.size, columns.size))
-    covariance[free] = _jackknife(rows, precisions, columns.free)
+    covariance[free] = jackknife(rows, precisions, columns.free)
     return Adjustment(
         series=_with_fits(current, matches, rows),
         matches=tuple(matches),
@@ -236,7 +240,7 @@ def adjust(
 
 
 def _with_fits(
-    series: Sequence[Series], matches: Sequence[PlaneMatches], rows: Sequence[_Rows]
+    series: Sequence[Series], matches: Sequence[PlaneMatches], rows: Sequence[EquationRows]
 ) -> tuple[Series, ...]:
     """Series with the count and the rms of each capture's accepted matches."""
     lengths: dict[GeometryCapture, list[FloatArray]] = {}
@@ -253,9 +257,10 @@ def _with_fits(
     return tuple(replace(own, captures=tuple(map(fitted, own.captures))) for own in series)
 
 
-def _equations(
+def equations(
     series: Sequence[Series], matches: Sequence[PlaneMatches], columns: ParameterColumns
-) -> list[_Rows]:
+) -> list[EquationRows]:
+    """Equations of all matches at the present parameters, one part for each set of them."""
     numbers = {one.capture: n for n, own in enumerate(series) for one in own.captures}
     poses = {one.capture: one.pose for own in series for one in own.captures}
     return [
@@ -270,7 +275,7 @@ def _rows(
     poses: Mapping[GeometryCapture, CapturePose],
     sets: PlaneMatches,
     columns: ParameterColumns,
-) -> _Rows:
+) -> EquationRows:
     lens, pose = series.lens, poses[sets.capture]
     point, shared, own = _plane_equations(lens, pose, sets.seen_px)
     used = [columns.shared(number), columns.pose(sets.capture)]
@@ -294,7 +299,7 @@ def _rows(
     scale = max(float(np.median(square)) / _MEDIAN_OF_SQUARES, 1e-12)
     tukey = np.maximum(1 - square / scale / _TUKEY_CUT**2, 0.0) ** 2
     side = series.nearest_distance * lens.width_px / lens.focal_length_px / _REGIONS_ACROSS
-    return _Rows(
+    return EquationRows(
         columns=np.concatenate(used),
         design=np.einsum("nab,nbc->nac", whitening, design),
         residual=white,
@@ -325,7 +330,9 @@ def _plane_equations(
     return point, shared, own
 
 
-def _jackknife(rows: Sequence[_Rows], precisions: FloatArray, is_free: BoolArray) -> FloatArray:
+def jackknife(
+    rows: Sequence[EquationRows], precisions: FloatArray, is_free: BoolArray
+) -> FloatArray:
     """Covariance of the free parameters from the solutions that each leave out one region."""
     size, free = len(is_free), np.flatnonzero(is_free)
     regions, region = np.unique(np.concatenate([p.region for p in rows]), return_inverse=True)

@@ -8,6 +8,7 @@ from calibration.errors import GeometryError
 from calibration.geometry.board import DEFAULT_BOARD, CharucoBoard
 from calibration.geometry.bundle_adjustment import Adjustment
 from calibration.geometry.camera import PlaneLens
+from calibration.geometry.cross_validation import cross_validation
 from calibration.geometry.document import ExcludedCapture, GeometryCalibration
 from calibration.geometry.matching import adjust_captures
 from calibration.geometry.outliers import ConsistentSeries, without_outliers
@@ -82,7 +83,9 @@ def calibrate_geometry(
         focal_px = focal.value
         adjustment = adjustment.with_focal_length(focal_px)
     excluded = _excluded(ordered, adjustment, exclusions)
-    return summarised(adjustment, consistent.pupil, focal, excluded, notes)
+    validated = cross_validation(adjustment, consistent.pupil)
+    found = summarised(adjustment, consistent.pupil, focal, excluded, [*notes, *validated.faults])
+    return found.model_copy(update={"cross_validation": validated})
 
 
 def _order(capture: GeometryCapture) -> tuple[bool, str, str, float, float]:

@@ -55,6 +55,50 @@ class ExcludedCapture(_Stored):
     reason: str
 
 
+class HeldOut(_Stored):
+    """How well one half of the data is predicted by the other.
+
+    ``chi2_reduced`` is chi-squared over its ``degrees_of_freedom``, for what the errors of the
+    images explain, and ``p_value`` the probability of more. ``worst`` is the largest error of a
+    prediction relative to the distance of the camera, at ``worst_height_mm``.
+    """
+
+    chi2_reduced: float
+    degrees_of_freedom: int
+    p_value: float
+    worst: float
+    worst_height_mm: float
+
+
+class PlaneSag(_Stored):
+    """A bend of the targets that the points ask for.
+
+    ``sag`` is the height of a bent surface at the corner of what the nearest capture shows, over
+    the distance of that capture, and ``p_value`` the probability of as much where the target is
+    flat. ``chi2_reduced`` is how much larger the squares are in half of the target's regions that
+    the other half predicts than in those that it was fitted to.
+    """
+
+    sag: float
+    sag_err: float
+    p_value: float
+    chi2_reduced: float
+
+
+class CrossValidation(_Stored):
+    """What half of the heights, and of the points, say of the rest; None for too few.
+
+    ``heights`` are the distances from the heights, ``travel`` the places to the side of a straight
+    travel, ``points`` the flatness of the targets. ``faults`` name in sentences what does not fit
+    by as much as a change would be harder to find for.
+    """
+
+    heights: HeldOut | None = None
+    travel: HeldOut | None = None
+    points: PlaneSag | None = None
+    faults: tuple[str, ...] = ()
+
+
 class GeometryCalibration(_Stored):
     """The geometry of camera and stage; None, or null in a file, means not determined.
 
@@ -87,6 +131,8 @@ class GeometryCalibration(_Stored):
         For each value that is None, by name: the reason.
     notes
         Anything unusual.
+    cross_validation
+        What half of the data says of the rest; None in files of before.
     """
 
     schema_name: Literal["standoff.geometry/1"] = Field(default=GEOMETRY_SCHEMA, alias="schema")
@@ -135,6 +181,7 @@ class GeometryCalibration(_Stored):
     excluded: tuple[ExcludedCapture, ...] = ()
     undetermined: dict[str, str] = {}
     notes: tuple[str, ...] = ()
+    cross_validation: CrossValidation | None = None
     provenance: Provenance | None = None
 
     @property

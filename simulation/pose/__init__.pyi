@@ -10,6 +10,10 @@ from .lens import (
     seen_factors as seen_factors,
     warped as warped,
 )
+from .local_poses import poses_at_followup as poses_at_followup
+from .missing_blur import derivatives as derivatives
 from .noise import pose_noise_gain as pose_noise_gain
 from .options import PoseOptions as PoseOptions
+from .prefilter import LocalPose as LocalPose
 from .simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose
+from .view import PoseView as PoseView

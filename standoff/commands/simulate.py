@@ -1,6 +1,7 @@
 """``standoff simulate``: a photograph as the same camera would take it from further away."""
 
 from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,6 +29,7 @@ _SHARPENING_SIGMA_PX = 1.0
 _pose = partial(Option, rich_help_panel="The other pose")
 _model = partial(Option, rich_help_panel="The model")
 _camera = partial(Option, rich_help_panel="Effects of the camera")
+_uncertainty = partial(Option, rich_help_panel="The uncertainty")
 _kernelgan = partial(Option, rich_help_panel="KernelGAN")
 
 _SHAPES: dict[PsfForm, str] = {
@@ -46,6 +48,13 @@ _RULES = (
         terminal.Given("model", tuple(name for name in MODELS if name != "bicubic")), "psf"
     ),
     terminal.needs("psf", terminal.Given("model", MODELS)),
+    terminal.needs("focus_scatter", "uncertainty"),
+    terminal.needs("reference_noise", "uncertainty"),
+    terminal.needs(
+        "uncertainty",
+        terminal.Given("model", tuple(name for name in MODELS if name != "bicubic")),
+        because="the other models state no kernel that errors could be followed through",
+    ),
     terminal.needs(terminal.Given("gaussian", ("sampled",)), terminal.Given("model", ("paper",))),
     terminal.needs(
         terminal.Given("transfer", ("measured",)),
@@ -93,6 +102,26 @@ def simulate(
     correct: Annotated[
         Path | None, _camera(help="noise.json whose dark, flat and defect maps are applied first.")
     ] = None,
+    uncertainty: Annotated[
+        Path | None,
+        _uncertainty(help="Also write the standard error of each pixel (float32 TIFF)."),
+    ] = None,
+    reference_noise: Annotated[
+        str | None,
+        _uncertainty(
+            help="Noise of the reference: noise.json of the camera, or a standard deviation in "
+            "DN; by default that of --noise, or of a capture with several frames."
+        ),
+    ] = None,
+    focus_scatter: Annotated[
+        float | None,
+        _uncertainty(
+            min=0,
+            metavar="PX2",
+            help="Standard deviation of the PSF's variance from capture to capture, by focus; by "
+            "default that of psf.json.",
+        ),
+    ] = None,
     seed: Annotated[int, _camera(min=0, help="Seed for the noise and for training.")] = 0,
     steps: Annotated[
         int | None,
@@ -127,9 +156,11 @@ def simulate(
     terminal.check_options(context, _RULES)
     terminal.refuse_suffix(out, "--out", {".tif", ".tiff"})
     terminal.refuse_suffix(nearer, "--nearer", {".png"})
-    terminal.refuse_overwriting(
-        [out, nearer], [image, psf, noise, homography, correct], force=force
-    )
+    terminal.refuse_suffix(uncertainty, "--uncertainty", {".tif", ".tiff"})
+    reference = None if reference_noise is None else _noise_or_number(reference_noise)
+    read = [image, psf, noise, homography, correct]
+    read += [reference] if isinstance(reference, Path) else []
+    terminal.refuse_overwriting([out, nearer, uncertainty], read, force=force)
     try:
         camera = library.CaptureOptions(
             exposure=exposure,
@@ -154,6 +185,9 @@ def simulate(
         centre_crop=centre_crop,
         sampler=sampler or "exact",
         kernel_cache=kernel_cache,
+        uncertainty=None
+        if uncertainty is None
+        else library.UncertaintyOptions(reference_noise=reference, focus_scatter_px2=focus_scatter),
         threads=threads,
         reading=terminal.reading_options(encoding, page, mean),
         progress=terminal.ShownProgress(),
@@ -161,20 +195,40 @@ def simulate(
     found.write(out)
     if nearer is not None:
         found.write_nearer(nearer)
+    if uncertainty is not None:
+        found.write_uncertainty(uncertainty)
     terminal.note_once(found.notes)
     if json:
         terminal.print_json({"out": str(out), **found.to_json()})
         return
+    _say(found, out, uncertainty)
+
+
+def _say(found: "library.SimulatedPhotograph", out: Path, uncertainty: Path | None) -> None:
     form = found.followup.psf_form
     shape = "" if form is None else f", PSF: {_SHAPES[form]}"
     rows, cols = found.image.shape[:2]
     terminal.say(f"wrote {out}: {cols} x {rows} px, {found.how}{shape}")
     masks = found.mask_fractions
-    if homography is not None and masks:
+    if found.zoom is None and masks:
         terminal.say(
             f"{100 * masks['nearer_fraction']:.1f} % of it would be sharper than the reference, "
             f"{100 * masks['outside_fraction']:.1f} % lies outside the reference (level 0)"
         )
+    if found.uncertainty is not None:
+        terminal.say(f"wrote {uncertainty}: {found.uncertainty.sentence}")
+
+
+def _noise_or_number(text: str) -> Path | float:
+    try:
+        level_dn = float(text)
+    except ValueError:
+        return Path(text)
+    if not 0 <= level_dn < inf:
+        raise BadParameter(
+            f"a standard deviation must not be negative, got {text}", param_hint="--reference-noise"
+        )
+    return level_dn
 
 
 def _sharpening(text: str) -> tuple[float, float]:

@@ -41,11 +41,13 @@ from .detectability import (
     CurveChoice as CurveChoice,
     CurveLike as CurveLike,
     DetectionTask as DetectionTask,
+    JudgedHomography as JudgedHomography,
     MeasuredCurves as MeasuredCurves,
     curve_figure_paths as curve_figure_paths,
     curves_made_by as curves_made_by,
     d_prime_curves as d_prime_curves,
     given_curve as given_curve,
+    judge_homography as judge_homography,
     measure_curves as measure_curves,
     pose_limits as pose_limits,
 )
@@ -59,6 +61,7 @@ from .files import (
 from .followup import (
     CaptureOptions as CaptureOptions,
     SimulatedPhotograph as SimulatedPhotograph,
+    UncertaintyOptions as UncertaintyOptions,
     simulate as simulate,
     simulate_pose as simulate_pose,
     zoom_out as zoom_out,

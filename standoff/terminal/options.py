@@ -135,11 +135,11 @@ def parsed_region(text: str, expected: str, make: Callable[..., Region]) -> Regi
         raise BadParameter(f"expected {expected}, got {text}", param_hint="--region") from error
 
 
-def parsed_size(text: str) -> tuple[int, int]:
+def parsed_size(text: str, option: str = "--image-size") -> tuple[int, int]:
     """Return the width and height in px that ``WxH`` names."""
     size = re.fullmatch(r"(\d{1,6})\s*[x,×]\s*(\d{1,6})", text.strip().lower(), re.ASCII)
     if size is None:
-        raise BadParameter(f"--image-size must be WxH in px, such as 780x580, got {text}")
+        raise BadParameter(f"{option} must be WxH in px, such as 780x580, got {text}")
     return int(size[1]), int(size[2])
 
 

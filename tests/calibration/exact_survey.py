@@ -26,6 +26,7 @@ class Survey:
     """Captures of several targets, and where the camera really stood at each."""
 
     noise_px: float = 0.02
+    seed: int = 11
     captures: list[GeometryCapture] = field(default_factory=list)
     stood: dict[str, CameraPose] = field(default_factory=dict)
 
@@ -59,7 +60,7 @@ class Survey:
         self, captures: Sequence[GeometryCapture] | None = None, lens: PlaneLens | None = None
     ) -> Adjustment:
         """What matching would give: the points of every placement, all adjusted together."""
-        rng = np.random.default_rng(11)
+        rng = np.random.default_rng(self.seed)
         own = self.captures if captures is None else captures
         camera = pinhole()
         series: list[Series] = []

@@ -1,4 +1,5 @@
 from .error_sources import known_errors as known_errors
+from .known_pose import JudgedHomography as JudgedHomography, judge_homography as judge_homography
 from .limits import (
     AllowedMovement as AllowedMovement,
     CurveChoice as CurveChoice,

@@ -113,6 +113,8 @@ class AllowedMovement(PoseLimits):
             "reference_tilt_deg": self.reference_tilt_deg,
             "tilt_direction_deg": self.direction_deg,
             "is_upper_bound": True,
+            "aim_px": self.aim_px,
+            "aimed_overlap": self.aimed_overlap,
             **{name: getattr(self, name) for name in _LIMITS},
             "at_zoom": self.at_zoom,
             "at_tilt_deg": self.at_tilt_deg,
@@ -153,6 +155,7 @@ def pose_limits(
     image_size: tuple[int, int] | None = None,
     reference_tilt_deg: float = 0.0,
     direction_deg: float | None = None,
+    aim_px: tuple[float, float] | None = None,
     at_zoom: float | None = None,
     at_tilt_deg: float = 0.0,
     focus_scatter_px2: float | None = None,
@@ -175,6 +178,9 @@ def pose_limits(
         Of the reference, towards +x.
     direction_deg
         Of the follow-up's tilt, from +x towards +y; the worst by default.
+    aim_px
+        Pixel ``(x, y)`` of the reference that the middle of the follow-up shows, 0 at the centre
+        of the first one; by default the middle of the reference.
     at_zoom, at_tilt_deg
         Pose at which the least detectable contrast is wanted as well.
     focus_scatter_px2
@@ -201,7 +207,12 @@ def pose_limits(
     """
     camera = viewing_camera(geometry, focal_length_px, image_size)
     found = given_curve(curve, min_d_prime, choice, focus_scatter_px2)
-    limits = limits_of_curve(found, min_d_prime, camera, reference_tilt_deg, direction_deg)
+    if aim_px is not None:
+        try:
+            camera.aimed_at(aim_px, reference_tilt_deg)
+        except ValueError as error:
+            raise ArgumentError(str(error)) from error
+    limits = limits_of_curve(found, min_d_prime, camera, reference_tilt_deg, direction_deg, aim_px)
     contrast_dn = None
     if at_zoom is not None:
         pose = FollowupPose(
@@ -209,6 +220,7 @@ def pose_limits(
             tilt_deg=at_tilt_deg,
             reference_tilt_deg=reference_tilt_deg,
             direction_deg=direction_deg,
+            aim_px=aim_px,
         )
         contrast_dn = contrast_found_at(found, min_d_prime, camera, pose)
     return AllowedMovement(

@@ -1,9 +1,17 @@
-from .poses import simulate_pose as simulate_pose, zoom_out as zoom_out
+from .learned_kernel import FoundKernel as FoundKernel
+from .poses import (
+    given_homography as given_homography,
+    simulate_pose as simulate_pose,
+    zoom_out as zoom_out,
+)
 from .simulated_photograph import (
-    CaptureOptions as CaptureOptions,
-    FollowUp as FollowUp,
-    FoundKernel as FoundKernel,
     SimulatedPhotograph as SimulatedPhotograph,
+)
+from .simulation import (
+    CaptureOptions as CaptureOptions,
     simulate as simulate,
-    zoomed_out as zoomed_out,
+)
+from .uncertainty import (
+    SimulationUncertainty as SimulationUncertainty,
+    UncertaintyOptions as UncertaintyOptions,
 )

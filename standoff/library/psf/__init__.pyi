@@ -20,6 +20,7 @@ from .edges import (
     write_psf as write_psf,
 )
 from .psf_files import (
+    calibration_of as calibration_of,
     camera_psf as camera_psf,
     frame_psf as frame_psf,
     psf_and_field as psf_and_field,

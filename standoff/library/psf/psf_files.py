@@ -100,6 +100,19 @@ def psf_and_field(
     return _psf(call, stored, path, shape), _field(call, stored, path, model, shape)
 
 
+def calibration_of(psf: PsfLike) -> PsfCalibration | None:
+    """Return the calibration that is given or lies in a file; None for a bare PSF.
+
+    Raises
+    ------
+    PsfFileError
+        If the file cannot be read.
+    """
+    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
+        return None
+    return _calibration(psf)[0]
+
+
 def _field(
     call: Call, stored: PsfCalibration, path: str, model: Model, shape: PsfShape
 ) -> PsfField | None:

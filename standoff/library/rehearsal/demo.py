@@ -113,7 +113,7 @@ def run_demo(out: Path, config: BenchConfig, *, progress: Progress | None = None
     write_psf(psf_path, calibration)
     name = str(psf_path)
     psf = calibration.best_psf(name)
-    validation = session_validation(call, session, psf, name)
+    validation = session_validation(call, session, psf, name, calibration)
     report = out / _PAGE
     write_session_report(call, session, report)
     furthest = furthest_pair(session, validation, psf)

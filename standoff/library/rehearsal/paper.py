@@ -96,7 +96,9 @@ def run_paper(
     session = Session(session_path)
     psf_path = make_folder(session_path / RESULTS_FOLDER) / "psf.json"
     _calibrate_centre(call, session, psf_path)
-    psf = read_psf(psf_path).best_psf(str(psf_path))
+    calibration = read_psf(psf_path)
+    psf = calibration.best_psf(str(psf_path))
+    settings = replace(settings, calibration=calibration)
     validation = run_validation(call, out, session, psf, str(psf_path), settings)
     truth = BenchTruth(config)
     assert config.simulated is not None

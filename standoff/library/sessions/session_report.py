@@ -139,7 +139,7 @@ def write_session_report(call: Call, session: Session, path: Path) -> None:
 
 def _validation(call: Call, session: Session, psf: PsfCalibration, psf_path: Path) -> Validation:
     name = str(psf_path)
-    return session_validation(call, session, psf.best_psf(name), name)
+    return session_validation(call, session, psf.best_psf(name), name, psf)
 
 
 def _comparisons(call: Call, results: Path) -> tuple[ReportSection, ...]:

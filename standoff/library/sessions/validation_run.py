@@ -25,6 +25,7 @@ from analysis.validation import (
     trainings_needed,
     validate as validated,
 )
+from calibration.psf import PsfCalibration
 from simulation import Psf
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
@@ -38,7 +39,7 @@ from standoff.library.files import (
     written_together,
 )
 from standoff.library.inputs import FilePath, opened_session, path_of
-from standoff.library.psf import camera_psf
+from standoff.library.psf import calibration_of, camera_psf
 
 _FILE = "validation.json"
 _PAGE = "report.html"
@@ -118,6 +119,7 @@ def validate(
         ),
         references=references,
         workers=workers,
+        calibration=calibration_of(path_of(psf, "psf")),
     )
     path = path_of(psf, "psf")
     camera = camera_psf(call, path, transfer)
@@ -171,7 +173,13 @@ def run_validation(
     return validation
 
 
-def session_validation(call: Call, session: Session, psf: Psf, psf_name: str) -> Validation:
+def session_validation(
+    call: Call,
+    session: Session,
+    psf: Psf,
+    psf_name: str,
+    calibration: PsfCalibration | None = None,
+) -> Validation:
     """Return the validation among a session's results, after making it if needed.
 
     An existing one is used if it has this PSF and the session's captures have not changed since. A
@@ -185,7 +193,8 @@ def session_validation(call: Call, session: Session, psf: Psf, psf_name: str) ->
     stored = _stored_validation(call, session, psf)
     if stored is not None:
         return stored
-    validation = _validated(call, session, psf, psf_name, ValidationSettings())
+    settings = ValidationSettings(calibration=calibration)
+    validation = _validated(call, session, psf, psf_name, settings)
     results = make_results_folder(session.path)
     with written_together(results / _FILE) as folder:
         _write_tables(folder, validation)

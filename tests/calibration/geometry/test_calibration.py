@@ -88,6 +88,9 @@ def test_a_picture_without_a_board_is_refused() -> None:
 
 @pytest.mark.slow
 def test_a_board_gives_scale_focal_length_and_pupil(by_board: GeometryCalibration) -> None:
+    # Photographs of the bench, which is flat, straight and exact.
+    assert by_board.cross_validation is not None
+    assert by_board.cross_validation.faults == ()
     assert by_board.scale_source == "board"
     assert by_board.focal_length_px == pytest.approx(FOCAL_PX, rel=5e-4)
     assert by_board.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)

@@ -252,7 +252,7 @@ def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
     assert "contrasts from" not in done.out  # no pose was asked about
     twice = command(*asked, "--geometry", tmp_path / "geometry.json")
     assert twice.status == 2
-    assert "give exactly one of --geometry and --focal-length-px" in twice.err
+    assert "give exactly one of --geometry, --focal-length-px and --homography" in twice.err
 
 
 @pytest.mark.parametrize(
@@ -289,7 +289,7 @@ def test_a_frame_size_may_have_a_comma_and_a_focal_length_its_unit(
 def test_no_camera_and_no_threshold_are_wrong_usage(command: Command, curves_file: Path) -> None:
     done = command("limits", "--curves", curves_file, "--min-dprime", 3)
     assert done.status == 2
-    assert "give exactly one of --geometry and --focal-length-px" in done.err
+    assert "give exactly one of --geometry, --focal-length-px and --homography" in done.err
     done = command("limits", "--curves", curves_file, "--min-dprime", 0, *LIMITS)
     assert done.status == 2
     assert "a threshold must be a number above 0" in done.err

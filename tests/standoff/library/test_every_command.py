@@ -25,7 +25,7 @@ FUNCTIONS = {
     "simulate": {"simulate"},
     "sr-pairs": {"training_pairs"},
     "detectability": {"d_prime_curves", "measure_curves"},
-    "limits": {"pose_limits"},
+    "limits": {"pose_limits", "judge_homography"},
     "pose": {"judge_pose", "judge_poses", "PoseWatch"},
     "changes": {"find_changes", "find_changes_of_series"},
     "validate": {"validate"},

@@ -117,6 +117,24 @@ def test_pose_of_one_of_many_and_live(command: Command, folder: Path, tmp_path: 
         standoff.judge_pose(near, after / "a.tif", curves, 2)
 
 
+def test_limits_of_a_known_pose(command: Command, folder: Path, tmp_path: Path) -> None:
+    pose, curves = tmp_path / "H.json", folder / "curves.json"
+    pose.write_text(
+        """{"schema": "standoff.homography/1", "size": [60, 40],
+        "matrix": [[1.1, 0.0, 3.0], [0.0, 1.1, 2.0], [0.0, 0.0, 1.0]]}"""
+    )
+    words = ("--curves", curves, "--min-dprime", 2, "--observer", "npw", "--homography", pose)
+    done = command("limits", *words, "--reference-size", "78x58", "--json")
+    found = standoff.judge_homography(
+        pose,
+        curves,
+        2,
+        choice=standoff.CurveChoice(observer="npw"),
+        reference_size=(78, 58),
+    )
+    assert printed(done) == without_caller(found.to_json())
+
+
 def test_limits(command: Command, folder: Path) -> None:
     words = ("--curves", folder / "curves.json", "--min-dprime", 2, "--observer", "npw")
     camera = ("--focal-length-px", 900, "--image-size", "780x580")
