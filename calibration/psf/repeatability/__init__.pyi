@@ -1,8 +1,4 @@
-from .adjusted import (
-    blur_of as blur_of,
-    capture_of as capture_of,
-    without_blur as without_blur,
-)
+from .adjusted import capture_of as capture_of, without_blur as without_blur
 from .excess import excess_variance as excess_variance
 from .focus import FocusScatter as FocusScatter, scatter_err as scatter_err
 from .mixed_model import (

@@ -392,7 +392,7 @@ class _CaptureModel:
         level = np.bincount(self.group, self.weight * left, self.captures)
         return _Solved(
             values=values,
-            covariance=covariance,
+            covariance=np.asarray(covariance, dtype=np.float64),
             by_focus=gain @ gain.T,
             offset_px2=np.asarray(self._shrunk(scatter2) * level),
             scatter2_err_px4=sqrt(2 * max(self.between, 0)) / power if power > 0 else inf,
