@@ -26,7 +26,7 @@ from benchmarks.harness import Recorder, bench_parser
 from calibration.edges import EdgeImage, measure_edges
 from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration, PsfEstimates, calibrate_psf
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 
 LENS_PX2 = 0.62**2
 GROUND_DN, DARK_DN = 3000.0, 600.0
@@ -117,7 +117,7 @@ def coverage(record: Recorder, draws: int) -> None:
         for scatter_px2 in SCATTERS_PX2:
             rng = np.random.default_rng([round(snr), round(100 * scatter_px2)])
             held: list[list[bool]] = []
-            bands: list[FloatArray] = []
+            bands: list[BoolArray] = []
             found_px4: list[float] = []
             for _ in range(draws):
                 psf = calibrated(scatter_px2, snr, rng)

@@ -1,5 +1,6 @@
 """Has the lens moved? Compares two calibrations parameter by parameter."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from math import erfc, hypot, sqrt
@@ -166,16 +167,16 @@ class FocusRepeatability:
 
     def __str__(self) -> str:
         return (
-            f"between {self.calibrations} calibrations the focus scatters by "
-            f"{self.scatter_px2:.4f} ± {self.scatter_err_px2:.4f} px^2 beyond their errors "
-            f"(p = {self.p_value:.2g})"
+            f"focus scatter between {self.calibrations} calibrations: {self.scatter_px2:.4f} ± "
+            f"{self.scatter_err_px2:.4f} px^2 (p = {self.p_value:.2g})"
         )
 
 
 def focus_repeatability(psfs: Sequence[PsfCalibration]) -> FocusRepeatability | None:
     """Return how well the focus of a camera repeats from calibration to calibration.
 
-    Calibrations of the same captures count once: the first of them.
+    Calibrations of the same captures count once, the first of them, and of several methods, colours
+    or parts of the frame those that there are most of.
 
     Returns
     -------
@@ -183,7 +184,10 @@ def focus_repeatability(psfs: Sequence[PsfCalibration]) -> FocusRepeatability | 
         None with fewer than two calibrations that give both widths with errors.
     """
     chosen: list[PsfCalibration] = []
+    kinds = Counter((psf.method, psf.channel, psf.region) for psf in psfs)
     for psf in psfs:
+        if (psf.method, psf.channel, psf.region) != kinds.most_common(1)[0][0]:
+            continue
         if not any(_shared_inputs(other, psf) for other in chosen):
             chosen.append(psf)
     known = [found for psf in chosen if (found := _mean_variance(psf)) is not None]

@@ -1,7 +1,7 @@
 """The calibrated PSF of a camera, as psf.json stores it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from html import escape
 from typing import TYPE_CHECKING, Final, Literal, Self
 
@@ -265,18 +265,11 @@ class PsfCalibration(PsfWidths, _PsfDocument):
 
     def with_origin(self, origin: PsfOrigin) -> "PsfCalibration":
         """Return the calibration with its camera, time, part of the frame and provenance."""
-        return self.model_copy(
-            update={
-                "camera": origin.camera,
-                "captured_utc": origin.captured_utc,
-                "region": origin.region,
-                "channel": origin.channel,
-                "photograph": origin.photograph,
-                "pixel_pitch_um": origin.pixel_pitch_um,
-                "pixel_pitch_from": origin.pixel_pitch_from,
-                "provenance": origin.provenance,
-            }
-        )
+        focal_mm, soft = (origin.photograph or {}).get("focal_length_mm"), self.target_softness
+        if soft is not None and isinstance(focal_mm, int | float) and origin.pixel_pitch_um:
+            soft = soft.in_mm(focal_mm, origin.pixel_pitch_um)
+        known = {one.name: getattr(origin, one.name) for one in fields(origin)}
+        return self.model_copy(update={**known, "target_softness": soft})
 
     def judged(self, limits: SharpnessLimits, limits_file: str) -> "PsfCalibration":
         """Return the calibration with the verdict by the limits of a file of this name."""

@@ -1,6 +1,6 @@
 """Edges as they would be at the mean focus, on a target without softness of its own."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable
 from math import sqrt
 
 from calibration.edges import EdgeMeasurement
@@ -41,21 +41,3 @@ def _narrowed(sigma_px: float, err_px: float, blur_px2: float) -> tuple[float, f
     """A width and its error: that of the variance stays what it is."""
     narrow_px = sqrt(max(sigma_px**2 - blur_px2, _LEAST_SHARE * sigma_px**2))
     return narrow_px, err_px * sigma_px / narrow_px
-
-
-def blur_of(
-    edges: Sequence[EdgeMeasurement],
-    softness_px2: Mapping[Hashable, float],
-    focus_px2: Mapping[Hashable, float],
-) -> list[float]:
-    """Return the variance of each edge beyond the camera's at its mean focus.
-
-    Parameters
-    ----------
-    edges
-        The edges.
-    softness_px2, focus_px2
-        What target and focus add in each capture; captures that are not in them have none.
-    """
-    captures = [capture_of(edge) for edge in edges]
-    return [softness_px2.get(key, 0.0) + focus_px2.get(key, 0.0) for key in captures]

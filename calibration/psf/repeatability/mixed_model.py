@@ -15,7 +15,6 @@ F. G. Giesbrecht and J. C. Burns, "Two-stage analysis based on a mixed model", B
 477-486, for the degrees of freedom.
 """
 
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, sqrt
 
@@ -24,6 +23,7 @@ from scipy.optimize import brentq
 from scipy.special import chdtrc, fdtrc, stdtrit
 
 from calibration.psf.repeatability.excess import excess_variance
+from calibration.psf.repeatability.shared import SharedByCapture
 from simulation.arrays import FloatArray, IntArray
 
 SCATTERS_P = 0.05
@@ -36,58 +36,6 @@ _TUKEY_SIGMAS = 5.0
 _LEAST_TRUST = 1e-3
 _RANK_TOLERANCE = 1e-7
 _TELLS = 0.05  # least singular value, of columns of order 1, over the root of the number of edges
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SharedByCapture:
-    """What is known of the edges' captures.
-
-    ``group`` is the number of each edge's capture, ``normal_rad`` the direction of its normal.
-    ``columns``, shape ``(edges, k)``, are what unknowns that the captures share do to the squared
-    widths, beside their focus; ``precision`` is the inverse variance with which each of them is
-    known beforehand, 0 for not.
-    """
-
-    group: IntArray
-    normal_rad: FloatArray
-    columns: FloatArray
-    precision: FloatArray
-
-    @classmethod
-    def focus_alone(cls, group: IntArray, normal_rad: FloatArray) -> "SharedByCapture":
-        """Return captures that share nothing but their focus."""
-        none = np.empty((group.size, 0))
-        return cls(group=group, normal_rad=normal_rad, columns=none, precision=np.empty(0))
-
-    def some(self, chosen: IntArray) -> "SharedByCapture":
-        """Return those of some edges."""
-        return SharedByCapture(
-            group=self.group[chosen],
-            normal_rad=self.normal_rad[chosen],
-            columns=self.columns[chosen],
-            precision=self.precision,
-        )
-
-    @property
-    def is_single(self) -> bool:
-        """Whether each capture has one edge, so that edges are independent as they are."""
-        return self.captures == self.group.size
-
-    @property
-    def fourfold(self) -> FloatArray:
-        """What widths may change by direction beyond an ellipse: cos 4a and sin 4a."""
-        return np.column_stack([np.cos(4 * self.normal_rad), np.sin(4 * self.normal_rad)])
-
-    @property
-    def captures(self) -> int:
-        """Number of captures."""
-        return int(np.unique(self.group).size)
-
-
-def capture_numbers(keys: Sequence[Hashable]) -> IntArray:
-    """Number equal keys alike, from 0 in the order of their first appearance."""
-    numbers: dict[Hashable, int] = {}
-    return np.array([numbers.setdefault(key, len(numbers)) for key in keys], dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -392,7 +340,7 @@ class _CaptureModel:
         level = np.bincount(self.group, self.weight * left, self.captures)
         return _Solved(
             values=values,
-            covariance=covariance,
+            covariance=np.asarray(covariance, dtype=np.float64),
             by_focus=gain @ gain.T,
             offset_px2=np.asarray(self._shrunk(scatter2) * level),
             scatter2_err_px4=sqrt(2 * max(self.between, 0)) / power if power > 0 else inf,

@@ -5,7 +5,7 @@ from hypothesis import given, strategies as st
 
 from calibration.errors import CalibrationError
 from calibration.provenance import InputFile, Provenance
-from calibration.psf.comparison import compare_psfs
+from calibration.psf.comparison import compare_psfs, focus_repeatability
 from calibration.psf.document import PsfCalibration
 
 
@@ -108,3 +108,33 @@ def test_calibrations_that_share_the_cameras_noise_alone_are_independent() -> No
     change = compare_psfs(one, moved)
     assert change.shared_inputs == ()
     assert [parameter.name for parameter in change.changed] == ["sigma_x_px"]
+
+
+def test_the_focus_repeats_by_what_variances_scatter_beyond_their_errors() -> None:
+    # By hand: mean variances 0.5650 and 0.5978, each with an error of hypot(0.8 * 0.003,
+    # 0.7 * 0.004) px^2; two values that are d apart have the variance d^2 / 2.
+    found = focus_repeatability([psf(), psf(sigma_x_px=0.84)])
+    assert found is not None
+    first_px4 = (0.8 * 0.003) ** 2 + (0.7 * 0.004) ** 2
+    second_px4 = (0.84 * 0.003) ** 2 + (0.7 * 0.004) ** 2
+    expected_px4 = 0.0328**2 / 2 - (first_px4 + second_px4) / 2
+    assert found.scatter_px2 == pytest.approx(sqrt(expected_px4), rel=1e-3)
+    assert found.calibrations == 2
+    assert found.p_value == pytest.approx(
+        erfc(0.0328 / sqrt(2 * (first_px4 + second_px4))), rel=1e-6
+    )
+    assert str(found).startswith("focus scatter between 2 calibrations: 0.0229 ±")
+
+
+def test_equal_calibrations_show_no_scatter_of_the_focus() -> None:
+    found = focus_repeatability([psf(), psf(), psf(method="paper", sigma_x_px=0.9)])
+    assert found is not None
+    assert found.scatter_px2 == 0
+    assert found.calibrations == 2
+    assert found.p_value == 1
+
+
+def test_one_calibration_tells_no_repeatability() -> None:
+    assert focus_repeatability([psf()]) is None
+    assert focus_repeatability([psf(), psf(sigma_y_px=None)]) is None
+    assert focus_repeatability([]) is None

@@ -152,3 +152,15 @@ def test_a_history_is_no_wider_than_its_terminal_and_120_characters_in_a_pipe(
     [known] = change["cameras"]
     said = "".join(one["change"] or "first" for one in known["calibrations"])
     assert columns[5].replace(" ", "") == said.replace(" ", "")
+
+
+def test_a_history_says_how_well_the_focus_repeats(command: Command, tmp_path: Path) -> None:
+    a, b = psf_file(tmp_path / "a.json", 0.80), psf_file(tmp_path / "b.json", 0.84)
+    told = command("compare", "--history", a, b).out
+    assert "Focus scatter between 2 calibrations: 0.0231 ± 0.0129 px^2" in told
+    (camera,) = json.loads(command("compare", "--history", a, b, "--json").out)["cameras"]
+    # The mean variances are 0.0328 px^2 apart: their standard deviation is that over sqrt(2).
+    assert camera["focus_scatter_px2"] == pytest.approx(0.0232, abs=2e-4)
+    assert camera["focus_scatter_err_px2"] > 0.01
+    (alone,) = json.loads(command("compare", "--history", a, "--json").out)["cameras"]
+    assert alone["focus_scatter_px2"] is None
