@@ -241,7 +241,8 @@ def on_the_bench(record: Recorder, draws: int) -> None:
         bias = 100 * (np.mean(ratios, axis=0) / np.sqrt(lens_px2) - 1)
         record.say(
             f"bench, blur {blur_mm:.2f} mm, {draws} calibrations of 20 captures: sigma of the "
-            f"lens off by {bias[0]:+.2f} %, {bias[1]:+.2f} %, taken off in {100 * np.mean(removed):.0f} %"
+            f"lens off by {bias[0]:+.2f} %, {bias[1]:+.2f} %, "
+            f"taken off in {100 * np.mean(removed):.0f} %"
         )
         record.figure(
             f"bias of sigma on the bench, {blur_mm:.2f} mm", float(np.abs(bias).max()), "%"
