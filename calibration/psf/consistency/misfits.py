@@ -124,8 +124,8 @@ def focus_drift(edges: Sequence[EdgeMeasurement], shared: SharedByCapture) -> Ev
         kind="focus_drift",
         p_value=float(2 * stdtr(freedom, -abs(slope) / slope_err)),
         matters=abs(change) > _WORTH_WIDTH,
-        sentence="the focus drifts with the height: the width changes by "
-        f"{100 * abs(change):.1f} % over the heights; calibrate at one height or refocus",
+        sentence=f"the width changes by {100 * abs(change):.1f} % over the heights: the focus "
+        "drifts; calibrate at one height or refocus",
     )
 
 

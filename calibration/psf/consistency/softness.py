@@ -214,6 +214,8 @@ class _Series:
         shared = fit.by_capture
         between = shared.scatter2_px4 if shared is not None and shared.holds_scatter else 0.0
         left = self._chi2(self.soft_design(pupil_mm), weight, between)
+        if self.scales.has_pupil:  # how far it is from where pupils are counts as well
+            left += pupil_mm**2 * self.scales.pupil_precision
         return _Softness(
             variance_px2=value,
             err_px2=err,
@@ -269,8 +271,8 @@ class _Series:
         each = np.eye(int(scale.max()) + 1)[scale]
         free = np.column_stack([self.directions, each[:, 1:]])
         left_free = self._chi2(free, weight, between_px4)
-        # The softness and, where it is not known, the pupil take one each.
-        extra = int(scale.max()) - 1 - int(self.scales.has_pupil)
+        # The pupil takes none: it is known beforehand, and counted in ``left``.
+        extra = int(scale.max()) - 1
         freedom = float(np.count_nonzero(weight)) - free.shape[1]
         if extra < 1 or freedom < 1 or left_free <= 0:
             return 1.0
