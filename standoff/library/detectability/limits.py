@@ -260,8 +260,8 @@ def given_curve(
     chosen = _chosen_curve(curve, choice)
     if focus_scatter_px2 is not None and chosen.uncertainty is None:
         raise ArgumentError(
-            f"{chosen.name}: this curve does not know what the focus does to it; write it anew with "
-            "standoff detectability"
+            f"{chosen.name}: this curve does not know what the focus does to it; write it anew "
+            "with standoff detectability"
         )
     return chosen.knowing(focus_scatter_px2=focus_scatter_px2)
 
