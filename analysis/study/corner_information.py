@@ -1,9 +1,9 @@
 """How precisely a corner of a board is placed in a planned capture.
 
-Where two dark and two bright squares meet, the image is the product of two blurred steps. The position
-is fitted, without weights, together with the directions of both edges, their blur, and the levels
-with a slope: ``calibration.geometry`` does so in a window about each corner. Its error follows from
-the derivatives of that image and the noise of its pixels.
+Where two dark and two bright squares meet, the image is the product of two blurred steps. The
+position is fitted, without weights, together with the directions of both edges, their blur, and the
+levels with a slope: ``calibration.geometry`` does so in a window about each corner. Its error
+follows from the derivatives of that image and the noise of its pixels.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,10 @@
 """What the pixels of one straight edge tell about its width: Fisher information, before any frame.
 
-The edge is the one that ``calibration.edge_fit`` fits: two levels, a Gaussian rise, an offset, a turn
-and a curvature, in a band of pixels on either side. The pixels of a slanted edge lie at all distances
-from it, so that sums over pixels are integrals over the band; what varies along the edge is a power of
-the place, whose means are known. For white noise and a wide band the error has a closed form.
+The edge is the one that ``calibration.edge_fit`` fits: two levels, a Gaussian rise, an offset, a
+turn and a curvature, in a band of pixels on either side. The pixels of a slanted edge lie at all
+distances from it, so that sums over pixels are integrals over the band; what varies along the edge
+is a power of the place, whose means are known. For white noise and a wide band the error has a
+closed form.
 """
 
 from dataclasses import dataclass
@@ -107,8 +108,9 @@ def edge_information(sigma_px: float, levels: EdgeLevels) -> FloatArray:
 def white_noise_sigma_err_px(sigma_px: float, length_px: float, snr: float) -> float:
     """Return the error of a width in white noise where the levels are known: a closed form.
 
-    The information about log sigma is ``length snr^2 sigma`` times the integral of ``x^2 phi(x)^2``,
-    which is ``1 / (4 sqrt(pi))``. With levels to be found in a finite band it is a bound from below.
+    The information about log sigma is ``length snr^2 sigma`` times the integral of ``x^2
+    phi(x)^2``, which is ``1 / (4 sqrt(pi))``. With levels to be found in a finite band it is a
+    bound from below.
 
     Parameters
     ----------

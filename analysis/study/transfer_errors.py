@@ -1,8 +1,8 @@
 """The error of the transfer function that a planned session will measure.
 
 The calibration fits one transfer function to the pixels of all edges at once. What an edge's pixels
-tell about a parameter of it follows from the edge spread function, ``1/2 + integral of H(f) sin(2 pi
-f d) / (pi f)``, whose derivatives need no more than those of ``H``: any lens will do.
+tell about a parameter of it follows from the edge spread function, ``1/2 + integral of H(f) sin(2
+pi f d) / (pi f)``, whose derivatives need no more than those of ``H``: any lens will do.
 """
 
 from collections.abc import Callable
