@@ -24,6 +24,7 @@ _ZOOMS = (1.0, 1.01, 1.1, 1.2, 1.35, STUDIED_ZOOM, 1.75, 2.0, 2.5)
 _AT = _ZOOMS.index(STUDIED_ZOOM)
 _CROP_PX = 256
 _STEP = 0.01
+_FOR_SLOPES = 6  # photographs: slopes differ little from one to the next
 _INTERVAL_SIGMAS = 3.92
 """Standard errors from end to end of a 95 % interval."""
 
@@ -66,17 +67,26 @@ class StudiedScene:
             found.append(image[top : top + _CROP_PX, left : left + _CROP_PX])
         return found
 
-    def curve(self, psf: Psf, noise_factor: float = 1.0) -> DetectabilityCurve:
+    def curve(self, psf: Psf) -> DetectabilityCurve:
         """Curve of d' against zoom, of the ideal linear observer."""
+        return self._curves(self.crops, psf, 1.0)[0]
+
+    def slope_curves(self, psf: Psf, *noise_factors: float) -> list[DetectabilityCurve]:
+        """Curves of a few of the photographs, by factors on the noise: enough for slopes."""
+        return self._curves(self.crops[:_FOR_SLOPES], psf, *noise_factors)
+
+    def _curves(
+        self, crops: list[FloatArray], psf: Psf, *noise_factors: float
+    ) -> list[DetectabilityCurve]:
         task = DetectionTask(
             signal=GaussianSignal(sigma_px=self.signal_sigma_px),
             contrasts_dn=(self.contrast_dn,),
-            noises_dn=(self.noise_dn * noise_factor,),
+            noises_dn=tuple(self.noise_dn * factor for factor in noise_factors),
             zooms=_ZOOMS,
             models=("matched",),
             observers=("hotelling",),
         )
-        return d_prime_curves(self.crops, psf, task).curves[0]
+        return d_prime_curves(crops, psf, task).curves
 
     def tilt_deg(self, curve: DetectabilityCurve, min_d_prime: float) -> float | None:
         """Largest tilt with a d' of at least this; None where nothing in the curve limits it."""
@@ -131,16 +141,16 @@ def change_sensitivities(
     gaussian
         The Gaussian nearest to it, for the slopes.
     """
-    best, middle = scene.curve(psf), scene.curve(gaussian)
+    best = scene.curve(psf)
+    middle, noisier = scene.slope_curves(gaussian, 1.0, 1 + _STEP)
     widths = np.array([gaussian.sigma_x_px, gaussian.sigma_y_px, gaussian.rho])
     steps = np.array([_STEP * widths[0], _STEP * widths[1], _STEP])
-    moved = []
+    moved: list[DetectabilityCurve] = []
     for number in range(3):
         values = widths.copy()
         values[number] += steps[number] if number < 2 or widths[2] < 0.5 else -steps[number]
         steps[number] = values[number] - widths[number]
-        moved.append(scene.curve(_gaussian(values)))
-    noisier = scene.curve(gaussian, 1 + _STEP)
+        moved += scene.slope_curves(_gaussian(values), 1.0)
     # Slopes of the Gaussian are taken relative to its own value.
     value, own = best.dprime[_AT], middle.dprime[_AT]
     by_widths = np.array([one.dprime[_AT] - own for one in moved]) / steps * value / own

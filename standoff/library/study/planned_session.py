@@ -12,6 +12,7 @@ from calibration.edges import EdgeMeasurement
 from calibration.psf import PsfCalibration
 
 _NEAR_DEG = 15.0
+_PARALLEL_DEG = 5.0
 _OF_FRAME = 0.8
 _USUAL_LENGTH_PX = 200.0
 
@@ -60,9 +61,10 @@ class EdgeTemplate:
                 sorted(self.known, key=lambda one: one.image), key=lambda one: one.image
             )
         ]
+        if all(_is_parallel(edges) for edges in images):
+            nearest = min(images, key=lambda edges: _apart_deg(edges[0].angle_deg, orientation_deg))
+            return [(0.0, self.length_px or edge.length_px) for edge in nearest]
         typical = int(np.median([len(edges) for edges in images]))
-        if typical <= 1:
-            return [(0.0, self._length_px(orientation_deg))]
         pattern = min(images, key=lambda edges: abs(len(edges) - typical))
         return [(edge.angle_deg, self.length_px or edge.length_px) for edge in pattern]
 
@@ -71,10 +73,7 @@ class EdgeTemplate:
             return self.length_px
         if not self.known:
             return _USUAL_LENGTH_PX if self.frame is None else _OF_FRAME * min(self.frame)
-        apart = [
-            abs((edge.angle_deg - orientation_deg + 90.0) % 180.0 - 90.0) for edge in self.known
-        ]
-        near = [edge for edge, deg in zip(self.known, apart, strict=True) if deg <= _NEAR_DEG]
+        near = [e for e in self.known if _apart_deg(e.angle_deg, orientation_deg) <= _NEAR_DEG]
         return float(np.mean([edge.length_px for edge in near or self.known]))
 
     @property
@@ -85,6 +84,16 @@ class EdgeTemplate:
         if self.known:
             return "number and length of the edges of a capture are as in psf.json, unless given"
         return "psf.json has no edges: one to a capture, over 0.8 of the frame, unless given"
+
+
+def _apart_deg(first_deg: float, second_deg: float) -> float:
+    """Angle between two lines, from 0 to 90 degrees."""
+    return abs((first_deg - second_deg + 90.0) % 180.0 - 90.0)
+
+
+def _is_parallel(edges: Sequence[EdgeMeasurement]) -> bool:
+    """Whether the edges of a photograph are pieces of one, or parallel."""
+    return all(_apart_deg(one.angle_deg, edges[0].angle_deg) <= _PARALLEL_DEG for one in edges)
 
 
 def planned_edges(
