@@ -1,8 +1,9 @@
 """Errors that ``plan_study`` predicts against the scatter of sessions carried out on the bench.
 
-Run with ``python -m benchmarks.bench_plan_study [--quick] [--plan N]``. Five plans differ in frames,
-heights, edges, light, focus and photographs. Each is carried out again and again on the simulated bench
-with the real calibrations; the scatter of n results is known to 1 / sqrt(2 n) of itself.
+Run with ``python -m benchmarks.bench_plan_study [--quick] [--plan N]``. Five plans differ in
+frames, heights, edges, light, focus and photographs. Each is carried out again and again on the
+simulated bench with the real calibrations; the scatter of n results is known to 1 / sqrt(2 n) of
+itself.
 """
 
 from math import sqrt
@@ -43,7 +44,7 @@ PLANS = (
             "frames_per_capture": 4,
             "targets": [
                 target("edge", FAN, [180.0, 280.0]),
-                target("board", [0.0], [280.0, 340.0, 400.0, 460.0]),
+                target("board", [0.0], [360.0, 400.0, 460.0, 520.0]),
             ],
         },
         photographs=4,
@@ -55,7 +56,7 @@ PLANS = (
             "repeats": 2,
             "targets": [
                 target("edge", [5.0, 95.0], [250.0]),
-                target("board", [0.0], [280.0, 380.0, 480.0]),
+                target("board", [0.0], [360.0, 440.0, 520.0]),
             ],
         },
         exposure_us=1500.0,
@@ -69,7 +70,7 @@ PLANS = (
             "frames_per_capture": 4,
             "targets": [
                 target("edge", FAN, [180.0, 280.0, 400.0]),
-                target("board", [0.0, 90.0], [280.0, 350.0, 420.0, 500.0]),
+                target("board", [0.0, 90.0], [360.0, 410.0, 460.0, 520.0]),
             ],
         },
         focus_scatter_px2=0.03,
@@ -82,7 +83,7 @@ PLANS = (
             "frames_per_capture": 2,
             "targets": [
                 target("edge", [8.0, 40.0, 98.0, 130.0], [250.0]),
-                target("board", [20.0], [300.0, 400.0, 500.0]),
+                target("board", [20.0], [420.0, 470.0, 520.0]),
             ],
         },
         bench={"width_px": 200, "height_px": 160, "read_noise_e": 40.0},
@@ -98,7 +99,7 @@ PLANS = (
             "frames_per_capture": 6,
             "targets": [
                 target("edge", [5.0, 65.0, 125.0], [220.0, 320.0]),
-                target("board", [45.0], [300.0, 340.0, 380.0, 420.0]),
+                target("board", [45.0], [360.0, 400.0, 440.0, 480.0]),
             ],
         },
         bench={"optical_sigma_x_px": 1.1, "optical_sigma_y_px": 0.9},

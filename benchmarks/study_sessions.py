@@ -1,7 +1,7 @@
 """Planned sessions that are carried out again and again on the simulated bench.
 
-Each repetition captures what the plan says, with noise, focus, heights and photographs of its own, and
-is evaluated by the calibrations that a real session gets. The scatter of the results is what
+Each repetition captures what the plan says, with noise, focus, heights and photographs of its own,
+and is evaluated by the calibrations that a real session gets. The scatter of the results is what
 ``plan_study`` predicts.
 """
 
@@ -214,7 +214,7 @@ def pupil_offset_mm(
 def d_prime_and_tilt(
     session: StudiedSession, psf: Psf, rng: np.random.Generator, noise_dn: float
 ) -> tuple[float, float]:
-    """d' at zoom 1.5 and the tilt limit of one repetition, with photographs of its own."""
+    """Return d' at zoom 1.5 and the tilt limit of one repetition, with photographs of its own."""
     task = DetectionTask(
         signal=GaussianSignal(sigma_px=2.0),
         contrasts_dn=(session.contrast_dn,),

@@ -119,4 +119,4 @@ def white_noise_sigma_err_px(sigma_px: float, length_px: float, snr: float) -> f
     snr
         Contrast over the noise of a pixel.
     """
-    return 2 * pi**0.25 * sqrt(sigma_px / length_px) / snr
+    return 2 * sqrt(sqrt(pi) * sigma_px / length_px) / snr

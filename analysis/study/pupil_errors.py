@@ -14,13 +14,14 @@ import numpy as np
 from analysis.study.corner_information import CornerWindow, corner_err_px
 from analysis.study.edge_information import EdgeLevels
 from calibration.geometry import LENS_SIZE, SHARED_SIZE, CharucoBoard, LensPrior, PlaneLens
-from simulation.arrays import FloatArray
+from simulation.arrays import FloatArray, IntArray
 
 HEIGHT_FLOOR_MM = 0.0005
 """Half of the last digit to which heights are recorded."""
 
 _POSE_SIZE = 4
 _FEWEST_CORNERS = 12
+_MARGIN_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,18 +74,31 @@ class BoardSession:
         return capture.height_mm + self.pupil_offset_mm
 
     def corners_mm(self, capture: BoardCapture) -> FloatArray:
-        """Corners that are in view, on the plane about the foot of the optical axis, (n, 2)."""
+        """Corners that are in view, on the plane about the foot of the optical axis, (n, 2).
+
+        A corner is numbered by the markers in both white squares that meet there.
+        """
         board, scale = self.board, self.focal_length_px / self.distance_mm(capture)
-        col, row = np.meshgrid(np.arange(1, board.columns), np.arange(1, board.rows))
-        centred = board.square_mm * np.column_stack(
-            [col.ravel() - board.columns / 2, row.ravel() - board.rows / 2]
+        col, row = (
+            place.ravel().astype(np.float64)
+            for place in np.meshgrid(np.arange(1, board.columns), np.arange(1, board.rows))
         )
+        centre = np.array([board.columns, board.rows]) / 2
+        corners = board.square_mm * (np.column_stack([col, row]) - centre)
+        # Black squares lie to the upper left where row and column add up to an even number.
+        rises = np.where((col + row) % 2 == 0, -1.0, 1.0)
+        beside = [np.column_stack([side * np.ones_like(col), side * rises]) for side in (-1, 1)]
+        half_marker_mm = board.marker_mm / 2
+        is_seen = np.ones(len(corners), dtype=np.bool_)
         c, s = cos(radians(capture.orientation_deg)), sin(radians(capture.orientation_deg))
-        corners = centred @ np.array([[c, s], [-s, c]])
-        # A corner is numbered by the markers beside it.
-        margin_px = 0.5 * board.square_mm * scale
-        half = np.array([self.width_px, self.height_px]) / 2 - margin_px
-        return np.asarray(corners[np.all(np.abs(corners * scale) < half, axis=1)])
+        turn = np.array([[c, s], [-s, c]])
+        half_frame_px = np.array([self.width_px, self.height_px]) / 2 - _MARGIN_PX
+        for square in beside:
+            middle = corners + 0.5 * board.square_mm * square
+            for x, y in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+                at_px = scale * (middle + half_marker_mm * np.array([x, y])) @ turn
+                is_seen &= np.all(np.abs(at_px) < half_frame_px, axis=1)
+        return np.asarray((corners @ turn)[is_seen])
 
     def corner_err_px(self, capture: BoardCapture) -> float | None:
         """Standard error of a corner's coordinate; None if the squares are too small."""
@@ -140,7 +154,7 @@ def _is_usable(session: BoardSession, capture: BoardCapture) -> bool:
 
 
 def _log_distance_covariance(
-    session: BoardSession, captures: Sequence[BoardCapture], series: FloatArray
+    session: BoardSession, captures: Sequence[BoardCapture], series: IntArray
 ) -> FloatArray:
     """Covariance of the logarithms of the distances in a joint fit of lens, tilts and poses."""
     lens = PlaneLens(

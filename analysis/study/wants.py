@@ -113,11 +113,12 @@ def studied_want(want: Want, predictions: Sequence[Prediction], size: PlanSize) 
     """
     asked = [one for one in predictions if one.quantity in QUANTITIES[want.name]]
     missing = next((one for one in asked if not _is_known(one, want)), None)
-    common = {"quantity": want.name, "wanted": want.half_width, "is_relative": want.is_relative}
     if missing is not None:
         why = missing.undetermined or "nothing is known of its value"
         return StudiedWant(
-            **common,
+            quantity=want.name,
+            wanted=want.half_width,
+            is_relative=want.is_relative,
             predicted=None,
             reached=False,
             needs=StudyNeeds(),
@@ -128,7 +129,9 @@ def studied_want(want: Want, predictions: Sequence[Prediction], size: PlanSize) 
     reached = predicted <= want.half_width * (1 + _SLACK)
     needs = StudyNeeds() if reached else _needs(want, worst, size)
     return StudiedWant(
-        **common,
+        quantity=want.name,
+        wanted=want.half_width,
+        is_relative=want.is_relative,
         predicted=predicted,
         reached=reached,
         needs=needs,
@@ -278,8 +281,7 @@ def _bound(want: Want, prediction: Prediction) -> str:
         source = max(stay, key=lambda one: stay[one])
         left = prediction.half_width_factor * sqrt(stay[source]) / _scale(prediction, want)
         return f"the {source} leaves {want.text(left)}; measure it with more flats"
-    source = prediction.largest
-    return f"the {source} is too large, even with 1000 runs of the plan"
+    return f"the {prediction.largest} is too large, even with 1000 runs of the plan"
 
 
 def _doubled(want: Want, prediction: Prediction, size: PlanSize) -> str:
