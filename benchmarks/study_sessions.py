@@ -6,7 +6,7 @@ and is evaluated by the calibrations that a real session gets. The scatter of th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from pathlib import Path
 
@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 import standoff
 from acquisition.bench import BenchConfig, load_bench
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan, plan_entries
-from analysis.detectability import DetectionTask, GaussianSignal, d_prime_curves
+from analysis.detectability import (
+    DetectabilityCurve,
+    DetectionTask,
+    GaussianSignal,
+    d_prime_curves,
+)
 from analysis.pose import ViewingCamera, pose_limits
 from analysis.study import PlanStudy
 from calibration.edges import EdgeImage
@@ -211,54 +216,80 @@ def pupil_offset_mm(
     return calibrate_geometry(captures, GeometryOptions(nominal_focal_px=focal_px)).pupil_offset_mm
 
 
-def d_prime_and_tilt(
-    session: StudiedSession, psf: Psf, rng: np.random.Generator, noise_dn: float
-) -> tuple[float, float]:
-    """Return d' at zoom 1.5 and the tilt limit of one repetition, with photographs of its own."""
-    task = DetectionTask(
-        signal=GaussianSignal(sigma_px=2.0),
-        contrasts_dn=(session.contrast_dn,),
-        noises_dn=(noise_dn,),
-        zooms=ZOOMS,
-        models=("matched",),
-        observers=("hotelling",),
-    )
-    curve = d_prime_curves(session.scenes(rng, session.photographs), psf, task).curves[0]
-    optics, known = session.config.optics, session.config.simulated
-    assert known is not None
-    camera = ViewingCamera(
-        focal_length_px=1000 * optics.focal_length_mm / optics.pixel_pitch_um,
-        width_px=known.width_px,
-        height_px=known.height_px,
-    )
-    limits = pose_limits(curve, session.min_d_prime, camera)
-    return curve.dprime[ZOOMS.index(1.5)], limits.tilt_deg or 0.0
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeCurves:
+    """Curves of d' of a session's photographs, at no more zooms than d' and tilt need."""
+
+    session: StudiedSession
+    zooms: tuple[float, ...] = ZOOMS
+
+    def curve(self, psf: Psf, rng: np.random.Generator, noise_dn: float) -> DetectabilityCurve:
+        """Curve of photographs that were not seen before."""
+        session = self.session
+        task = DetectionTask(
+            signal=GaussianSignal(sigma_px=2.0),
+            contrasts_dn=(session.contrast_dn,),
+            noises_dn=(noise_dn,),
+            zooms=self.zooms,
+            models=("matched",),
+            observers=("hotelling",),
+        )
+        return d_prime_curves(session.scenes(rng, session.photographs), psf, task).curves[0]
+
+    def about(self, curve: DetectabilityCurve) -> "ChangeCurves":
+        """Return the same with the zooms next to where a curve falls below the threshold."""
+        below = int(np.sum(np.array(curve.dprime) >= self.session.min_d_prime))
+        near = ZOOMS[max(below - 2, 0) : below + 2]
+        return replace(self, zooms=tuple(sorted({1.0, 1.5, *near})))
+
+    def d_prime_and_tilt(
+        self, psf: Psf, rng: np.random.Generator, noise_dn: float
+    ) -> tuple[float, float]:
+        """Return d' at zoom 1.5 and the tilt limit of one repetition."""
+        session = self.session
+        curve = self.curve(psf, rng, noise_dn)
+        optics, known = session.config.optics, session.config.simulated
+        assert known is not None
+        camera = ViewingCamera(
+            focal_length_px=1000 * optics.focal_length_mm / optics.pixel_pitch_um,
+            width_px=known.width_px,
+            height_px=known.height_px,
+        )
+        limits = pose_limits(curve, session.min_d_prime, camera)
+        return curve.dprime[self.zooms.index(1.5)], limits.tilt_deg or 0.0
 
 
-def achieved(session: StudiedSession, repetitions: int, seed: int) -> dict[str, Sequence[float]]:
-    """Values of every quantity over the repetitions."""
+def achieved(
+    session: StudiedSession, repetitions: int, boards: int, seed: int
+) -> dict[str, Sequence[float]]:
+    """Values of every quantity over the repetitions; the board is captured in fewer of them."""
     rng = np.random.default_rng(seed)
     truth = session.truth()
     mean_dn = float(np.mean([one.mean() for one in session.scenes(np.random.default_rng(0), 24)]))
     sensor = truth.sensor
+    changes = ChangeCurves(session=session)
     found: dict[str, list[float]] = {}
 
     def keep(name: str, value: float | None) -> None:
         if value is not None:
             found.setdefault(name, []).append(value)
 
-    for _ in range(repetitions):
+    for number in range(repetitions):
         psf = calibrated(session, rng)
         keep("sigma_x_px", psf.sigma_x_px)
         keep("sigma_y_px", psf.sigma_y_px)
         if psf.transfer_2d is not None:
             keep("transfer_x", float(psf.transfer_2d.otf(*QUARTER)[0]))
             keep("transfer_y", float(psf.transfer_2d.otf(*QUARTER[::-1])[0]))
-        keep("pupil_offset_mm", pupil_offset_mm(session, truth, rng))
+        if number < boards:
+            keep("pupil_offset_mm", pupil_offset_mm(session, truth, rng))
         gain = sensor.gain_e_per_dn * (1 + session.gain_relative_err * float(rng.standard_normal()))
         variance = (mean_dn - sensor.black_level_dn) / gain + (sensor.read_noise_e / gain) ** 2
         noise_dn = sqrt((variance + 1 / 12) / session.frames)
-        d_prime, tilt = d_prime_and_tilt(session, psf.best_psf("psf"), rng, noise_dn)
+        best = psf.best_psf("psf")
+        if number == 0:
+            changes = changes.about(changes.curve(best, rng, noise_dn))
+        d_prime, tilt = changes.d_prime_and_tilt(best, rng, noise_dn)
         keep("d_prime", d_prime)
         keep("tilt_limit_deg", tilt)
     return {name: tuple(values) for name, values in found.items()}

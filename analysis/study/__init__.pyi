@@ -2,6 +2,7 @@ from .change_errors import STUDIED_ZOOM as STUDIED_ZOOM, StudiedScene as Studied
 from .document import (
     NAMES as NAMES,
     STUDY_SCHEMA as STUDY_SCHEMA,
+    BudgetShare as BudgetShare,
     PlanStudy as PlanStudy,
     PredictedQuantity as PredictedQuantity,
     StudiedWant as StudiedWant,

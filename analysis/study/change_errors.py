@@ -5,7 +5,6 @@ differences of the curves that ``analysis.detectability`` computes; what the cho
 leaves is the interval of those curves, which shrinks with the root of their number.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log, sqrt
 
@@ -69,20 +68,29 @@ class StudiedScene:
 
     def curve(self, psf: Psf) -> DetectabilityCurve:
         """Curve of d' against zoom, of the ideal linear observer."""
-        return self._curves(self.crops, psf, 1.0)[0]
+        return self._curves(self.crops, psf, _ZOOMS, (self.noise_dn,))[0]
 
-    def slope_curves(self, psf: Psf, *noise_factors: float) -> list[DetectabilityCurve]:
-        """Curves of a few of the photographs, by factors on the noise: enough for slopes."""
-        return self._curves(self.crops[:_FOR_SLOPES], psf, *noise_factors)
+    def log_d_primes(self, psf: Psf, zooms: tuple[float, ...], *noise_factors: float) -> FloatArray:
+        """Logarithms of d' at some zooms, by factors on the noise: shape (factors, zooms).
+
+        They are of a few of the photographs: enough for slopes.
+        """
+        noises_dn = tuple(self.noise_dn * factor for factor in noise_factors)
+        curves = self._curves(self.crops[:_FOR_SLOPES], psf, zooms, noises_dn)
+        return np.log(np.maximum([curve.dprime for curve in curves], 1e-12))
 
     def _curves(
-        self, crops: list[FloatArray], psf: Psf, *noise_factors: float
+        self,
+        crops: list[FloatArray],
+        psf: Psf,
+        zooms: tuple[float, ...],
+        noises_dn: tuple[float, ...],
     ) -> list[DetectabilityCurve]:
         task = DetectionTask(
             signal=GaussianSignal(sigma_px=self.signal_sigma_px),
             contrasts_dn=(self.contrast_dn,),
-            noises_dn=tuple(self.noise_dn * factor for factor in noise_factors),
-            zooms=_ZOOMS,
+            noises_dn=noises_dn,
+            zooms=zooms,
             models=("matched",),
             observers=("hotelling",),
         )
@@ -141,37 +149,47 @@ def change_sensitivities(
     gaussian
         The Gaussian nearest to it, for the slopes.
     """
-    best = scene.curve(psf)
-    middle, noisier = scene.slope_curves(gaussian, 1.0, 1 + _STEP)
-    widths = np.array([gaussian.sigma_x_px, gaussian.sigma_y_px, gaussian.rho])
-    steps = np.array([_STEP * widths[0], _STEP * widths[1], _STEP])
-    moved: list[DetectabilityCurve] = []
-    for number in range(3):
-        values = widths.copy()
-        values[number] += steps[number] if number < 2 or widths[2] < 0.5 else -steps[number]
-        steps[number] = values[number] - widths[number]
-        moved += scene.slope_curves(_gaussian(values), 1.0)
-    # Slopes of the Gaussian are taken relative to its own value.
-    value, own = best.dprime[_AT], middle.dprime[_AT]
-    by_widths = np.array([one.dprime[_AT] - own for one in moved]) / steps * value / own
-    by_log_noise = (noisier.dprime[_AT] / own - 1) / log(1 + _STEP)
-    scene_err = _relative_scene_errs(scene, best)
+    curve = scene.curve(psf)
+    value = curve.dprime[_AT]
+    allowed = curve.largest_zoom(scene.min_d_prime)
+    zooms = tuple(sorted({STUDIED_ZOOM, *([] if allowed is None else [allowed])}))
+    by_widths, by_log_noise = _log_slopes(scene, gaussian, zooms)
+    scene_errs = _relative_scene_errs(scene, curve)
+    at = zooms.index(STUDIED_ZOOM)
+    widths = np.array([gaussian.sigma_x_px, gaussian.sigma_y_px])
+    tilt = None
+    if allowed is not None:
+        there = zooms.index(allowed)
+        err = float(np.interp(allowed, curve.zoom, scene_errs))
+        tilt = _tilt(scene, curve, by_widths[:, there], float(by_log_noise[there]), err)
     return ChangeSensitivities(
         d_prime=Sensitivity(
             value=value,
-            by_widths=by_widths,
-            by_log_noise=by_log_noise * value,
-            scene_err=value * float(scene_err[_AT]),
+            by_widths=value * by_widths[:, at],
+            by_log_noise=value * float(by_log_noise[at]),
+            scene_err=value * float(scene_errs[_AT]),
         ),
-        tilt_deg=_tilt(scene, (best, middle, noisier), moved, steps),
-        by_log_sigma=float(by_widths[:2] @ widths[:2]) / value,
-        by_log_noise=by_log_noise,
+        tilt_deg=tilt,
+        by_log_sigma=float(by_widths[:2, at] @ widths),
+        by_log_noise=float(by_log_noise[at]),
     )
 
 
-def _gaussian(values: FloatArray) -> GaussianPsf:
-    x, y, rho = values.tolist()
-    return GaussianPsf(sigma_x_px=x, sigma_y_px=y, rho=rho)
+def _log_slopes(
+    scene: StudiedScene, gaussian: GaussianPsf, zooms: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of log d' by sigma_x_px, sigma_y_px and rho, (3, zooms), and by log noise."""
+    middle, noisier = scene.log_d_primes(gaussian, zooms, 1.0, 1 + _STEP)
+    widths = np.array([gaussian.sigma_x_px, gaussian.sigma_y_px, gaussian.rho])
+    rows = []
+    for number in range(3):
+        step = _STEP * widths[number] if number < 2 else -np.copysign(_STEP, widths[2])
+        values = widths.copy()
+        values[number] += step
+        x, y, rho = values.tolist()
+        moved = GaussianPsf(sigma_x_px=x, sigma_y_px=y, rho=rho)
+        rows.append((scene.log_d_primes(moved, zooms, 1.0)[0] - middle) / step)
+    return np.array(rows), np.asarray((noisier - middle) / log(1 + _STEP))
 
 
 def _relative_scene_errs(scene: StudiedScene, curve: DetectabilityCurve) -> FloatArray:
@@ -185,26 +203,25 @@ def _relative_scene_errs(scene: StudiedScene, curve: DetectabilityCurve) -> Floa
 
 def _tilt(
     scene: StudiedScene,
-    curves: tuple[DetectabilityCurve, DetectabilityCurve, DetectabilityCurve],
-    moved: Sequence[DetectabilityCurve],
-    steps: FloatArray,
+    curve: DetectabilityCurve,
+    by_widths: FloatArray,
+    by_log_noise: float,
+    scene_err: float,
 ) -> Sensitivity | None:
-    """Sensitivity of the allowed tilt; None where the curves do not limit it."""
-    best, middle, noisier = curves
-    threshold = scene.min_d_prime
-    value = scene.tilt_deg(best, threshold)
-    own = scene.tilt_deg(middle, threshold)
-    stricter = scene.tilt_deg(best, threshold * (1 + _STEP))
-    beside = [scene.tilt_deg(one, threshold) for one in (noisier, *moved)]
-    if value is None or own is None or stricter is None or None in beside:
+    """Sensitivity of the allowed tilt; None where the curve does not limit it.
+
+    The derivatives and the error are those of log d' at the zoom that the tilt brings about. A d'
+    that is larger by a factor allows what a threshold smaller by it would.
+    """
+    value = scene.tilt_deg(curve, scene.min_d_prime)
+    stricter = scene.tilt_deg(curve, scene.min_d_prime * (1 + _STEP))
+    looser = scene.tilt_deg(curve, scene.min_d_prime / (1 + _STEP))
+    if value is None or stricter is None or looser is None:
         return None
-    noise, *widths = (one - own for one in beside if one is not None)
-    allowed = best.largest_zoom(threshold) or 1.0
-    scene_err = float(np.interp(allowed, best.zoom, _relative_scene_errs(scene, best)))
-    by_log_d_prime = (value - stricter) / log(1 + _STEP)
+    by_log_d_prime = (looser - stricter) / (2 * log(1 + _STEP))
     return Sensitivity(
         value=value,
-        by_widths=np.array(widths) / steps,
-        by_log_noise=noise / log(1 + _STEP),
+        by_widths=by_log_d_prime * by_widths,
+        by_log_noise=by_log_d_prime * by_log_noise,
         scene_err=abs(by_log_d_prime) * scene_err,
     )

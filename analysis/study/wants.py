@@ -179,40 +179,49 @@ def _moved(prediction: Prediction, levers: frozenset[Lever]) -> float:
     return sum(value for source, value in prediction.variances.items() if LEVERS[source] & levers)
 
 
-def _factor(want: Want, prediction: Prediction, levers: frozenset[Lever]) -> float | None:
-    """Factor by which all of these must grow; None where that is not enough."""
-    moved = _moved(prediction, levers)
+def _number(want: Want, prediction: Prediction, lever: Lever, size: PlanSize) -> int | None:
+    """How many it takes if nothing else grows; None where that is not enough."""
+    moved = _moved(prediction, frozenset({lever}))
     left = _wanted_variance(want, prediction) - (sum(prediction.variances.values()) - moved)
-    return moved / left if left > 0 and moved > 0 else None
-
-
-def _number(
-    want: Want, prediction: Prediction, levers: frozenset[Lever], lever: Lever, size: PlanSize
-) -> int | None:
-    factor = _factor(want, prediction, levers)
-    if factor is None:
+    if left <= 0 or moved <= 0:
         return None
-    number = ceil(factor * size.now(lever) * (1 - _SLACK))
+    number = ceil(moved / left * size.now(lever) * (1 - _SLACK))
     return number if number <= _MOST[lever] else None
 
 
 def _needs(want: Want, prediction: Prediction, size: PlanSize) -> StudyNeeds:
-    def alone(lever: Lever) -> int | None:
-        return _number(want, prediction, frozenset({lever}), lever, size)
-
     needs = StudyNeeds(
-        frames_per_capture=alone("frames"),
-        edges=alone("edges"),
-        session_runs=alone("runs"),
-        photographs=alone("photographs"),
+        frames_per_capture=_number(want, prediction, "frames", size),
+        edges=_number(want, prediction, "edges", size),
+        session_runs=_number(want, prediction, "runs", size),
+        photographs=_number(want, prediction, "photographs", size),
     )
     if needs != StudyNeeds():
         return needs
-    both: frozenset[Lever] = frozenset({"runs", "photographs"})
-    runs = _number(want, prediction, both, "runs", size)
-    photographs = _number(want, prediction, both, "photographs", size)
-    if runs is None or photographs is None:
-        return needs
+    return _together(want, prediction, size)
+
+
+def _together(want: Want, prediction: Prediction, size: PlanSize) -> StudyNeeds:
+    """Runs of the plan and photographs that do it together, in the least time.
+
+    With variances a / m + b / p from the runs and the photographs, each a multiple of the present
+    number, the time ``m t + p u`` is least for m and p as ``sqrt(a / t)`` and ``sqrt(b / u)``.
+    """
+    by_runs = _moved(prediction, frozenset({"runs"}))
+    by_scene = _moved(prediction, frozenset({"photographs"}))
+    total = sum(prediction.variances.values())
+    left = _wanted_variance(want, prediction) - (total - by_runs - by_scene)
+    if left <= 0:
+        return StudyNeeds()
+    run_s, scene_s = size.run_s, _PHOTOGRAPH_S * size.photographs
+    both = (sqrt(by_runs * run_s) + sqrt(by_scene * scene_s)) / left
+    runs = max(ceil(both * sqrt(by_runs / run_s)), 1)
+    if by_runs / runs >= left:
+        return StudyNeeds()
+    factor = by_scene / (left - by_runs / runs)
+    photographs = max(ceil(factor * size.photographs), size.photographs)
+    if runs > _MOST["runs"] or photographs > _MOST["photographs"]:
+        return StudyNeeds()
     return StudyNeeds(session_runs=runs, photographs=photographs, is_together=True)
 
 
