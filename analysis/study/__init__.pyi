@@ -32,6 +32,7 @@ from .study import (
     studied as studied,
 )
 from .transfer_errors import (
+    KnownTransfer as KnownTransfer,
     TransferErrors as TransferErrors,
     TransferModel as TransferModel,
     transfer_errors as transfer_errors,

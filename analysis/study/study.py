@@ -119,7 +119,7 @@ def _transfer(plan: StudiedPlan, quantity: Quantity, freq: tuple[float, float]) 
         fx, fy = (np.array([one]) for one in freq)
         value = float(plan.transfer.of(plan.transfer.parameters)(fx, fy)[0])
         return Prediction(quantity=quantity, value=value, variances={}, undetermined=_NO_EDGES)
-    errors = transfer_errors(plan.edges, plan.transfer, freq)
+    errors = transfer_errors(plan.edges, plan.transfer, freq, plan.gaussian.covariance_px2)
     if errors.pixels is None or errors.focus is None:
         return Prediction(
             quantity=quantity,

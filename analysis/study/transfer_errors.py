@@ -5,7 +5,7 @@ tell about a parameter of it follows from the edge spread function, ``1/2 + inte
 pi f d) / (pi f)``, whose derivatives need no more than those of ``H``: any lens will do.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,19 +28,56 @@ Otf = Callable[[FloatArray, FloatArray], FloatArray]
 """Transfer at frequencies along x and y, in cy/px; the two broadcast."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownTransfer:
+    """The errors of an earlier calibration, and how much its edges knew.
+
+    Parameters
+    ----------
+    err
+        Standard error of the transfer at frequencies along x and y.
+    scatter
+        Factor on the pixels' variance that it contains for the scatter between edges.
+    information_per_px2
+        Sum of the inverse variances of the widths of its edges.
+    """
+
+    err: Otf
+    scatter: float
+    information_per_px2: float
+
+    def variance(self, session: EdgeSession, covariance_px2: FloatArray, at: FloatArray) -> float:
+        """Variance at a frequency if so many more, or fewer, pixels tell of it."""
+        planned = float(np.sum(session.width_errs_px(covariance_px2) ** -2.0))
+        err = float(self.err(at[:1], at[1:])[0])
+        return err**2 / self.scatter * self.information_per_px2 / planned
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TransferModel:
     """A transfer function of the form that the calibration is expected to choose.
 
-    ``of`` returns it for any parameters; ``parameters`` are the present ones.
+    Parameters
+    ----------
+    of, parameters
+        Returns it for any parameters; the present ones.
+    known
+        What an earlier calibration knew of it, for a form whose smoothness is fitted as well: its
+        information does not follow from the form alone. None for other forms.
     """
 
     of: Callable[[FloatArray], Otf]
     parameters: FloatArray
+    known: "KnownTransfer | None" = None
 
     @classmethod
-    def of_calibration(cls, stored: Transfer2d | None, gaussian: GaussianPsf) -> "TransferModel":
-        """Return that of a psf.json, or the Gaussian of its widths where it has none."""
+    def of_calibration(
+        cls, stored: Transfer2d | None, gaussian: GaussianPsf, sigma_errs_px: Sequence[float]
+    ) -> "TransferModel":
+        """Return that of a psf.json, or the Gaussian of its widths where it has none.
+
+        ``sigma_errs_px`` are the errors of the widths of its edges.
+        """
         if stored is None:
             return cls.of_gaussian(gaussian.covariance_px2)
         names = tuple(stored.parameters)
@@ -49,7 +86,14 @@ class TransferModel:
             named = dict(zip(names, values.tolist(), strict=True))
             return stored.model_copy(update={"parameters": named}).otf
 
-        return cls(of=of, parameters=np.array(list(stored.parameters.values())))
+        known = None
+        if stored.form == "free":
+            known = KnownTransfer(
+                err=stored.otf_err,
+                scatter=stored.scatter,
+                information_per_px2=sum(err**-2 for err in sigma_errs_px if err > 0),
+            )
+        return cls(of=of, parameters=np.array(list(stored.parameters.values())), known=known)
 
     @classmethod
     def of_gaussian(cls, covariance_px2: FloatArray) -> "TransferModel":
@@ -94,7 +138,10 @@ class TransferErrors:
 
 
 def transfer_errors(
-    session: EdgeSession, model: TransferModel, freq_cy_per_px: tuple[float, float]
+    session: EdgeSession,
+    model: TransferModel,
+    freq_cy_per_px: tuple[float, float],
+    covariance_px2: FloatArray,
 ) -> TransferErrors:
     """Predict the error of the transfer at a frequency.
 
@@ -106,7 +153,11 @@ def transfer_errors(
         The transfer function.
     freq_cy_per_px
         Frequency along x and y.
+    covariance_px2
+        Of the Gaussian nearest to it, shape (2, 2).
     """
+    if model.known is not None:
+        return _as_before(session, model, np.array(freq_cy_per_px), covariance_px2)
     count = len(model.parameters)
     information = np.zeros((count, count))
     pulls = {edge.capture: np.zeros(count) for edge in session.edges}
@@ -127,6 +178,22 @@ def transfer_errors(
     by_capture = np.array([pull @ gain for pull in pulls.values()]) * session.focus_scatter_px2
     return TransferErrors(
         value=value, pixels=float(slope @ gain), focus=float(by_capture @ by_capture)
+    )
+
+
+def _as_before(
+    session: EdgeSession, model: TransferModel, at: FloatArray, covariance_px2: FloatArray
+) -> TransferErrors:
+    """Scale the errors of an earlier calibration; captures count alike in what the focus does."""
+    value = float(model.of(model.parameters)(at[:1], at[1:])[0])
+    if model.known is None or not model.known.information_per_px2 > 0:
+        return TransferErrors(value=value, pixels=None, focus=None)
+    captures = len({edge.capture for edge in session.edges})
+    common = 2 * np.pi**2 * float(at @ at) * value * session.focus_scatter_px2
+    return TransferErrors(
+        value=value,
+        pixels=model.known.variance(session, covariance_px2, at),
+        focus=common**2 / captures,
     )
 
 

@@ -76,13 +76,16 @@ def plan_study(
     json: terminal.Json = False,
 ) -> None:
     """Predict what a planned session will know, and what it would take to know more."""
+    from acquisition.bench import parse_overrides
+
     terminal.refuse_suffix(out, "--out", {".json"})
     inputs = [bench, plan, psf, noise, geometry, *(photographs or ())]
     terminal.refuse_overwriting([out], inputs, force=force)
     library.require_writable([out])
+    terminal.read_bench(bench, settings)  # a bad override is wrong usage
     found = library.plan_study(
         plan,
-        terminal.read_bench(bench, settings) if settings else bench,
+        bench,
         psf,
         want=want or (),
         photographs=photographs or (),
@@ -99,6 +102,7 @@ def plan_study(
         contrast_dn=contrast,
         signal_sigma_px=signal_sigma,
         min_d_prime=min_dprime,
+        settings=parse_overrides(settings or []),
         progress=terminal.ShownProgress(),
     )
     if out is not None:

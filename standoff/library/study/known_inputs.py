@@ -134,8 +134,24 @@ class KnownInputs:
     @property
     def transfer(self) -> TransferModel:
         """Transfer function of lens and pixel."""
-        measured = None if self.calibration is None else self.calibration.transfer_2d
-        return TransferModel.of_calibration(measured, self.gaussian)
+        stored = self.calibration
+        if stored is None:
+            return TransferModel.of_gaussian(self.gaussian.covariance_px2)
+        errs_px = [edge.sigma_err_px for edge in stored.edges_used]
+        return TransferModel.of_calibration(stored.transfer_2d, self.gaussian, errs_px)
+
+    @property
+    def exposure_assumptions(self) -> tuple[str, ...]:
+        """What is taken for granted of captures with exposures of their own."""
+        own = [
+            entry
+            for entry in self.entries
+            if entry.kind in ("edge", "board")
+            and (entry.bracket is not None or entry.exposure_us is not None)
+        ]
+        if not own:
+            return ()
+        return (f"{len(own)} captures with exposures of their own count as at the bench's",)
 
     def focus_scatter_px2(self, stated: float | None) -> float | None:
         """Scatter of the focus, as stated or as psf.json has it; None if nothing says."""

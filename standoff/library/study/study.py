@@ -165,7 +165,7 @@ def plan_study(
             ),
         ),
     )
-    assumptions = [*pixels.assumptions, template.assumption]
+    assumptions = [*pixels.assumptions, template.assumption, *known.exposure_assumptions]
     if focus_px2 is None:
         assumptions.append(_FOCUS_UNKNOWN)
         call.note(_FOCUS_UNKNOWN)
