@@ -260,7 +260,7 @@ class ChangeCurves:
 
 
 def achieved(
-    session: StudiedSession, repetitions: int, boards: int, seed: int
+    session: StudiedSession, repetitions: int, boards: int, seed: tuple[int, int]
 ) -> dict[str, Sequence[float]]:
     """Values of every quantity over the repetitions; the board is captured in fewer of them."""
     rng = np.random.default_rng(seed)
