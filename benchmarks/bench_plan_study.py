@@ -100,7 +100,7 @@ PLANS = (
             "frames_per_capture": 6,
             "targets": [
                 target("edge", [5.0, 65.0, 125.0], [220.0, 320.0]),
-                target("board", [45.0], [360.0, 400.0, 440.0, 480.0]),
+                target("board", [0.0], [360.0, 390.0, 420.0, 450.0]),
             ],
         },
         bench={"optical_sigma_x_px": 1.1, "optical_sigma_y_px": 0.9},

@@ -24,13 +24,12 @@ _USUAL_SNR = 100.0
 class PixelLevels:
     """Levels of edges and the noise of a frame.
 
-    ``noise_relative_err`` is the standard error of the noise; ``is_in_dn`` is False where only the
+    ``is_in_dn`` is False where only the
     ratio of contrast to noise is known, and levels are in units of the contrast. ``assumptions``
     say where all this comes from.
     """
 
     levels: EdgeLevels
-    noise_relative_err: float
     is_in_dn: bool
     assumptions: tuple[str, ...]
 
@@ -56,28 +55,22 @@ def pixel_levels(
     if noise is None and bench.simulated is None:
         return _by_edges(bench, psf, levels_dn)
     if noise is not None:
-        frame_noise, err = _of_noise(noise)
+        single = noise if isinstance(noise, CaptureNoise) else noise.capture_noise
+        frame_noise = level_noise(single)
         told = "the noise of a pixel is that of noise.json"
     else:
-        frame_noise, err = _simulated_noise(bench), 0.0
+        frame_noise = _simulated_noise(bench)
         told = "the noise of a pixel is what the bench file states of its simulated sensor"
     low, high, whence = _levels(bench, psf, noise, levels_dn)
     return PixelLevels(
         levels=EdgeLevels(low_dn=low, high_dn=high, frame_noise=frame_noise),
-        noise_relative_err=_relative_err(noise, 0.5 * (low + high)) if err is None else err,
         is_in_dn=True,
         assumptions=(told, f"edges go from {low:.0f} to {high:.0f} DN, {whence}"),
     )
 
 
-def _of_noise(noise: NoiseCalibration | CaptureNoise) -> tuple[LevelNoise, float | None]:
-    if isinstance(noise, CaptureNoise):
-        return level_noise(noise), 0.0
-    return level_noise(noise.capture_noise), None
-
-
-def _relative_err(noise: NoiseCalibration | CaptureNoise | None, level_dn: float) -> float:
-    """Relative standard error of the noise's standard deviation at a level."""
+def relative_noise_err(noise: NoiseCalibration | CaptureNoise | None, level_dn: float) -> float:
+    """Return the relative standard error of the noise's standard deviation at a level."""
     if not isinstance(noise, NoiseCalibration):
         return 0.0
     gain, read = noise.gain_e_per_dn, noise.read_noise_e
@@ -160,7 +153,6 @@ def _by_edges(
             high_dn=high,
             frame_noise=LevelNoise(offset_dn2=variance, slope_dn=0.0, floor_dn2=variance),
         ),
-        noise_relative_err=0.0,
         is_in_dn=levels_dn is not None,
         assumptions=(
             f"contrast over noise is {snr:.0f}, {whence}, for means of {frames} frames, as the "
