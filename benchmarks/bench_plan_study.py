@@ -100,10 +100,15 @@ PLANS = (
             "frames_per_capture": 6,
             "targets": [
                 target("edge", [5.0, 65.0, 125.0], [220.0, 320.0]),
-                target("board", [0.0], [360.0, 390.0, 420.0, 450.0]),
+                target("board", [0.0], [280.0, 300.0, 320.0, 340.0]),
             ],
         },
-        bench={"optical_sigma_x_px": 1.1, "optical_sigma_y_px": 0.9},
+        bench={
+            "width_px": 320,
+            "height_px": 240,
+            "optical_sigma_x_px": 1.1,
+            "optical_sigma_y_px": 0.9,
+        },
         exposure_us=5000.0,
         focus_scatter_px2=0.005,
         photographs=2,

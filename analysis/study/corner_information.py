@@ -22,7 +22,9 @@ _ERROR_FLOOR_PX = 0.001
 """The window and the least error of ``calibration.geometry``."""
 
 _SMALLEST_SIDE_PX = 20.0
-"""Of smaller squares some markers are missed: at 18 px, 57 of 70 corners were found."""
+_SMALLEST_SIDE_SIGMAS = 30.0
+"""Of smaller or softer squares some markers are missed: at 18 px and sigma 0.6 px, 57 of 70 corners
+were found; at 29 px and sigma 1.03 px, 25 of 30; at 31 px, all 18."""
 
 _PHASES_PX = (-0.25, 0.25)
 _STEP = 1e-4
@@ -65,7 +67,7 @@ class CornerWindow:
 def corner_err_px(
     window: CornerWindow, sigma_px: float, levels: EdgeLevels, frames: int
 ) -> float | None:
-    """Return the standard error of one coordinate of a corner; None if the squares are too small.
+    """Return the standard error of a corner's coordinate; None if squares are too small or soft.
 
     Parameters
     ----------
@@ -78,7 +80,7 @@ def corner_err_px(
     frames
         Frames of a capture.
     """
-    if window.side_px < _SMALLEST_SIDE_PX:
+    if window.side_px < max(_SMALLEST_SIDE_PX, _SMALLEST_SIDE_SIGMAS * sigma_px):
         return None
     variances = []
     for phase_px in _PHASES_PX:
