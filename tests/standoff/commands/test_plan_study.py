@@ -14,7 +14,7 @@ BOARDS = """
 [[targets]]
 kind = "board"
 target = "board"
-heights_mm = [400.0, 450.0, 500.0]
+heights_mm = [340.0, 380.0, 420.0]
 """
 REAL = """
 [camera]
