@@ -36,6 +36,13 @@ from analysis.change_series import (
 from analysis.changes import Change, ChangeSummary
 from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 from analysis.pose import JudgedFollowup, PoseSeries
+from analysis.study import (
+    BudgetShare,
+    PlanStudy,
+    PredictedQuantity,
+    StudiedWant,
+    StudyNeeds,
+)
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
 from calibration.geometry import (
     CaptureGeometry,
@@ -185,6 +192,11 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
         "curves.json",
         "Schema `standoff.detectability/1`. Written by `detectability`.",
         (DetectabilityCurves, DetectabilityCurve),
+    ),
+    (
+        "study.json",
+        "Schema `standoff.study/1`. Written by `plan-study --out`.",
+        (PlanStudy, PredictedQuantity, BudgetShare, StudiedWant, StudyNeeds),
     ),
     (
         "changes.json",

@@ -68,5 +68,6 @@ from .library.sessions import (
     write_report as write_report,
 )
 from .library.sr_pairs import SweepOptions as SweepOptions, training_pairs as training_pairs
+from .library.study import plan_study as plan_study, write_study as write_study
 
 __version__: str

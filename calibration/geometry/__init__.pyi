@@ -3,9 +3,15 @@ from .board import (
     CharucoBoard as CharucoBoard,
     find_board as find_board,
 )
+from .bundle_adjustment import LensPrior as LensPrior
 from .calibration import (
     GeometryOptions as GeometryOptions,
     calibrate_geometry as calibrate_geometry,
+)
+from .camera import (
+    LENS_SIZE as LENS_SIZE,
+    SHARED_SIZE as SHARED_SIZE,
+    PlaneLens as PlaneLens,
 )
 from .captures import (
     geometry_captures as geometry_captures,

@@ -15,6 +15,7 @@ from . import (
     noise as noise,
     paper as paper,
     photographs as photographs,
+    plan_study as plan_study,
     pose as pose,
     report as report,
     sessions as sessions,

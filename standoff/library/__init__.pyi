@@ -130,3 +130,4 @@ from .sr_pairs import (
     SweepOptions as SweepOptions,
     training_pairs as training_pairs,
 )
+from .study import plan_study as plan_study, write_study as write_study

@@ -18,7 +18,11 @@ from .focus import (
     find_focus as find_focus,
     watch_focus as watch_focus,
 )
-from .plan_preview import bench_config as bench_config, preview_plan as preview_plan
+from .plan_preview import (
+    bench_config as bench_config,
+    given_plan as given_plan,
+    preview_plan as preview_plan,
+)
 from .planned_comparison import PlannedComparisons as PlannedComparisons
 from .session_capture import (
     CapturedSession as CapturedSession,

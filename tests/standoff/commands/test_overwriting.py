@@ -51,6 +51,10 @@ WRITERS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("a.tif", "--model", "bicubic", "--out", "c.json"),
         ("c.json", *(path.name for path in curve_figure_paths(Path("c.json")))),
     ),
+    "plan-study": (
+        ("--bench", "b.toml", "--plan", "p.toml", "--psf", "p.json", "--out", "s.json"),
+        ("s.json",),
+    ),
     "limits": ((*CURVES, *BEHIND_A_CAMERA, "--plot", "l.svg"), ("l.svg",)),
     "pose": (("a.tif", "b.tif", *CURVES, "--picture", "p.png"), ("p.png",)),
     "changes": (

@@ -1,0 +1,121 @@
+"""study.json: what a planned session will know, and what it would take to know more."""
+
+from typing import Final, Literal
+
+from pydantic import Field
+
+from analysis.results_file import ResultsDocument, StoredValues
+from calibration.notebook import html_table
+
+STUDY_SCHEMA: Final = "standoff.study/1"
+
+Quantity = Literal[
+    "sigma_x_px",
+    "sigma_y_px",
+    "transfer_x",
+    "transfer_y",
+    "pupil_offset_mm",
+    "d_prime",
+    "tilt_limit_deg",
+]
+
+NAMES: dict[Quantity, str] = {
+    "sigma_x_px": "sigma along x / px",
+    "sigma_y_px": "sigma along y / px",
+    "transfer_x": "transfer along x at 0.25 cy/px",
+    "transfer_y": "transfer along y at 0.25 cy/px",
+    "pupil_offset_mm": "pupil offset / mm",
+    "d_prime": "d' at zoom 1.5",
+    "tilt_limit_deg": "tilt limit / degrees",
+}
+"""What the quantities are called in a table."""
+
+
+class BudgetShare(StoredValues):
+    """Share of a source in the variance of a predicted error."""
+
+    source: str
+    share: float
+
+
+class PredictedQuantity(StoredValues):
+    """One quantity with its predicted standard error and 95 % interval.
+
+    ``value`` is what is known of it today, null where nothing is; ``undetermined`` says why there
+    is no error. ``half_width_95`` is half the interval, in standard errors 1.96, or Student's where
+    the calibration will estimate the scatter of the heights.
+    """
+
+    quantity: Quantity
+    value: float | None
+    err: float | None = None
+    relative_err: float | None = None
+    half_width_95: float | None = None
+    interval_95: tuple[float, float] | None = None
+    budget: tuple[BudgetShare, ...] = ()
+    undetermined: str | None = None
+
+
+class StudyNeeds(StoredValues):
+    """What would give a wanted error, each alone; null where it cannot.
+
+    ``frames_per_capture`` and ``edges`` instead of those of the plan, ``session_runs`` of the whole
+    plan instead of one, ``photographs`` of the scene in all. With ``is_together`` it takes what is
+    not null together.
+    """
+
+    frames_per_capture: int | None = None
+    edges: int | None = None
+    session_runs: int | None = None
+    photographs: int | None = None
+    is_together: bool = False
+
+
+class StudiedWant(StoredValues):
+    """A wanted 95 % half-width: relative for sigma, transfer and d', else in its unit.
+
+    ``predicted`` is the half-width that the plan gives; null where it gives none.
+    """
+
+    quantity: str
+    wanted: float
+    is_relative: bool
+    predicted: float | None
+    reached: bool
+    needs: StudyNeeds
+    sentence: str
+
+
+class PlanStudy(ResultsDocument):
+    """What a planned capture session will know, and what it would take to know what is wanted."""
+
+    schema_name: Literal["standoff.study/1"] = Field(default=STUDY_SCHEMA, alias="schema")
+    predicted: tuple[PredictedQuantity, ...]
+    wants: tuple[StudiedWant, ...]
+    next_step: str
+    d_ln_dprime_d_ln_sigma: float | None = None
+    d_ln_dprime_d_ln_noise: float | None = None
+    captures: int
+    frames_per_capture: int
+    edges: int
+    photographs: int
+    assumptions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = Field(default=(), exclude=True, repr=False)
+
+    def of(self, quantity: Quantity) -> PredictedQuantity:
+        """Return the prediction for one quantity."""
+        return next(one for one in self.predicted if one.quantity == quantity)
+
+    def __repr__(self) -> str:
+        return f"<PlanStudy: {self.captures} captures, {self.edges} edges. {self.next_step}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                NAMES[one.quantity],
+                "unknown" if one.value is None else f"{one.value:.5g}",
+                one.undetermined or f"{one.half_width_95:.2g}",
+            )
+            for one in self.predicted
+        ]
+        return html_table(self.next_step, ("quantity", "value", "± at 95 %"), rows)
