@@ -40,7 +40,7 @@ _LEAST_POWER = 0.02
 _SMOOTHED, _LEAST_ERR = 0.1, 1e-9
 
 
-def student_factor(freedom: int) -> float:
+def student_factor(freedom: float) -> float:
     """Student's 97.5 % quantile over the normal one."""
     return float(stdtrit(freedom, 0.975)) / NORMAL_95
 
@@ -77,7 +77,7 @@ class ErrorSources(StoredValues):
     psf_variance_err_px2: float | None = Field(default=None, ge=0)
     focus_scatter_px2: float | None = Field(default=None, ge=0)
     focus_from: str | None = None
-    focus_freedom: int | None = Field(default=None, ge=1)
+    focus_freedom: float | None = Field(default=None, ge=1)
     noise_relative_err: float | None = Field(default=None, ge=0)
     registration_err_px: float | None = Field(default=None, ge=0)
 

@@ -280,7 +280,20 @@ def find_board(image: AnyArray, board: CharucoBoard) -> BoardCorners:
 
 
 def _square_axes_px(seen_px: FloatArray, plane_mm: FloatArray, square_mm: float) -> FloatArray:
-    """Sides of a square in px at every corner, as columns, shape (n, 2, 2)."""
-    matrix = np.asarray(cv2.findHomography(plane_mm, seen_px, cv2.LMEDS)[0], dtype=np.float64)
+    """Sides of a square in px at every corner, as columns, shape (n, 2, 2).
+
+    Raises
+    ------
+    RegistrationError
+        If no plane fits the corners.
+    """
+    found = cv2.findHomography(plane_mm, seen_px, cv2.LMEDS)[0]
+    if found is None:
+        raise RegistrationError(
+            f"the {len(seen_px)} corners found lie on no plane; photograph the board sharper",
+            reason="no_board",
+            count=len(seen_px),
+        )
+    matrix = np.asarray(found, dtype=np.float64)
     slopes = np.stack(projection_slopes(matrix, *plane_mm.T), axis=-1)
     return square_mm * slopes.reshape(-1, 2, 2)

@@ -48,9 +48,7 @@ def psf_steps(
 
 def focus_scatter_px2(calibration: PsfCalibration) -> float | None:
     """Scatter of the PSF's variance from capture to capture, None where it was not measured."""
-    focus = getattr(calibration, "focus", None)
-    scatter = getattr(focus, "scatter_px2", None)
-    return None if scatter is None else float(scatter)
+    return None if calibration.focus is None else calibration.focus.scatter_px2
 
 
 def _of_transfer(

@@ -23,7 +23,7 @@ class FocusScatter(BaseModel):
     captures
         Number of captures.
     freedom
-        Student's degrees of freedom of ``mean_err_px2``, null where that is 0.
+        Student's degrees of freedom between captures, with which all of this is known.
     p_value
         Of so much difference between captures if their focus were the same.
     source
@@ -49,7 +49,7 @@ class FocusScatter(BaseModel):
             scatter_err_px2=scatter_err(fit.scatter2_px4, fit.scatter2_err_px4),
             mean_err_px2=_mean_err(fit, scatter),
             captures=fit.captures,
-            freedom=float(fit.between) if fit.is_scattered else None,
+            freedom=float(fit.between),
             p_value=fit.p_value,
         )
 

@@ -31,6 +31,9 @@ SCATTERS_P = 0.05
 
 Without scatter, one calibration in twenty then has intervals wider than it needs."""
 
+_FEWEST_BETWEEN = 2
+"""Degrees of freedom between captures; with one, Student's quantile is 12.7."""
+
 _ROUNDS = 4
 _TUKEY_SIGMAS = 5.0
 _LEAST_TRUST = 1e-3
@@ -145,7 +148,8 @@ def fit_by_capture(edges: EdgeSquares, shared: SharedByCapture) -> CaptureFit | 
     Returns
     -------
     CaptureFit or None
-        None where the captures cannot differ: there is one, or their differences are the model's.
+        None where captures are too few to tell: there is one, or all that but one of their
+        differences say is the model's, as where each has another direction.
     """
     count = edges.design.shape[1]
     known = np.concatenate([np.zeros(count), shared.precision])
@@ -158,7 +162,7 @@ def fit_by_capture(edges: EdgeSquares, shared: SharedByCapture) -> CaptureFit | 
     )
     numbers, group = np.unique(shared.group, return_inverse=True)
     model = _CaptureModel(whole, group.astype(np.int64), known)
-    if model.between < 1:
+    if model.between < _FEWEST_BETWEEN:
         return None
     strict = model.with_columns(shared.fourfold)
     p_value = max(model.p_value, strict.p_value)
@@ -172,7 +176,7 @@ def fit_by_capture(edges: EdgeSquares, shared: SharedByCapture) -> CaptureFit | 
     return CaptureFit(
         values=fitted.values[own],
         covariance=fitted.covariance[own, own],
-        shared_values=fitted.values[count:],
+        shared_values=fitted.values[count : count + len(shared.precision)],
         by_focus=fitted.by_focus[own, own],
         scatter2_px4=(
             model if model.is_scattered and not shared.is_single else strict
@@ -219,6 +223,14 @@ def _shared_err(edges: EdgeSquares, model: "_CaptureModel", fitted: _Solved) -> 
     return sqrt(max(float(slope @ (whole - alone) @ slope), 0.0))
 
 
+def _hardly_told(within: FloatArray) -> tuple[FloatArray, int]:
+    """Directions of a design that its rows hardly tell, as columns of norm 1, and its rank."""
+    rows = within.shape[0]
+    left, strengths, _ = np.linalg.svd(within, full_matrices=False)
+    told = strengths > _RANK_TOLERANCE * rows
+    return np.asarray(left[:, told & (strengths < _TELLS * sqrt(rows))]), int(told.sum())
+
+
 class _CaptureModel:
     """Weighted least squares with a variance that edges of one capture share.
 
@@ -227,11 +239,14 @@ class _CaptureModel:
     """
 
     def __init__(self, edges: EdgeSquares, group: IntArray, known: FloatArray) -> None:
-        self.edges, self.group, self.known = edges, group, known
-        self.captures = int(group.max()) + 1
+        self.group, self.captures = group, int(group.max()) + 1
+        # What edges of one capture hardly tell apart, as where they are parallel to a degree, is an
+        # unknown of its own: else its large error stands for a difference between captures.
         within = self._less_mean(edges.design, np.ones(group.size))
-        rank = int(np.linalg.matrix_rank(within, tol=_RANK_TOLERANCE * edges.design.shape[0]))
-        free = int(np.count_nonzero(known == 0))
+        hardly, rank = _hardly_told(within)
+        edges = replace(edges, design=np.column_stack([edges.design, hardly]))
+        self.edges, self.known = edges, np.concatenate([known, np.zeros(hardly.shape[1])])
+        free = int(np.count_nonzero(self.known == 0))
         self.between = self.captures + rank - free
         self.freedom = float(edges.trust.sum()) - self.captures - rank
         self.scatter2_px2 = self._edge_scatter()

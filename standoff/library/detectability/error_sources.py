@@ -37,7 +37,8 @@ def known_errors(
     stored = psf
     if isinstance(psf, str | PathLike):
         stored = read_psf(Path(psf))
-    variance_err_px2, freedom = None, None
+    variance_err_px2: float | None = None
+    freedom: float | None = None
     focus_from = None if focus_scatter_px2 is None else STATED
     if isinstance(stored, PsfCalibration):
         variance_err_px2 = _variance_err_px2(stored)
@@ -45,7 +46,7 @@ def known_errors(
         if focus_scatter_px2 is None and focus is not None:
             focus_scatter_px2 = focus.scatter_px2
             focus_from = f"{focus.captures} captures of the calibration"
-            freedom = focus.captures - 1
+            freedom = focus.freedom or focus.captures - 1
     return ErrorSources(
         psf_variance_err_px2=variance_err_px2,
         focus_scatter_px2=focus_scatter_px2,
@@ -92,5 +93,6 @@ def _variance_err_px2(psf: PsfCalibration) -> float | None:
     if psf.focus is not None:
         # The part that captures share is known with as many degrees of freedom as there are.
         shared_px4 = min(psf.focus.mean_err_px2**2, variance_px4)
-        variance_px4 += shared_px4 * (student_factor(psf.focus.captures - 1) ** 2 - 1)
+        freedom = psf.focus.freedom or psf.focus.captures - 1
+        variance_px4 += shared_px4 * (student_factor(freedom) ** 2 - 1)
     return sqrt(variance_px4)

@@ -73,7 +73,7 @@ class KnownInputs:
         call: Call,
         session: tuple[CapturePlan | FilePath, BenchConfig | FilePath, Mapping[str, Any] | None],
         psf: PsfLike,
-        noise: NoiseLike | None,
+        noise: NoiseLike | NoiseCalibration | None,
         geometry: GeometryCalibration | FilePath | None,
     ) -> Self:
         """Read what is given as a file.
@@ -157,9 +157,9 @@ class KnownInputs:
         """Scatter of the focus, as stated or as psf.json has it; None if nothing says."""
         if stated is not None:
             return stated
-        focus = getattr(self.calibration, "focus", None)
-        scatter: float | None = getattr(focus, "scatter_px2", None)
-        return scatter
+        if self.calibration is None or self.calibration.focus is None:
+            return None
+        return self.calibration.focus.scatter_px2
 
     def height_scatter_mm(self, stated: float | None) -> float:
         """Scatter of the heights read back."""

@@ -21,6 +21,7 @@ from analysis.study import (
 )
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.geometry import CharucoBoard, GeometryCalibration
+from calibration.noise import NoiseCalibration
 from simulation.arrays import FloatArray
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
@@ -52,7 +53,7 @@ def plan_study(
     photograph_count: int | None = None,
     focus_scatter_px2: float | None = None,
     height_scatter_mm: float | None = None,
-    noise: NoiseLike | None = None,
+    noise: NoiseLike | NoiseCalibration | None = None,
     geometry: GeometryCalibration | FilePath | None = None,
     edges_per_capture: int | None = None,
     edge_length_px: float | None = None,

@@ -117,10 +117,9 @@ def test_slopes_are_those_of_the_closed_form() -> None:
             for a, b in ((0.0, step_px2), (step_px2, 0.0))
         ]
         followup, reference = ((high - low) / (2 * step_px2) for low, high in ends)
-        assert slope.signal_per_px2 - slope.with_followup_per_px2 == pytest.approx(
-            followup, abs=0.3
-        )
-        assert -slope.with_reference_per_px2 == pytest.approx(reference, abs=0.3)
+        own = slope.signal_per_px2 - slope.with_followup_per_px2
+        assert own == pytest.approx(followup, rel=0.06)
+        assert -slope.with_reference_per_px2 == pytest.approx(reference, rel=0.06)
 
 
 def test_a_curve_of_before_is_judged_by_its_interval() -> None:

@@ -21,7 +21,7 @@ def squares_of(
     normal = np.deg2rad(angles + 90.0)
     nx, ny = np.cos(normal), np.sin(normal)
     squares = XX * nx**2 + 2 * XY * nx * ny + YY * ny**2
-    squares += rng.normal(0.0, scatter_px2, captures)[group]
+    squares = np.maximum(squares + rng.normal(0.0, scatter_px2, captures)[group], 0.02)
     return angles, np.sqrt(squares) + rng.normal(0.0, ERR_PX, group.size), group.astype(np.int64)
 
 
