@@ -76,21 +76,20 @@ def _view(name: str, picture: bytes, masks: bytes, marks: str, size: tuple[int, 
 
 
 def _moved_mark(change: Change, width: int) -> str:
-    radius = max(1.7 * sqrt(change.area_px / pi), width * _RING_SHARE)
     return (
-        f'<circle cx="{change.x_px:.2f}" cy="{change.y_px:.2f}" r="{radius:.2f}" fill="none" '
+        f"<circle {_ring(change, _radius_px(change, width))} "
         f'stroke="{MOVED}" stroke-width="{width / 350:.2f}" stroke-dasharray="{width / 90:.2f}"/>'
     )
 
 
 def _mark(number: int, change: Change, width: int) -> str:
-    radius = max(1.7 * sqrt(change.area_px / pi), width * _RING_SHARE)
+    radius = _radius_px(change, width)
     text_px = width * _TEXT_SHARE
     colour = BRIGHTER if change.amplitude_dn > 0 else DARKER
     # Above the ring, or below it where the frame ends.
     rise = radius + 0.25 * text_px
     text_y = change.y_px + (-rise if change.y_px > 2 * rise else rise + 0.7 * text_px)
-    ring = f'cx="{change.x_px:.2f}" cy="{change.y_px:.2f}" r="{radius:.2f}" fill="none"'
+    ring = _ring(change, radius)
     letters = (
         f'x="{change.x_px:.2f}" y="{text_y:.2f}" text-anchor="middle" '
         f'font-size="{text_px:.2f}" font-family="sans-serif" font-weight="bold"'
@@ -107,3 +106,13 @@ def _mark(number: int, change: Change, width: int) -> str:
 
 def _url(picture: bytes, kind: str) -> str:
     return f"data:image/{kind};base64,{b64encode(picture).decode('ascii')}"
+
+
+def _radius_px(change: Change, width: int) -> float:
+    """Radius of a ring around a change, in a frame of this width."""
+    return max(1.7 * sqrt(change.area_px / pi), width * _RING_SHARE)
+
+
+def _ring(change: Change, radius_px: float) -> str:
+    """Attributes of a circle around a change."""
+    return f'cx="{change.x_px:.2f}" cy="{change.y_px:.2f}" r="{radius_px:.2f}" fill="none"'
