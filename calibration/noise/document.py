@@ -2,12 +2,13 @@
 
 import hashlib
 from io import BytesIO
+from math import hypot
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
@@ -143,6 +144,24 @@ class NoiseCalibration(BaseModel):
             black_level_dn=self.black_level_dn,
             frames_averaged=self.frames_averaged,
         )
+
+    def relative_err(self, levels_dn: ArrayLike) -> float | None:
+        """Return the standard error of the noise at levels over that noise; None if unknown.
+
+        Parameters
+        ----------
+        levels_dn
+            Levels of the pixels, of any shape; of many, the error of their mean variance's root.
+        """
+        if self.gain_e_per_dn_err is None or self.read_noise_e_err is None:
+            return None
+        gain, read = self.gain_e_per_dn, self.read_noise_e
+        light_dn = float(np.maximum(np.asarray(levels_dn) - self.black_level_dn, 0.0).mean())
+        # Variance in DN^2 is light / gain + read^2 / gain^2.
+        variance = light_dn / gain + (read / gain) ** 2
+        by_gain = (light_dn / gain**2 + 2 * read**2 / gain**3) * self.gain_e_per_dn_err
+        by_read = 2 * read / gain**2 * self.read_noise_e_err
+        return 0.5 * hypot(by_gain, by_read) / variance if variance > 0 else None
 
     def __repr__(self) -> str:
         return (

@@ -8,6 +8,7 @@ import numpy as np
 
 from analysis.detectability import STATED, ErrorSources, student_factor
 from calibration.files import read_noise, read_psf
+from calibration.noise import NoiseCalibration
 from calibration.psf import PsfCalibration
 from simulation.arrays import FloatArray
 from standoff.library.inputs import NoiseLike, PsfLike
@@ -63,23 +64,12 @@ def noise_relative_err(noise: NoiseLike, levels_dn: FloatArray) -> float | None:
     Parameters
     ----------
     noise
-        A noise.json, or what it says; only the file knows its errors.
+        A noise.json, or what it says; a bare noise does not know its errors.
     levels_dn
         Mean levels of the photographs.
     """
-    if not isinstance(noise, str | PathLike):
-        return None
-    stored = read_noise(Path(noise))
-    gain_err, read_err = stored.gain_e_per_dn_err, stored.read_noise_e_err
-    if gain_err is None or read_err is None:
-        return None
-    gain, read = stored.gain_e_per_dn, stored.read_noise_e
-    light_dn = np.maximum(levels_dn - stored.black_level_dn, 0.0)
-    # Variance in DN^2 is light / gain + read^2 / gain^2.
-    variance = float(np.mean(light_dn / gain + (read / gain) ** 2))
-    by_gain = float(np.mean(-light_dn / gain**2 - 2 * read**2 / gain**3)) * gain_err
-    by_read = 2 * read / gain**2 * read_err
-    return sqrt(by_gain**2 + by_read**2) / (2 * variance) if variance > 0 else None
+    known = read_noise(Path(noise)) if isinstance(noise, str | PathLike) else noise
+    return known.relative_err(levels_dn) if isinstance(known, NoiseCalibration) else None
 
 
 def _variance_err_px2(psf: PsfCalibration) -> float | None:

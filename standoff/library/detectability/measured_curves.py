@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from acquisition.printable import on_one_line
 from acquisition.session import file_sha256
 from analysis.detectability import (
     MOST_SCENES,
@@ -238,10 +239,10 @@ def _measured(
             raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be measured")
         sums = SweepSums(manifest, work)
         sums.drop_others(state)
+        some = _some_photographs(sums, manifest, inputs.options)
     _list_inputs(sums, inputs, state)
     copies = sums.list_copies(state / _COPIES_NAME)
     task = asked.task_on(sums)
-    some = _some_photographs(sums, inputs.options)
     with call.bar("computing d'", len(task.models)) as advance_to:
         curves = curves_of(sums.artefacts, sums.images, plan, task, advance_to, some)
     return MeasuredCurves(
@@ -263,10 +264,17 @@ def _scene(options: ReadOptions, path: Path) -> SceneImage:
         )
 
 
-def _some_photographs(sums: SweepSums, options: ReadOptions) -> list[FloatArray]:
+def _some_photographs(
+    sums: SweepSums, manifest: Manifest, options: ReadOptions
+) -> list[FloatArray]:
     """Read a few photographs again, those of the least hashes, whatever the order of the paths."""
     least = nsmallest(MOST_SCENES, sums.photographs(), key=lambda one: (one.sha256, one.path))
-    return [_scene(options, Path(one.path)).grey_dn for one in least]
+    # What is kept of a photograph has its path as it is printed.
+    wanted = {one.path for one in least}
+    found = {
+        printed: item.path for item in manifest if (printed := on_one_line(item.path)) in wanted
+    }
+    return [_scene(options, found[one.path]).grey_dn for one in least]
 
 
 def _list_inputs(sums: SweepSums, inputs: Inputs, state: Path) -> None:

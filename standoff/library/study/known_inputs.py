@@ -31,7 +31,7 @@ from standoff.library.bench import bench_config, given_plan
 from standoff.library.call import Call
 from standoff.library.inputs import FilePath, NoiseLike, PsfLike, kind_of
 from standoff.library.psf import camera_psf
-from standoff.library.study.pixel_levels import PixelLevels, noise_at, relative_noise_err
+from standoff.library.study.pixel_levels import PixelLevels, noise_at
 from standoff.library.study.planned_session import planned_boards
 
 _CONTRAST = 0.05  # of the mean level
@@ -215,12 +215,17 @@ class KnownInputs:
             photographs=shown,
             planned_count=change.planned_count,
             noise_dn=_USUAL_NOISE_DN if noise_dn is None else noise_dn,
-            noise_relative_err=relative_noise_err(self.noise, mean_dn) if is_own_noise else 0.0,
+            noise_relative_err=self._noise_relative_err(mean_dn) if is_own_noise else 0.0,
             contrast_dn=change.contrast_dn or max(_CONTRAST * abs(mean_dn), 1e-6),
             signal_sigma_px=change.signal_sigma_px,
             min_d_prime=change.min_d_prime,
             camera=camera,
         )
+
+    def _noise_relative_err(self, level_dn: float) -> float:
+        if not isinstance(self.noise, NoiseCalibration):
+            return 0.0
+        return self.noise.relative_err(level_dn) or 0.0
 
     def size(self, edges: int, photographs: int) -> PlanSize:
         """Return how much the plan has of everything, and what more of it costs."""

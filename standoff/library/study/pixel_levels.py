@@ -1,7 +1,7 @@
 """Levels and noise of the pixels of a planned session, from what is known of the camera."""
 
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -67,19 +67,6 @@ def pixel_levels(
         is_in_dn=True,
         assumptions=(told, f"edges go from {low:.0f} to {high:.0f} DN, {whence}"),
     )
-
-
-def relative_noise_err(noise: NoiseCalibration | CaptureNoise | None, level_dn: float) -> float:
-    """Return the relative standard error of the noise's standard deviation at a level."""
-    if not isinstance(noise, NoiseCalibration):
-        return 0.0
-    gain, read = noise.gain_e_per_dn, noise.read_noise_e
-    electrons = max(level_dn - noise.black_level_dn, 0.0) * gain
-    variance_e2 = electrons + read**2
-    # In DN^2: electrons / gain^2 with electrons in proportion to the gain, and (read / gain)^2.
-    by_gain = (electrons + 2 * read**2) / gain * (noise.gain_e_per_dn_err or 0.0)
-    by_read = 2 * read * (noise.read_noise_e_err or 0.0)
-    return 0.5 * hypot(by_gain, by_read) / max(variance_e2, 1e-12)
 
 
 def _simulated_noise(bench: BenchConfig) -> LevelNoise:

@@ -3,7 +3,6 @@
 import pytest
 
 from calibration.noise import NoiseCalibration
-from standoff.library.study.pixel_levels import relative_noise_err
 
 
 def noise(read_noise_e: float) -> NoiseCalibration:
@@ -18,9 +17,9 @@ def noise(read_noise_e: float) -> NoiseCalibration:
 
 
 def test_shot_noise_goes_with_the_root_of_the_gain() -> None:
-    assert relative_noise_err(noise(0.0), 2000.0) == pytest.approx(0.05)
+    assert noise(0.0).relative_err(2000.0) == pytest.approx(0.05)
 
 
 def test_read_noise_goes_with_gain_and_electrons() -> None:
     # At the black level: read noise in DN is electrons over gain, each known to 10 %.
-    assert relative_noise_err(noise(20.0), 64.0) == pytest.approx(0.1 * 2**0.5)
+    assert noise(20.0).relative_err(64.0) == pytest.approx(0.1 * 2**0.5)
