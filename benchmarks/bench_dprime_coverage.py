@@ -1,9 +1,10 @@
 """How sure d', the limits and the verdicts are: calibrated from pixels, held against closed forms.
 
-Each run photographs edges, calibrates, photographs a scene, computes a curve with its interval, and
-judges pairs. The lens is a Gaussian, pixel included; every capture (of edges, of the scene, of the
-pair) has a focus of its own, normal with a scatter of 0 to 0.15 px^2. The scene is a Gaussian
-random field, whose d' is known in closed form for the pair's own two lenses
+Each run photographs edges (or a scene from two distances, with the scatter of the focus stated, as
+two photographs do not tell it), calibrates, photographs a scene, computes a curve with its
+interval, and judges pairs. The lens is a Gaussian, pixel included; every capture (of edges, of the
+scene, of the pair) has a focus of its own, normal with a scatter of 0 to 0.15 px^2. The scene is a
+Gaussian random field, whose d' is known in closed form for the pair's own two lenses
 (``gaussian_scenes``, which shares nothing with ``analysis``).
 
 Reported: the share of 95 % intervals of d', of the zoom limit and of the tilt limit that hold the
@@ -16,6 +17,7 @@ time of a curve's interval beside the curve.
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from math import atan2, pi, sqrt
 from time import perf_counter
 
@@ -34,7 +36,9 @@ from analysis.detectability import (
 from analysis.pose import ViewingCamera, decide, pose_limits
 from benchmarks.gaussian_scenes import GaussianScene, true_d_prime
 from benchmarks.harness import Recorder, bench_parser
+from calibration.blind import calibrate_from_distances
 from calibration.edges import EdgeImage
+from calibration.errors import PairError
 from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration, calibrate_psf
 from simulation.arrays import FloatArray
@@ -62,6 +66,13 @@ class Condition:
     scatter_px2: float
     captures: int = 8
     photographs: int = 4
+    is_two_distance: bool = False
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        whence = ", from two distances" if self.is_two_distance else ""
+        return f"SNR {self.snr:g}, focus scatter {self.scatter_px2:g} px^2{whence}"
 
 
 def edges_of(condition: Condition, rng: np.random.Generator) -> Iterator[EdgeImage]:
@@ -82,6 +93,26 @@ def edges_of(condition: Condition, rng: np.random.Generator) -> Iterator[EdgeIma
                 capture=capture,
                 noise=known,
             )
+
+
+def calibrated(
+    condition: Condition, rng: np.random.Generator
+) -> tuple[PsfCalibration, ErrorSources]:
+    """The PSF from pixels, and what is known of it."""
+    if not condition.is_two_distance:
+        psf = calibrate_psf(edges_of(condition, rng))
+        return psf, known_errors(psf)
+    waves = SCENE.waves(rng)
+    noise_dn = 2 * sqrt(sum(SCENE.variances_dn2)) / condition.snr
+    known = LevelNoise(offset_dn2=noise_dn**2, slope_dn=0.0, floor_dn2=noise_dn**2)
+    pair = []
+    for zoom, side_px in ((1.0, 300), (2.0, 158)):
+        psf_px2 = PSF_PX2 + condition.scatter_px2 * rng.standard_normal()
+        image = waves.photograph(side_px, zoom, max(psf_px2, 0.05))
+        noisy = image + rng.normal(0.0, noise_dn, image.shape)
+        pair.append(EdgeImage(name=f"zoom {zoom:g}", image_dn=noisy, noise=known))
+    psf = calibrate_from_distances([pair])
+    return psf, known_errors(psf, focus_scatter_px2=condition.scatter_px2)
 
 
 def focus_of_pair(condition: Condition, rng: np.random.Generator) -> tuple[float, float]:
@@ -170,8 +201,12 @@ def tilted_zoom(tilt_deg: float) -> float:
 def run(condition: Condition, seed: int, tally: Counter[str]) -> None:
     """One calibration, one curve, and pairs that are judged by it."""
     rng = np.random.default_rng([seed, round(condition.snr), round(1000 * condition.scatter_px2)])
-    psf = calibrate_psf(edges_of(condition, rng))
-    curve = curve_of(condition, psf, known_errors(psf), rng)
+    try:
+        psf, sources = calibrated(condition, rng)
+    except PairError:  # the far photograph was the sharper one: refused, and no interval
+        tally["refused"] += 1
+        return
+    curve = curve_of(condition, psf, sources, rng)
     focus_px2 = focus_of_pair(condition, rng)
     for zoom in JUDGED:
         at = curve.zoom.index(zoom)
@@ -209,19 +244,23 @@ def judge(
 
 def coverage(record: Recorder, runs: int) -> None:
     """All conditions; the shares of each, and of all together."""
-    everything: Counter[str] = Counter()
-    for snr in SNRS:
-        for scatter_px2 in SCATTERS_PX2:
-            tally: Counter[str] = Counter()
-            for seed in range(runs):
-                run(Condition(snr=snr, scatter_px2=scatter_px2), seed, tally)
-            everything += tally
-            say(record, f"SNR {snr:g}, focus scatter {scatter_px2:g} px^2", tally)
-    say(record, "all", everything)
-    sure: Counter[str] = Counter()
+    for is_two_distance in (False, True):
+        everything: Counter[str] = Counter()
+        for snr, scatter_px2 in product(SNRS, SCATTERS_PX2):
+            condition = Condition(snr=snr, scatter_px2=scatter_px2, is_two_distance=is_two_distance)
+            everything += repeated(record, condition.name, condition, runs)
+        say(record, "all from two distances" if is_two_distance else "all from edges", everything)
+    locked = Condition(snr=100.0, scatter_px2=0.002, captures=16, photographs=24)
+    repeated(record, "a focus that is locked, 24 photographs", locked, runs)
+
+
+def repeated(record: Recorder, name: str, condition: Condition, runs: int) -> Counter[str]:
+    """One condition, again and again; its shares are printed."""
+    tally: Counter[str] = Counter()
     for seed in range(runs):
-        run(Condition(snr=100.0, scatter_px2=0.002, captures=16, photographs=24), seed, sure)
-    say(record, "a focus that is locked, 24 photographs", sure)
+        run(condition, seed, tally)
+    say(record, name, tally)
+    return tally
 
 
 def say(record: Recorder, name: str, tally: Counter[str]) -> None:

@@ -15,6 +15,7 @@ from simulation.arrays import FloatArray as Array
 N_PX = 33
 REFERENCE_ZOOM = 2.0
 SPOT_SIGMA_PX = 2.0
+WAVES = 1500
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,32 @@ class GaussianScene:
         noise = rng.standard_normal((size, size)) + 1j * rng.standard_normal((size, size))
         drawn = np.fft.ifft2(np.sqrt(power) * noise) * size
         return np.asarray(128.0 + drawn.real[:side_px, :side_px])
+
+    def waves(self, rng: np.random.Generator) -> "Waves":
+        """One scene of this kind, as a sum of plane waves."""
+        lengths = np.repeat(self.lengths_px2, WAVES)
+        amplitude = np.repeat(np.sqrt(np.array(self.variances_dn2) / WAVES), WAVES)
+        parts = rng.standard_normal((2, lengths.size))
+        return Waves(
+            vectors=rng.standard_normal((lengths.size, 2)) / np.sqrt(lengths)[:, None],
+            amplitudes=amplitude * (parts[0] + 1j * parts[1]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Waves:
+    """A scene that can be photographed more than once: wave vectors, shape (n, 2), per near px."""
+
+    vectors: Array
+    amplitudes: NDArray[np.complex128]
+
+    def photograph(self, side_px: int, zoom: float, psf_px2: float) -> Array:
+        """Photograph around 128 DN from ``zoom`` times as far, through a lens of this variance."""
+        at = zoom * (np.arange(side_px) - (side_px - 1) / 2)
+        left = np.exp(-0.5 * zoom**2 * psf_px2 * np.sum(self.vectors**2, axis=1))
+        down = np.exp(1j * np.outer(at, self.vectors[:, 0]))
+        across = np.exp(1j * np.outer(self.vectors[:, 1], at))
+        return np.asarray(128.0 + ((down * (left * self.amplitudes)) @ across).real)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ Everything is in ln d', whose errors add up; ``docs/how-sure.md`` derives the su
 
 from dataclasses import dataclass, field, fields
 from functools import reduce
-from math import exp, log, sqrt
+from math import exp, hypot, log, sqrt
 from typing import Final, Literal, Self
 
 import numpy as np
@@ -62,6 +62,9 @@ class ErrorSources(StoredValues):
     ----------
     psf_variance_err_px2
         Standard error of the calibration's mean variance of the PSF.
+    psf_focus_share
+        What the focus of the calibration's own captures adds to that error, over their scatter; 0
+        where ``psf_variance_err_px2`` holds it.
     focus_scatter_px2
         Standard deviation of that variance from capture to capture.
     focus_from
@@ -75,6 +78,7 @@ class ErrorSources(StoredValues):
     """
 
     psf_variance_err_px2: float | None = Field(default=None, ge=0)
+    psf_focus_share: float = Field(default=0.0, ge=0)
     focus_scatter_px2: float | None = Field(default=None, ge=0)
     focus_from: str | None = None
     focus_freedom: float | None = Field(default=None, ge=1)
@@ -87,6 +91,15 @@ class ErrorSources(StoredValues):
         if self.focus_scatter_px2 is None or self.focus_freedom is None:
             return self.focus_scatter_px2
         return self.focus_scatter_px2 * student_factor(self.focus_freedom)
+
+    @property
+    def whole_psf_err_px2(self) -> float | None:
+        """Standard error of the PSF's variance, with what its captures' focus leaves in it."""
+        if self.psf_variance_err_px2 is None:
+            return None
+        return hypot(
+            self.psf_variance_err_px2, self.psf_focus_share * (self.widened_scatter_px2 or 0.0)
+        )
 
     @property
     def unknown(self) -> tuple[Source, ...]:
@@ -135,8 +148,8 @@ class CurveUncertainty(StoredValues):
         """Errors of ln d' at a zoom."""
         known, slopes = self.sources, self.slopes_at(zooms, zoom)
         variances: dict[Source, float] = {"scene": float(np.interp(zoom, zooms, self.scene)) ** 2}
-        if known.psf_variance_err_px2 is not None:
-            variances["psf"] = (slopes.psf_per_px2 * known.psf_variance_err_px2) ** 2
+        if known.whole_psf_err_px2 is not None:
+            variances["psf"] = (slopes.psf_per_px2 * known.whole_psf_err_px2) ** 2
         if known.noise_relative_err is not None:
             variances["noise"] = (slopes.noise * known.noise_relative_err) ** 2
         spreads: dict[Source, Spread] = {}

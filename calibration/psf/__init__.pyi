@@ -44,7 +44,7 @@ from .plot import (
     draw_transfer_2d as draw_transfer_2d,
     draw_widths_by_angle as draw_widths_by_angle,
 )
-from .repeatability import FocusScatter as FocusScatter
+from .repeatability import FocusScatter as FocusScatter, capture_of as capture_of
 from .transfer_2d import (
     OtfTable as OtfTable,
     Transfer2d as Transfer2d,

@@ -9,7 +9,7 @@ import numpy as np
 from analysis.detectability import STATED, ErrorSources, student_factor
 from calibration.files import read_noise, read_psf
 from calibration.noise import NoiseCalibration
-from calibration.psf import PsfCalibration
+from calibration.psf import PsfCalibration, capture_of
 from simulation.arrays import FloatArray
 from standoff.library.inputs import NoiseLike, PsfLike
 
@@ -28,7 +28,8 @@ def known_errors(
         A calibration, or the path of one, says how sure it is and how its captures scattered; a
         bare PSF says nothing.
     focus_scatter_px2, registration_err_px
-        As stated; the scatter instead of the calibration's.
+        As stated; the scatter instead of the calibration's. It holds for the captures of a
+        calibration that cannot tell it as well.
 
     Returns
     -------
@@ -39,10 +40,12 @@ def known_errors(
     if isinstance(psf, str | PathLike):
         stored = read_psf(Path(psf))
     variance_err_px2: float | None = None
+    psf_focus_share = 0.0
     freedom: float | None = None
     focus_from = None if focus_scatter_px2 is None else STATED
     if isinstance(stored, PsfCalibration):
         variance_err_px2 = _variance_err_px2(stored)
+        psf_focus_share = _focus_share(stored)
         focus = stored.focus
         if focus_scatter_px2 is None and focus is not None:
             focus_scatter_px2 = focus.scatter_px2
@@ -50,6 +53,7 @@ def known_errors(
             freedom = focus.freedom or focus.captures - 1
     return ErrorSources(
         psf_variance_err_px2=variance_err_px2,
+        psf_focus_share=psf_focus_share,
         focus_scatter_px2=focus_scatter_px2,
         focus_from=focus_from,
         focus_freedom=freedom,
@@ -86,3 +90,20 @@ def _variance_err_px2(psf: PsfCalibration) -> float | None:
         freedom = psf.focus.freedom or psf.focus.captures - 1
         variance_px4 += shared_px4 * (student_factor(freedom) ** 2 - 1)
     return sqrt(variance_px4)
+
+
+def _focus_share(psf: PsfCalibration) -> float:
+    """Standard error of the PSF's variance by the focus of its captures, over their scatter.
+
+    Of two distances the mean variance is ``(z^2 far - near) / (z^2 - 1)``, and focus adds to both.
+    """
+    if psf.focus is not None:
+        return 0.0
+    if not psf.pairs:
+        return 1 / sqrt(max(len({capture_of(edge) for edge in psf.edges_used}), 1))
+    of_photograph: dict[str, float] = {}
+    for pair in psf.pairs:
+        z2 = pair.zoom**2
+        for name, share in ((pair.far, z2 / (z2 - 1)), (pair.near, -1 / (z2 - 1))):
+            of_photograph[name] = of_photograph.get(name, 0.0) + share / len(psf.pairs)
+    return sqrt(sum(share**2 for share in of_photograph.values()))
