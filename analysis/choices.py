@@ -11,6 +11,9 @@ an alignment leaves. What a comparison finds is told by ``changes``, if it is as
 
 ALL_OBSERVERS: tuple[Observer, ...] = get_args(Observer)
 
+CurveObserver = Literal[Observer, "detector"]
+"""Who a curve is of: an observer, or somebody's own detector."""
+
 REFERENCE_ZOOM = 2.0
 """Zoom from c to the reference c', from the paper."""
 

@@ -24,6 +24,12 @@ from .library.detectability import (
     measure_curves as measure_curves,
     pose_limits as pose_limits,
 )
+from .library.evaluation import (
+    EvaluationTask as EvaluationTask,
+    Spot as Spot,
+    evaluate as evaluate,
+    patch_of as patch_of,
+)
 from .library.followup import (
     CaptureOptions as CaptureOptions,
     UncertaintyOptions as UncertaintyOptions,

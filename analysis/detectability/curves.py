@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from acquisition.dataframe import dataframe
-from analysis.choices import Observer
+from analysis.choices import CurveObserver
 from analysis.detectability.dprime import d_prime_between
 from analysis.detectability.error_sources import (
     NORMAL_95,
@@ -70,7 +70,7 @@ class CurveChoice(StoredValues):
     """Which curve of a file to use; None leaves a value open."""
 
     model: Model | None = None
-    observer: Observer | None = None
+    observer: CurveObserver | None = None
     noise_dn: float | None = None
     contrast_dn: float | None = None
 
@@ -83,11 +83,13 @@ class DetectabilityCurve(StoredValues):
     that files of before know.
     Of observer ``changes`` it is what a comparison of photographs is expected to show, and
     ``seen_sigma_px`` and ``seen_dn`` are the width and the peak with which the follow-up shows a
-    Gaussian change, in its own pixels; None of others.
+    Gaussian change, in its own pixels; None of others. Of observer ``detector`` it is the d' that
+    has the AUC of the detector that ``detector`` names, and no bound.
     """
 
     model: Model
-    observer: Observer
+    observer: CurveObserver
+    detector: str | None = None
     noise_dn: float = Field(gt=0)
     contrast_dn: float = Field(gt=0)
     signal_sigma_px: float | None
@@ -138,7 +140,7 @@ class DetectabilityCurve(StoredValues):
     def name(self) -> str:
         """Description of the curve, in words."""
         return (
-            f"{self.model}, {self.observer}, noise {self.noise_dn:g} DN, "
+            f"{self.model}, {self.detector or self.observer}, noise {self.noise_dn:g} DN, "
             f"contrast {self.contrast_dn:g} DN"
         )
 

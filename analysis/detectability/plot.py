@@ -27,6 +27,7 @@ OBSERVER_NAMES = {
     "hotelling": "Hotelling",
     "cho": "channelised Hotelling",
     "changes": "comparison (standoff changes)",
+    "detector": "your own detector",
 }
 _STYLES: Final[tuple[Literal["-", "--", ":", "-."], ...]] = ("-", "--", ":", "-.")
 _WIDTHS = {"paper": 3.2, "lmmse": 2.2}

@@ -20,6 +20,10 @@ from .changes import (
     stored_pose_section as stored_pose_section,
     view_figures as view_figures,
 )
+from .evaluation import (
+    evaluation_figures as evaluation_figures,
+    render_evaluation_report as render_evaluation_report,
+)
 from .focus import plot_focus_sweep as plot_focus_sweep
 from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
 from .noise import render_noise_report as render_noise_report

@@ -7,6 +7,7 @@ from . import (
     demo as demo,
     detectability as detectability,
     doctor as doctor,
+    evaluate as evaluate,
     export as export,
     focus as focus,
     geometry as geometry,

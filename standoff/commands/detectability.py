@@ -14,7 +14,6 @@ from standoff.errors import ArgumentError
 
 if TYPE_CHECKING:
     from analysis.detectability import DetectabilityCurves
-    from analysis.sweep import SweepSummary
 
 _Name = TypeVar("_Name", bound=str)
 
@@ -131,7 +130,7 @@ def detectability(
     terminal.note_once(measured.notes)
     done, found = measured.photographs, measured.curves
     if found is None:
-        _say_part(shard, done, json=json)
+        terminal.say_part_of_curves(shard, done, "measured", json=json)
     else:
         _show_curves(out, measured.write(out), found, json=json)
     terminal.end_refused(
@@ -162,17 +161,6 @@ def _show_curves(out: Path, figures: list[Path], found: DetectabilityCurves, *, 
         *filter(None, (found.too_few_sentence, found.unknown_sentence)),
         f"wrote {out} and {', '.join(files)}",
     )
-
-
-def _say_part(shard: str, done: SweepSummary, *, json: bool) -> None:
-    if json:
-        counts = {"images": done.images, "refused": done.refused}
-        terminal.print_json({"out": None, "shard": shard, **counts})
-    else:
-        terminal.say(
-            f"part {shard}: {done.images} photographs measured ({done.found_done} already done); "
-            "the same command without --shard writes the curves once all parts are done"
-        )
 
 
 def _chosen(text: str, option: str, known: tuple[_Name, ...]) -> tuple[_Name, ...]:

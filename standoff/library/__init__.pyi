@@ -51,6 +51,16 @@ from .detectability import (
     measure_curves as measure_curves,
     pose_limits as pose_limits,
 )
+from .evaluation import (
+    EvaluatedDetector as EvaluatedDetector,
+    EvaluationTask as EvaluationTask,
+    Patch as Patch,
+    Spot as Spot,
+    evaluate as evaluate,
+    evaluation_figure_paths as evaluation_figure_paths,
+    evaluation_made_by as evaluation_made_by,
+    patch_of as patch_of,
+)
 from .files import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     make_folder as make_folder,

@@ -1,10 +1,31 @@
 """Photographs as a sweep reads them, in any process: one that cannot be used is refused."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
 
+from acquisition.session import file_sha256
+from analysis.detectability import SceneImage
 from analysis.errors import RefusedPhotographError
 from standoff.errors import HintError, ImageFileError
+from standoff.photographs import Inputs, ReadOptions, read_image
+
+_MOST_INPUTS = 10_000
+"""Of more photographs, provenance names the list alone."""
+
+_LIST_NAME = "photographs.sha256"
+
+
+class SweptPhotograph(Protocol):
+    """What a sweep keeps of a photograph: its path as it is printed, its content and encoding."""
+
+    @property
+    def path(self) -> str: ...  # noqa: D102
+    @property
+    def sha256(self) -> str: ...  # noqa: D102
+    @property
+    def encoding(self) -> str: ...  # noqa: D102
 
 
 @contextmanager
@@ -15,3 +36,40 @@ def refusing() -> Iterator[None]:
     except (HintError, ImageFileError) as error:
         is_unread = isinstance(error.__cause__, OSError)
         raise RefusedPhotographError(str(error), is_unread=is_unread) from error
+
+
+def scene_image(options: ReadOptions, path: Path) -> SceneImage:
+    """Read a photograph of a scene.
+
+    Raises
+    ------
+    RefusedPhotographError
+        If it cannot be read.
+    """
+    with refusing():
+        photograph = read_image(path, options)
+        return SceneImage(
+            grey_dn=photograph.grey_dn,
+            sha256=photograph.sha256 or "",
+            encoding=photograph.encoding.name,
+            notes=photograph.remarks,
+        )
+
+
+def list_inputs(
+    inputs: Inputs, count: int, photographs: Iterable[SweptPhotograph], state: Path
+) -> None:
+    """List so many photographs among the inputs; of very many a file in ``state`` with hashes."""
+    listed = state / _LIST_NAME
+    if count <= _MOST_INPUTS:
+        listed.unlink(missing_ok=True)
+        for one in photographs:
+            inputs.add_known(one.path, one.sha256, one.encoding)
+        return
+    encodings = set()
+    with listed.open("w", encoding="utf-8") as file:
+        for one in photographs:
+            encodings.add(one.encoding)
+            file.write(f"{one.sha256}  {one.path}\n")
+    for encoding in sorted(encodings):
+        inputs.add_known(str(listed), file_sha256(listed), encoding)

@@ -36,6 +36,7 @@ COMMANDS = {
     "sr-pairs": "sr_pairs:sr_pairs",
     "plan-study": "plan_study:plan_study",
     "detectability": "detectability:detectability",
+    "evaluate": "evaluate:evaluate",
     "limits": "limits:limits",
     "pose": "pose:pose",
     "changes": "changes:changes",

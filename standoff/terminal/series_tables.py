@@ -52,6 +52,17 @@ def say_part(out: Path, sweep: SweepSummary, options: SweepOptions, *, json: boo
         )
 
 
+def say_part_of_curves(shard: str, sweep: SweepSummary, done: str, *, json: bool) -> None:
+    """Tell of one of several parts of photographs that were ``done``; curves come at the end."""
+    if json:
+        print_json({"out": None, "shard": shard, "images": sweep.images, "refused": sweep.refused})
+    else:
+        say(
+            f"part {shard}: {sweep.images} photographs {done} ({sweep.found_done} already done); "
+            "the same command without --shard writes the curves once all parts are done"
+        )
+
+
 def report_refused(sweep: SweepSummary, given: str) -> None:
     """End with the number of refused follow-ups, if there are any; ``given`` is of the others."""
     images = sweep.images + sweep.refused

@@ -17,6 +17,7 @@ from analysis.detectability import (
     d_prime_curves as curves_of_images,
     read_curves,
 )
+from analysis.evaluation import is_evaluation, read_evaluation
 from analysis.pose import (
     FollowupPose,
     PoseLimits,
@@ -271,7 +272,7 @@ def _chosen_curve(curve: CurveLike, choice: CurveChoice | None) -> Detectability
         return curve
     name = "curves"
     if isinstance(curve, str | PathLike):
-        name, curve = fspath(curve), read_curves(Path(curve))
+        name, curve = fspath(curve), read_any_curves(Path(curve))
     if not isinstance(curve, DetectabilityCurves):
         raise TypeError(
             "curve: expected a curve of d' or the path of a curves.json, "
@@ -281,6 +282,17 @@ def _chosen_curve(curve: CurveLike, choice: CurveChoice | None) -> Detectability
         return curve.chosen(choice or CurveChoice())
     except AmbiguousCurveError as error:
         raise ArgumentError(f"{name}: {error}") from error
+
+
+def read_any_curves(path: Path) -> DetectabilityCurves:
+    """Read a curves.json, or the curves of d' that an evaluation.json amounts to.
+
+    Raises
+    ------
+    ResultsFileError
+        If it is neither.
+    """
+    return read_evaluation(path).as_d_prime() if is_evaluation(path) else read_curves(path)
 
 
 def viewing_camera(

@@ -45,13 +45,9 @@ from standoff.library.inputs import (
     path_of,
 )
 from standoff.library.psf import camera_psf
-from standoff.library.swept_photographs import refusing
+from standoff.library.swept_photographs import list_inputs, scene_image
 from standoff.photographs import Inputs, ReadOptions, read_image
 
-_MOST_INPUTS = 10_000
-"""Of more photographs, provenance names the list alone."""
-
-_LIST_NAME = "photographs.sha256"
 _COPIES_NAME = "copies.txt"
 
 
@@ -231,7 +227,7 @@ def _measured(
     inputs = call.inputs
     with Manifest(images, state) as manifest:
         plan = replace(asked.task.plan(asked.psf, len(manifest)), reading=str(inputs.options))
-        work = ArtefactWork(plan=plan, load=partial(_scene, inputs.options), folder=state)
+        work = ArtefactWork(plan=plan, load=partial(scene_image, inputs.options), folder=state)
         summary = announced_sweep(call, "measuring images", manifest, work, options)
         if options.part[1] > 1:
             return MeasuredCurves(curves=None, photographs=summary)
@@ -240,7 +236,7 @@ def _measured(
         sums = SweepSums(manifest, work)
         sums.drop_others(state)
         some = _some_photographs(sums, manifest, inputs.options)
-    _list_inputs(sums, inputs, state)
+    list_inputs(inputs, sums.images, sums.photographs(), state)
     copies = sums.list_copies(state / _COPIES_NAME)
     task = asked.task_on(sums)
     with call.bar("computing d'", len(task.models)) as advance_to:
@@ -253,17 +249,6 @@ def _measured(
     )
 
 
-def _scene(options: ReadOptions, path: Path) -> SceneImage:
-    with refusing():
-        photograph = read_image(path, options)
-        return SceneImage(
-            grey_dn=photograph.grey_dn,
-            sha256=photograph.sha256 or "",
-            encoding=photograph.encoding.name,
-            notes=photograph.remarks,
-        )
-
-
 def _some_photographs(
     sums: SweepSums, manifest: Manifest, options: ReadOptions
 ) -> list[FloatArray]:
@@ -274,24 +259,7 @@ def _some_photographs(
     found = {
         printed: item.path for item in manifest if (printed := on_one_line(item.path)) in wanted
     }
-    return [_scene(options, found[one.path]).grey_dn for one in least]
-
-
-def _list_inputs(sums: SweepSums, inputs: Inputs, state: Path) -> None:
-    """List the photographs, of very many a file that holds their hashes."""
-    listed = state / _LIST_NAME
-    if sums.images <= _MOST_INPUTS:
-        listed.unlink(missing_ok=True)
-        for one in sums.photographs():
-            inputs.add_known(one.path, one.sha256, one.encoding)
-        return
-    encodings = set()
-    with listed.open("w", encoding="utf-8") as file:
-        for one in sums.photographs():
-            encodings.add(one.encoding)
-            file.write(f"{one.sha256}  {one.path}\n")
-    for encoding in sorted(encodings):
-        inputs.add_known(str(listed), file_sha256(listed), encoding)
+    return [scene_image(options, found[one.path]).grey_dn for one in least]
 
 
 def curves_made_by(path: Path) -> str | None:

@@ -1,0 +1,236 @@
+"""evaluation.json: how well a detector does, against pose; also read as a curve of d'."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from acquisition.dataframe import dataframe
+from analysis.detectability import DetectabilityCurve, DetectabilityCurves
+from analysis.errors import ResultsFileError
+from analysis.detectability import d_prime_of_auc
+from analysis.evaluation.scores import FailedPair
+from analysis.results_file import ResultsDocument, StoredValues
+from calibration.documents import read_document
+from calibration.notebook import html_table
+from simulation import Model
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+EVALUATION_SCHEMA: Final = "standoff.evaluation/1"
+
+_NOTE = (
+    "AUC is the probability that a pair with a change has the higher score. Registration error, "
+    "gloss, parallax and motion are not in the pairs."
+)
+_LEAST, _MOST_AUC = 1e-9, 1 - 1e-6
+_HEAD_BYTES = 4096
+
+_LISTS = (
+    *("auc", "auc_low", "auc_high", "tpr", "tpr_low", "tpr_high"),
+    *("average_precision", "pairs", "dprime_bound", "auc_bound"),
+)
+
+
+class RocPoints(StoredValues):
+    """Receiver operating characteristic at one zoom, as corners of its steps."""
+
+    zoom: float
+    fpr: list[float]
+    tpr: list[float]
+
+
+class FrocPoints(StoredValues):
+    """Share of changes that a mark of the map lies on, against false marks a pair, at one zoom."""
+
+    zoom: float
+    false_marks: list[float]
+    found: list[float]
+
+
+class EvaluationCurve(StoredValues):
+    """How well a detector tells changed pairs from others, against zoom.
+
+    Lists have a value for each zoom. ``auc_low`` and ``auc_high`` are the 95 % interval over
+    photographs; ``tpr`` is the share of changes found at ``fpr`` false alarms; ``pairs`` how many
+    pairs with a change gave a score. ``dprime_bound`` and ``auc_bound`` are those of the ideal
+    linear observer that knows where the change is; null of a change that adds nothing known.
+    """
+
+    detector: str
+    model: Model
+    noise_dn: float = Field(ge=0)
+    contrast_dn: float
+    signal_sigma_px: float | None
+    tilt_deg: float
+    fpr: float
+    is_by_photograph: bool
+    zoom: list[float] = Field(min_length=1)
+    auc: list[float]
+    auc_low: list[float]
+    auc_high: list[float]
+    tpr: list[float]
+    tpr_low: list[float]
+    tpr_high: list[float]
+    average_precision: list[float]
+    pairs: list[int]
+    dprime_bound: list[float | None]
+    auc_bound: list[float | None]
+    roc: list[RocPoints] = Field(default=[], repr=False)
+    froc: list[FrocPoints] = Field(default=[], repr=False)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name in _LISTS:
+            if len(getattr(self, name)) != len(self.zoom):
+                raise ValueError(f"{name} must have a value for each zoom")
+        if self.zoom[0] < 1 or any(np.diff(self.zoom) <= 0):
+            raise ValueError("zoom must increase and start at 1 or more")
+        return self
+
+    @property
+    def name(self) -> str:
+        """The curve in words."""
+        return (
+            f"{self.detector}, tilt {self.tilt_deg:g} degrees, noise {self.noise_dn:g} DN, "
+            f"contrast {self.contrast_dn:g} DN"
+        )
+
+    def as_d_prime(self) -> DetectabilityCurve:
+        """Return the d' that have the same AUC, for limits; one below 1/2 has none.
+
+        An AUC of 1 has an infinite d': the middle of its interval is taken for it.
+        """
+        middle = [
+            auc if auc < 1 else (low + 1) / 2
+            for auc, low in zip(self.auc, self.auc_low, strict=True)
+        ]
+        low, d_prime, high = (
+            [_finite_d_prime(value) for value in values]
+            for values in (self.auc_low, middle, self.auc_high)
+        )
+        return DetectabilityCurve(
+            model=self.model,
+            observer="detector",
+            detector=self.detector,
+            noise_dn=max(self.noise_dn, _LEAST),
+            contrast_dn=max(abs(self.contrast_dn), _LEAST),
+            signal_sigma_px=self.signal_sigma_px,
+            zoom=self.zoom,
+            dprime=d_prime,
+            dprime_low=low,
+            dprime_high=high,
+            auc=self.auc,
+        )
+
+
+class Evaluation(ResultsDocument):
+    """A detector's curves: the document of evaluation.json.
+
+    ``photographs`` gave pairs; ``crops`` is the number of pairs of each kind that were cut from
+    each, for each point. ``failed`` are the first pairs without a score, of ``failed_pairs``.
+    """
+
+    schema_name: Literal["standoff.evaluation/1"] = Field(default=EVALUATION_SCHEMA, alias="schema")
+    note: str = _NOTE
+    detector: str
+    photographs: int
+    crops: int
+    crop_px: int
+    reference_zoom: float
+    change: str
+    focus_scatter_px2: float = 0.0
+    light_scatter: float = 0.0
+    failed_pairs: int = 0
+    failed: list[FailedPair] = Field(default=[], repr=False)
+    curves: list[EvaluationCurve] = Field(min_length=1)
+
+    def __repr__(self) -> str:
+        first = self.curves[0]
+        values = ", ".join(
+            f"{auc:.3f} at zoom {zoom:g}" for auc, zoom in zip(first.auc, first.zoom, strict=True)
+        )
+        return f"<AUC of {first.name}: {values}; {len(self.curves)} curves>"
+
+    def as_d_prime(self) -> DetectabilityCurves:
+        """Return the curves at the least tilt, as limits and poses read them.
+
+        Other tilts are judged by the local zoom that they bring, as for every curve of d'.
+        """
+        least = min(abs(curve.tilt_deg) for curve in self.curves)
+        return DetectabilityCurves(
+            images=self.photographs,
+            reference_zoom=self.reference_zoom,
+            signal=self.change,
+            curves=[curve.as_d_prime() for curve in self.curves if abs(curve.tilt_deg) == least],
+            provenance=self.provenance,
+        )
+
+    @property
+    def failed_sentence(self) -> str | None:
+        """What is to be said of pairs without a score."""
+        if not self.failed_pairs:
+            return None
+        first = self.failed[0]
+        count = "1 pair" if self.failed_pairs == 1 else f"{self.failed_pairs} pairs"
+        return f"no score of {count}, the first {first.photograph}, {first.pair}: {first.message}"
+
+    def _repr_html_(self) -> str:
+        rows = [(one.name, *(f"{auc:.3f}" for auc in one.auc)) for one in self.curves]
+        zooms = (f"{zoom:g}" for zoom in self.curves[0].zoom)
+        return html_table("AUC against zoom", ("zoom", *zooms), rows)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the curves as a pandas table, a line for each curve and zoom.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> evaluation.to_dataframe().pivot_table("auc", "zoom", "tilt_deg")
+        """
+        each = ("zoom", *_LISTS)
+        return dataframe(
+            {
+                **curve.model_dump(exclude={*each, "roc", "froc"}),
+                **dict(zip(each, values, strict=True)),
+            }
+            for curve in self.curves
+            for values in zip(*(getattr(curve, name) for name in each), strict=True)
+        )
+
+    def plot(self) -> "Figure":
+        """Return a figure of the AUC against zoom, with its interval and bound."""
+        from analysis.evaluation.plot import auc_figure  # matplotlib, for whoever looks
+
+        return auc_figure(self)
+
+
+def read_evaluation(path: Path) -> Evaluation:
+    """Read an evaluation.json.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read, is of another schema or holds values that are not numbers.
+    """
+    return read_document(path, Evaluation, ResultsFileError, "write it with standoff evaluate")
+
+
+def is_evaluation(path: Path) -> bool:
+    """Whether a file says that it is an evaluation.json."""
+    try:
+        with path.open("rb") as file:
+            return EVALUATION_SCHEMA.encode() in file.read(_HEAD_BYTES)
+    except OSError:
+        return False
+
+
+def _finite_d_prime(auc: float) -> float:
+    return float(d_prime_of_auc(min(max(auc, 0.5), _MOST_AUC)))

@@ -1,0 +1,249 @@
+"""Pairs of photographs with and without a change, made from one photograph by the capture model."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dctn, idctn
+
+from analysis.errors import RefusedPhotographError
+from analysis.evaluation.painted_changes import LaterScene
+from analysis.evaluation.roc import Disc
+from analysis.evaluation.task import Condition, EvaluationTask
+from analysis.pose import ViewingCamera
+from simulation import PoseOptions, Psf, SamplingGrid, simulate_pose, zoom_out_on_grid
+from simulation.arrays import FloatArray
+from simulation.choices import POSE_MODELS
+
+Float32 = NDArray[np.float32]
+
+_AWAY = 0.25
+"""Of the crop, how far from its border a change lies at the least."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ChangePair:
+    """A reference and a follow-up, as a detector gets them.
+
+    Parameters
+    ----------
+    reference, followup
+        Levels in DN, linear in light.
+    homography
+        From follow-up to reference pixels, shape (3, 3).
+    place
+        Where the follow-up shows the change; None of a pair without one.
+    crop
+        Which of the photograph's crops it was cut from.
+    condition
+        Pose, noise and contrast.
+    """
+
+    reference: Float32
+    followup: Float32
+    homography: FloatArray
+    place: Disc | None
+    crop: int
+    condition: Condition
+
+    @property
+    def name(self) -> str:
+        """The pair in words."""
+        kind = "without a change" if self.place is None else "with a change"
+        return f"pair {self.crop + 1} {kind}, {self.condition.name}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PairMaker:
+    """Makes the pairs of one photograph.
+
+    Every pair has noise, focus and light of its own, drawn from ``seed``, the photograph's content
+    and the pair's number: the same pair is the same bits wherever it is made.
+
+    Parameters
+    ----------
+    grey_dn
+        The photograph, shape ``(rows, cols)``, linear in light.
+    digest
+        Hash of its content, in hexadecimal digits.
+    task, psf
+        What pairs are asked for, and the camera's total PSF.
+    later
+        The scene as it was later, instead of the task's change.
+
+    Raises
+    ------
+    RefusedPhotographError
+        If the photograph is too small, the later one has another size, or its change does not fit
+        into a crop.
+    """
+
+    grey_dn: FloatArray
+    digest: str
+    task: EvaluationTask
+    psf: Psf | None
+    later: LaterScene | None = None
+
+    def __post_init__(self) -> None:
+        side, least = min(self.grey_dn.shape), self._side_px
+        if side < least:
+            raise RefusedPhotographError(
+                f"it has {self.grey_dn.shape[1]} x {self.grey_dn.shape[0]} px; pairs of "
+                f"{self.task.crop_px} px at zoom {self.task.zooms[-1]:g} need {least} px a side"
+            )
+        if self.later is None:
+            return
+        if self.later.after_dn.shape != self.grey_dn.shape:
+            raise RefusedPhotographError("the photograph of later has another size")
+        if 2 * self.later.radius_px > self.task.reference_zoom * self.task.crop_px:
+            raise RefusedPhotographError(
+                f"what changed is {2 * self.later.radius_px:.0f} px wide and does not fit into a "
+                f"crop of {self.task.crop_px} px"
+            )
+
+    def pairs(self, crop: int, condition: Condition) -> Iterator[ChangePair]:
+        """Yield the pair without a change and the pair with one, of one crop and condition."""
+        scene, changed, centre = self._scenes(crop, condition.contrast_dn)
+        view = _view(self.task, condition.zoom, condition.tilt_deg, self._turn(crop))
+        number = self.task.conditions.index(condition)
+        for is_changed, shown in ((False, scene), (True, changed)):
+            rng = self._rng(crop, 1 + number, int(is_changed))
+            reference = self._blurred(self._reference(scene), rng)
+            followup = self._blurred(self._followup(shown, view, condition), rng)
+            if self.task.light_scatter:
+                followup = followup * max(1 + self.task.light_scatter * rng.standard_normal(), 0.1)
+            reference = reference + rng.normal(0.0, condition.noise_dn, reference.shape)
+            followup = followup + rng.normal(0.0, condition.noise_dn, followup.shape)
+            yield ChangePair(
+                reference=reference.astype(np.float32),
+                followup=followup.astype(np.float32),
+                homography=view,
+                place=self._place(view, centre) if is_changed else None,
+                crop=crop,
+                condition=condition,
+            )
+
+    @property
+    def _side_px(self) -> int:
+        gaussian = None if self.psf is None else self.psf.gaussian
+        sigma = 0.0 if gaussian is None else max(gaussian.sigma_x_px, gaussian.sigma_y_px)
+        return self.task.scene_px(sigma)
+
+    @property
+    def _radius_px(self) -> float:
+        return (self.later or self.task.change).radius_px
+
+    def _rng(self, *number: int) -> np.random.Generator:
+        content = int(self.digest[:16] or "0", 16)
+        return np.random.default_rng([self.task.seed, content, *number])
+
+    def _turn(self, crop: int) -> float:
+        """Direction towards which the camera of a crop leans, in degrees."""
+        return float(self._rng(crop, 0, 1).uniform(0.0, 360.0))
+
+    def _scenes(
+        self, crop: int, contrast_dn: float
+    ) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
+        """Part of the photograph, without and with the change, and its centre ``(x, y)`` there."""
+        rng, side = self._rng(crop, 0, 0), self._side_px
+        if self.later is not None:
+            return self._later_scenes(self.later, rng, contrast_dn)
+        top, left = (int(rng.integers(0, size - side + 1)) for size in self.grey_dn.shape)
+        part = np.asarray(self.grey_dn[top : top + side, left : left + side], np.float64)
+        reach = self.task.reference_zoom * self.task.crop_px / 2
+        free = max(min((1 - 2 * _AWAY) * reach, reach - self.task.change.reach_px), 0.0)
+        # Seen at a tilt, the corners of a crop are lost.
+        x, y = ((side - 1) / 2 + rng.uniform(-free, free, 2)).tolist()
+        return part, self.task.change.painted(part, (x, y), contrast_dn), (x, y)
+
+    def _later_scenes(
+        self, later: LaterScene, rng: np.random.Generator, contrast: float
+    ) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
+        """The part around what changed, by chance nearer to one side or the other."""
+        side, (x, y) = self._side_px, later.middle_px
+        free = max(self.task.reference_zoom * self.task.crop_px / 2 - later.radius_px, 0.0)
+        corner = []
+        for middle, size in ((y, self.grey_dn.shape[0]), (x, self.grey_dn.shape[1])):
+            wanted = middle - (side - 1) / 2 + rng.uniform(-free, free)
+            corner.append(min(max(round(wanted), 0), size - side))
+        top, left = corner
+        window = np.s_[top : top + side, left : left + side]
+        part = np.asarray(self.grey_dn[window], np.float64)
+        added = np.where(later.mask[window], later.after_dn[window] - part, 0.0)
+        return part, part + contrast * added, (x - left, y - top)
+
+    def _grid(self, zoom: float, side_px: int) -> SamplingGrid:
+        """Pixels of a view straight onto the middle of the scene."""
+        step = self.task.reference_zoom * zoom
+        origin = (self._side_px - 1) / 2 - (side_px - 1) / 2 * step
+        return SamplingGrid(
+            zoom_y=step,
+            zoom_x=step,
+            origin_y_px=origin,
+            origin_x_px=origin,
+            rows=side_px,
+            cols=side_px,
+        )
+
+    def _reference(self, scene: FloatArray) -> FloatArray:
+        grid = self._grid(1.0, self.task.crop_px)
+        return np.asarray(zoom_out_on_grid(scene, grid, self.psf, self.task.model), np.float64)
+
+    def _followup(self, scene: FloatArray, view: FloatArray, condition: Condition) -> FloatArray:
+        side = self.task.followup_px(condition.zoom)
+        if condition.tilt_deg == 0:
+            grid = self._grid(condition.zoom, side)
+            return np.asarray(zoom_out_on_grid(scene, grid, self.psf, self.task.model), np.float64)
+        model = self.task.model
+        assert model in POSE_MODELS  # the task saw to it
+        to_scene = self._grid(1.0, self.task.crop_px).matrix
+        made = simulate_pose(
+            scene, to_scene @ view, (side, side), self.psf, PoseOptions(model=model)
+        )
+        return np.asarray(made.image, np.float64)
+
+    def _blurred(self, image: FloatArray, rng: np.random.Generator) -> FloatArray:
+        scatter = self.task.focus_scatter_px2
+        return image if scatter == 0 else refocused(image, scatter * rng.standard_normal())
+
+    def _place(self, view: FloatArray, centre: tuple[float, float]) -> Disc:
+        """Where the follow-up shows the change."""
+        to_scene = self._grid(1.0, self.task.crop_px).matrix @ view
+        place = np.linalg.solve(to_scene, np.array([*centre, 1.0]))
+        x, y = place[:2] / place[2]
+        # Scale of the follow-up there, by the root of the map's change of area.
+        scale = np.sqrt(abs(np.linalg.det(to_scene)) / (to_scene[2] @ (x, y, 1.0)) ** 3)
+        return Disc(
+            x_px=float(x),
+            y_px=float(y),
+            radius_px=float(self._radius_px / scale) + 1.0,
+        )
+
+
+def refocused(image: FloatArray, added_px2: float) -> FloatArray:
+    """Return an image whose PSF has this much more variance, or less, as another focus gives it.
+
+    The spectrum is multiplied by ``exp(-2 pi^2 v f^2)``, mirrored at the borders.
+    """
+    spectrum = dctn(image, norm="ortho")
+    fy, fx = (np.arange(size) / (2 * size) for size in image.shape)
+    gain = np.exp(-2 * np.pi**2 * added_px2 * (fy[:, None] ** 2 + fx**2))
+    return np.asarray(idctn(gain * spectrum, norm="ortho"), np.float64)
+
+
+@lru_cache(maxsize=256)
+def _view(task: EvaluationTask, zoom: float, tilt_deg: float, turn_deg: float) -> FloatArray:
+    """Homography from follow-up to reference pixels; both middles see the same point."""
+    side, crop = task.followup_px(zoom), task.crop_px
+    if tilt_deg == 0:
+        origin = (crop - 1) / 2 - (side - 1) / 2 * zoom
+        return np.array([[zoom, 0.0, origin], [0.0, zoom, origin], [0.0, 0.0, 1.0]])
+    assert task.focal_length_px is not None
+    camera = ViewingCamera(focal_length_px=task.focal_length_px, width_px=crop, height_px=crop)
+    whole = camera.followup_to_reference(zoom, tilt_deg, 0.0, turn_deg)
+    first = (crop - 1) / 2 - (side - 1) / 2
+    cut = np.array([[1.0, 0.0, first], [0.0, 1.0, first], [0.0, 0.0, 1.0]])
+    matrix = whole @ cut
+    return np.asarray(matrix / matrix[2, 2])

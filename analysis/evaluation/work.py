@@ -1,0 +1,227 @@
+"""Scores a detector on the pairs of photographs, shard by shard; one photograph can be resumed."""
+
+import atexit
+import json
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+
+from acquisition.printable import on_one_line
+from analysis.detectability import SceneImage
+from analysis.detectors import CheckedDetector, DetectorSpec, open_detector
+from analysis.errors import AnalysisError, DetectorError, RefusedPhotographError, SweepError
+from analysis.evaluation.painted_changes import LaterScene
+from analysis.evaluation.pairs import ChangePair, PairMaker
+from analysis.evaluation.roc import MOST_MARKS as MARKS, marks_of
+from analysis.evaluation.scores import (
+    FailedPair,
+    PhotographScores,
+    read_scores,
+    scores_bytes,
+)
+from analysis.evaluation.task import EvaluationTask
+from analysis.sweep import Shard, ShardDone, ShardWork, commit_file, refusal_line
+from simulation import Psf
+
+_SUFFIX, _PARTIAL = ".scores.npz", ".partial.npz"
+_KEY_LETTERS = 32
+_SAVED_EVERY_S = 20.0
+_MOST_FAILURES = 25
+"""Pairs without a score, one after the other and none before with one, that end the work."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvaluationWork(ShardWork):
+    """Runs a detector on pairs and keeps its scores.
+
+    Parameters
+    ----------
+    detector
+        What is evaluated.
+    task, psf
+        What pairs are made, and the camera's total PSF.
+    load
+        Photograph of a file, or a RefusedPhotographError; a function that a worker can import.
+    later
+        Likewise the scene of that photograph as it was later; None to paint the task's change.
+    reading
+        How ``load`` reads, as text.
+    folder
+        Absolute path of the folder of the scores.
+    timeout_s
+        Longest time for one pair.
+    is_strict
+        Whether the first pair without a score ends the sweep.
+    """
+
+    detector: DetectorSpec
+    task: EvaluationTask
+    psf: Psf | None
+    load: Callable[[Path], SceneImage]
+    later: Callable[[Path], LaterScene] | None = None
+    reading: str
+    folder: Path
+    timeout_s: float = 60.0
+    is_strict: bool = False
+
+    @property
+    def key(self) -> str:
+        """See `ShardWork.key`."""
+        return self.task.key(self.psf, self.detector.identity, self.reading)
+
+    @property
+    def state(self) -> Path:
+        """See `ShardWork.state`."""
+        return self.folder
+
+    def found(self, shard: Shard) -> ShardDone | None:
+        """See `ShardWork.found`."""
+        stored = read_scores(self._file(shard), shard.key)
+        if stored is None:
+            return None
+        told = json.loads(str(stored[1]))
+        return ShardDone(images=told["images"], refused=tuple(told["refused"]), notes=told["notes"])
+
+    def __call__(self, shard: Shard) -> ShardDone:
+        """See `ShardWork.__call__`."""
+        photographs: list[PhotographScores] = []
+        given: list[tuple[str | None, dict[str, str]]] = []
+        for number, item in enumerate(shard.items):
+            try:
+                scene = self.load(item.path)
+                partial = self._file(shard, number)
+                photographs.append(self._photograph(scene, item.path, shard.key, partial))
+            except (RefusedPhotographError, ValueError) as error:
+                given.append((refusal_line(item.path, str(error)), {}))
+            else:
+                given.append((None, dict(scene.notes)))
+        done = ShardDone.of(given)
+        told = {"images": done.images, "refused": done.refused, "notes": dict(done.notes)}
+        commit_file(self._file(shard), scores_bytes(shard.key, photographs, json.dumps(told)))
+        for number in range(len(shard.items)):
+            self._file(shard, number).unlink(missing_ok=True)
+        return done
+
+    def scores(self, shard: Shard) -> list[PhotographScores]:
+        """Read what a finished shard gave.
+
+        Raises
+        ------
+        AnalysisError
+            If it is gone.
+        """
+        stored = read_scores(self._file(shard), shard.key)
+        if stored is None:
+            raise AnalysisError(
+                f"{self._file(shard)} vanished or was damaged; run the same command again"
+            )
+        return stored[0]
+
+    def drop_others(self, kept: set[Path]) -> None:
+        """Delete scores of other photographs, settings and detectors."""
+        for path in self.folder.iterdir():
+            if path.name.endswith((_SUFFIX, _PARTIAL)) and path not in kept:
+                path.unlink(missing_ok=True)
+
+    def file_of(self, shard: Shard) -> Path:
+        """Where the scores of a shard are kept."""
+        return self._file(shard)
+
+    def _file(self, shard: Shard, photograph: int | None = None) -> Path:
+        name = shard.key[:_KEY_LETTERS]
+        if photograph is None:
+            return self.folder / f"{name}{_SUFFIX}"
+        return self.folder / f"{name}-{photograph}{_PARTIAL}"
+
+    def _photograph(
+        self, scene: SceneImage, path: Path, key: str, partial: Path
+    ) -> PhotographScores:
+        """Score the pairs that no earlier run has scored."""
+        maker = PairMaker(
+            grey_dn=scene.grey_dn,
+            digest=scene.sha256,
+            task=self.task,
+            psf=self.psf,
+            later=None if self.later is None else self.later(path),
+        )
+        stored = read_scores(partial, key)
+        if stored is not None and stored[0][0].sha256 == scene.sha256:
+            kept = stored[0][0]
+        else:
+            shape = self.task.crops, len(self.task.conditions)
+            kept = PhotographScores.empty(on_one_line(path), scene.sha256, scene.encoding, shape)
+        judge = _Judge(work=self, detector=_opened(self.detector, self.timeout_s), kept=kept)
+        saved_s = monotonic()
+        try:
+            for crop, number in zip(*np.nonzero(~kept.is_done), strict=True):
+                for pair in maker.pairs(int(crop), self.task.conditions[number]):
+                    judge.take(pair, int(number))
+                kept.is_done[crop, number] = True
+                if monotonic() - saved_s > _SAVED_EVERY_S:
+                    commit_file(partial, scores_bytes(key, [kept], ""))
+                    saved_s = monotonic()
+        except BaseException:
+            commit_file(partial, scores_bytes(key, [kept], ""))
+            raise
+        return kept
+
+
+@dataclass(slots=True, kw_only=True)
+class _Judge:
+    """Runs the detector on pairs, and notes what it says."""
+
+    work: EvaluationWork
+    detector: CheckedDetector
+    kept: PhotographScores
+    failures: int = 0
+
+    def take(self, pair: ChangePair, number: int) -> None:
+        at = pair.crop, number, int(pair.place is not None)
+        try:
+            answer = self.detector(pair.reference, pair.followup, pair.homography)
+        except DetectorError as error:
+            self._fail(pair, error)
+            return
+        self.failures = -1
+        self.kept.scores[at] = answer.score
+        if answer.map is None:
+            return
+        apart_px = max(self.work.task.change.radius_px / pair.condition.zoom, 1.0)
+        marks = marks_of(answer.map, MARKS, apart_px)
+        self.kept.marks[at][: len(marks.scores)] = np.column_stack(
+            [marks.scores, marks.x_px, marks.y_px]
+        )
+        if pair.place is not None:
+            place = pair.place.x_px, pair.place.y_px, pair.place.radius_px
+            self.kept.places[pair.crop, number] = place
+
+    def _fail(self, pair: ChangePair, error: DetectorError) -> None:
+        line = f"{self.kept.path}: {pair.name}: {error}"
+        if self.work.is_strict:
+            raise SweepError(line) from error
+        self.kept.failed.append(
+            FailedPair(
+                photograph=self.kept.path,
+                pair=pair.name,
+                reason=error.reason,
+                message=str(error),
+            )
+        )
+        if self.failures < 0:
+            return
+        self.failures += 1
+        if self.failures == _MOST_FAILURES:
+            raise SweepError(f"the detector gave nothing for {_MOST_FAILURES} pairs; first {line}")
+
+
+@lru_cache(maxsize=1)
+def _opened(spec: DetectorSpec, timeout_s: float) -> CheckedDetector:
+    """The detector of this process: opened once, and closed with the process."""
+    stack = ExitStack()
+    atexit.register(stack.close)
+    return stack.enter_context(open_detector(spec, timeout_s))

@@ -1,0 +1,141 @@
+"""The report of a detector's evaluation: AUC against pose, ROC, FROC, and what failed."""
+
+from matplotlib.figure import Figure
+
+from analysis.evaluation import Evaluation, EvaluationCurve, auc_figure, roc_figure
+from analysis.reports.page import (
+    Report,
+    ReportFigure,
+    ReportSection,
+    ReportTable,
+    Verdict,
+    in_report_style,
+    render_report,
+)
+
+plot_auc = in_report_style(auc_figure)
+plot_roc = in_report_style(roc_figure)
+
+_FAILED_SHOWN = 20
+
+
+def evaluation_figures(evaluation: Evaluation) -> tuple[Figure, Figure, Figure, Figure]:
+    """Return the figures beside an evaluation.json, each for a PNG and an SVG."""
+    areas, first = plot_auc(evaluation), plot_roc(evaluation.curves[0])
+    return areas, areas, first, first
+
+
+def render_evaluation_report(evaluation: Evaluation) -> str:
+    """Return the report as one HTML page."""
+    first = evaluation.curves[0]
+    kinds = "pairs of each kind from every photograph, for each point"
+    return render_report(
+        Report(
+            title="Change detector",
+            subtitle=f"{evaluation.detector} on {evaluation.photographs} photographs, "
+            f"{evaluation.crops} {kinds}",
+            verdicts=tuple(
+                Verdict(
+                    name=f"AUC at zoom {first.zoom[at]:g}",
+                    value=f"{first.auc[at]:.3f}",
+                    remark=f"{first.auc_low[at]:.3f} to {first.auc_high[at]:.3f}",
+                )
+                for at in dict.fromkeys((0, len(first.zoom) // 2, len(first.zoom) - 1))
+            ),
+            sections=(
+                _areas(evaluation),
+                *(_curve_section(curve) for curve in evaluation.curves),
+                *_failures(evaluation),
+            ),
+            provenance=(
+                ("change", evaluation.change),
+                ("capture model", first.model),
+                ("crop", f"{evaluation.crop_px} px"),
+                ("focus scatter", f"{evaluation.focus_scatter_px2:g} px²"),
+                ("exposure scatter", f"{100 * evaluation.light_scatter:g} %"),
+            ),
+            origin=evaluation.provenance,
+        )
+    )
+
+
+def _areas(evaluation: Evaluation) -> ReportSection:
+    whence = (
+        "over photographs"
+        if all(curve.is_by_photograph for curve in evaluation.curves)
+        else "over pairs, as there are too few photographs"
+    )
+    return ReportSection(
+        title="AUC against zoom",
+        text=(
+            evaluation.note,
+            f"Intervals are {whence}. The ideal linear observer knows what changed and where: no "
+            "detector that has to search reaches it.",
+        ),
+        figures=(
+            ReportFigure.of(
+                plot_auc(evaluation),
+                "Bars are 95 % intervals; dashed is Hotelling's observer with the same change.",
+            ),
+        ),
+    )
+
+
+def _curve_section(curve: EvaluationCurve) -> ReportSection:
+    rows = []
+    for at, zoom in enumerate(curve.zoom):
+        bound = curve.auc_bound[at]
+        rows.append(
+            (
+                f"{zoom:g}",
+                f"{curve.auc[at]:.3f}",
+                f"{curve.auc_low[at]:.3f} to {curve.auc_high[at]:.3f}",
+                f"{100 * curve.tpr[at]:.0f} %",
+                f"{100 * curve.tpr_low[at]:.0f} to {100 * curve.tpr_high[at]:.0f} %",
+                f"{curve.average_precision[at]:.3f}",
+                "" if bound is None else f"{bound:.3f}",
+                str(curve.pairs[at]),
+            )
+        )
+    return ReportSection(
+        title=f"Tilt {curve.tilt_deg:g}°, noise {curve.noise_dn:g} DN, "
+        f"contrast {curve.contrast_dn:g}",
+        tables=(
+            ReportTable(
+                columns=(
+                    *("zoom", "AUC", "95 %", f"found at {100 * curve.fpr:g} % false alarms"),
+                    *("95 %", "average precision", "AUC of the bound", "pairs"),
+                ),
+                rows=tuple(rows),
+            ),
+        ),
+        figures=(
+            ReportFigure.of(
+                plot_roc(curve),
+                "Changed pairs found against unchanged pairs flagged"
+                + (", and changes that a mark lies on against false marks." if curve.froc else "."),
+            ),
+        ),
+    )
+
+
+def _failures(evaluation: Evaluation) -> tuple[ReportSection, ...]:
+    if not evaluation.failed:
+        return ()
+    return (
+        ReportSection(
+            title="Pairs without a score",
+            is_folded=True,
+            text=(f"{evaluation.failed_pairs} pairs; they are left out.",),
+            tables=(
+                ReportTable(
+                    columns=("photograph", "pair", "reason"),
+                    rows=tuple(
+                        (one.photograph, one.pair, one.message)
+                        for one in evaluation.failed[:_FAILED_SHOWN]
+                    ),
+                    ends_in_words=True,
+                ),
+            ),
+        ),
+    )

@@ -1,0 +1,206 @@
+"""``standoff evaluate``: how well a change detector does from other poses of the camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, BadParameter, Context, Option
+
+from simulation.choices import DEFAULT_MODEL, Model
+from standoff import library, terminal
+
+if TYPE_CHECKING:
+    from analysis.evaluation import Evaluation, EvaluationTask
+
+_ZOOMS = terminal.ListedNumbers(option="--zooms", least=1.0, pair_most=10.0)
+_TILTS = terminal.ListedNumbers(option="--tilts", least=0.0)
+_NOISES = terminal.ListedNumbers(option="--noise", least=0.0)
+_CONTRASTS = terminal.ListedNumbers(option="--contrast")
+
+_RULES = (
+    terminal.needs("after", "masks"),
+    terminal.needs("masks", "after"),
+    terminal.excludes("patch", "after", because="both say what changes"),
+)
+
+
+def evaluate(
+    context: Context,
+    detector: Annotated[
+        str,
+        Argument(
+            help="module:function, a command line with {reference}, {followup}, {homography} and "
+            "{out}, an ONNX file, or a built-in detector: absolute-difference, ncc, ssim, ir-mad "
+            "or changes.",
+            show_default=False,
+        ),
+    ],
+    *,
+    photographs: Annotated[
+        list[Path], Option(help="Photographs of the scene, or folders of them; may be repeated.")
+    ],
+    out: Annotated[
+        Path, Option(help="Where to write evaluation.json; the figures are written beside it.")
+    ],
+    psf: Annotated[Path | None, Option(help="psf.json of the camera.")] = None,
+    transfer: terminal.TransferForm = "best",
+    zooms: Annotated[
+        str, Option(help="Distance ratios, each at least 1.")
+    ] = "1,1.1,1.25,1.5,2,2.5",
+    tilts: Annotated[
+        str, Option(help="Tilts of the follow-up in degrees; with --focal-length-px.")
+    ] = "0",
+    noise: Annotated[
+        str, Option(help="Standard deviations of the noise of both photographs in DN, S[,S...].")
+    ] = "2",
+    contrast: Annotated[
+        str | None,
+        Option(
+            help="Peaks of the change in DN, C[,C...], 12 by default; of --patch and --after how "
+            "much of it is there, 1 by default."
+        ),
+    ] = None,
+    signal_sigma: Annotated[
+        float, Option(min=0.3, help="Sigma of the Gaussian change, in px of the photographs.")
+    ] = 2.0,
+    patch: Annotated[
+        Path | None,
+        Option(help="Picture to paste as the change, as far as its alpha covers, instead."),
+    ] = None,
+    after: Annotated[
+        Path | None,
+        Option(help="Folder of the same scenes later, by the photographs' names; with --masks."),
+    ] = None,
+    masks: Annotated[
+        Path | None, Option(help="Folder of masks of what changed, by the photographs' names.")
+    ] = None,
+    pairs: Annotated[
+        int,
+        Option(min=1, help="Pairs with and pairs without a change for each photograph and point."),
+    ] = 20,
+    crop: Annotated[int, Option(min=16, help="Side of the reference of a pair in px.")] = 128,
+    focal_length_px: Annotated[
+        float | None,
+        Option(
+            help="Focal length in px, for --tilts.", parser=terminal.quantity("focal_length_px")
+        ),
+    ] = None,
+    focus_scatter: Annotated[
+        float, Option(min=0, help="Scatter of the PSF's variance between photographs in px^2.")
+    ] = 0.0,
+    light_scatter: Annotated[
+        float, Option(min=0, max=0.5, help="Relative scatter of the follow-up's exposure.")
+    ] = 0.0,
+    model: Annotated[Model, Option(help="Capture model.")] = DEFAULT_MODEL,
+    reference_zoom: Annotated[
+        float, Option(help="Zoom from photograph to reference.", callback=terminal.checked_zoom)
+    ] = 1.0,
+    seed: Annotated[int, Option(min=0, help="Seed of all that is random.")] = 0,
+    timeout: Annotated[float, Option(min=0.01, help="Longest time for one pair in s.")] = 60.0,
+    report: Annotated[Path | None, Option(help="Also write a report page (HTML).")] = None,
+    workers: terminal.Workers = 1,
+    scheduler: terminal.Scheduler = None,
+    shard: terminal.PartOfShards = "1/1",
+    strict: terminal.Strict = False,
+    encoding: terminal.EncodingName = "auto",
+    page: terminal.Page = None,
+    mean: terminal.Mean = False,
+    force: terminal.Force = False,
+    json: terminal.Json = False,
+) -> None:
+    """Measure how well a change detector does, against distance ratio and tilt."""
+    terminal.check_options(context, _RULES)
+    terminal.refuse_suffix(out, "--out", {".json"})
+    terminal.refuse_suffix(report, "--report", {".html", ".htm"})
+    sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
+    is_part = sweep.part[1] > 1  # which writes no curves
+    replaces = force or is_part or terminal.is_same_command(library.evaluation_made_by(out))
+    terminal.refuse_overwriting([out, report], [*photographs, psf, patch], force=replaces)
+    terminal.refuse_overwriting(library.evaluation_figure_paths(out), force=replaces)
+    library.require_writable([out, report])
+    reading = terminal.reading_options(encoding, page, mean)
+    is_spot = patch is None and after is None
+    found = library.evaluate(
+        detector,
+        photographs,
+        psf,
+        _task(
+            zooms=tuple(sorted(terminal.number_list(zooms, _ZOOMS))),
+            tilts_deg=tuple(terminal.number_list(tilts, _TILTS)),
+            noises_dn=tuple(terminal.number_list(noise, _NOISES)),
+            contrasts_dn=tuple(
+                terminal.number_list(contrast or ("12" if is_spot else "1"), _CONTRASTS)
+            ),
+            change=library.Spot(sigma_px=signal_sigma)
+            if patch is None
+            else library.patch_of(patch, reading),
+            model=model,
+            reference_zoom=reference_zoom,
+            crop_px=crop,
+            crops=pairs,
+            focal_length_px=focal_length_px,
+            focus_scatter_px2=focus_scatter,
+            light_scatter=light_scatter,
+            seed=seed,
+        ),
+        state=out.with_suffix(".sweep"),
+        after=after,
+        masks=masks,
+        transfer=transfer,
+        timeout_s=timeout,
+        sweep=sweep,
+        reading=reading,
+        progress=terminal.ShownProgress(),
+    )
+    terminal.note_once(found.notes)
+    done = found.photographs
+    if found.evaluation is None:
+        terminal.say_part_of_curves(shard, done, "scored", json=json)
+    else:
+        _show(out, found.write(out, report=report), found.evaluation, json=json)
+    terminal.end_refused(
+        done,
+        "the curves are of the others"
+        if done.refused == 1
+        else f"{done.refused} photographs could not be used ({done.refused_list} lists them); "
+        f"the curves are of the {done.images} others",
+    )
+
+
+def _task(**values: object) -> EvaluationTask:
+    from analysis.evaluation import EvaluationTask
+
+    try:
+        return EvaluationTask(**values)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise BadParameter(str(error)) from error
+
+
+def _show(out: Path, figures: list[Path], found: Evaluation, *, json: bool) -> None:
+    files = [str(path) for path in figures]
+    if json:
+        from calibration.documents import json_object
+
+        terminal.print_json({"out": str(out), "figures": files, **json_object(found)})
+        return
+    first = found.curves[0]
+    terminal.print_table(
+        f"AUC of {found.detector} against zoom, with its 95 % interval",
+        ["zoom", *(f"{zoom:g}" for zoom in first.zoom)],
+        [
+            [
+                curve.name,
+                *(
+                    f"{auc:.3f} ({low:.3f}-{high:.3f})"
+                    for auc, low, high in zip(curve.auc, curve.auc_low, curve.auc_high, strict=True)
+                ),
+            ]
+            for curve in found.curves
+        ],
+    )
+    terminal.say(
+        *filter(None, (found.failed_sentence,)),
+        "registration, gloss, parallax and motion are not in the pairs",
+        f"wrote {out} and {', '.join(files)}",
+    )

@@ -1,0 +1,5 @@
+"""One's own change detector, run on pairs from other poses."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -1,0 +1,306 @@
+"""Evaluates a change detector on pairs that the capture model makes from photographs."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from heapq import nsmallest
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from acquisition.printable import on_one_line
+from analysis.detectability import (
+    MOST_SCENES,
+    DetectabilityCurve,
+    DetectionTask,
+    GaussianSignal,
+    d_prime_curves,
+)
+from analysis.detectors import Detector, DetectorSpec
+from analysis.errors import ResultsFileError
+from analysis.evaluation import (
+    Evaluation,
+    EvaluationTask as EvaluationTask,
+    EvaluationWork,
+    PhotographScores,
+    Patch as Patch,
+    Spot as Spot,
+    evaluation_curves,
+    read_evaluation,
+)
+from analysis.reports import evaluation_figures, render_evaluation_report
+from analysis.results_file import write_results
+from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep, blocks_of
+from simulation import Psf
+from simulation.choices import PsfShape
+from standoff.errors import ApplicationError, ArgumentError
+from standoff.library.call import Call, Progress
+from standoff.library.evaluation.changes import later_scene
+from standoff.library.files import each_image, write_figure, write_page, written_together
+from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
+from standoff.library.psf import camera_psf
+from standoff.library.swept_photographs import list_inputs, scene_image
+from standoff.photographs import ReadOptions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_FAILED_LISTED = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvaluatedDetector:
+    """How well a detector does, and what became of the photographs.
+
+    ``evaluation`` is None where only a part of the photographs was done.
+    """
+
+    evaluation: Evaluation | None
+    photographs: SweepSummary
+    notes: tuple[str, ...] = ()
+
+    def write(self, path: FilePath, *, report: FilePath | None = None) -> list[Path]:
+        """Write evaluation.json and its figures, all or none, and a report page if asked for.
+
+        Returns
+        -------
+        list of Path
+            The figures.
+
+        Raises
+        ------
+        ArgumentError
+            If only a part was done.
+        ApplicationError, ResultsFileError
+            If a file cannot be written.
+        """
+        out, found = path_of(path, "path"), self._whole
+        figures = evaluation_figures(found)
+        with written_together(out) as folder:
+            write_results(folder / out.name, found)
+            for name, figure in zip(evaluation_figure_paths(out), figures, strict=True):
+                write_figure(folder / name.name, figure)
+        if report is not None:
+            write_page(path_of(report, "report"), render_evaluation_report(found))
+        return evaluation_figure_paths(out)
+
+    def plot(self) -> "Figure":
+        """Return the figure of the AUC against zoom.
+
+        Raises
+        ------
+        ArgumentError
+            If only a part was done.
+        """
+        return self._whole.plot()
+
+    @property
+    def _whole(self) -> Evaluation:
+        if self.evaluation is None:
+            raise ArgumentError("a part of the photographs gives no curves; do the others")
+        return self.evaluation
+
+
+def evaluate(
+    detector: Detector | str,
+    photographs: FilePath | Iterable[FilePath],
+    psf: PsfLike | None = None,
+    task: EvaluationTask | None = None,
+    *,
+    state: FilePath | None = None,
+    after: FilePath | None = None,
+    masks: FilePath | None = None,
+    transfer: PsfShape = "best",
+    timeout_s: float = 60.0,
+    sweep: SweepOptions | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> EvaluatedDetector:
+    """Measure how well a change detector does from other poses of a camera.
+
+    From each photograph pairs are cut and simulated, with a change and without one; the detector
+    gives each pair a score. Pairs of which it gives none are left out and listed.
+
+    Parameters
+    ----------
+    detector
+        A function of reference, follow-up and the homography from follow-up to reference pixels
+        that returns a number, or a map of the follow-up's shape, higher where it is more changed;
+        or ``module:function``, a command line with ``{reference}``, ``{followup}``,
+        ``{homography}`` and ``{out}``, an ONNX file, or the name of a built-in detector.
+    photographs
+        Photographs of the scene, or folders of them.
+    psf
+        The camera's PSF; only model ``bicubic`` works without it.
+    task
+        Poses, noise, changes and the number of pairs; the defaults of ``EvaluationTask`` if None.
+    state
+        Folder for the scores, from which the same call goes on after an interruption.
+    after, masks
+        Folders of photographs of later, taken from the same pose, and of masks of what changed,
+        of the photographs' names: real changes instead of the task's.
+    transfer
+        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+    timeout_s
+        Longest time for one pair. It does not hold for a function that is given as such.
+    sweep
+        Who works, and on what part; when strict, the first pair without a score ends it.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    EvaluatedDetector
+        ``evaluation``, and what became of the photographs.
+
+    Raises
+    ------
+    ArgumentError
+        If the detector cannot be understood, or one of ``after`` and ``masks`` is missing.
+    ApplicationError, AnalysisError, CalibrationError
+        If the PSF cannot be read, no photograph can be used, or the detector gives nothing.
+
+    Examples
+    --------
+    >>> found = standoff.evaluate("my_module:detector", "photographs", "psf.json")
+    >>> found.plot()
+    """
+    call = Call("evaluate", progress, reading, (psf,))
+    task = task or EvaluationTask()
+    known = None if psf is None else camera_psf(call, psf, transfer)
+    if known is None and task.model != "bicubic":
+        raise ArgumentError(f"model {task.model} needs a PSF", argument="psf")
+    if (after is None) != (masks is None):
+        raise ArgumentError("photographs of later need masks, and masks need them")
+    options = call.inputs.options
+    later = None
+    if after is not None and masks is not None:
+        folders = [path_of(one, "folder").absolute() for one in (after, masks)]
+        later = partial(later_scene, folders[0], folders[1], options)
+    sweep = sweep or SweepOptions()
+    with ExitStack() as temporary:
+        if state is None:
+            state = temporary.enter_context(TemporaryDirectory(prefix="standoff-evaluation-"))
+        work = EvaluationWork(
+            detector=_spec(detector),
+            task=task,
+            psf=known,
+            load=partial(scene_image, options),
+            later=later,
+            reading=str((str(options), *map(str, () if later is None else later.args[:2]))),
+            folder=path_of(state, "state").absolute(),
+            timeout_s=timeout_s,
+            is_strict=sweep.strict,
+        )
+        paths = each_image(listed_paths(photographs, "photographs"))
+        return _evaluated(call, paths, work, sweep)
+
+
+def _spec(detector: Detector | str) -> DetectorSpec:
+    if isinstance(detector, str):
+        return DetectorSpec.parse(detector)
+    if not callable(detector):
+        raise TypeError(
+            f"detector: expected a function or what names one, got {type(detector).__name__}"
+        )
+    return DetectorSpec.of_callable(detector)
+
+
+def _evaluated(
+    call: Call, paths: Iterable[Path], work: EvaluationWork, options: SweepOptions
+) -> EvaluatedDetector:
+    with Manifest(paths, work.folder) as manifest:
+        summary = announced_sweep(call, "running the detector", manifest, work, options)
+        if options.part[1] > 1:
+            return EvaluatedDetector(evaluation=None, photographs=summary, notes=call.notes)
+        if summary.images == 0:
+            raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be used")
+        shards = [shard for block in blocks_of(manifest, work.key) for shard in block]
+        work.drop_others({work.file_of(shard) for shard in shards})
+
+        def scores() -> Iterator[PhotographScores]:
+            for shard in shards:
+                yield from work.scores(shard)
+
+        list_inputs(call.inputs, summary.images, scores(), work.folder)
+        bounds = _bounds(call, work, scores, manifest)
+        with call.bar("computing curves", len(work.task.conditions)) as advance_to:
+            curves = evaluation_curves(work.task, work.detector.name, scores, bounds, advance_to)
+        failed = [one for photograph in scores() for one in photograph.failed]
+    found = Evaluation(
+        detector=work.detector.name,
+        photographs=summary.images,
+        crops=work.task.crops,
+        crop_px=work.task.crop_px,
+        reference_zoom=work.task.reference_zoom,
+        change="later photographs" if work.later is not None else work.task.change.name,
+        focus_scatter_px2=work.task.focus_scatter_px2,
+        light_scatter=work.task.light_scatter,
+        failed_pairs=len(failed),
+        failed=failed[:_FAILED_LISTED],
+        curves=curves,
+        provenance=call.provenance(),
+    )
+    return EvaluatedDetector(evaluation=found, photographs=summary, notes=call.notes)
+
+
+def _bounds(
+    call: Call,
+    work: EvaluationWork,
+    scores: Callable[[], Iterator[PhotographScores]],
+    manifest: Manifest,
+) -> dict[tuple[float, float], DetectabilityCurve]:
+    """d' of Hotelling's observer on a few photographs, by noise and contrast; of spots alone."""
+    task = work.task
+    noises = tuple(noise for noise in task.noises_dn if noise > 0)
+    if not isinstance(task.change, Spot) or work.later is not None or not noises:
+        return {}
+    least = nsmallest(MOST_SCENES, ((one.sha256, one.path) for one in scores()))
+    wanted = {path for _, path in least}
+    found = [item.path for item in manifest if on_one_line(item.path) in wanted]
+    widest = task.zooms[-1] / np.cos(np.radians(max(map(abs, task.tilts_deg))))
+    zooms = {*task.zooms, float(widest), 1.0}
+    with call.bar("computing the bound", 1) as advance_to:
+        curves = d_prime_curves(
+            [work.load(path).grey_dn for path in found],
+            work.psf,
+            DetectionTask(
+                signal=GaussianSignal(sigma_px=task.change.sigma_px),
+                noises_dn=noises,
+                contrasts_dn=tuple(abs(one) for one in task.contrasts_dn),
+                zooms=tuple(sorted(zooms)),
+                models=(task.model,),
+                observers=("hotelling",),
+                reference_zoom=task.reference_zoom,
+            ),
+        )
+        advance_to(1)
+    known = {(one.noise_dn, one.contrast_dn): one for one in curves.curves}
+    return {
+        (noise, contrast): known[noise, abs(contrast)]
+        for noise in noises
+        for contrast in task.contrasts_dn
+    }
+
+
+def evaluation_figure_paths(out: Path) -> list[Path]:
+    """Paths of the figures beside the evaluation ``out``: AUC against zoom, and ROC."""
+    return [
+        out.with_name(f"{out.stem}-{name}{suffix}")
+        for name in ("auc", "roc")
+        for suffix in (".png", ".svg")
+    ]
+
+
+def evaluation_made_by(path: Path) -> str | None:
+    """Return what made an evaluation.json; None if there is none, or nobody knows."""
+    try:
+        stored = read_evaluation(path).provenance if path.is_file() else None
+    except ResultsFileError:
+        return None
+    return None if stored is None else stored.command
