@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.detectability import DetectabilityCurve, auc_of
+from analysis.errors import AnalysisError
 from analysis.evaluation.document import EvaluationCurve, FrocPoints, RocPoints
 from analysis.evaluation.roc import (
     MarkedPair,
@@ -19,7 +20,6 @@ from analysis.evaluation.roc import (
 )
 from analysis.evaluation.scores import PhotographScores
 from analysis.evaluation.task import Condition, EvaluationTask
-from analysis.errors import AnalysisError
 from simulation.arrays import FloatArray
 
 Photographs = Callable[[], Iterator[PhotographScores]]
@@ -146,7 +146,7 @@ def _row(pairs: ScoredPairs) -> tuple[dict[str, float], bool]:
 
 
 def _bound_at(bound: DetectabilityCurve, condition: Condition) -> float | None:
-    """d' of the ideal observer at the largest local zoom in the middle of a tilted follow-up."""
+    """D' of the ideal observer at the largest local zoom in the middle of a tilted follow-up."""
     local = condition.zoom / np.cos(np.radians(condition.tilt_deg))
     d_prime = float(bound.d_prime_at(local))
     return d_prime if np.isfinite(d_prime) else None

@@ -7,9 +7,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from acquisition.dataframe import dataframe
-from analysis.detectability import DetectabilityCurve, DetectabilityCurves
+from analysis.detectability import DetectabilityCurve, DetectabilityCurves, d_prime_of_auc
 from analysis.errors import ResultsFileError
-from analysis.detectability import d_prime_of_auc
 from analysis.evaluation.scores import FailedPair
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document

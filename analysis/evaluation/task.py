@@ -8,7 +8,7 @@ from math import ceil, floor
 
 import numpy as np
 
-from analysis.evaluation.painted_changes import Patch, PaintedChange, Spot
+from analysis.evaluation.painted_changes import PaintedChange, Patch, Spot
 from simulation import Model, Psf
 from simulation.choices import DEFAULT_MODEL, POSE_MODELS
 

@@ -92,9 +92,9 @@ from .result_tables import (
 )
 from .series_tables import (
     end_refused as end_refused,
-    say_part_of_curves as say_part_of_curves,
     print_few as print_few,
     refuse_sweep_of_one as refuse_sweep_of_one,
     report_refused as report_refused,
     say_part as say_part,
+    say_part_of_curves as say_part_of_curves,
 )

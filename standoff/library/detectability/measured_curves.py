@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.printable import on_one_line
-from acquisition.session import file_sha256
 from analysis.detectability import (
     MOST_SCENES,
     ArtefactWork,
@@ -19,7 +18,6 @@ from analysis.detectability import (
     DetectabilityCurves,
     DetectionTask,
     PatchSignal,
-    SceneImage,
     SweepSums,
     curves_of,
     read_curves,
@@ -46,7 +44,7 @@ from standoff.library.inputs import (
 )
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import list_inputs, scene_image
-from standoff.photographs import Inputs, ReadOptions, read_image
+from standoff.photographs import ReadOptions
 
 _COPIES_NAME = "copies.txt"
 

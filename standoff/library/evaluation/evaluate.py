@@ -25,8 +25,8 @@ from analysis.evaluation import (
     Evaluation,
     EvaluationTask as EvaluationTask,
     EvaluationWork,
-    PhotographScores,
     Patch as Patch,
+    PhotographScores,
     Spot as Spot,
     evaluation_curves,
     read_evaluation,
@@ -34,7 +34,6 @@ from analysis.evaluation import (
 from analysis.reports import evaluation_figures, render_evaluation_report
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep, blocks_of
-from simulation import Psf
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
@@ -255,7 +254,7 @@ def _bounds(
     scores: Callable[[], Iterator[PhotographScores]],
     manifest: Manifest,
 ) -> dict[tuple[float, float], DetectabilityCurve]:
-    """d' of Hotelling's observer on a few photographs, by noise and contrast; of spots alone."""
+    """D' of Hotelling's observer on a few photographs, by noise and contrast; of spots alone."""
     task = work.task
     noises = tuple(noise for noise in task.noises_dn if noise > 0)
     if not isinstance(task.change, Spot) or work.later is not None or not noises:

@@ -138,7 +138,7 @@ def test_what_changed_later_is_taken_where_the_mask_says() -> None:
 
 
 def test_photographs_that_are_too_small_are_refused_with_the_size_they_need() -> None:
-    with pytest.raises(RefusedPhotographError, match="need 1[0-9][0-9] px a side"):
+    with pytest.raises(RefusedPhotographError, match=r"need 1\d\d px a side"):
         maker(textured(100), task())
 
 
