@@ -1,0 +1,5 @@
+"""How well a change detector does on pairs of photographs from different poses."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
