@@ -130,7 +130,7 @@ def evaluation_curves(
     return curves
 
 
-def _row(pairs: ScoredPairs) -> tuple[dict[str, float], bool]:
+def _row(pairs: ScoredPairs) -> tuple[dict[str, float | None], bool]:
     scores = (pairs.unchanged, pairs.changed, pairs.unchanged_group, pairs.changed_group)
     area = auc_interval(*scores)
     share = tpr_at_fpr(*scores, fpr=FPR)

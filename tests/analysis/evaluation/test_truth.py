@@ -10,12 +10,12 @@ from scipy.special import ndtr
 
 import standoff
 from simulation import GaussianPsf
-from simulation.arrays import FloatArray
+from simulation.arrays import Float32Array, FloatArray
 
-SIGMA_PX, NOISE_DN, CONTRAST_DN, CROP_PX = 4.0, 2.0, 10.0, 64
+SIGMA_PX, NOISE_DN, CONTRAST_DN, CROP_PX = 2.5, 2.0, 24.0, 64
 
 
-def total_light(reference: FloatArray, followup: FloatArray, homography: FloatArray) -> float:
+def total_light(reference: Float32Array, followup: Float32Array, homography: FloatArray) -> float:
     """A linear template of ones."""
     return float(followup.sum(dtype=np.float64))
 
@@ -28,7 +28,7 @@ def test_the_auc_of_a_linear_template_is_phi_of_d_prime_over_the_root_of_two(
     folder = tmp_path / "photographs"
     folder.mkdir()
     for number in range(6):
-        level = np.full((180, 180), 500 + number, np.float32)  # each another file
+        level = np.full((180 + number, 180), 500, np.float32)  # each another file
         tifffile.imwrite(folder / f"{number}.tif", level)
     zooms = (1.0, 1.6)
     found = standoff.evaluate(
