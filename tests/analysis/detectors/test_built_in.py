@@ -90,6 +90,7 @@ def test_the_structural_similarity_is_scikit_images_own() -> None:
     assert ssim(texture(7), texture(7), SAME).max() == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.slow
 @given(gain=st.floats(0.05, 20), offset=st.floats(-1000, 1000), sign=st.sampled_from((-1, 1)))
 @settings(max_examples=20, deadline=None)
 def test_ir_mad_does_not_depend_on_the_levels_of_either(
@@ -119,6 +120,7 @@ def test_ir_mad_without_change_is_chi_squared_with_nine_degrees_of_freedom() -> 
     assert found.max() > 60  # chi-squared beyond 60 has a probability of 1e-9
 
 
+@pytest.mark.slow
 def test_our_own_comparison_finds_a_spot_and_leaves_its_borders_at_0() -> None:
     rng = np.random.default_rng(12)
     scene = texture(13, (128, 128)).astype(np.float64)
