@@ -1,5 +1,6 @@
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -11,15 +12,18 @@ from analysis.detectors.onnx_model import onnx_detector
 from analysis.errors import DetectorError, DetectorFault
 from simulation.arrays import Float32Array
 
-FRAME = ["N", 2, "H", "W"]
+FRAME: list[int | str] = ["N", 2, "H", "W"]
 MOVED = np.array([[1.0, 0, 1.5], [0, 1, 0], [0, 0, 1]])
+
+
+Inputs = tuple[list[int | str], ...]
 
 
 def network(
     path: Path,
     operator: str,
-    inputs: tuple[list[int | str], ...] = (FRAME,),
-    **options: object,
+    inputs: Inputs = (FRAME,),
+    **options: Any,
 ) -> Path:
     """Write a network of one operator on its inputs, and after it the absolute value."""
     names = [f"photographs{number}" for number in range(len(inputs))]
@@ -99,8 +103,8 @@ def test_a_network_may_return_a_number(tmp_path: Path) -> None:
 def test_what_a_network_does_wrong_is_named(
     tmp_path: Path,
     operator: str,
-    inputs: tuple[list[int | str], ...],
-    options: dict[str, object],
+    inputs: Inputs,
+    options: dict[str, Any],
     reason: DetectorFault,
     words: str,
 ) -> None:
