@@ -7,7 +7,8 @@ To load one from NRTK's configuration files, derive from both, ours first.
 
 import sys
 import zlib
-from collections.abc import Hashable, Iterable
+from collections.abc import Iterable, Mapping
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from standoff.library.inputs import NoiseLike, PsfLike, camera_noise
 from standoff.library.psf import read_psf
 from standoff.photographs import Encoding
 
-Boxes = Iterable[tuple[Any, dict[Hashable, float]]]
+Boxes = Iterable[tuple[Any, Mapping[Any, float]]]
 """Boxes with the scores of each; a box has ``min_vertex`` and ``max_vertex``, (x, y) each."""
 
 
@@ -73,7 +74,7 @@ class FollowupPerturber:
             self._encoding = Encoding(name=encoding)
         except ValueError as error:
             raise ArgumentError(f"encoding: {error}") from error
-        self._config = {
+        self._config: dict[str, Any] = {
             "psf": psf,
             "zoom": zoom,
             "noise": noise,
@@ -81,7 +82,7 @@ class FollowupPerturber:
             "encoding": encoding,
             "seed": seed,
         }
-        self._psf = read_psf(psf) if isinstance(psf, str) else psf
+        self._psf = read_psf(psf) if isinstance(psf, str | PathLike) else psf
         self._noise = camera_noise(noise)
         _be_a_perturb_image(type(self))
 
@@ -116,7 +117,7 @@ class FollowupPerturber:
         white_dn = float(np.iinfo(image.dtype).max) if is_integer else 1.0
         made = simulate(
             self._encoding.decode(image, white_dn),
-            zoom=float(self._config["zoom"]),
+            zoom=self._config["zoom"],
             psf=self._psf,
             model=self._config["model"],
             noise=self._noise,
@@ -144,7 +145,7 @@ class FollowupPerturber:
 
     def _moved(
         self, boxes: Boxes, before: tuple[int, ...], after: tuple[int, ...]
-    ) -> list[tuple[Any, dict[Hashable, float]]]:
+    ) -> list[tuple[Any, dict[Any, float]]]:
         """Boxes where the follow-up shows them: both frames have one centre."""
         sizes = [np.array([shape[1], shape[0]]) for shape in (before, after)]
 
