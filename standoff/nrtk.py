@@ -17,9 +17,14 @@ from numpy.typing import NDArray
 from simulation.arrays import FloatArray
 from simulation.choices import DEFAULT_MODEL, Model
 from standoff.errors import ArgumentError
-from standoff.library.followup import CaptureOptions, simulate
-from standoff.library.inputs import NoiseLike, PsfLike, camera_noise
-from standoff.library.psf import read_psf
+from standoff.library import (
+    CaptureOptions,
+    NoiseLike,
+    PsfLike,
+    camera_noise,
+    read_psf,
+    simulate,
+)
 from standoff.photographs import Encoding
 
 Boxes = Iterable[tuple[Any, Mapping[Any, float]]]

@@ -136,6 +136,7 @@ def test_our_own_comparison_finds_a_spot_and_leaves_its_borders_at_0() -> None:
     assert np.median(found[20:50, 20:50]) < 2  # of a standard normal's size: 0.67
 
 
+@pytest.mark.slow
 def test_our_own_comparison_of_flat_images_and_beyond_the_horizon_is_nothing() -> None:
     flat = np.full((64, 64), 80, dtype=np.float32)
     assert changes(flat, flat, SAME).max() == 0
