@@ -180,9 +180,14 @@ def test_a_callable_runs_here_and_its_faults_are_caught() -> None:
 
         return DetectorSpec.of_callable(detector)  # type: ignore[arg-type] # that is the point
 
+    class OnAnotherDevice:
+        def __array__(self, *_: object, **__: object) -> None:
+            raise TypeError("copy the tensor to host memory first")
+
     faults: tuple[tuple[object, DetectorFault, str], ...] = (
         (ZeroDivisionError("no light"), "crashed", "it raised ZeroDivisionError: no light"),
         (SystemExit(2), "crashed", "it raised SystemExit: 2"),
+        (OnAnotherDevice(), "crashed", "copy the tensor to host memory first"),
         (float("inf"), "not_finite", "it returned inf"),
         (np.full((5, 7), np.nan), "not_finite", "35 of the 35 px"),
         (np.zeros((7, 5)), "shape", "7 x 5"),
@@ -310,13 +315,14 @@ with open_detector(DetectorSpec.parse({text!r}), 500) as detector:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-@pytest.mark.parametrize("host", ["function", "command"])
+@pytest.mark.parametrize(
+    ("host", "number"),
+    # A command does not know who started it: SIGKILL leaves it to end by itself.
+    [("function", signal.SIGINT), ("function", signal.SIGKILL), ("command", signal.SIGINT)],
+)
 def test_a_hanging_detector_does_not_outlive_who_asked_it(
     folder: Path, host: str, number: signal.Signals
 ) -> None:
-    if (host, number) == ("command", signal.SIGKILL):
-        pytest.skip("a command does not know who started it")
     text = "failing:answer" if host == "function" else command("hangs").text
     temporary = folder / "temporary"
     temporary.mkdir()

@@ -86,6 +86,15 @@ def test_the_identity_changes_with_the_files_and_the_text_alone(folder: Path) ->
     assert [spec.name for spec in before.values()] == ["rooms.own:detect", "net.onnx", "detect.py"]
 
 
+def test_the_identity_of_a_command_holds_the_files_of_its_options(folder: Path) -> None:
+    (folder / "weights.pt").write_text("one")
+    text = "detect --weights=weights.pt {reference} {followup} --out={out}"
+    before = DetectorSpec.parse(text)
+    (folder / "weights.pt").write_text("other")
+    assert DetectorSpec.parse(text).identity != before.identity
+    assert before.name == "detect"
+
+
 def test_finding_the_file_of_a_module_runs_nothing(folder: Path) -> None:
     (folder / "loud.py").write_text("raise SystemExit('imported')")
     (folder / "room").mkdir()
