@@ -30,6 +30,9 @@ _SSIM_REACH: Final = 3.5
 _FLAT: Final = 1e-10
 """Variance of a window over its mean square, below which it holds rounding alone."""
 
+_EQUAL: Final = 1e-12
+"""Range of levels over the largest, below which they differ by the rounding of the resampling."""
+
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
 
@@ -89,8 +92,9 @@ def ssim(reference: Float32Array, followup: Float32Array, homography: FloatArray
 
 def structural_dissimilarity(before: FloatArray, after: FloatArray) -> FloatArray:
     """One minus the map of SSIM of two images on one grid; 0 where neither has any structure."""
-    span = float(max(before.max(), after.max()) - min(before.min(), after.min()))
-    if span == 0:
+    highest, lowest = (float(of([before, after])) for of in (np.max, np.min))
+    span = highest - lowest
+    if span <= _EQUAL * max(abs(highest), abs(lowest)):
         return np.zeros_like(after)
     reach = int(_SSIM_REACH * _SSIM_SIGMA_PX + 0.5)
     lacking = [max(0, 2 * reach + 1 - size) for size in after.shape]
@@ -104,7 +108,8 @@ def structural_dissimilarity(before: FloatArray, after: FloatArray) -> FloatArra
         slice(before_px, before_px + size)
         for (before_px, _), size in zip(padding, after.shape, strict=True)
     )
-    return 1 - np.asarray(similarity, dtype=np.float64)[rows, cols]
+    # From -1 to 1 but for rounding.
+    return 1 - np.clip(np.asarray(similarity, dtype=np.float64)[rows, cols], -1, 1)
 
 
 def ir_mad(reference: Float32Array, followup: Float32Array, homography: FloatArray) -> Float32Array:

@@ -66,10 +66,11 @@ class InProcess:
             If it raises anything, or returns neither a number nor an array.
         """
         try:
-            found = self._function(reference, followup, homography)
+            return plain_answer(self._function(reference, followup, homography))
+        except DetectorError:
+            raise
         except (Exception, SystemExit) as error:
             raise DetectorError(f"it raised {exception_line(error)}", reason="crashed") from error
-        return plain_answer(found)
 
 
 class CheckedDetector:

@@ -161,7 +161,7 @@ class _Child:
         if found != shape:
             raise DetectorError(unlike_the_followup(found, shape or ()), reason="shape")
         answer = np.empty(found, dtype=np.float32)
-        self._answers.recv_bytes_into(memoryview(answer).cast("B"))
+        self._answers.recv_bytes_into(answer.data.cast("B"))
         return answer
 
     def ended(self) -> int:
@@ -189,4 +189,4 @@ def unlike_the_followup(found: tuple[int, ...], shape: tuple[int, ...]) -> str:
 
 
 def _bytes_of(image: Float32Array) -> memoryview:
-    return memoryview(np.ascontiguousarray(image)).cast("B")
+    return np.ascontiguousarray(image).data.cast("B")

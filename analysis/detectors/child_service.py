@@ -85,7 +85,7 @@ def _onnx_model(target: str) -> Detector:
 
 def _image(requests: Connection, shape: list[int]) -> Float32Array:
     image = np.empty(shape, dtype=np.float32)
-    if requests.recv_bytes_into(memoryview(image).cast("B")) != image.nbytes:
+    if requests.recv_bytes_into(image.data.cast("B")) != image.nbytes:
         raise EOFError("the parent sent less than it said")
     return image
 

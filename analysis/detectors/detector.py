@@ -13,7 +13,7 @@ class Detector(Protocol):
     """
 
     def __call__(
-        self, reference: Float32Array, followup: Float32Array, homography: FloatArray
+        self, reference: Float32Array, followup: Float32Array, homography: FloatArray, /
     ) -> float | Float32Array:
         """Compare a follow-up with its reference.
 

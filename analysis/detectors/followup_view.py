@@ -84,14 +84,18 @@ def _positions(
 def in_light_of(followup: AnyArray, seen: FloatArray, inside: BoolArray) -> FloatArray:
     """Return the seen reference in the follow-up's light; the follow-up where not ``inside``.
 
-    Gain and offset are fitted by least squares to both images behind a Gaussian of 4 px, which
-    leaves little that a difference of sharpness reaches. A gain below 0 is none of light: the
-    levels are then merely shifted, as they are where the reference is flat.
+    Gain and offset are fitted by least squares to both images behind a Gaussian of 4 px over the
+    pixels ``inside``, which leaves little that a difference of sharpness reaches. A gain below 0 is
+    none of light: the levels are then merely shifted, as they are where the reference is flat.
     """
     target = followup.astype(np.float64)
     if not inside.any():
         return target
-    before, after = (gaussian_filter(image, _LIGHT_PX)[inside] for image in (seen, target))
+    share = gaussian_filter(inside.astype(np.float64), _LIGHT_PX)[inside]
+    before, after = (
+        gaussian_filter(np.where(inside, image, 0.0), _LIGHT_PX)[inside] / share
+        for image in (seen, target)
+    )
     mean_before, mean_after = float(before.mean()), float(after.mean())
     steps = before - mean_before
     variance = float(np.mean(steps**2))

@@ -18,8 +18,9 @@ for the statistics."""
 _LEAST_PX_PER_BAND = 10.0
 """Pixels that the statistics of a band need; canonical correlations of fewer fit the noise."""
 
-_FLAT = 1e-12
-"""Variance over mean square of what are equal levels but for rounding."""
+_FLAT = 1e-10
+"""Variance of what are equal levels but for rounding, over their mean square or, among some of the
+pixels, over that of the image."""
 
 
 def ir_mad_statistic(before: FloatArray, after: FloatArray, overlap: BoolArray) -> FloatArray:
@@ -48,10 +49,10 @@ def ir_mad_statistic(before: FloatArray, after: FloatArray, overlap: BoolArray) 
     count = bands[0].shape[1]
     weight = inside.astype(np.float64)
     statistic = np.zeros(len(weight))
-    if any(np.ptp(band[inside, 0], axis=0) == 0 if inside.any() else True for band in bands):
-        return statistic.reshape(after.shape)
     for _ in range(_ROUNDS):
-        if weight.sum() < _LEAST_PX_PER_BAND * count:
+        # Reweighting may leave nothing but the flat part of an image.
+        too_few = weight.sum() < _LEAST_PX_PER_BAND * count
+        if too_few or any(_variance(band[:, 0], weight) <= _FLAT for band in bands):
             break
         statistic = _squared_variates(bands[0], bands[1], weight)
         earlier, weight = weight, inside * chi2.sf(statistic, count)
@@ -73,6 +74,11 @@ def _squared_variates(x: FloatArray, y: FloatArray, weight: FloatArray) -> Float
     variates = x @ np.linalg.solve(root_x.T, left) - y @ np.linalg.solve(root_y.T, right.T)
     variance = np.maximum(2 * (1 - correlation), _LEAST_VARIANCE)
     return np.asarray(np.sum(variates**2 / variance, axis=1))
+
+
+def _variance(values: FloatArray, weight: FloatArray) -> float:
+    share = weight / weight.sum()
+    return float(share @ (values - share @ values) ** 2)
 
 
 def _normalised(image: FloatArray) -> FloatArray:

@@ -190,9 +190,10 @@ def _module_file(module: str) -> Path | None:
 
 
 def _named_files(words: list[str]) -> tuple[Path, ...]:
-    """Files that a command's words name, its program first."""
+    """Files that a command's words name, its program first; also those of ``--option=FILE``."""
     program = shutil.which(words[0])
-    others = [Path(word).absolute() for word in words[1:] if word]
+    parts = [part for word in words[1:] for part in (word, word.partition("=")[2])]
+    others = [Path(part).absolute() for part in parts if part]
     named = [Path(program).absolute()] if program else []
     return tuple(path for path in (*named, *others) if _is_file(path))
 
