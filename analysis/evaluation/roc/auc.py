@@ -14,6 +14,7 @@ J. N. Arvesen, "Jackknifing U-statistics", Annals of Mathematical Statistics 40,
 """
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -66,8 +67,9 @@ def auc_interval(
 
     The variance is the jackknife's over photographs, the interval symmetric in the logit with
     Student's quantile. From two photographs, which the jackknife does not allow, the variance is
-    Obuchowski's; from one, DeLong's over pairs. Where the variance is nothing, as at AUC 1, the
-    interval is Clopper and Pearson's of so many photographs (or pairs of the rarer kind).
+    Obuchowski's; from one, DeLong's over pairs, with the normal quantile. Where the variance is
+    nothing, as at AUC 1, the interval is Clopper and Pearson's of so many photographs (or pairs of
+    the rarer kind).
 
     Parameters
     ----------
@@ -84,14 +86,15 @@ def auc_interval(
     pairs = scored_pairs(unchanged, changed, unchanged_group, changed_group)
     placed = _Placements.of(pairs)
     units = pairs.fewest_photographs
+    freedom: float = units - 1
     if units < 2:
-        auc, variance = placed.auc, placed.delong_variance()
+        auc, variance, freedom = placed.auc, placed.delong_variance(), inf
         units = min(pairs.unchanged.size, pairs.changed.size)
     elif pairs.photographs < 3:
         auc, variance = placed.between()[0], placed.clustered_variance(pairs)
     else:
         auc, variance = placed.between()
-    interval = share_interval(auc, variance, units - 1, units)
+    interval = share_interval(auc, variance, freedom, units)
     return AucEstimate(
         auc=auc,
         err=interval.err,
