@@ -237,12 +237,35 @@ def study(record: Recorder, runs: int, *, of_tpr: bool) -> None:
         record.figure(f"{what} held at least, {name}, {photographs} photographs", 100 * low, "%")
 
 
+def few_photographs(record: Recorder, runs: int) -> None:
+    """AUC of two and three photographs, by the method of ``analysis`` alone."""
+    for (effect, share), photographs in product(EFFECTS, (2, 3)):
+        cells = []
+        number = np.repeat(np.arange(photographs), 20)
+        for auc in AUCS:
+            condition = Condition(
+                effect=effect, share=share, photographs=photographs, pairs=20, auc=auc
+            )
+            rng = np.random.default_rng([round(100 * auc), round(10 * share), photographs])
+            found = Tally()
+            for _ in range(runs):
+                without, with_change = condition.draw(rng)
+                one = auc_interval(without.ravel(), with_change.ravel(), number, number)
+                found.runs += 1
+                found.held += one.low <= auc <= one.high
+                found.width += one.high - one.low
+            cells.append(f"{100 * found.coverage:.1f} ({found.width / found.runs:.3f})")
+            record.figure(f"AUC held, {condition.name}", 100 * found.coverage, "%")
+        record.say(f"| {condition.of_photographs} | {photographs} x 20 | {' | '.join(cells)} |")
+
+
 def main() -> None:
     """Measure the coverage of both."""
     arguments = bench_parser(__doc__).parse_args()
     with Recorder.of(arguments, "auc_coverage", packages=("numpy", "scipy")) as record:
         for of_tpr in (False, True):
             study(record, record.pick(1000, 20), of_tpr=of_tpr)
+        few_photographs(record, record.pick(1000, 20))
 
 
 if __name__ == "__main__":

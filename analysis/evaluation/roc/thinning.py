@@ -30,6 +30,6 @@ def needed_points(across: FloatArray, up: FloatArray) -> IntArray:
         return kept
     shares = [each[kept] / max(float(each[-1]), np.finfo(float).tiny) for each in (across, up)]
     cell = np.floor((shares[0] + shares[1]) * ((MOST_POINTS - 2) / 2))
-    is_first = np.concatenate([[True], np.diff(cell) > 0])
-    is_first[-1] = True
+    is_first = np.ones(kept.size, dtype=np.bool_)
+    is_first[1:-1] = np.diff(cell[:-1]) > 0
     return kept[is_first]

@@ -35,7 +35,7 @@ def test_of_too_few_unchanged_pairs_the_rate_is_the_least_that_they_tell() -> No
 
 
 @given(st.integers(2, 6), st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.05, 0.2, 0.5]))
-def test_rising_transforms_and_copies_of_pairs_leave_share_and_interval(
+def test_rising_transforms_and_other_names_of_photographs_leave_share_and_interval(
     photographs: int, seed: int, fpr: float
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -49,6 +49,19 @@ def test_rising_transforms_and_copies_of_pairs_leave_share_and_interval(
     assert (other.tpr, other.err, other.low, other.high) == pytest.approx(
         (found.tpr, found.err, found.low, found.high), rel=1e-9, abs=1e-12
     )
+
+
+def test_its_error_over_photographs_is_the_jackknifes_by_definition() -> None:
+    rng = np.random.default_rng(4)
+    of = np.repeat(np.arange(4), 10)
+    unchanged, changed = rng.normal(0, 1, 40), rng.normal(1, 1, 40)
+    found = tpr_at_fpr(unchanged, changed, of, of, 0.1)
+    left = [
+        tpr_at_fpr(unchanged[of != each], changed[of != each], of[of != each], of[of != each], 0.1)
+        for each in range(4)
+    ]
+    variance = 3 / 4 * sum((each.tpr - found.tpr) ** 2 for each in left)
+    assert found.err == pytest.approx(sqrt(variance))
 
 
 @pytest.mark.parametrize("is_alone", [False, True])
