@@ -1,6 +1,6 @@
 """The AUC and its interval: closed forms, the definitions in O(n^2), what may not change them."""
 
-from math import exp, log, pi, sqrt
+from math import exp, log, pi, sqrt, tan
 from random import Random
 
 import numpy as np
@@ -112,26 +112,18 @@ def test_between_photographs_it_is_the_share_and_the_jackknife_by_definition(pai
         assert estimate.low == pytest.approx(1 / (1 + np.exp(-logit)), rel=1e-6, abs=1e-12)
 
 
-def test_of_two_photographs_the_variance_is_obuchowskis_by_definition() -> None:
-    unchanged, changed = np.array([0.0, 3.0, 1.0, 2.0, 6.0]), np.array([2.5, 0.5, 4.0, 5.0])
-    unchanged_group, changed_group = np.array([1, 1, 2, 2, 2]), np.array([1, 2, 2, 1])
-    table = wins(unchanged, changed)
-    auc = table.mean()
-    changed_away = [
-        float(np.sum(table.mean(axis=1)[changed_group == each] - auc)) for each in (1, 2)
-    ]
-    unchanged_away = [
-        float(np.sum(table.mean(axis=0)[unchanged_group == each] - auc)) for each in (1, 2)
-    ]
-    # Two photographs: I / (I - 1) = 2; three sums of squares and products over 4 and 5 pairs.
-    variance = 2 * sum(
-        a**2 / 4**2 + b**2 / 5**2 + 2 * a * b / (4 * 5)
-        for a, b in zip(changed_away, unchanged_away, strict=True)
-    )
-    estimate = auc_interval(unchanged, changed, unchanged_group, changed_group)
-    assert estimate.err == pytest.approx(sqrt(variance))
-    is_met = changed_group[:, None] != unchanged_group[None]
-    assert estimate.auc == pytest.approx(table[is_met].mean())
+def test_of_two_photographs_the_variance_is_that_of_their_two_comparisons() -> None:
+    # Changed 4, 6 and unchanged 5, 1 of the one photograph, changed 2, 0 and unchanged 3, 5 of the
+    # other: across, 3 of 4 (4 > 3; 6 > 3, 5) and 1 of 4 (2 > 1).
+    unchanged, changed = np.array([5.0, 1.0, 3.0, 5.0]), np.array([4.0, 6.0, 2.0, 0.0])
+    photographs = np.array([1, 1, 2, 2])
+    estimate = auc_interval(unchanged, changed, photographs, photographs)
+    assert estimate.auc == pytest.approx((3 + 1) / 8)
+    # Of two equally large parts 3/4 and 1/4 the mean has the standard error |3/4 - 1/4| / 2.
+    assert estimate.err == pytest.approx(0.25)
+    assert estimate.is_by_photograph
+    # With one degree of freedom t is tan(0.475 pi).
+    assert estimate.high == pytest.approx(1 / (1 + exp(-0.25 * tan(0.475 * pi) / 0.25)), rel=1e-6)
 
 
 @given(scored())
