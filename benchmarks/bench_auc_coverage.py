@@ -6,10 +6,11 @@ it looks more changed as such), or to both kinds independently ("apart"). The AU
 form, ``Phi(d' / sqrt 2)``, and so is the TPR, ``Phi(d' - 1.645)``. One to 40 photographs with 5 to
 100 pairs of each kind, AUC 0.6 to 0.98; 1000 intervals of 95 % each.
 
-Methods, all written here but the one that ``analysis`` uses (which comes first): DeLong's variance (independent pairs)
-with the normal quantile, Obuchowski's of clusters, the jackknife over photographs of the AUC
-between photographs, and the bootstrap over photographs (percentiles, and its variance); the
-variances plain and on the logit, with Student's quantile for the number of photographs.
+Methods, all written here but the one that ``analysis`` uses (which comes first): DeLong's variance
+(independent pairs) with the normal quantile, Obuchowski's of clusters, the jackknife over
+photographs of the AUC between photographs, and the bootstrap over photographs (percentiles, and its
+variance); the variances plain and on the logit, with Student's quantile for the number of
+photographs. Two and three photographs by the method used alone.
 
     OMP_NUM_THREADS=1 python -m benchmarks.bench_auc_coverage [--quick]
 """
