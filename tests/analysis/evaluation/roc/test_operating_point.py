@@ -51,17 +51,20 @@ def test_rising_transforms_and_other_names_of_photographs_leave_share_and_interv
     )
 
 
-def test_its_error_over_photographs_is_the_jackknifes_by_definition() -> None:
-    rng = np.random.default_rng(4)
-    of = np.repeat(np.arange(4), 10)
-    unchanged, changed = rng.normal(0, 1, 40), rng.normal(1, 1, 40)
-    found = tpr_at_fpr(unchanged, changed, of, of, 0.1)
-    left = [
-        tpr_at_fpr(unchanged[of != each], changed[of != each], of[of != each], of[of != each], 0.1)
-        for each in range(4)
-    ]
-    variance = 3 / 4 * sum((each.tpr - found.tpr) ** 2 for each in left)
-    assert found.err == pytest.approx(sqrt(variance))
+def test_its_error_over_photographs_is_at_least_the_jackknifes_by_definition() -> None:
+    equal = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        of = np.repeat(np.arange(4), 10)
+        unchanged, changed = rng.normal(0, 1, 40), rng.normal(1, 1, 40)
+        found = tpr_at_fpr(unchanged, changed, of, of, 0.1)
+        left = []
+        for kept in (of != each for each in range(4)):
+            left.append(tpr_at_fpr(unchanged[kept], changed[kept], of[kept], of[kept], 0.1))
+        jackknife = sqrt(3 / 4 * sum((each.tpr - found.tpr) ** 2 for each in left))
+        assert found.err >= jackknife - 1e-12
+        equal += found.err == pytest.approx(jackknife)
+    assert 0 < equal < 8  # either is the larger sometimes
 
 
 @pytest.mark.parametrize("is_alone", [False, True])
