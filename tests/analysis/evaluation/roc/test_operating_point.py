@@ -58,9 +58,10 @@ def test_its_error_over_photographs_is_at_least_the_jackknifes_by_definition() -
         of = np.repeat(np.arange(4), 10)
         unchanged, changed = rng.normal(0, 1, 40), rng.normal(1, 1, 40)
         found = tpr_at_fpr(unchanged, changed, of, of, 0.1)
-        left = []
-        for kept in (of != each for each in range(4)):
-            left.append(tpr_at_fpr(unchanged[kept], changed[kept], of[kept], of[kept], 0.1))
+        left = [
+            tpr_at_fpr(unchanged[kept], changed[kept], of[kept], of[kept], 0.1)
+            for kept in (of != each for each in range(4))
+        ]
         jackknife = sqrt(3 / 4 * sum((each.tpr - found.tpr) ** 2 for each in left))
         assert found.err >= jackknife - 1e-12
         equal += found.err == pytest.approx(jackknife)
