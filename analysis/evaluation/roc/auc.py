@@ -9,11 +9,13 @@ References
 ----------
 E. R. DeLong, D. M. DeLong, D. L. Clarke-Pearson, "Comparing the areas under two or more correlated
 receiver operating characteristic curves", Biometrics 44, 1988 (pairs that are independent);
-N. A. Obuchowski, "Nonparametric analysis of clustered ROC curve data", Biometrics 53, 1997;
-J. N. Arvesen, "Jackknifing U-statistics", Annals of Mathematical Statistics 40, 1969.
+N. A. Obuchowski, "Nonparametric analysis of clustered ROC curve data", Biometrics 53, 1997 (of all
+comparisons, those within a photograph too); J. N. Arvesen, "Jackknifing U-statistics", Annals of
+Mathematical Statistics 40, 1969.
 """
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -65,9 +67,10 @@ def auc_interval(
     """Estimate the AUC, and how sure it is.
 
     The variance is the jackknife's over photographs, the interval symmetric in the logit with
-    Student's quantile. From two photographs, which the jackknife does not allow, the variance is
-    Obuchowski's; from one, DeLong's over pairs. Where the variance is nothing, as at AUC 1, the
-    interval is Clopper and Pearson's of so many photographs (or pairs of the rarer kind).
+    Student's quantile. From two photographs, which the jackknife does not allow, it is that of
+    their two comparisons with each other; from one, DeLong's over pairs, with the normal quantile.
+    Where the variance is nothing, as at AUC 1, the interval is Clopper and Pearson's of so many
+    photographs (or pairs of the rarer kind).
 
     Parameters
     ----------
@@ -84,14 +87,13 @@ def auc_interval(
     pairs = scored_pairs(unchanged, changed, unchanged_group, changed_group)
     placed = _Placements.of(pairs)
     units = pairs.fewest_photographs
+    freedom: float = units - 1
     if units < 2:
-        auc, variance = placed.auc, placed.delong_variance()
+        auc, variance, freedom = placed.auc, placed.delong_variance(), inf
         units = min(pairs.unchanged.size, pairs.changed.size)
-    elif pairs.photographs < 3:
-        auc, variance = placed.between()[0], placed.clustered_variance(pairs)
     else:
         auc, variance = placed.between()
-    interval = share_interval(auc, variance, units - 1, units)
+    interval = share_interval(auc, variance, freedom, units)
     return AucEstimate(
         auc=auc,
         err=interval.err,
@@ -145,23 +147,17 @@ class _Placements:
             return 0.0
         return float(sum(each.var(ddof=1) / each.size for each in both))
 
-    def clustered_variance(self, pairs: ScoredPairs) -> float:
-        """Obuchowski's variance of the AUC, of photographs that all have both kinds of pairs."""
-        unchanged, changed = pairs.pairs_by_photograph()
-        away = (self.won[0] / self.met[0].sum() - self.auc * changed / changed.sum()) + (
-            self.won[1] / self.met[1].sum() - self.auc * unchanged / unchanged.sum()
-        )
-        return float(np.sum(away**2) * away.size / (away.size - 1))
-
     def between(self) -> tuple[float, float]:
-        """AUC of pairs from different photographs, and its variance by the jackknife."""
-        won, met = (
-            (float(all_[0].sum() - all_[2].sum()), all_[0] + all_[1] - 2 * all_[2])
-            for all_ in (self.won, self.met)
+        """AUC of pairs from different photographs, and its variance."""
+        won, met = (all_[0] - all_[2] for all_ in (self.won, self.met))
+        auc = float(won.sum() / met.sum())
+        if won.size == 2:
+            # Changed pairs of the one against the other's unchanged, and the reverse: no pair
+            # is in both.
+            return auc, 2 * float(np.sum((won - auc * met) ** 2) / met.sum() ** 2)
+        won_left, met_left = (
+            all_.sum() - all_ - other[1] + other[2]
+            for all_, other in ((won, self.won), (met, self.met))
         )
-        auc = won[0] / met[0]
-        left = met[0] - met[1]
-        if not np.all(left > 0):  # of two photographs, none would be left
-            return auc, 0.0
-        away = (won[0] - won[1]) / left - auc
+        away = won_left / met_left - auc
         return auc, float(np.sum(away**2) * (away.size - 1) / away.size)

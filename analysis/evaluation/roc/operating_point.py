@@ -60,9 +60,10 @@ def tpr_at_fpr(
 ) -> TprEstimate:
     """Estimate the share of changed pairs found where unchanged ones are flagged at a rate.
 
-    The variance is the jackknife's over photographs, which sets the threshold anew without each.
-    From one photograph it is the sum of those of the share and of the threshold times the curve's
-    slope, of pairs that are independent.
+    The variance is the larger of two over photographs: the jackknife's, which sets the threshold
+    anew without each, and that of the share less the threshold's share times the curve's slope. The
+    first follows few order statistics, the second a slope that is measured; either alone is too
+    small too often. From one photograph it is the second, of pairs that are independent.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def tpr_at_fpr(
     tpr, threshold = _found(pairs.unchanged, pairs.changed, fpr)
     units = pairs.fewest_photographs
     if is_by_photograph := units > 1:
-        variance = _jackknife_variance(pairs, fpr, tpr)
+        variance = max(_jackknife_variance(pairs, fpr, tpr), _linear_variance(pairs, fpr))
     else:
         variance = _pairs_variance(pairs.unchanged, pairs.changed, fpr)
         units = min(pairs.unchanged.size, pairs.changed.size)
@@ -103,7 +104,7 @@ def tpr_at_fpr(
 def _found(unchanged: FloatArray, changed: FloatArray, fpr: float) -> tuple[float, float]:
     """Share of the changed above the threshold, and the threshold."""
     falling = np.sort(unchanged)[::-1]
-    rank = min(max(fpr * (falling.size + 1), 1.0), float(falling.size))
+    rank = _rank(falling.size, fpr)
     first = floor(rank)
     between = rank - first
     upper, lower = falling[first - 1], falling[min(first, falling.size - 1)]
@@ -112,6 +113,11 @@ def _found(unchanged: FloatArray, changed: FloatArray, fpr: float) -> tuple[floa
         (1 - between) * above[0] + between * above[1],
         float((1 - between) * upper + between * lower),
     )
+
+
+def _rank(count: int, fpr: float) -> float:
+    """The threshold's rank among so many scores, 1 the highest."""
+    return min(max(fpr * (count + 1), 1.0), float(count))
 
 
 def _jackknife_variance(pairs: ScoredPairs, fpr: float, tpr: float) -> float:
@@ -128,16 +134,36 @@ def _jackknife_variance(pairs: ScoredPairs, fpr: float, tpr: float) -> float:
     return float(np.sum(np.square(away)) * (len(away) - 1) / len(away))
 
 
+def _linear_variance(pairs: ScoredPairs, fpr: float) -> float:
+    """Variance over photographs, by the slope of the curve."""
+    # One of the scores, as a threshold between two depends on more than their order.
+    falling = np.sort(pairs.unchanged)[::-1]
+    level = falling[floor(_rank(falling.size, fpr)) - 1]
+    is_found, is_flagged = pairs.changed > level, pairs.unchanged > level
+    away = pairs.sums(pairs.changed_photograph, is_found - is_found.mean()) / is_found.size
+    slope = _slope(pairs.unchanged, pairs.changed, fpr)
+    away -= slope * (
+        pairs.sums(pairs.unchanged_photograph, is_flagged - is_flagged.mean()) / is_flagged.size
+    )
+    return float(np.sum(away**2) * away.size / (away.size - 1))
+
+
 def _pairs_variance(unchanged: FloatArray, changed: FloatArray, fpr: float) -> float:
-    """Variance of independent pairs, by the slope of the curve on normal axes."""
+    """Variance of independent pairs, by the slope of the curve."""
+    least = 0.5 / changed.size
+    tpr = float(np.clip(_found(unchanged, changed, fpr)[0], least, 1 - least))
+    slope = _slope(unchanged, changed, fpr)
+    return tpr * (1 - tpr) / changed.size + slope**2 * fpr * (1 - fpr) / unchanged.size
+
+
+def _slope(unchanged: FloatArray, changed: FloatArray, fpr: float) -> float:
+    """Slope of the ROC curve, from a straight line on normal axes around the rate."""
     least = 0.5 / changed.size
     rates, shares = [], []
-    for rate in (fpr / _AROUND, min(fpr * _AROUND, (1 + fpr) / 2)):
+    for rate in (fpr / _AROUND, fpr, min(fpr * _AROUND, (1 + fpr) / 2)):
         rates.append(float(ndtri(max(rate, 1 / (unchanged.size + 1)))))
         share = _found(unchanged, changed, rate)[0]
         shares.append(float(ndtri(np.clip(share, least, 1 - least))))
-    tpr = float(np.clip(_found(unchanged, changed, fpr)[0], least, 1 - least))
     # Of too few unchanged pairs both rates are one: equal variances then.
-    bend = (shares[1] - shares[0]) / (rates[1] - rates[0]) if rates[1] > rates[0] else 1.0
-    slope = bend * exp((ndtri(fpr) ** 2 - ndtri(tpr) ** 2) / 2)
-    return tpr * (1 - tpr) / changed.size + slope**2 * fpr * (1 - fpr) / unchanged.size
+    bend = (shares[2] - shares[0]) / (rates[2] - rates[0]) if rates[2] > rates[0] else 1.0
+    return bend * exp((float(ndtri(fpr)) ** 2 - shares[1] ** 2) / 2)

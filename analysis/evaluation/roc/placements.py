@@ -46,7 +46,8 @@ class ScoredPairs:
 
     def sums(self, photograph: IntArray, values: FloatArray) -> FloatArray:
         """Sums over the pairs of each photograph, shape (photographs,)."""
-        return np.bincount(photograph, weights=values, minlength=self.photographs)
+        totals = np.bincount(photograph, weights=values, minlength=self.photographs)
+        return np.asarray(totals, np.float64)
 
 
 def checked_scores(unchanged: FloatArray, changed: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -112,8 +113,8 @@ def exceeded_within(pairs: ScoredPairs) -> FloatArray:
     ranks = _ranks((pairs.unchanged, pairs.changed))
     # Photographs one behind the other on one scale: nothing of a later one is below.
     span = int(max(rank.max() for rank in ranks)) + 1
-    unchanged = ranks[0] + span * pairs.unchanged_photograph
-    changed = ranks[1] + span * pairs.changed_photograph
+    unchanged = (ranks[0] + span * pairs.unchanged_photograph).astype(np.float64)
+    changed = (ranks[1] + span * pairs.changed_photograph).astype(np.float64)
     earlier = np.cumsum(pairs.pairs_by_photograph()[0])
     earlier = np.concatenate([[0.0], earlier[:-1]])[pairs.changed_photograph]
     return pairs.sums(pairs.changed_photograph, exceeded(changed, unchanged) - earlier)

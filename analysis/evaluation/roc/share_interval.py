@@ -15,7 +15,7 @@ is everything all right?", JAMA 249, 1983 (rule of three).
 """
 
 from dataclasses import dataclass
-from math import exp, log, sqrt
+from math import exp, isinf, log, sqrt
 
 from scipy.special import betaincinv, ndtri, stdtrit
 
@@ -38,7 +38,7 @@ class ShareInterval:
     high: float
 
 
-def share_interval(share: float, variance: float, freedom: int, units: int) -> ShareInterval:
+def share_interval(share: float, variance: float, freedom: float, units: int) -> ShareInterval:
     """Interval of a share, such as an AUC, in [0, 1].
 
     Parameters
@@ -48,7 +48,7 @@ def share_interval(share: float, variance: float, freedom: int, units: int) -> S
     variance
         Of the estimate; not used where ``freedom`` is 0.
     freedom
-        Degrees of freedom of the variance.
+        Degrees of freedom of the variance; infinite for the normal quantile.
     units
         Independent units, photographs or pairs, that the share counts as one of where the variance
         is nothing.
@@ -57,7 +57,8 @@ def share_interval(share: float, variance: float, freedom: int, units: int) -> S
     if freedom < 1 or not variance > _NO_VARIANCE * spread or spread <= 0:
         low, high = _clopper_pearson(share * units, units)
         return ShareInterval(err=(high - low) / (2 * _NORMAL), low=low, high=high)
-    half = float(stdtrit(freedom, 1 - _TAIL)) * sqrt(variance) / spread
+    quantile = _NORMAL if isinf(freedom) else float(stdtrit(freedom, 1 - _TAIL))
+    half = quantile * sqrt(variance) / spread
     logit = log(share / (1 - share))
     return ShareInterval(
         err=sqrt(variance), low=_share_of(logit - half), high=_share_of(logit + half)

@@ -28,8 +28,8 @@ def needed_points(across: FloatArray, up: FloatArray) -> IntArray:
     kept = np.flatnonzero(is_corner).astype(np.int64)
     if kept.size <= MOST_POINTS:
         return kept
-    along = sum(each[kept] / max(float(each[-1]), np.finfo(float).tiny) for each in (across, up))
-    cell = np.floor(np.asarray(along) * ((MOST_POINTS - 2) / 2))
-    is_first = np.concatenate([[True], np.diff(cell) > 0])
-    is_first[-1] = True
+    shares = [each[kept] / max(float(each[-1]), np.finfo(float).tiny) for each in (across, up)]
+    cell = np.floor((shares[0] + shares[1]) * ((MOST_POINTS - 2) / 2))
+    is_first = np.ones(kept.size, dtype=np.bool_)
+    is_first[1:-1] = np.diff(cell[:-1]) > 0
     return kept[is_first]
