@@ -46,8 +46,8 @@ CONTRASTS = {
 
 SOURCE_FRAMES, FRAMES = 50, 10
 MODELS = ("lmmse", "matched", "bicubic", "pyBSM")
-MIDDLES_PX = {1.1: 550, 1.5: 570, 2.0: 576, 2.5: 570}
-"""Of a reference of 580 rows, the largest even middles that leave an even follow-up."""
+MIDDLES_PX = {1.1: 286, 1.5: 288, 2.0: 288, 2.5: 290}
+"""Of a reference of 290 rows, the largest even middles that leave an even follow-up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
