@@ -33,6 +33,9 @@ _FLAT: Final = 1e-10
 _EQUAL: Final = 1e-12
 """Range of levels over the largest, below which they differ by the rounding of the resampling."""
 
+_ROUNDED: Final = 1e-6
+"""Standard deviation over the largest level that float32 cannot tell from none."""
+
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
 
@@ -130,6 +133,8 @@ def changes(
     In standard deviations. Pixels that it does not compare, at borders or clipped, are 0; so is the
     whole map where nothing can be compared, as between flat images.
     """
+    if _is_flat(reference) or _is_flat(followup):
+        return np.zeros_like(followup)
     pose = DistortedPose(
         matrix=homography / homography[2, 2],
         k1=0.0,
@@ -156,6 +161,12 @@ FUNCTIONS: Final = MappingProxyType[str, Detector](
 
 def _shape(image: AnyArray) -> tuple[int, int]:
     return image.shape[0], image.shape[1]
+
+
+def _is_flat(image: Float32Array) -> bool:
+    """Whether what differs among its levels is their rounding to float32."""
+    steps = image.astype(np.float64) - float(image.mean(dtype=np.float64))
+    return bool(steps.std() <= _ROUNDED * np.abs(image).max())
 
 
 def _map(values: FloatArray, inside: BoolArray) -> Float32Array:
