@@ -65,14 +65,6 @@ class Condition:
         """The photographs' part, in words."""
         return f"{self.effect} {self.share:g}" if self.share else "none"
 
-    @property
-    def name(self) -> str:
-        """In words."""
-        return (
-            f"{self.photographs} x {self.pairs} pairs, AUC {self.auc:g}, photographs' share"
-            f" {self.of_photographs}"
-        )
-
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Scores without and with a change, shape (photographs, pairs)."""
         own = rng.standard_normal((2, self.photographs, 1))
@@ -224,7 +216,6 @@ def study(record: Recorder, runs: int, *, of_tpr: bool) -> None:
                 over[name + alone, photographs].append(found.coverage)
             chosen = next(iter(tallies.values()))
             cells.append(f"{100 * chosen.coverage:.1f} ({chosen.width / chosen.runs:.3f})")
-            record.figure(f"{what} held, {condition.name}", 100 * chosen.coverage, "%")
         record.say(
             f"| {condition.of_photographs} | {photographs} x {pairs} | {' | '.join(cells)} |"
         )
@@ -256,7 +247,6 @@ def few_photographs(record: Recorder, runs: int) -> None:
                 found.held += one.low <= auc <= one.high
                 found.width += one.high - one.low
             cells.append(f"{100 * found.coverage:.1f} ({found.width / found.runs:.3f})")
-            record.figure(f"AUC held, {condition.name}", 100 * found.coverage, "%")
         record.say(f"| {condition.of_photographs} | {photographs} x 20 | {' | '.join(cells)} |")
 
 
