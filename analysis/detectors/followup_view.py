@@ -66,17 +66,17 @@ def _positions(
     followup_shape: tuple[int, int], homography: FloatArray, reference_shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Positions (y, x) in the reference, 0 behind the camera; and which lie inside."""
-    y, x = np.mgrid[: followup_shape[0], : followup_shape[1]].astype(np.float64)
+    rows, cols = (np.arange(size, dtype=np.float64) for size in followup_shape)
+    y, x = rows[:, None], cols
     at_x, at_y, depth = (row[0] * x + row[1] * y + row[2] for row in homography)
-    # In front of the camera is where most of the frame is.
-    towards = 1.0 if np.median(depth) >= 0 else -1.0
+    # In front of the camera is where the middle of the frame is.
+    towards = 1.0 if depth[followup_shape[0] // 2, followup_shape[1] // 2] >= 0 else -1.0
     in_front = towards * depth > _LEAST_DEPTH * np.abs(depth).max()
     at_x, at_y = (
         np.divide(at, depth, out=np.zeros_like(at), where=in_front) for at in (at_x, at_y)
     )
-    rows, cols = reference_shape
     inside = in_front
-    for at, size in ((at_y, rows), (at_x, cols)):
+    for at, size in zip((at_y, at_x), reference_shape, strict=True):
         inside = inside & (at >= -_SLACK_PX) & (at <= size - 1 + _SLACK_PX)
     return at_y, at_x, inside
 
