@@ -36,13 +36,15 @@ ZOOMS = (1.1, 1.5, 2.0, 2.5)
 TILTS_DEG = (0.0, 7.0, 15.0)
 CROP_PX, PITCH_MM, SPOT_MM = 96, 16.0, 0.9
 CONTRASTS = {
-    "absolute-difference": 0.12,
-    "ncc": 0.06,
-    "ssim": 0.08,
-    "ir-mad": 0.06,
-    "changes": 0.02,
+    "absolute-difference": 0.06,
+    "ncc": 0.15,
+    "ssim": 0.06,
+    "ir-mad": 0.08,
+    "changes": 0.006,
 }
-"""Reflectance that a spot adds, for each detector such that its AUC lies between 1/2 and 1."""
+SHARES = {1.1: 0.15, 1.5: 0.5, 2.0: 1.0, 2.5: 1.6}
+"""Reflectance that a spot adds, by detector at zoom 2, and at other zooms over that: such that AUC
+lie between 1/2 and 1."""
 
 SLOW_ZOOMS = (1.5, 2.5)
 """Of detector ``changes``, which takes a second a pair."""
@@ -187,7 +189,7 @@ def areas(
         for number, target in enumerate(targets):
             seed = 1000 * number + round(100 * zoom) + round(tilt_deg)
             pose = far_pose(truth, zoom, **({"tilt_x_deg": tilt_deg} if tilt_deg else {}))
-            seen = views(truth, target, pose, CONTRASTS[detector], seed)
+            seen = views(truth, target, pose, CONTRASTS[detector] * SHARES[zoom], seed)
             reference = noisy(truth, seen.reference, FRAMES, seed, 1)
             for is_changed, near in enumerate((seen.reference, seen.changed_reference)):
                 source = noisy(truth, near, SOURCE_FRAMES, seed, 2 + is_changed)

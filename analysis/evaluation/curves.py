@@ -137,6 +137,7 @@ def _row(pairs: ScoredPairs) -> tuple[dict[str, float | None], bool]:
     return (
         {
             **{"auc": area.auc, "auc_low": area.low, "auc_high": area.high},
+            "auc_all_pairs": area.auc_all_pairs,
             **{"tpr": share.tpr, "tpr_low": share.low, "tpr_high": share.high},
             "average_precision": precision_recall(pairs.unchanged, pairs.changed).average_precision,
             "pairs": int(pairs.changed.size),
