@@ -185,6 +185,9 @@ class PairMaker:
         )
 
     def _reference(self, scene: FloatArray) -> FloatArray:
+        if self.task.reference_zoom == 1:
+            first = (self._side_px - self.task.crop_px) // 2
+            return scene[first : first + self.task.crop_px, first : first + self.task.crop_px]
         grid = self._grid(1.0, self.task.crop_px)
         return np.asarray(zoom_out_on_grid(scene, grid, self.psf, self.task.model), np.float64)
 
