@@ -25,9 +25,13 @@ from .library.detectability import (
     pose_limits as pose_limits,
 )
 from .library.evaluation import (
+    ChangePairs as ChangePairs,
+    ChangePairsTask as ChangePairsTask,
     EvaluationTask as EvaluationTask,
     Spot as Spot,
+    change_pairs as change_pairs,
     evaluate as evaluate,
+    read_change_pairs as read_change_pairs,
     patch_of as patch_of,
 )
 from .library.followup import (

@@ -52,14 +52,18 @@ from .detectability import (
     pose_limits as pose_limits,
 )
 from .evaluation import (
+    ChangePairs as ChangePairs,
+    ChangePairsTask as ChangePairsTask,
     EvaluatedDetector as EvaluatedDetector,
     EvaluationTask as EvaluationTask,
     Patch as Patch,
     Spot as Spot,
+    change_pairs as change_pairs,
     evaluate as evaluate,
     evaluation_figure_paths as evaluation_figure_paths,
     evaluation_made_by as evaluation_made_by,
     patch_of as patch_of,
+    read_change_pairs as read_change_pairs,
 )
 from .files import (
     RESULTS_FOLDER as RESULTS_FOLDER,
