@@ -87,9 +87,9 @@ class ChangePairsTask(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        for name in ("tilts_deg", "noises_dn"):
-            if getattr(self, name)[0] < 0:
-                raise ValueError(f"{name} must start at 0 or more")
+        for name, least in (("zooms", 1), ("tilts_deg", 0), ("noises_dn", 0)):
+            if getattr(self, name)[0] < least:
+                raise ValueError(f"{name} must start at {least} or more")
         if not (self.contrasts_dn[0] > 0 and self.sigmas_px[0] > 0):
             raise ValueError("contrasts_dn and sigmas_px must be positive")
         self.widest  # noqa: B018  its construction checks the ends of the ranges together

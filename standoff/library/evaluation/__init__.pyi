@@ -14,3 +14,11 @@ from .evaluate import (
     evaluation_figure_paths as evaluation_figure_paths,
     evaluation_made_by as evaluation_made_by,
 )
+from .learned import (
+    LearnedDetector as LearnedDetector,
+    TrainingOptions as TrainingOptions,
+    export_onnx as export_onnx,
+    load_learned as load_learned,
+    save_learned as save_learned,
+    train_detector as train_detector,
+)
