@@ -7,7 +7,7 @@ prints of other photographs, upright, at ratios of distance from 1.1 to 2.5, wit
 that is painted on the print. The AUC's interval is over prints (95 %); so is that of the difference
 of the two, print by print, by Student's t.
 
-    python -m benchmarks.bench_learned_detector [--quick]
+    OMP_NUM_THREADS=1 python -m benchmarks.bench_learned_detector [--quick]
 """
 
 from collections.abc import Iterator

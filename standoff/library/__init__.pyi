@@ -25,7 +25,7 @@ from .bench import (
 )
 from .call import Call as Call, Progress as Progress
 from .caller import called_as as called_as
-from .choices import PairFormat as PairFormat
+from .choices import ChangeSigns as ChangeSigns, PairFormat as PairFormat
 from .comparison import (
     CHANGE_FILES as CHANGE_FILES,
     AlignmentHints as AlignmentHints,

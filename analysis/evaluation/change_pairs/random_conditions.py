@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from analysis.choices import ChangeSigns
 from analysis.errors import RefusedPhotographError
 from analysis.evaluation.change_pairs.pair_file import LabelledPair
 from analysis.evaluation.painted_changes import Spot
@@ -73,7 +74,7 @@ class ChangePairsTask(BaseModel):
     tilts_deg: Range = (0.0, 0.0)
     noises_dn: Range = (1.0, 4.0)
     contrasts_dn: Range = (6.0, 40.0)
-    changes: Literal["both", "brighter", "darker"] = "both"
+    changes: ChangeSigns = "both"
     sigmas_px: Range = (1.5, 3.0)
     model: Model = DEFAULT_MODEL
     reference_zoom: float = 1.0

@@ -48,9 +48,10 @@ def test_interrupted_and_resumed_it_is_the_same_bits_as_in_one_go(
             raise KeyboardInterrupt
         return real(*given)
 
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(pairs_work, "labelled_pairs", interrupted)
+    monkeypatch.setattr(pairs_work, "labelled_pairs", interrupted)
+    with pytest.raises(KeyboardInterrupt):
         standoff.change_pairs(photographs, tmp_path / "resumed", PSF, TASK)
+    monkeypatch.setattr(pairs_work, "labelled_pairs", real)
     assert not read_change_pairs(tmp_path / "resumed").is_complete
     resumed = standoff.change_pairs(photographs, tmp_path / "resumed", PSF, TASK)
     assert 3 <= resumed.photographs.found_done <= 5  # with those that are refused

@@ -76,7 +76,8 @@ def test_conditions_lie_in_their_ranges_and_differ_from_crop_to_crop() -> None:
         assert len(set(values)) == 30
     contrasts = np.array([one.condition.contrast_dn for one in pairs[::2]])
     assert np.all((np.abs(contrasts) >= 5) & (np.abs(contrasts) <= 9))
-    assert (contrasts > 0).any() and (contrasts < 0).any()
+    assert (contrasts > 0).any()
+    assert (contrasts < 0).any()
 
 
 @pytest.mark.parametrize(("changes", "sign"), [("brighter", 1), ("darker", -1)])
