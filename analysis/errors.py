@@ -1,6 +1,12 @@
 """Errors raised when results are compared and reported."""
 
+from functools import partial
+from typing import Any, Literal
+
 from calibration.errors import DocumentError
+
+DetectorFault = Literal["crashed", "hung", "not_finite", "shape", "missing", "output"]
+"""How a detector of changes can fail; an exception that it raises counts as ``crashed``."""
 
 
 class AnalysisError(Exception):
@@ -54,3 +60,15 @@ class RefusedPhotographError(AnalysisError):
 
 class SrDatasetError(AnalysisError):
     """A dataset of training pairs has other settings, or cannot be written."""
+
+
+class DetectorError(AnalysisError):
+    """A detector of changes cannot be run, or gave no usable answer; ``reason`` is the kind."""
+
+    def __init__(self, message: str, *, reason: DetectorFault) -> None:
+        super().__init__(message)
+        self.reason: DetectorFault = reason
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Errors come back from worker processes.
+        return partial(type(self), reason=self.reason), self.args

@@ -14,18 +14,14 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, gaussian_filter, map_coordinates
-from scipy.stats import chi2
-from skimage.metrics import structural_similarity
+from scipy.ndimage import gaussian_filter, map_coordinates
 
+from analysis import detectors
 from simulation.arrays import BoolArray, FloatArray
 
 WORKER = Path(__file__).with_name("change_peer_worker.py")
 
 _SMOOTHING_PX = 1.0
-_LIGHT_PX = 4.0
-_MAD_ROUNDS = 30
-_MAD_RIDGE = 1e-6
 _RATIO = 0.8
 _LEAST_MATCHES = 12
 _TIME_LIMIT_S = 300
@@ -118,64 +114,20 @@ def _in_8_bits(image: FloatArray) -> NDArray[np.uint8]:
 
 
 def _in_light(warped: FloatArray, followup: FloatArray, inside: BoolArray) -> FloatArray:
-    """The reference with a gain and an offset by least squares; the follow-up where not inside.
-
-    They are fitted to what no difference of sharpness reaches.
-    """
+    """The reference with a gain and an offset by least squares; the follow-up where not inside."""
     if not inside.any():
         raise PeerError("the alignment leaves nothing in common")
-    before, after = (gaussian_filter(image, _LIGHT_PX)[inside] for image in (warped, followup))
-    gain, offset = np.polyfit(before, after, 1)
-    return np.where(inside, gain * warped + offset, followup)
+    return detectors.in_light_of(followup, warped, inside)
 
 
 def structural_dissimilarity(pair: AlignedPair) -> FloatArray:
-    """One minus the map of SSIM (Wang and others, 2004), as scikit-image does it."""
-    span = float(np.ptp(pair.followup))
-    compare: Any = structural_similarity  # it states no types
-    _, similarity = compare(
-        pair.warped, pair.followup, data_range=span, gaussian_weights=True, full=True
-    )
-    return np.asarray(1 - similarity)
+    """One minus the map of SSIM, as scikit-image does it."""
+    return detectors.structural_dissimilarity(pair.warped, pair.followup)
 
 
 def ir_mad(pair: AlignedPair) -> FloatArray:
-    """Iteratively reweighted multivariate alteration detection.
-
-    A. A. Nielsen, "The regularized iteratively reweighted MAD method for change detection in multi-
-    and hyperspectral data", IEEE Trans. Image Processing 16 (2007), 463-478. The bands of a pixel
-    are those around it: so much blur can be explained.
-    """
-    bands = [_neighbours(gaussian_filter(i, _SMOOTHING_PX)) for i in (pair.warped, pair.followup)]
-    count = bands[0].shape[1]
-    inside = binary_erosion(pair.overlap, np.ones((7, 7), dtype=np.bool_)).ravel()
-    weight = inside.astype(np.float64)
-    statistic = np.zeros(len(weight))
-    for _ in range(_MAD_ROUNDS):
-        total = weight.sum()
-        x, y = (band - weight @ band / total for band in bands)
-        xx, yy, xy = ((a * weight[:, None]).T @ b / total for a, b in ((x, x), (y, y), (x, y)))
-        for own in (xx, yy):
-            own[np.diag_indices(count)] += _MAD_RIDGE * np.trace(own)
-        root_x, root_y = (np.linalg.cholesky(own) for own in (xx, yy))
-        mixed = np.linalg.solve(root_x, np.linalg.solve(root_y, xy.T).T)
-        left, correlation, right = np.linalg.svd(mixed)
-        a = np.linalg.solve(root_x.T, left)
-        b = np.linalg.solve(root_y.T, right.T)
-        variates = x @ a - y @ b
-        variance = np.maximum(2 * (1 - correlation), 1e-9)
-        statistic = np.sum(variates**2 / variance, axis=1)
-        before, weight = weight, inside * chi2.sf(statistic, count)
-        if np.abs(weight - before).max() < 1e-3:
-            break
-    return statistic.reshape(pair.followup.shape)
-
-
-def _neighbours(image: FloatArray) -> FloatArray:
-    """A pixel and its eight neighbours as bands, shape (pixels, 9)."""
-    padded = np.pad(image, 1, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
-    return np.ascontiguousarray(windows.reshape(-1, 9))
+    """Iteratively reweighted multivariate alteration detection."""
+    return detectors.ir_mad_statistic(pair.warped, pair.followup, pair.overlap)
 
 
 def zogy(pair: AlignedPair) -> FloatArray:

@@ -35,6 +35,13 @@ from analysis.change_series import (
 )
 from analysis.changes import Change, ChangeSummary
 from analysis.detectability import DetectabilityCurve, DetectabilityCurves
+from analysis.evaluation import (
+    Evaluation,
+    EvaluationCurve,
+    FailedPair,
+    FrocPoints,
+    RocPoints,
+)
 from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.study import (
     BudgetShare,
@@ -192,6 +199,11 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
         "curves.json",
         "Schema `standoff.detectability/1`. Written by `detectability`.",
         (DetectabilityCurves, DetectabilityCurve),
+    ),
+    (
+        "evaluation.json",
+        "Schema `standoff.evaluation/1`. Written by `evaluate`.",
+        (Evaluation, EvaluationCurve, RocPoints, FrocPoints, FailedPair),
     ),
     (
         "study.json",

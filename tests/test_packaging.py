@@ -50,6 +50,7 @@ def test_the_extras_are_those_of_the_guide() -> None:
         "pdf",
         "raw",
         "formats",
+        "onnx",
         "bluesky",
         "pandas",
         "export",

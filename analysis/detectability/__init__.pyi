@@ -32,7 +32,11 @@ from .error_sources import (
     student_factor as student_factor,
 )
 from .local import LocalChange as LocalChange, local_changes as local_changes
-from .observers import observer_templates as observer_templates
+from .observers import (
+    auc_of as auc_of,
+    d_prime_of_auc as d_prime_of_auc,
+    observer_templates as observer_templates,
+)
 from .pair import compared_pair as compared_pair
 from .plot import (
     MODEL_COLOURS as MODEL_COLOURS,

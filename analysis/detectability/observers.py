@@ -13,7 +13,7 @@ H. H. Barrett, "Validating the use of channels to estimate the ideal linear obse
 from math import pi, sqrt
 
 import numpy as np
-from scipy.special import eval_laguerre, ndtr
+from scipy.special import eval_laguerre, ndtr, ndtri
 
 from analysis.choices import OBSERVERS, Observer
 from analysis.detectability.covariance import Covariance
@@ -26,6 +26,11 @@ CHANNELS = 6
 def auc_of(d_prime: FloatArray | float) -> FloatArray:
     """Area under the ROC curve of normally distributed decisions, in [0.5, 1] for d' >= 0."""
     return np.asarray(ndtr(np.asarray(d_prime) / sqrt(2.0)))
+
+
+def d_prime_of_auc(auc: FloatArray | float) -> FloatArray:
+    """Index d' of normally distributed decisions with this AUC, in [0, 1]; infinite at its ends."""
+    return np.asarray(sqrt(2.0) * ndtri(np.asarray(auc)))
 
 
 def observer_templates(

@@ -2,6 +2,8 @@ from .curves import FPR as FPR, Photographs as Photographs, evaluation_curves as
 from .document import (
     Evaluation as Evaluation,
     EvaluationCurve as EvaluationCurve,
+    FrocPoints as FrocPoints,
+    RocPoints as RocPoints,
     is_evaluation as is_evaluation,
     read_evaluation as read_evaluation,
 )

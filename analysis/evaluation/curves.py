@@ -130,13 +130,14 @@ def evaluation_curves(
     return curves
 
 
-def _row(pairs: ScoredPairs) -> tuple[dict[str, float], bool]:
+def _row(pairs: ScoredPairs) -> tuple[dict[str, float | None], bool]:
     scores = (pairs.unchanged, pairs.changed, pairs.unchanged_group, pairs.changed_group)
     area = auc_interval(*scores)
     share = tpr_at_fpr(*scores, fpr=FPR)
     return (
         {
             **{"auc": area.auc, "auc_low": area.low, "auc_high": area.high},
+            "auc_all_pairs": area.auc_all_pairs,
             **{"tpr": share.tpr, "tpr_low": share.low, "tpr_high": share.high},
             "average_precision": precision_recall(pairs.unchanged, pairs.changed).average_precision,
             "pairs": int(pairs.changed.size),

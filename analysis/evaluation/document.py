@@ -29,7 +29,7 @@ _LEAST, _MOST_AUC = 1e-9, 1 - 1e-6
 _HEAD_BYTES = 4096
 
 _LISTS = (
-    *("auc", "auc_low", "auc_high", "tpr", "tpr_low", "tpr_high"),
+    *("auc", "auc_low", "auc_high", "auc_all_pairs", "tpr", "tpr_low", "tpr_high"),
     *("average_precision", "pairs", "dprime_bound", "auc_bound"),
 )
 
@@ -53,10 +53,12 @@ class FrocPoints(StoredValues):
 class EvaluationCurve(StoredValues):
     """How well a detector tells changed pairs from others, against zoom.
 
-    Lists have a value for each zoom. ``auc_low`` and ``auc_high`` are the 95 % interval over
-    photographs; ``tpr`` is the share of changes found at ``fpr`` false alarms; ``pairs`` how many
-    pairs with a change gave a score. ``dprime_bound`` and ``auc_bound`` are those of the ideal
-    linear observer that knows where the change is; null of a change that adds nothing known.
+    Lists have a value for each zoom. ``auc`` compares changed pairs with unchanged ones of other
+    photographs, as a threshold does that was set elsewhere, with its 95 % interval over
+    photographs; ``auc_all_pairs`` is Mann and Whitney's share of all pairs; ``tpr`` is the share of
+    changes found at ``fpr`` false alarms; ``pairs`` how many pairs with a change gave a score.
+    ``dprime_bound`` and ``auc_bound`` are those of the ideal linear observer that knows where the
+    change is; null of a change that adds nothing known.
     """
 
     detector: str
@@ -71,6 +73,7 @@ class EvaluationCurve(StoredValues):
     auc: list[float]
     auc_low: list[float]
     auc_high: list[float]
+    auc_all_pairs: list[float]
     tpr: list[float]
     tpr_low: list[float]
     tpr_high: list[float]

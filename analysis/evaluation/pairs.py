@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
 from analysis.errors import RefusedPhotographError
@@ -14,10 +13,8 @@ from analysis.evaluation.roc import Disc
 from analysis.evaluation.task import Condition, EvaluationTask
 from analysis.pose import ViewingCamera
 from simulation import PoseOptions, Psf, SamplingGrid, simulate_pose, zoom_out_on_grid
-from simulation.arrays import FloatArray
+from simulation.arrays import Float32Array, FloatArray
 from simulation.choices import POSE_MODELS
-
-Float32 = NDArray[np.float32]
 
 _AWAY = 0.25
 """Of the crop, how far from its border a change lies at the least."""
@@ -41,8 +38,8 @@ class ChangePair:
         Pose, noise and contrast.
     """
 
-    reference: Float32
-    followup: Float32
+    reference: Float32Array
+    followup: Float32Array
     homography: FloatArray
     place: Disc | None
     crop: int

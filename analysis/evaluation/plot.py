@@ -13,6 +13,8 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """From Okabe and Ito's palette, which colour-blind readers can distinguish."""
 
 _PANEL_IN = 3.4
+_ASIDE = 0.008
+"""Of the axis of zooms, what the bars of two tilts are apart."""
 
 
 def auc_figure(evaluation: "Evaluation") -> Figure:
@@ -27,7 +29,8 @@ def auc_figure(evaluation: "Evaluation") -> Figure:
     panels = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]
     for axes, ((noise_dn, contrast_dn), curves) in zip(panels, groups.items(), strict=True):
         for number, curve in enumerate(curves):
-            _draw_auc(axes, curve, _COLOURS[number % len(_COLOURS)])
+            aside = _ASIDE * (number - (len(curves) - 1) / 2) * (curve.zoom[-1] - 1)
+            _draw_auc(axes, curve, _COLOURS[number % len(_COLOURS)], aside)
         axes.set(
             title=f"noise {noise_dn:g} DN, contrast {contrast_dn:g}",
             xlabel="zoom",
@@ -38,8 +41,8 @@ def auc_figure(evaluation: "Evaluation") -> Figure:
     return figure
 
 
-def _draw_auc(axes: Axes, curve: "EvaluationCurve", colour: str) -> None:
-    zoom, auc = np.array(curve.zoom), np.array(curve.auc)
+def _draw_auc(axes: Axes, curve: "EvaluationCurve", colour: str, aside: float) -> None:
+    zoom, auc = np.array(curve.zoom) + aside, np.array(curve.auc)
     reach = np.abs(np.array([curve.auc_low, curve.auc_high]) - auc)
     axes.errorbar(
         zoom, auc, yerr=reach, fmt="o-", markersize=4, linewidth=1.2, capsize=2, color=colour,

@@ -145,7 +145,7 @@ class EvaluationTask:
     def scene_px(self, sigma_px: float) -> int:
         """Side of the part of a photograph that a pair needs, the reach of all kernels included."""
         widest = self.reference_zoom * self.zooms[-1]
-        leaning = 1 / np.cos(np.radians(max(map(abs, self.tilts_deg)))) ** 2
+        leaning = float(1 / np.cos(np.radians(max(map(abs, self.tilts_deg)))) ** 2)
         margin = ceil(_MARGIN_SIGMAS * sigma_px * widest + _TAPS_PX * widest)
         side = ceil(self.reference_zoom * self.crop_px * leaning) + 2 * margin
         # A photograph that is the reference itself is cut at whole pixels.

@@ -87,7 +87,13 @@ from .followup import (
     zoom_out as zoom_out,
 )
 from .geometry import calibrate_geometry as calibrate_geometry, write_geometry as write_geometry
-from .inputs import FilePath as FilePath, path_of as path_of
+from .inputs import (
+    FilePath as FilePath,
+    NoiseLike as NoiseLike,
+    PsfLike as PsfLike,
+    camera_noise as camera_noise,
+    path_of as path_of,
+)
 from .noise import measure_noise as measure_noise, write_noise as write_noise
 from .photographs import read_image as read_image, reading as reading
 from .pose_stream import NamedFrame as NamedFrame, PoseWatch as PoseWatch

@@ -21,7 +21,7 @@ EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
 COMMANDS = {
-    "demo": "demo:demo",
+    "demo": "rehearsals:demo",
     "capture": "capture:capture",
     "session": "sessions:session",
     "verify": "sessions:verify",
@@ -42,7 +42,7 @@ COMMANDS = {
     "pose": "pose:pose",
     "changes": "changes:changes",
     "validate": "validate:validate",
-    "paper": "paper:paper",
+    "paper": "rehearsals:paper",
     "report": "report:report",
     "console": "console:console",
     "mock": "mock:mock",

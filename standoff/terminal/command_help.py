@@ -30,6 +30,10 @@ standoff sr-pairs photographs --psf psf.json --zoom 2 --out pairs
 standoff change-pairs photographs --psf psf.json --zooms 1,2.5 --noise 1,4 --out pairs
 standoff plan-study --bench bench.toml --plan plan.toml --psf psf.json --want sigma=0.5%
 standoff detectability photographs --psf psf.json --noise 2 --contrast 12 --out curves.json
+standoff evaluate ssim --photographs scenes --psf psf.json --noise 2 --contrast 12 \
+--out evaluation.json --report evaluation.html
+standoff evaluate "python detect.py {reference} {followup} {out}" --photographs scenes \
+--psf psf.json --out evaluation.json
 standoff limits --curves curves.json --min-dprime 2 --geometry geometry.json
 standoff limits --curves curves.json --min-dprime 2 --focal-length-px 964 --image-size 780x580
 standoff pose before.tif after.tif --curves curves.json --min-dprime 2

@@ -270,7 +270,9 @@ def _checked_threshold(min_dprime: float) -> float:
     return min_dprime
 
 
-CurvesPath = Annotated[Path, Option(help="curves.json from standoff detectability.")]
+CurvesPath = Annotated[
+    Path, Option(help="curves.json from standoff detectability, or evaluation.json.")
+]
 MinDprime = Annotated[
     float,
     Option(

@@ -216,6 +216,11 @@ def pose_limits(
     limits = limits_of_curve(found, min_d_prime, camera, reference_tilt_deg, direction_deg, aim_px)
     contrast_dn = None
     if at_zoom is not None:
+        if found.observer == "detector":
+            raise ArgumentError(
+                f"the scores of {found.detector} say nothing of other contrasts; evaluate it with "
+                "--contrast"
+            )
         pose = FollowupPose(
             zoom=at_zoom,
             tilt_deg=at_tilt_deg,

@@ -9,6 +9,7 @@ import numpy as np
 from acquisition.printable import on_one_line
 from analysis.errors import RefusedPhotographError
 from analysis.evaluation import LaterScene, Patch
+from simulation.arrays import FloatArray
 from standoff.errors import ApplicationError
 from standoff.library.inputs import FilePath
 from standoff.library.swept_photographs import scene_image
@@ -30,12 +31,12 @@ def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
         If it cannot be read.
     """
     file = Path(path)
-    levels = read_image(file, reading).grey_dn
+    levels = read_image(file, reading or ReadOptions()).grey_dn
     stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-    alpha = np.ones(levels.shape)
+    alpha: FloatArray = np.ones(levels.shape)
     if stored is not None and stored.ndim == 3 and stored.shape[2] == 4:
-        scale = float(np.iinfo(stored.dtype).max) if stored.dtype.kind == "u" else 1.0
-        alpha = stored[:, :, 3] / scale
+        full = {"uint8": 255.0, "uint16": 65535.0}.get(stored.dtype.name, 1.0)
+        alpha = np.asarray(stored[:, :, 3] / full, np.float64)
     try:
         return Patch(levels_dn=levels, alpha=alpha, name=on_one_line(file.name))
     except ValueError as error:

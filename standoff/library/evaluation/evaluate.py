@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from heapq import nsmallest
+from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acquisition.printable import on_one_line
+from analysis.choices import WINDOW_PX
 from analysis.detectability import (
     MOST_SCENES,
     DetectabilityCurve,
@@ -48,6 +50,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FAILED_LISTED = 100
+_WIDEST_WINDOW_PX = 61
+"""Of the bound: its time grows with the sixth power."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -259,6 +263,13 @@ def _bounds(
     noises = tuple(noise for noise in task.noises_dn if noise > 0)
     if not isinstance(task.change, Spot) or work.later is not None or not noises:
         return {}
+    window_px = 2 * ceil(task.change.reach_px / task.reference_zoom) + 1
+    if window_px > _WIDEST_WINDOW_PX:
+        call.announce(
+            f"no bound is given: of changes wider than {_WIDEST_WINDOW_PX // 12} px (sigma on the "
+            "reference) it takes too long"
+        )
+        return {}
     least = nsmallest(MOST_SCENES, ((one.sha256, one.path) for one in scores()))
     wanted = {path for _, path in least}
     found = [item.path for item in manifest if on_one_line(item.path) in wanted]
@@ -276,6 +287,7 @@ def _bounds(
                 models=(task.model,),
                 observers=("hotelling",),
                 reference_zoom=task.reference_zoom,
+                window_px=max(window_px, WINDOW_PX),
             ),
         )
         advance_to(1)
