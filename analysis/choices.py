@@ -48,3 +48,6 @@ CACHE_VARIABLE = "STANDOFF_KERNEL_CACHE"
 
 PairFormat = Literal["folder", "webdataset"]
 """Two image files for each pair in folders, or tar files of the pairs of many photographs."""
+
+ChangeSigns = Literal["both", "brighter", "darker"]
+"""Whether changes of training pairs are brighter than the scene, darker, or either."""

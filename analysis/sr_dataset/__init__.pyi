@@ -5,4 +5,9 @@ from .record import (
     PairRecord as PairRecord,
     ShardRecord as ShardRecord,
 )
-from .settings import SrDatasetSettings as SrDatasetSettings
+from .settings import (
+    SPLITS as SPLITS,
+    Split as Split,
+    SrDatasetSettings as SrDatasetSettings,
+    split_of as split_of,
+)

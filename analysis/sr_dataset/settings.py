@@ -59,8 +59,8 @@ class SrDatasetSettings:
         return {"schema": DATASET_SCHEMA, **own, "reading": dict(self.reading)}
 
 
-def split_of(digest: str, settings: SrDatasetSettings) -> Split:
+def split_of(digest: str, seed: int, test_fraction: float) -> Split:
     """Split of an image, from its content, so that adding images does not move others."""
-    draw = hashlib.sha256(f"{settings.seed}:{digest}".encode()).digest()
+    draw = hashlib.sha256(f"{seed}:{digest}".encode()).digest()
     share = int.from_bytes(draw[:8], "big") / 2**64
-    return "test" if share < settings.test_fraction else "train"
+    return "test" if share < test_fraction else "train"

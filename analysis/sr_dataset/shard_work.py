@@ -117,7 +117,7 @@ class PairShards(ShardWork):
         )
         try:
             photograph = self.read(item.path)
-            split = split_of(photograph.sha256, self.settings)
+            split = split_of(photograph.sha256, self.settings.seed, self.settings.test_fraction)
             pairs = self._pairs(photograph, split, files)
         except (RefusedPhotographError, ValueError) as error:
             is_unread = isinstance(error, RefusedPhotographError) and error.is_unread

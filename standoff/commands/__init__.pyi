@@ -1,6 +1,7 @@
 from . import (
     calibrate as calibrate,
     capture as capture,
+    change_pairs as change_pairs,
     changes as changes,
     compare as compare,
     console as console,

@@ -25,7 +25,7 @@ from .bench import (
 )
 from .call import Call as Call, Progress as Progress
 from .caller import called_as as called_as
-from .choices import PairFormat as PairFormat
+from .choices import ChangeSigns as ChangeSigns, PairFormat as PairFormat
 from .comparison import (
     CHANGE_FILES as CHANGE_FILES,
     AlignmentHints as AlignmentHints,
@@ -52,14 +52,24 @@ from .detectability import (
     pose_limits as pose_limits,
 )
 from .evaluation import (
+    ChangePairs as ChangePairs,
+    ChangePairsTask as ChangePairsTask,
     EvaluatedDetector as EvaluatedDetector,
     EvaluationTask as EvaluationTask,
+    LearnedDetector as LearnedDetector,
     Patch as Patch,
     Spot as Spot,
+    TrainingOptions as TrainingOptions,
+    change_pairs as change_pairs,
     evaluate as evaluate,
     evaluation_figure_paths as evaluation_figure_paths,
     evaluation_made_by as evaluation_made_by,
+    export_onnx as export_onnx,
+    load_learned as load_learned,
     patch_of as patch_of,
+    read_change_pairs as read_change_pairs,
+    save_learned as save_learned,
+    train_detector as train_detector,
 )
 from .files import (
     RESULTS_FOLDER as RESULTS_FOLDER,

@@ -1,3 +1,3 @@
 """Layouts that callers choose from; imports no library."""
 
-from analysis.choices import PairFormat as PairFormat
+from analysis.choices import ChangeSigns as ChangeSigns, PairFormat as PairFormat

@@ -34,6 +34,7 @@ COMMANDS = {
     "noise": "noise:noise",
     "simulate": "simulate:simulate",
     "sr-pairs": "sr_pairs:sr_pairs",
+    "change-pairs": "change_pairs:change_pairs",
     "plan-study": "plan_study:plan_study",
     "detectability": "detectability:detectability",
     "evaluate": "evaluate:evaluate",

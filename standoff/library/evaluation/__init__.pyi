@@ -1,3 +1,9 @@
+from .change_pairs import (
+    ChangePairs as ChangePairs,
+    ChangePairsTask as ChangePairsTask,
+    change_pairs as change_pairs,
+    read_change_pairs as read_change_pairs,
+)
 from .changes import patch_of as patch_of
 from .evaluate import (
     EvaluatedDetector as EvaluatedDetector,
@@ -7,4 +13,12 @@ from .evaluate import (
     evaluate as evaluate,
     evaluation_figure_paths as evaluation_figure_paths,
     evaluation_made_by as evaluation_made_by,
+)
+from .learned import (
+    LearnedDetector as LearnedDetector,
+    TrainingOptions as TrainingOptions,
+    export_onnx as export_onnx,
+    load_learned as load_learned,
+    save_learned as save_learned,
+    train_detector as train_detector,
 )

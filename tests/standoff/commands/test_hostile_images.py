@@ -95,6 +95,7 @@ COMMANDS: dict[str, tuple[str | float, ...]] = {
     "pose": ("pose", "GOOD", "BAD", "--curves", "CURVES", "--min-dprime", 2),
     "pose-reference": ("pose", "BAD", "GOOD", "--curves", "CURVES", "--min-dprime", 2),
     "signal": ("detectability", "GOOD", "--signal", "BAD", "--psf", "PSF", "--out", "OUT.json"),
+    "change-pairs": ("change-pairs", "BAD", "--psf", "PSF", "--crop", 48, "--out", "OUT"),
     "sr-pairs": ("sr-pairs", "BAD", "--psf", "PSF", "--zoom", 2, "--crop", 32, "--out", "OUT"),
 }
 

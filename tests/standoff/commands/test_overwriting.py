@@ -73,7 +73,7 @@ WRITERS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 It reads no file that exists: a refusal comes before anything is read.
 """
 
-RESUMED = {"capture", "import", "sr-pairs"}
+RESUMED = {"capture", "change-pairs", "import", "sr-pairs"}
 """Commands whose --out is a folder that a second run goes on with."""
 
 OPTIONS = {"out", "csv", "report", "nearer", "plot", "picture"}

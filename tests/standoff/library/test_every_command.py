@@ -24,6 +24,7 @@ FUNCTIONS = {
     "noise": {"measure_noise", "write_noise"},
     "simulate": {"simulate"},
     "sr-pairs": {"training_pairs"},
+    "change-pairs": {"change_pairs"},
     "plan-study": {"plan_study", "write_study"},
     "detectability": {"d_prime_curves", "measure_curves"},
     "evaluate": {"evaluate", "patch_of"},

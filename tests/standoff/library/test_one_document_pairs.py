@@ -191,3 +191,20 @@ def test_sr_pairs(command: Command, folder: Path, tmp_path: Path) -> None:
     assert printed(done) == without_caller(found.to_json())
     for path in by_command.rglob("*.png"):
         assert (by_function / path.relative_to(by_command)).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.slow
+def test_change_pairs(command: Command, folder: Path, tmp_path: Path) -> None:
+    words = ("--psf", folder / "psf.json", "--zooms", "1,1.5", "--crop", 48, "--pairs", 2)
+    by_command, by_function = tmp_path / "by-command", tmp_path / "by-function"
+    done = command("change-pairs", folder / "after", *words, "--out", by_command, "--json")
+    found = standoff.change_pairs(
+        folder / "after",
+        by_function,
+        folder / "psf.json",
+        standoff.ChangePairsTask(zooms=(1, 1.5), crop_px=48, pairs=2),
+    )
+    assert printed(done) == without_caller(json_object(found.dataset))
+    assert len(list(found.dataset.pairs("train"))) == found.dataset.train
+    for path in by_command.rglob("*.npz"):
+        assert (by_function / path.relative_to(by_command)).read_bytes() == path.read_bytes()

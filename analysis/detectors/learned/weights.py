@@ -1,0 +1,198 @@
+"""A trained network as a detector, and the file that keeps it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from io import BytesIO
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from acquisition.printable import on_one_line
+from acquisition.regular_files import read_regular_file
+from analysis.detectors.followup_view import followup_view
+from analysis.errors import DetectorError, ResultsFileError
+from analysis.sweep import commit_file
+from simulation.arrays import Float32Array, FloatArray
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from analysis.detectors.learned.network import SiameseNetwork
+
+LEARNED_SCHEMA: Final = "standoff.learned-detector/1"
+_LARGEST_BYTES = 1 << 26
+_ONNX_OPSET = 17
+
+
+class LearnedDetector:
+    """A trained network as a `Detector`: its map is the log odds of a change at each pixel.
+
+    Parameters
+    ----------
+    network
+        Trained.
+    """
+
+    def __init__(self, network: "SiameseNetwork") -> None:
+        self.network = network.eval()
+
+    def __call__(
+        self, reference: Float32Array, followup: Float32Array, homography: FloatArray
+    ) -> Float32Array:
+        """Compare a follow-up with its reference; see `Detector`."""
+        import torch
+
+        images = torch.from_numpy(on_one_grid(reference, followup, homography)[np.newaxis])
+        with one_thread(), torch.inference_mode():
+            odds = self.network(images)[0, 0].numpy()
+        return np.array(odds, np.float32)
+
+
+def on_one_grid(
+    reference: Float32Array, followup: Float32Array, homography: FloatArray
+) -> Float32Array:
+    """Return both photographs on the follow-up's grid, shape ``(2, rows, cols)``.
+
+    Where the reference shows nothing it is the follow-up, as in what an ONNX file is given.
+    """
+    seen = followup_view(reference, (followup.shape[0], followup.shape[1]), homography)
+    before = np.where(seen.inside, seen.levels, followup)
+    return np.stack([before, followup]).astype(np.float32)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let PyTorch use one thread in the block: the same bits on any machine's number of cores.
+
+    For images as small as these a second thread gains little, and where the cores are busy it costs
+    a multiple.
+    """
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def require_torch() -> None:
+    """Raise a DetectorError if PyTorch is not installed."""
+    if find_spec("torch") is None:
+        raise DetectorError(
+            "a learned detector needs PyTorch: pip install 'standoff[learned]'", reason="missing"
+        )
+
+
+def save_learned(path: Path, detector: LearnedDetector) -> None:
+    """Write a detector's weights, whole or not at all; ``load_learned`` reads them.
+
+    Raises
+    ------
+    ResultsFileError
+        If the file cannot be written.
+    """
+    import torch
+
+    file = BytesIO()
+    torch.save({"schema": LEARNED_SCHEMA, "weights": detector.network.state_dict()}, file)
+    try:
+        commit_file(path, file.getvalue())
+    except OSError as error:
+        raise ResultsFileError(
+            f"cannot write {on_one_line(path)}: {error.strerror}", source=str(path)
+        ) from error
+
+
+def load_learned(path: Path | str) -> LearnedDetector:
+    """Return the detector in a file of `save_learned`; nothing in the file is run.
+
+    Raises
+    ------
+    DetectorError
+        With reason ``missing``, if PyTorch is not installed, the file cannot be read, is damaged or
+        of another kind.
+    """
+    require_torch()
+    import torch
+
+    from analysis.detectors.learned.network import SiameseNetwork
+
+    name = on_one_line(path)
+    try:
+        content = read_regular_file(Path(path), _LARGEST_BYTES)
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise DetectorError(f"cannot read {name}: {why}", reason="missing") from error
+    except ValueError as error:
+        raise DetectorError(f"{name}: {error}", reason="missing") from error
+    damaged = DetectorError(
+        f"{name} is damaged or no file of a learned detector; train it again", reason="missing"
+    )
+    try:
+        stored: Any = torch.load(BytesIO(content), map_location="cpu", weights_only=True)
+    except (RuntimeError, UnpicklingError, EOFError, ValueError, KeyError, AttributeError) as error:
+        raise damaged from error
+    if not isinstance(stored, dict) or not isinstance(stored.get("weights"), dict):
+        raise damaged
+    if stored.get("schema") != LEARNED_SCHEMA:
+        raise DetectorError(
+            f"{name} is of schema {on_one_line(str(stored.get('schema')))!s:.60}, "
+            f"expected {LEARNED_SCHEMA}",
+            reason="missing",
+        )
+    network = SiameseNetwork()
+    try:
+        network.load_state_dict(stored["weights"])
+    except (RuntimeError, TypeError, AttributeError) as error:
+        raise damaged from error
+    if not all(_is_finite(weight) for weight in network.parameters()):
+        raise damaged
+    return LearnedDetector(network)
+
+
+def export_onnx(path: Path, detector: LearnedDetector) -> None:
+    """Write a detector as an ONNX file that takes frames of any size; needs the package ``onnx``.
+
+    Raises
+    ------
+    DetectorError
+        If ``onnx`` is not installed.
+    ResultsFileError
+        If the file cannot be written.
+    """
+    if find_spec("onnx") is None:
+        raise DetectorError("an ONNX file needs onnx: pip install onnx", reason="missing")
+    import warnings
+
+    import torch
+
+    axes = {0: "pairs", 2: "rows", 3: "columns"}
+    file = BytesIO()
+    with warnings.catch_warnings():
+        # The exporter that succeeds this one needs a further package.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        torch.onnx.export(
+            detector.network,
+            (torch.zeros(1, 2, 64, 64),),
+            file,
+            input_names=["photographs"],
+            output_names=["log_odds"],
+            dynamic_axes={"photographs": axes, "log_odds": axes},
+            opset_version=_ONNX_OPSET,
+            dynamo=False,
+        )
+    try:
+        commit_file(path, file.getvalue())
+    except OSError as error:
+        raise ResultsFileError(
+            f"cannot write {on_one_line(path)}: {error.strerror}", source=str(path)
+        ) from error
+
+
+def _is_finite(weight: "Tensor") -> bool:
+    return bool(weight.isfinite().all())

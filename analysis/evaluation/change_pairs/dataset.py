@@ -1,0 +1,217 @@
+"""A folder of change pairs: dataset.json, and a file of pairs for each photograph."""
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, Literal, Protocol
+
+from pydantic import Field, PrivateAttr
+
+from analysis.errors import ResultsFileError
+from analysis.evaluation.change_pairs.pair_file import LabelledPair, read_pairs
+from analysis.evaluation.change_pairs.random_conditions import ChangePairsTask
+from analysis.evaluation.change_pairs.work import ChangePairsWork
+from analysis.results_file import ResultsDocument, StoredValues, write_results
+from analysis.sr_dataset import SPLITS, Split
+from analysis.sweep import (
+    Manifest,
+    SweepCall,
+    SweepOptions,
+    SweepSummary,
+    announced_sweep,
+    blocks_of,
+)
+from calibration.documents import read_document
+from calibration.provenance import InputFile, Provenance
+
+CHANGE_PAIRS_SCHEMA: Final = "standoff.change-pairs/1"
+DATASET_NAME: Final = "dataset.json"
+_SETTINGS = ("task", "psf", "reading")
+
+
+class ChangePairsFile(StoredValues):
+    """A file of pairs, and the photograph that they are from.
+
+    ``pairs`` counts those without and with a change together; half of them have one. ``sha256`` is
+    the photograph's.
+    """
+
+    file: str
+    split: Split
+    photograph: str
+    sha256: str
+    encoding: str
+    pairs: int
+
+
+class ChangePairsDataset(ResultsDocument):
+    """What a data set of change pairs holds: the document of its dataset.json.
+
+    ``is_complete`` is false until all photographs were tried; then ``files`` names the file of
+    each, and ``refused`` the first that could not be used, of ``refused_photographs``.
+    """
+
+    schema_name: Literal["standoff.change-pairs/1"] = Field(
+        default=CHANGE_PAIRS_SCHEMA, alias="schema"
+    )
+    is_complete: bool = False
+    task: ChangePairsTask
+    psf: dict[str, Any] | None
+    reading: str
+    train: int = 0
+    test: int = 0
+    refused_photographs: int = 0
+    refused: tuple[str, ...] = ()
+    files: tuple[ChangePairsFile, ...] = Field(default=(), repr=False)
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    def __repr__(self) -> str:
+        return (
+            f"<{self.train} pairs for training, {self.test} for testing, "
+            f"of {len(self.files)} photographs>"
+        )
+
+    def pairs(self, split: Split) -> Iterator[LabelledPair]:
+        """Read the pairs of one split, file by file.
+
+        Raises
+        ------
+        ResultsFileError
+            If a file is missing or damaged.
+        """
+        for one in self.files:
+            if one.split == split:
+                yield from read_pairs(self._folder / one.file)
+
+
+class DatasetCall(SweepCall, Protocol):
+    """The call that a data set is written by."""
+
+    def provenance(self) -> Provenance:
+        """Return the provenance of the data set, but for its photographs."""
+        ...
+
+
+def read_change_pairs(folder: Path) -> ChangePairsDataset:
+    """Read the dataset.json of a folder of change pairs.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read, or is of another schema.
+    """
+    found = read_document(
+        folder / DATASET_NAME,
+        ChangePairsDataset,
+        ResultsFileError,
+        "write it with standoff change-pairs",
+    )
+    found._folder = folder
+    return found
+
+
+def write_change_pairs(
+    call: DatasetCall,
+    paths: Iterable[Path],
+    work: ChangePairsWork,
+    options: SweepOptions | None = None,
+) -> tuple[ChangePairsDataset, SweepSummary]:
+    """Write the pairs of every photograph that an earlier run did not do.
+
+    dataset.json lists them once a run has done all parts.
+
+    Raises
+    ------
+    ResultsFileError
+        If the folder holds pairs with other settings, or cannot be written.
+    SweepError
+        If no worker is fit, or, when strict, a photograph is refused.
+    """
+    options = options or SweepOptions()
+    head: dict[str, Any] = {
+        "task": work.task,
+        "psf": None if work.psf is None else json.loads(json.dumps(asdict(work.psf))),
+        "reading": work.reading,
+    }
+    _prepare(work.out, ChangePairsDataset(**head))
+    with Manifest(paths, work.state) as manifest:
+        summary = announced_sweep(call, "cutting pairs", manifest, work, options)
+        if options.part[1] > 1:
+            return ChangePairsDataset(**head), summary
+        files = _files(manifest, work)
+    made = {one.file for one in files}
+    for split in SPLITS:
+        for path in (work.out / split).glob("*.npz"):
+            if f"{split}/{path.name}" not in made:
+                path.unlink(missing_ok=True)  # of photographs that are no longer among them
+    counts = {split: sum(one.pairs for one in files if one.split == split) for split in SPLITS}
+    document = ChangePairsDataset(
+        **head,
+        **counts,
+        is_complete=True,
+        refused_photographs=summary.refused,
+        refused=summary.refused_lines,
+        files=files,
+        provenance=_with_photographs(call.provenance(), files),
+    )
+    write_results(work.out / DATASET_NAME, document)
+    document._folder = work.out
+    return document, summary
+
+
+def _prepare(out: Path, document: ChangePairsDataset) -> None:
+    about = out / DATASET_NAME
+    try:
+        for folder in (*SPLITS, "shards"):
+            (out / folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResultsFileError(
+            f"cannot write {error.filename or out}: {error.strerror}", source=str(out)
+        ) from error
+    if about.is_file():
+        stored = read_change_pairs(out)
+        if any(getattr(stored, name) != getattr(document, name) for name in _SETTINGS):
+            raise ResultsFileError(
+                f"{out} holds pairs made with other settings (see {about}); name another folder",
+                source=str(about),
+            )
+        return
+    write_results(about, document)
+
+
+def _files(manifest: Manifest, work: ChangePairsWork) -> tuple[ChangePairsFile, ...]:
+    """The files by their photographs' paths, of copies the first."""
+    photographs = []
+    for block in blocks_of(manifest, work.key):
+        for shard in block:
+            record = work.record(shard)
+            if record is None:
+                raise ResultsFileError(f"a shard in {work.state} vanished; run the command again")
+            photographs += [one for one in record.photographs if one.file is not None]
+    kept: dict[str, ChangePairsFile] = {}
+    for one in sorted(photographs, key=lambda each: each.order):
+        kept.setdefault(
+            str(one.file),
+            ChangePairsFile(
+                file=str(one.file),
+                split=one.split,
+                photograph=one.name,
+                sha256=one.sha256,
+                encoding=one.encoding,
+                pairs=one.pairs,
+            ),
+        )
+    return tuple(kept.values())
+
+
+def _with_photographs(provenance: Provenance, files: tuple[ChangePairsFile, ...]) -> Provenance:
+    encodings = sorted({one.encoding for one in files}) or ["linear"]
+    listed = tuple(InputFile(path=one.photograph, sha256=one.sha256) for one in files)
+    return provenance.model_copy(
+        update={
+            "inputs": provenance.inputs + listed,
+            "encoding": encodings[0] if len(encodings) == 1 else tuple(encodings),
+        }
+    )

@@ -1,0 +1,220 @@
+"""Pairs under conditions drawn at random for each, with a mask of what changed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from analysis.choices import ChangeSigns
+from analysis.errors import RefusedPhotographError
+from analysis.evaluation.change_pairs.pair_file import LabelledPair
+from analysis.evaluation.painted_changes import Spot
+from analysis.evaluation.pairs import PairMaker
+from analysis.evaluation.task import Condition, EvaluationTask
+from simulation import Model, Psf
+from simulation.arrays import BoolArray, FloatArray
+from simulation.choices import DEFAULT_MODEL
+
+_CONDITIONS_STREAM = 1 << 31
+"""Keeps the draws of the conditions apart from those of the pairs, whose numbers are small."""
+
+_PEAK_SHARE = 0.5
+
+
+def _rising(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] <= ends[1]:
+        raise ValueError(f"the ends of a range must rise, got {ends[0]:g} and {ends[1]:g}")
+    return ends
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_rising)]
+"""Least and largest value."""
+
+
+class ChangePairsTask(BaseModel):
+    """What pairs a data set is made of; each draws its conditions from these ranges.
+
+    Zoom, noise, contrast and width are drawn evenly on a logarithmic scale, the tilt evenly.
+
+    Parameters
+    ----------
+    zooms
+        Ratio of the follow-up's distance to the reference's, from 1.
+    tilts_deg
+        Tilt of the follow-up, from 0; above 0 it needs ``focal_length_px`` and one of
+        ``simulation.choices.POSE_MODELS``.
+    noises_dn
+        Standard deviation of the white noise of both photographs; from 0, it is drawn evenly.
+    contrasts_dn
+        Absolute peak of the change, a Gaussian spot, in DN.
+    changes
+        Whether spots are brighter than the scene, darker, or either.
+    sigmas_px
+        Width of the spot in px of the photograph.
+    model, reference_zoom, crop_px, focal_length_px, focus_scatter_px2, light_scatter
+        As of an `EvaluationTask`.
+    pairs
+        Pairs without and pairs with a change that are cut from each photograph.
+    test_fraction
+        Share of the photographs kept for testing.
+    seed
+        Of all that is random.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range, or pairs at the ends of the ranges are not possible.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    zooms: Range = (1.0, 2.5)
+    tilts_deg: Range = (0.0, 0.0)
+    noises_dn: Range = (1.0, 4.0)
+    contrasts_dn: Range = (6.0, 40.0)
+    changes: ChangeSigns = "both"
+    sigmas_px: Range = (1.5, 3.0)
+    model: Model = DEFAULT_MODEL
+    reference_zoom: float = 1.0
+    crop_px: int = 96
+    pairs: int = Field(default=20, ge=1)
+    focal_length_px: float | None = None
+    focus_scatter_px2: float = 0.0
+    light_scatter: float = 0.0
+    test_fraction: float = Field(default=0.2, ge=0, le=1)
+    seed: int = Field(default=0, ge=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for name, least in (("zooms", 1), ("tilts_deg", 0), ("noises_dn", 0)):
+            if getattr(self, name)[0] < least:
+                raise ValueError(f"{name} must start at {least} or more")
+        if not (self.contrasts_dn[0] > 0 and self.sigmas_px[0] > 0):
+            raise ValueError("contrasts_dn and sigmas_px must be positive")
+        self.widest  # noqa: B018  its construction checks the ends of the ranges together
+        return self
+
+    @property
+    def widest(self) -> EvaluationTask:
+        """The task that needs the largest part of a photograph."""
+        return self._task(
+            Condition(
+                zoom=self.zooms[1],
+                tilt_deg=self.tilts_deg[1],
+                noise_dn=self.noises_dn[1],
+                contrast_dn=self.contrasts_dn[1],
+            ),
+            self.sigmas_px[1],
+        )
+
+    def drawn(self, rng: np.random.Generator) -> EvaluationTask:
+        """Return a task of one condition, drawn from the ranges."""
+        zoom, contrast, sigma = (
+            _logarithmic(ends, rng) for ends in (self.zooms, self.contrasts_dn, self.sigmas_px)
+        )
+        tilt = float(rng.uniform(*self.tilts_deg))
+        noise = (
+            _logarithmic(self.noises_dn, rng)
+            if self.noises_dn[0] > 0
+            else float(rng.uniform(*self.noises_dn))
+        )
+        is_brighter = {"brighter": True, "darker": False}.get(self.changes, rng.random() < 0.5)
+        condition = Condition(
+            zoom=zoom,
+            tilt_deg=tilt,
+            noise_dn=noise,
+            contrast_dn=contrast if is_brighter else -contrast,
+        )
+        return self._task(condition, sigma)
+
+    def _task(self, condition: Condition, sigma_px: float) -> EvaluationTask:
+        return EvaluationTask(
+            zooms=(condition.zoom,),
+            tilts_deg=(condition.tilt_deg,),
+            noises_dn=(condition.noise_dn,),
+            contrasts_dn=(condition.contrast_dn,),
+            change=Spot(sigma_px=sigma_px),
+            model=self.model,
+            reference_zoom=self.reference_zoom,
+            crop_px=self.crop_px,
+            crops=self.pairs,
+            focal_length_px=self.focal_length_px,
+            focus_scatter_px2=self.focus_scatter_px2,
+            light_scatter=self.light_scatter,
+            seed=self.seed,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Photograph:
+    """What all pairs of a photograph share."""
+
+    grey_dn: FloatArray
+    digest: str
+    psf: Psf | None
+
+    def maker(self, task: EvaluationTask) -> PairMaker:
+        return PairMaker(grey_dn=self.grey_dn, digest=self.digest, task=task, psf=self.psf)
+
+
+def labelled_pairs(
+    grey_dn: FloatArray, digest: str, task: ChangePairsTask, psf: Psf | None
+) -> Iterator[LabelledPair]:
+    """Yield the pairs of a photograph, of each crop the one without and then the one with a change.
+
+    The same photograph gives the same bits wherever they are made.
+
+    Parameters
+    ----------
+    grey_dn
+        Shape ``(rows, cols)``, linear in light.
+    digest
+        Hash of the photograph's content, in hexadecimal digits.
+    task, psf
+        What pairs, and the camera's total PSF.
+
+    Raises
+    ------
+    RefusedPhotographError
+        If the photograph is too small for the widest pair.
+    """
+    photograph = _Photograph(grey_dn=grey_dn, digest=digest, psf=psf)
+    photograph.maker(task.widest)  # refuses a small photograph as a whole
+    content = int(digest[:16] or "0", 16)
+    for crop in range(task.pairs):
+        rng = np.random.default_rng([task.seed, content, crop, _CONDITIONS_STREAM])
+        drawn = task.drawn(rng)
+        changed = _changed_pixels(photograph, drawn, crop)
+        (condition,) = drawn.conditions
+        for pair in photograph.maker(drawn).pairs(crop, condition):
+            is_changed = pair.place is not None
+            yield LabelledPair(
+                reference=pair.reference,
+                followup=pair.followup,
+                homography=pair.homography,
+                is_changed=is_changed,
+                mask=changed if is_changed else np.zeros_like(changed),
+                condition=condition,
+                sigma_px=drawn.change.sigma_px or 0.0,
+            )
+
+
+def _changed_pixels(photograph: _Photograph, task: EvaluationTask, crop: int) -> BoolArray:
+    """Where the follow-up shows more than half of the change's peak: from a pair without noise."""
+    clean = replace(task, noises_dn=(0.0,), focus_scatter_px2=0.0, light_scatter=0.0)
+    (condition,) = clean.conditions
+    before, after = (
+        pair.followup.astype(np.float64) for pair in photograph.maker(clean).pairs(crop, condition)
+    )
+    added = np.sign(condition.contrast_dn) * (after - before)
+    if not added.max() > 0:
+        raise RefusedPhotographError("its levels are so large that a change is lost in rounding")
+    return np.asarray(added > _PEAK_SHARE * added.max())
+
+
+def _logarithmic(ends: tuple[float, float], rng: np.random.Generator) -> float:
+    """A value from between the ends, which are positive."""
+    value = float(np.exp(rng.uniform(*np.log(ends))))
+    return min(max(value, ends[0]), ends[1])

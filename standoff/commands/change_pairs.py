@@ -1,0 +1,152 @@
+"""``standoff change-pairs``: training pairs with and without a change for one's own detector."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, BadParameter, Option
+
+from simulation.choices import DEFAULT_MODEL, Model
+from standoff import library, terminal
+
+if TYPE_CHECKING:
+    from analysis.evaluation.change_pairs import ChangePairsTask
+
+
+def change_pairs(
+    photographs: Annotated[
+        list[Path], Argument(help="Photographs, or folders of them.", show_default=False)
+    ],
+    *,
+    psf: Annotated[
+        Path | None, Option(help="psf.json of the camera; only model bicubic works without it.")
+    ] = None,
+    transfer: terminal.TransferForm = "best",
+    out: Annotated[Path, Option(help="Folder for the pairs; an existing one is resumed.")],
+    zooms: Annotated[str, Option(help="Least and largest distance ratio.")] = "1,2.5",
+    tilts: Annotated[
+        str, Option(help="Least and largest tilt in degrees; with --focal-length-px.")
+    ] = "0,0",
+    noise: Annotated[
+        str, Option(help="Least and largest noise of both photographs in DN.")
+    ] = "1,4",
+    contrast: Annotated[
+        str, Option(help="Least and largest absolute peak of the change in DN.")
+    ] = "6,40",
+    changes: Annotated[
+        library.ChangeSigns,
+        Option(help="Whether changes are brighter than the scene, darker, or either."),
+    ] = "both",
+    signal_sigma: Annotated[
+        str,
+        Option(help="Least and largest sigma of the Gaussian change in px of the photographs."),
+    ] = "1.5,3",
+    pairs: Annotated[
+        int, Option(min=1, help="Pairs with and pairs without a change for each photograph.")
+    ] = 20,
+    crop: Annotated[int, Option(min=16, help="Side of the reference of a pair in px.")] = 96,
+    focal_length_px: Annotated[
+        float | None,
+        Option(
+            help="Focal length in px, for --tilts.", parser=terminal.quantity("focal_length_px")
+        ),
+    ] = None,
+    focus_scatter: Annotated[
+        float, Option(min=0, help="Scatter of the PSF's variance between photographs in px^2.")
+    ] = 0.0,
+    light_scatter: Annotated[
+        float, Option(min=0, max=0.5, help="Relative scatter of the follow-up's exposure.")
+    ] = 0.0,
+    model: Annotated[Model, Option(help="Capture model.")] = DEFAULT_MODEL,
+    reference_zoom: Annotated[
+        float, Option(help="Zoom from photograph to reference.", callback=terminal.checked_zoom)
+    ] = 1.0,
+    test_fraction: Annotated[
+        float, Option(min=0, max=1, help="Fraction of the photographs kept for testing.")
+    ] = 0.2,
+    seed: Annotated[int, Option(min=0, help="Seed of all that is random.")] = 0,
+    workers: terminal.Workers = 1,
+    scheduler: terminal.Scheduler = None,
+    shard: terminal.PartOfShards = "1/1",
+    strict: terminal.Strict = False,
+    encoding: terminal.EncodingName = "auto",
+    page: terminal.Page = None,
+    mean: terminal.Mean = False,
+    json: terminal.Json = False,
+) -> None:
+    """Cut pairs with and without a change from photographs, for training a change detector."""
+    sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
+    found = library.change_pairs(
+        photographs,
+        out,
+        psf,
+        _task(
+            zooms=_ends(zooms, "--zooms"),
+            tilts_deg=_ends(tilts, "--tilts"),
+            noises_dn=_ends(noise, "--noise"),
+            contrasts_dn=_ends(contrast, "--contrast"),
+            changes=changes,
+            sigmas_px=_ends(signal_sigma, "--signal-sigma"),
+            model=model,
+            reference_zoom=reference_zoom,
+            crop_px=crop,
+            pairs=pairs,
+            focal_length_px=focal_length_px,
+            focus_scatter_px2=focus_scatter,
+            light_scatter=light_scatter,
+            test_fraction=test_fraction,
+            seed=seed,
+        ),
+        transfer=transfer,
+        sweep=sweep,
+        reading=terminal.reading_options(encoding, page, mean),
+        progress=terminal.ShownProgress(),
+    )
+    terminal.note_once(found.notes)
+    done, dataset = found.photographs, found.dataset
+    if sweep.part[1] > 1:
+        counts = {"out": None, "shard": shard, "images": done.images, "refused": done.refused}
+        if json:
+            terminal.print_json(counts)
+        else:
+            terminal.say(
+                f"part {shard}: {done.images} photographs ({done.found_done} already done); the "
+                "same command without --shard lists the pairs once all parts are done"
+            )
+    elif json:
+        from calibration.documents import json_object
+
+        terminal.print_json({"out": str(out), **json_object(dataset)})
+    else:
+        terminal.say(
+            f"{out}: {dataset.train} pairs for training, {dataset.test} for testing, half of them "
+            f"with a change, from {done.images} photographs ({done.found_done} already done)"
+        )
+    terminal.end_refused(
+        done,
+        "the pairs of the others are complete"
+        if done.refused == 1
+        else f"{done.refused} photographs could not be used ({done.refused_list} lists them); "
+        "the pairs of the others are complete",
+    )
+
+
+def _ends(text: str, option: str) -> tuple[float, float]:
+    """Return the least and the largest value; of one number, both."""
+    values = terminal.number_list(text, terminal.ListedNumbers(option=option, least=0.0))
+    if len(values) > 2:
+        raise BadParameter(f"{option}: expected a least and a largest value, got {text}")
+    return values[0], values[-1]
+
+
+def _task(**values: object) -> "ChangePairsTask":
+    from pydantic import ValidationError
+
+    from analysis.evaluation.change_pairs import ChangePairsTask
+
+    try:
+        return ChangePairsTask.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"][:1])
+        said = first["msg"].removeprefix("Value error, ")
+        raise BadParameter(f"{where}: {said}" if where else said) from error

@@ -1,0 +1,128 @@
+"""Pairs of photographs with and without a change, for training one's own detector."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+
+from analysis.errors import ResultsFileError
+from analysis.evaluation.change_pairs import (
+    ChangePairsDataset,
+    ChangePairsTask as ChangePairsTask,
+    ChangePairsWork,
+    read_change_pairs as _read,
+    write_change_pairs,
+)
+from analysis.sweep import SweepOptions, SweepSummary
+from simulation.choices import PsfShape
+from standoff.errors import ApplicationError, ArgumentError
+from standoff.library.call import Call, Progress
+from standoff.library.files import each_image
+from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
+from standoff.library.psf import camera_psf
+from standoff.library.swept_photographs import scene_image
+from standoff.photographs import ReadOptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangePairs:
+    """A data set of change pairs, and what became of the photographs.
+
+    ``dataset`` is complete unless only a part of the photographs was done.
+    """
+
+    dataset: ChangePairsDataset
+    photographs: SweepSummary
+    notes: tuple[str, ...] = ()
+
+
+def change_pairs(
+    photographs: FilePath | Iterable[FilePath],
+    out: FilePath,
+    psf: PsfLike | None,
+    task: ChangePairsTask | None = None,
+    *,
+    transfer: PsfShape = "best",
+    sweep: SweepOptions | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> ChangePairs:
+    """Write pairs of photographs with and without a change, for training a detector.
+
+    Of each photograph ``out`` gets one compressed ``.npz`` of numpy, in ``train`` or ``test``, with
+    references, follow-ups from another pose, homographies, labels and masks of the change; and all
+    together dataset.json. A second call writes what is missing. A photograph that cannot be read,
+    or is too small, is left out and listed; photographs of the same content share a file.
+
+    Parameters
+    ----------
+    photographs
+        Photographs of the scene, or folders of them.
+    out
+        Folder for the pairs.
+    psf
+        The camera's PSF; only model ``bicubic`` works without it.
+    task
+        Ranges of poses, noise and changes, and the number of pairs; the defaults of
+        ``ChangePairsTask`` if None.
+    transfer
+        Which PSF of a calibration: the ``best`` it has, the ``gaussian`` or the ``measured`` one.
+    sweep
+        Who works, and on what part; by default this process, on all.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    ChangePairs
+        ``dataset``, whose ``pairs("train")`` reads the pairs, and what became of the photographs.
+
+    Raises
+    ------
+    ArgumentError
+        If the model needs a PSF.
+    ApplicationError, CalibrationError, ResultsFileError
+        If the PSF cannot be read, no photograph can be used, or ``out`` holds pairs with other
+        settings or cannot be written.
+    SweepError
+        If no worker is fit, or, when strict, a photograph is refused.
+
+    Examples
+    --------
+    >>> task = standoff.ChangePairsTask(zooms=(1, 2), noises_dn=(1, 3))
+    >>> made = standoff.change_pairs("photographs", "pairs", "psf.json", task)
+    >>> len(list(made.dataset.pairs("train")))
+    """
+    call = Call("change_pairs", progress, reading, (psf,))
+    task = task or ChangePairsTask()
+    known = None if psf is None else camera_psf(call, psf, transfer)
+    if known is None and task.model != "bicubic":
+        raise ArgumentError(f"model {task.model} needs a PSF", argument="psf")
+    options = call.inputs.options
+    work = ChangePairsWork(
+        out=path_of(out, "out").absolute(),
+        task=task,
+        psf=known,
+        load=partial(scene_image, options),
+        reading=str(options),
+    )
+    paths = each_image(listed_paths(photographs, "photographs"))
+    try:
+        dataset, summary = write_change_pairs(call, paths, work, sweep)
+    except ResultsFileError as error:
+        raise ApplicationError(str(error)) from error
+    if summary.images == 0 and summary.refused:
+        raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be used")
+    return ChangePairs(dataset=dataset, photographs=summary, notes=call.notes)
+
+
+def read_change_pairs(folder: FilePath) -> ChangePairsDataset:
+    """Return the data set in a folder that ``change_pairs`` wrote.
+
+    Raises
+    ------
+    ResultsFileError
+        If its dataset.json cannot be read.
+    """
+    return _read(path_of(folder, "folder"))
