@@ -100,3 +100,15 @@ def test_followups_are_judged_and_the_one_change_appears(tmp_path: Path) -> None
     assert counts[0] == 0
     assert min(counts[1:]) >= 1
     assert (tmp_path / "changes" / "report.html").is_file()
+
+
+def test_a_crack_is_lost_when_it_is_thinner_than_a_pixel(tmp_path: Path) -> None:
+    out = run("own_detector.py", "--out", tmp_path)
+    found = {
+        name: [float(auc) for auc in re.findall(r"(\d\.\d+) at zoom", line)]
+        for name, line in re.findall(r"(mole|crack): (.*)", out)
+    }
+    assert found["mole"][0] > 0.95
+    assert found["crack"][0] > 0.95
+    assert found["crack"][-1] < found["crack"][0] - 0.03
+    assert (tmp_path / "crack.html").is_file()
