@@ -179,7 +179,7 @@ def export_onnx(path: Path, detector: LearnedDetector) -> None:
         torch.onnx.export(
             detector.network,
             (torch.zeros(1, 2, 64, 64),),
-            file,
+            file,  # type: ignore[arg-type] # a file as well, to this exporter
             input_names=["photographs"],
             output_names=["log_odds"],
             dynamic_axes={"photographs": axes, "log_odds": axes},

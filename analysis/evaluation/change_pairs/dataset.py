@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, Protocol
 
@@ -24,6 +24,7 @@ from analysis.sweep import (
 )
 from calibration.documents import read_document
 from calibration.provenance import InputFile, Provenance
+from simulation import Psf
 
 CHANGE_PAIRS_SCHEMA: Final = "standoff.change-pairs/1"
 DATASET_NAME: Final = "dataset.json"
@@ -132,7 +133,7 @@ def write_change_pairs(
     options = options or SweepOptions()
     head: dict[str, Any] = {
         "task": work.task,
-        "psf": None if work.psf is None else json.loads(json.dumps(asdict(work.psf))),
+        "psf": _plain(work.psf),
         "reading": work.reading,
     }
     _prepare(work.out, ChangePairsDataset(**head))
@@ -146,10 +147,10 @@ def write_change_pairs(
         for path in (work.out / split).glob("*.npz"):
             if f"{split}/{path.name}" not in made:
                 path.unlink(missing_ok=True)  # of photographs that are no longer among them
-    counts = {split: sum(one.pairs for one in files if one.split == split) for split in SPLITS}
     document = ChangePairsDataset(
         **head,
-        **counts,
+        train=sum(one.pairs for one in files if one.split == "train"),
+        test=sum(one.pairs for one in files if one.split == "test"),
         is_complete=True,
         refused_photographs=summary.refused,
         refused=summary.refused_lines,
@@ -159,6 +160,16 @@ def write_change_pairs(
     write_results(work.out / DATASET_NAME, document)
     document._folder = work.out
     return document, summary
+
+
+def _plain(psf: Psf | None) -> dict[str, Any] | None:
+    """Return a PSF as it is read back from a file."""
+    if psf is None:
+        return None
+    assert is_dataclass(psf)
+    assert not isinstance(psf, type)
+    plain: dict[str, Any] = json.loads(json.dumps(asdict(psf)))
+    return plain
 
 
 def _prepare(out: Path, document: ChangePairsDataset) -> None:

@@ -205,6 +205,7 @@ def test_without_torch_one_line_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(learned.weights, "find_spec", lambda _: None)
-    for call in (lambda: load_learned(tmp_path / "a.pt"), lambda: train_detector([])):
-        with pytest.raises(DetectorError, match=r"standoff\[learned\]"):
-            call()
+    with pytest.raises(DetectorError, match=r"standoff\[learned\]"):
+        load_learned(tmp_path / "a.pt")
+    with pytest.raises(DetectorError, match=r"standoff\[learned\]"):
+        train_detector([])

@@ -12,7 +12,7 @@ import tifffile
 
 import standoff
 from analysis.errors import ResultsFileError
-from analysis.evaluation.change_pairs import read_change_pairs, work as pairs_work
+from analysis.evaluation.change_pairs import labelled_pairs, read_change_pairs, work as pairs_work
 from standoff.errors import ApplicationError
 
 TASK = standoff.ChangePairsTask(pairs=2, crop_px=48, zooms=(1.0, 1.5), model="matched", seed=3)
@@ -41,7 +41,7 @@ def test_interrupted_and_resumed_it_is_the_same_bits_as_in_one_go(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = standoff.change_pairs(photographs, tmp_path / "whole", PSF, TASK)
-    real, calls = pairs_work.labelled_pairs, iter(range(100))
+    real, calls = labelled_pairs, iter(range(100))
 
     def interrupted(*given: Any) -> Any:
         if next(calls) == 3:
