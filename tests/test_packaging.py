@@ -45,6 +45,7 @@ def test_the_extras_are_those_of_the_guide() -> None:
     assert set(project["optional-dependencies"]) == {
         "aravis",
         "kernelgan",
+        "learned",
         "console",
         "cluster",
         "pdf",

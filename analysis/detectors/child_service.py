@@ -23,6 +23,7 @@ def serve(requests: Connection, answers: Connection, told: dict[str, Any]) -> No
     loaders: dict[str, Callable[[str], Detector]] = {
         "function": _imported,
         "onnx": _onnx_model,
+        "learned": _learned,
     }
     try:
         detector = loaders[told["kind"]](told["target"])
@@ -81,6 +82,12 @@ def _onnx_model(target: str) -> Detector:
     from analysis.detectors.onnx_model import onnx_detector  # SciPy, which not every child needs
 
     return onnx_detector(target)
+
+
+def _learned(target: str) -> Detector:
+    from analysis.detectors.learned import load_learned  # likewise
+
+    return load_learned(target)
 
 
 def _image(requests: Connection, shape: list[int]) -> Float32Array:

@@ -26,7 +26,9 @@ _NEEDED: Final = ("{reference}", "{followup}", "{out}")
 _FUNCTION = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
 _NAME_LETTERS = 60
 
-DetectorKind = Literal["built-in", "function", "onnx", "command", "object"]
+DetectorKind = Literal["built-in", "function", "onnx", "learned", "command", "object"]
+
+_FILES: Final[dict[str, DetectorKind]] = {".onnx": "onnx", ".pt": "learned"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +40,8 @@ class DetectorSpec:
     kind
         What ``text`` is; an ``object`` is the callable ``function`` itself.
     text
-        Name of a built-in detector, ``module:function``, path of an ONNX file, or command line.
+        Name of a built-in detector, ``module:function``, path of an ONNX file or of a learned
+        detector, or command line.
     name
         Short and printable.
     identity
@@ -64,9 +67,9 @@ class DetectorSpec:
         Parameters
         ----------
         text
-            A name of ``BUILT_IN_DETECTORS``; ``module:function``; the path of an ``.onnx`` file; or
-            a command line with ``{reference}``, ``{followup}``, ``{out}`` and, if it wants it,
-            ``{homography}``.
+            A name of ``BUILT_IN_DETECTORS``; ``module:function``; the path of an ``.onnx`` file, or
+            of the ``.pt`` file of a learned detector; or a command line with ``{reference}``,
+            ``{followup}``, ``{out}`` and, if it wants it, ``{homography}``.
 
         Raises
         ------
@@ -77,11 +80,12 @@ class DetectorSpec:
         if text in BUILT_IN_DETECTORS:
             return cls._named("built-in", text, name=text, files=())
         is_command = any(mark in text for mark in PLACEHOLDERS)
-        if text.endswith(".onnx") and not is_command:
+        of_file = _FILES.get(Path(text).suffix)
+        if of_file is not None and not is_command:
             path = Path(text).expanduser().absolute()
             if not path.is_file():
                 raise DetectorError(f"detector {text}: no such file", reason="missing")
-            return cls._named("onnx", str(path), name=path.name, files=(path,))
+            return cls._named(of_file, str(path), name=path.name, files=(path,))
         if _FUNCTION.fullmatch(text):
             source = _module_file(text.split(":")[0])
             return cls._named("function", text, name=text, files=(source,) if source else ())
@@ -93,7 +97,7 @@ class DetectorSpec:
             return cls._named("command", text, name=name, files=files)
         raise DetectorError(
             f"detector {text!r}: none of the built-in {', '.join(BUILT_IN_DETECTORS)}; a detector "
-            "of your own is module:function, the path of an .onnx file, or a command with "
+            "of your own is module:function, the path of an .onnx or .pt file, or a command with "
             "{reference}, {followup} and {out}",
             reason="missing",
         )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.detectors import learned
+from analysis.detectors import DetectorSpec, learned, open_detector
 from analysis.detectors.learned import (
     LearnedDetector,
     TrainingOptions,
@@ -189,8 +189,6 @@ def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path: Path) -> Non
 def test_the_onnx_file_says_the_same_at_any_size(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
     pytest.importorskip("onnxruntime")
-    from analysis.detectors import DetectorSpec, open_detector
-
     detector, path = untrained(), tmp_path / "detector.onnx"
     export_onnx(path, detector)
     homography = np.array([[1.3, 0.0, 2.0], [0.0, 1.3, 1.0], [0.0, 0.0, 1.0]])
@@ -209,3 +207,18 @@ def test_without_torch_one_line_says_what_to_install(
         load_learned(tmp_path / "a.pt")
     with pytest.raises(DetectorError, match=r"standoff\[learned\]"):
         train_detector([])
+
+
+@pytest.mark.slow
+def test_its_file_is_named_as_a_detector_and_runs_in_a_process_of_its_own(tmp_path: Path) -> None:
+    detector, path = untrained(), tmp_path / "detector.pt"
+    save_learned(path, detector)
+    spec = DetectorSpec.parse(str(path))
+    assert (spec.kind, spec.name) == ("learned", "detector.pt")
+    given = scene((30, 31)), scene((30, 31), 2), SAME_GRID
+    with open_detector(spec) as opened:
+        assert opened(*given).map == pytest.approx(detector(*given), abs=1e-5)
+    path.write_bytes(path.read_bytes()[:999])
+    assert DetectorSpec.parse(str(path)).identity != spec.identity
+    with pytest.raises(DetectorError, match="is damaged"), open_detector(spec):
+        pass
