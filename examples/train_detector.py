@@ -37,11 +37,12 @@ detector = standoff.train_detector(
     standoff.TrainingOptions(epochs=given.epochs, seed=1),
     lambda done, steps, loss: print(f"\r{done} of {steps}, loss {loss:.3f}", end="", flush=True),
 )
-standoff.save_learned(given.out / "detector.pt", detector)
+weights = given.out / "detector.pt"
+detector.save(weights)
 
 # %% How well it finds changes in the photographs that it has not seen, beside a built-in detector
 kept = {one.photograph for one in made.dataset.files if one.split == "test"}
 unseen = [path for path in photographs if Path(path).name in kept] or photographs
 asked = standoff.EvaluationTask(zooms=(1.0, 1.5, 2.0), crop_px=task.crop_px, crops=20)
-for one in (standoff.load_learned(given.out / "detector.pt"), "absolute-difference"):
+for one in (str(weights), "absolute-difference"):
     print(f"\n{standoff.evaluate(one, unseen, psf, asked).evaluation}")

@@ -25,19 +25,13 @@ from .library.detectability import (
     pose_limits as pose_limits,
 )
 from .library.evaluation import (
-    ChangePairs as ChangePairs,
     ChangePairsTask as ChangePairsTask,
     EvaluationTask as EvaluationTask,
-    LearnedDetector as LearnedDetector,
     Spot as Spot,
     TrainingOptions as TrainingOptions,
     change_pairs as change_pairs,
     evaluate as evaluate,
-    export_onnx as export_onnx,
-    load_learned as load_learned,
     patch_of as patch_of,
-    read_change_pairs as read_change_pairs,
-    save_learned as save_learned,
     train_detector as train_detector,
 )
 from .library.followup import (

@@ -89,7 +89,7 @@ class DetectabilityCurve(StoredValues):
 
     model: Model
     observer: CurveObserver
-    detector: str | None = None
+    detector: str | None = Field(default=None, exclude=True)
     noise_dn: float = Field(gt=0)
     contrast_dn: float = Field(gt=0)
     signal_sigma_px: float | None

@@ -64,11 +64,7 @@ from .evaluation import (
     evaluate as evaluate,
     evaluation_figure_paths as evaluation_figure_paths,
     evaluation_made_by as evaluation_made_by,
-    export_onnx as export_onnx,
-    load_learned as load_learned,
     patch_of as patch_of,
-    read_change_pairs as read_change_pairs,
-    save_learned as save_learned,
     train_detector as train_detector,
 )
 from .files import (

@@ -5,7 +5,5 @@ from .training import (
 )
 from .weights import (
     LearnedDetector as LearnedDetector,
-    export_onnx as export_onnx,
     load_learned as load_learned,
-    save_learned as save_learned,
 )

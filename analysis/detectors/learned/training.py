@@ -93,12 +93,22 @@ def train_detector(
     progress
         Called after each step with the steps done, their number, and the loss.
 
+    Returns
+    -------
+    LearnedDetector
+        Call it, or ``save`` it to a file that ``standoff evaluate`` takes.
+
     Raises
     ------
     DetectorError
         With reason ``missing``, if PyTorch is not installed.
     ValueError
         If there are no pairs, or none with or none without a change.
+
+    Examples
+    --------
+    >>> made = standoff.change_pairs("photographs", "pairs", "psf.json")
+    >>> standoff.train_detector(made.dataset.pairs("train")).save("detector.pt")
     """
     require_torch()
     import torch

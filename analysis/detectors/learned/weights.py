@@ -50,6 +50,63 @@ class LearnedDetector:
             odds = self.network(images)[0, 0].numpy()
         return np.array(odds, np.float32)
 
+    def save(self, path: Path | str) -> None:
+        """Write the weights, whole or not at all: a file that `DetectorSpec.parse` understands.
+
+        Raises
+        ------
+        ResultsFileError
+            If the file cannot be written.
+        """
+        import torch
+
+        file = BytesIO()
+        torch.save({"schema": LEARNED_SCHEMA, "weights": self.network.state_dict()}, file)
+        try:
+            commit_file(Path(path), file.getvalue())
+        except OSError as error:
+            raise ResultsFileError(
+                f"cannot write {on_one_line(path)}: {error.strerror}", source=str(path)
+            ) from error
+
+    def export_onnx(self, path: Path | str) -> None:
+        """Write an ONNX file that takes frames of any size; needs the package ``onnx``.
+
+        Raises
+        ------
+        DetectorError
+            If ``onnx`` is not installed.
+        ResultsFileError
+            If the file cannot be written.
+        """
+        if find_spec("onnx") is None:
+            raise DetectorError("an ONNX file needs onnx: pip install onnx", reason="missing")
+        import warnings
+
+        import torch
+
+        axes = {0: "pairs", 2: "rows", 3: "columns"}
+        file = BytesIO()
+        with warnings.catch_warnings():
+            # The exporter that succeeds this one needs a further package.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            torch.onnx.export(
+                self.network,
+                (torch.zeros(1, 2, 64, 64),),
+                file,  # type: ignore[arg-type] # a file as well, to this exporter
+                input_names=["photographs"],
+                output_names=["log_odds"],
+                dynamic_axes={"photographs": axes, "log_odds": axes},
+                opset_version=_ONNX_OPSET,
+                dynamo=False,
+            )
+        try:
+            commit_file(Path(path), file.getvalue())
+        except OSError as error:
+            raise ResultsFileError(
+                f"cannot write {on_one_line(path)}: {error.strerror}", source=str(path)
+            ) from error
+
 
 def on_one_grid(
     reference: Float32Array, followup: Float32Array, homography: FloatArray
@@ -88,28 +145,8 @@ def require_torch() -> None:
         )
 
 
-def save_learned(path: Path, detector: LearnedDetector) -> None:
-    """Write a detector's weights, whole or not at all; ``load_learned`` reads them.
-
-    Raises
-    ------
-    ResultsFileError
-        If the file cannot be written.
-    """
-    import torch
-
-    file = BytesIO()
-    torch.save({"schema": LEARNED_SCHEMA, "weights": detector.network.state_dict()}, file)
-    try:
-        commit_file(path, file.getvalue())
-    except OSError as error:
-        raise ResultsFileError(
-            f"cannot write {on_one_line(path)}: {error.strerror}", source=str(path)
-        ) from error
-
-
 def load_learned(path: Path | str) -> LearnedDetector:
-    """Return the detector in a file of `save_learned`; nothing in the file is run.
+    """Return the detector in a file of `LearnedDetector.save`; nothing in the file is run.
 
     Raises
     ------
@@ -153,45 +190,6 @@ def load_learned(path: Path | str) -> LearnedDetector:
     if not all(_is_finite(weight) for weight in network.parameters()):
         raise damaged
     return LearnedDetector(network)
-
-
-def export_onnx(path: Path, detector: LearnedDetector) -> None:
-    """Write a detector as an ONNX file that takes frames of any size; needs the package ``onnx``.
-
-    Raises
-    ------
-    DetectorError
-        If ``onnx`` is not installed.
-    ResultsFileError
-        If the file cannot be written.
-    """
-    if find_spec("onnx") is None:
-        raise DetectorError("an ONNX file needs onnx: pip install onnx", reason="missing")
-    import warnings
-
-    import torch
-
-    axes = {0: "pairs", 2: "rows", 3: "columns"}
-    file = BytesIO()
-    with warnings.catch_warnings():
-        # The exporter that succeeds this one needs a further package.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        torch.onnx.export(
-            detector.network,
-            (torch.zeros(1, 2, 64, 64),),
-            file,  # type: ignore[arg-type] # a file as well, to this exporter
-            input_names=["photographs"],
-            output_names=["log_odds"],
-            dynamic_axes={"photographs": axes, "log_odds": axes},
-            opset_version=_ONNX_OPSET,
-            dynamo=False,
-        )
-    try:
-        commit_file(path, file.getvalue())
-    except OSError as error:
-        raise ResultsFileError(
-            f"cannot write {on_one_line(path)}: {error.strerror}", source=str(path)
-        ) from error
 
 
 def _is_finite(weight: "Tensor") -> bool:

@@ -2,7 +2,6 @@ from .change_pairs import (
     ChangePairs as ChangePairs,
     ChangePairsTask as ChangePairsTask,
     change_pairs as change_pairs,
-    read_change_pairs as read_change_pairs,
 )
 from .changes import patch_of as patch_of
 from .evaluate import (
@@ -17,8 +16,5 @@ from .evaluate import (
 from .learned import (
     LearnedDetector as LearnedDetector,
     TrainingOptions as TrainingOptions,
-    export_onnx as export_onnx,
-    load_learned as load_learned,
-    save_learned as save_learned,
     train_detector as train_detector,
 )

@@ -9,7 +9,6 @@ from analysis.evaluation.change_pairs import (
     ChangePairsDataset,
     ChangePairsTask as ChangePairsTask,
     ChangePairsWork,
-    read_change_pairs as _read,
     write_change_pairs,
 )
 from analysis.sweep import SweepOptions, SweepSummary
@@ -115,14 +114,3 @@ def change_pairs(
     if summary.images == 0 and summary.refused:
         raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be used")
     return ChangePairs(dataset=dataset, photographs=summary, notes=call.notes)
-
-
-def read_change_pairs(folder: FilePath) -> ChangePairsDataset:
-    """Return the data set in a folder that ``change_pairs`` wrote.
-
-    Raises
-    ------
-    ResultsFileError
-        If its dataset.json cannot be read.
-    """
-    return _read(path_of(folder, "folder"))

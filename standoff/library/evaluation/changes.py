@@ -23,12 +23,28 @@ def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
 
     Levels are read as those of photographs; without an alpha all is covered.
 
+    Parameters
+    ----------
+    path
+        The picture.
+    reading
+        How its levels are read; see ``standoff.reading``.
+
+    Returns
+    -------
+    Patch
+        For ``EvaluationTask(change=...)``.
+
     Raises
     ------
     ApplicationError
         If it cannot be used.
     ImageFileError
         If it cannot be read.
+
+    Examples
+    --------
+    >>> standoff.EvaluationTask(change=standoff.patch_of("crack.png"), contrasts_dn=(1.0,))
     """
     file = Path(path)
     levels = read_image(file, reading or ReadOptions()).grey_dn

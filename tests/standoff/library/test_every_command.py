@@ -27,7 +27,7 @@ FUNCTIONS = {
     "change-pairs": {"change_pairs"},
     "plan-study": {"plan_study", "write_study"},
     "detectability": {"d_prime_curves", "measure_curves"},
-    "evaluate": {"evaluate", "patch_of"},
+    "evaluate": {"evaluate"},
     "limits": {"pose_limits", "judge_homography"},
     "pose": {"judge_pose", "judge_poses", "PoseWatch"},
     "changes": {"find_changes", "find_changes_of_series"},

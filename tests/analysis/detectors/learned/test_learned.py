@@ -11,9 +11,7 @@ from analysis.detectors import DetectorSpec, learned, open_detector
 from analysis.detectors.learned import (
     LearnedDetector,
     TrainingOptions,
-    export_onnx,
     load_learned,
-    save_learned,
     train_detector,
 )
 from analysis.errors import DetectorError
@@ -143,7 +141,7 @@ def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
 
 def test_a_saved_detector_answers_the_same(tmp_path: Path) -> None:
     detector, path = untrained(3), tmp_path / "detector.pt"
-    save_learned(path, detector)
+    detector.save(path)
     given = scene((30, 31)), scene((30, 31), 2), SAME_GRID
     assert np.array_equal(load_learned(path)(*given), detector(*given))
 
@@ -151,7 +149,7 @@ def test_a_saved_detector_answers_the_same(tmp_path: Path) -> None:
 def damaged_files(folder: Path) -> list[Path]:
     """A file that is cut, none of torch's, one of another kind, of other weights, with code."""
     whole = folder / "whole.pt"
-    save_learned(whole, untrained())
+    untrained().save(whole)
     content = whole.read_bytes()
     weights = untrained().network.state_dict()
     for number, stored in enumerate(
@@ -190,7 +188,7 @@ def test_the_onnx_file_says_the_same_at_any_size(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
     pytest.importorskip("onnxruntime")
     detector, path = untrained(), tmp_path / "detector.onnx"
-    export_onnx(path, detector)
+    detector.export_onnx(path)
     homography = np.array([[1.3, 0.0, 2.0], [0.0, 1.3, 1.0], [0.0, 0.0, 1.0]])
     with open_detector(DetectorSpec.parse(str(path))) as opened:
         for shape in ((40, 40), (33, 57)):
@@ -212,7 +210,7 @@ def test_without_torch_one_line_says_what_to_install(
 @pytest.mark.slow
 def test_its_file_is_named_as_a_detector_and_runs_in_a_process_of_its_own(tmp_path: Path) -> None:
     detector, path = untrained(), tmp_path / "detector.pt"
-    save_learned(path, detector)
+    detector.save(path)
     spec = DetectorSpec.parse(str(path))
     assert (spec.kind, spec.name) == ("learned", "detector.pt")
     given = scene((30, 31)), scene((30, 31), 2), SAME_GRID

@@ -74,7 +74,7 @@ def test_the_document_says_what_is_there_and_what_could_not_be_used(
     photographs: Path, tmp_path: Path
 ) -> None:
     made = standoff.change_pairs(photographs, tmp_path, PSF, TASK)
-    found = standoff.read_change_pairs(tmp_path)
+    found = read_change_pairs(tmp_path)
     assert found == made.dataset
     stored = json.loads((tmp_path / "dataset.json").read_bytes())
     assert stored["schema"] == "standoff.change-pairs/1"
