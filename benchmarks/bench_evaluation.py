@@ -126,7 +126,8 @@ def simulated(model: str, truth: BenchTruth, source: FloatArray, seen: Views) ->
     if model == "pyBSM":
         return zoomed_by_pybsm(truth, source, seen) if HAS_PYBSM else None
     options = PoseOptions(model="lmmse" if model == "lmmse" else "matched")
-    return simulate_pose(source, seen.matrix, (width, height), bench_psf(truth), options).image
+    made = simulate_pose(source, seen.matrix, (width, height), bench_psf(truth), options).image
+    return np.asarray(made, np.float64)
 
 
 def zoomed_by_pybsm(truth: BenchTruth, source: FloatArray, seen: Views) -> FloatArray | None:

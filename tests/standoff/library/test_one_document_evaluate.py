@@ -26,7 +26,7 @@ def photographs(tmp_path: Path) -> Path:
 
 def words(photographs: Path, psf_file: Path) -> tuple[object, ...]:
     return (
-        *("evaluate", "absolute-difference", "--photographs", photographs, "--psf", psf_file),
+        *("absolute-difference", "--photographs", photographs, "--psf", psf_file),
         *("--zooms", "1,1.4", "--contrast", 25, "--pairs", 8, "--crop", 56, "--model", "matched"),
     )
 
@@ -34,7 +34,9 @@ def words(photographs: Path, psf_file: Path) -> tuple[object, ...]:
 @pytest.mark.slow
 def test_evaluate(command: Command, psf_file: Path, photographs: Path, tmp_path: Path) -> None:
     out, report = tmp_path / "evaluation.json", tmp_path / "evaluation.html"
-    done = command(*words(photographs, psf_file), "--out", out, "--report", report, "--json")
+    done = command(
+        "evaluate", *words(photographs, psf_file), "--out", out, "--report", report, "--json"
+    )
     found = standoff.evaluate(
         "absolute-difference",
         photographs,
@@ -59,15 +61,15 @@ def test_evaluate(command: Command, psf_file: Path, photographs: Path, tmp_path:
     assert found.write(tmp_path / "again.json")[0].name == "again-auc.png"
     assert without_caller(json.loads((tmp_path / "again.json").read_text())) == document
     # The same command goes on from its scores; the results of another one are not replaced.
-    other = (*words(photographs, psf_file), "--seed", 1, "--out", out)
+    other = ("evaluate", *words(photographs, psf_file), "--seed", 1, "--out", out)
     assert command(*other).status == 1
-    assert "0.5" in found.evaluation._repr_html_()
+    assert "<caption>AUC against zoom</caption>" in found.evaluation._repr_html_()
     limits = ("limits", "--curves", out, "--focal-length-px", 900, "--image-size", "780x580")
     allowed = command(*limits, "--min-dprime", 0.2)
     assert allowed.status == 0, allowed.err
     assert "absolute-difference" in allowed.out
     refused = command(*limits, "--min-dprime", 0.2, "--at-zoom", 1.2)
-    assert refused.status == 1
+    assert refused.status == 2
     assert "evaluate it with --contrast" in refused.err
 
 
@@ -75,8 +77,8 @@ def test_a_detector_that_nobody_knows_is_refused_before_any_work(
     command: Command, psf_file: Path, photographs: Path, tmp_path: Path
 ) -> None:
     asked = list(words(photographs, psf_file))
-    asked[1] = "my-detector"
-    done = command(*asked, "--out", tmp_path / "evaluation.json")
+    asked[0] = "my-detector"
+    done = command("evaluate", *asked, "--out", tmp_path / "evaluation.json")
     assert done.status == 1
     assert "absolute-difference" in done.err
     assert not (tmp_path / "evaluation.json").exists()
