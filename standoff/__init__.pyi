@@ -25,10 +25,8 @@ from .library.detectability import (
     pose_limits as pose_limits,
 )
 from .library.evaluation import (
-    ChangePairs as ChangePairs,
     ChangePairsTask as ChangePairsTask,
     EvaluationTask as EvaluationTask,
-    LearnedDetector as LearnedDetector,
     Spot as Spot,
     TrainingOptions as TrainingOptions,
     change_pairs as change_pairs,

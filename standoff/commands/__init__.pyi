@@ -1,7 +1,6 @@
 from . import (
     calibrate as calibrate,
     capture as capture,
-    change_pairs as change_pairs,
     changes as changes,
     compare as compare,
     console as console,
@@ -21,7 +20,7 @@ from . import (
     report as report,
     sessions as sessions,
     simulate as simulate,
-    sr_pairs as sr_pairs,
     stage as stage,
+    training_pairs as training_pairs,
     validate as validate,
 )

@@ -93,12 +93,22 @@ def train_detector(
     progress
         Called after each step with the steps done, their number, and the loss.
 
+    Returns
+    -------
+    LearnedDetector
+        For ``evaluate``, and for ``save_learned``.
+
     Raises
     ------
     DetectorError
         With reason ``missing``, if PyTorch is not installed.
     ValueError
         If there are no pairs, or none with or none without a change.
+
+    Examples
+    --------
+    >>> pairs = standoff.read_change_pairs("pairs").pairs("train")
+    >>> standoff.save_learned("detector.pt", standoff.train_detector(pairs))
     """
     require_torch()
     import torch

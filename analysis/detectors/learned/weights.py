@@ -88,20 +88,31 @@ def require_torch() -> None:
         )
 
 
-def save_learned(path: Path, detector: LearnedDetector) -> None:
+def save_learned(path: Path | str, detector: LearnedDetector) -> None:
     """Write a detector's weights, whole or not at all; ``load_learned`` reads them.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    detector
+        Trained.
 
     Raises
     ------
     ResultsFileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> standoff.save_learned("detector.pt", detector)
     """
     import torch
 
     file = BytesIO()
     torch.save({"schema": LEARNED_SCHEMA, "weights": detector.network.state_dict()}, file)
     try:
-        commit_file(path, file.getvalue())
+        commit_file(Path(path), file.getvalue())
     except OSError as error:
         raise ResultsFileError(
             f"cannot write {on_one_line(path)}: {error.strerror}", source=str(path)
@@ -111,11 +122,25 @@ def save_learned(path: Path, detector: LearnedDetector) -> None:
 def load_learned(path: Path | str) -> LearnedDetector:
     """Return the detector in a file of `save_learned`; nothing in the file is run.
 
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    LearnedDetector
+        Of which a call gives a map of the log odds of a change.
+
     Raises
     ------
     DetectorError
         With reason ``missing``, if PyTorch is not installed, the file cannot be read, is damaged or
         of another kind.
+
+    Examples
+    --------
+    >>> standoff.evaluate(standoff.load_learned("detector.pt"), "photographs", "psf.json")
     """
     require_torch()
     import torch
@@ -155,8 +180,15 @@ def load_learned(path: Path | str) -> LearnedDetector:
     return LearnedDetector(network)
 
 
-def export_onnx(path: Path, detector: LearnedDetector) -> None:
+def export_onnx(path: Path | str, detector: LearnedDetector) -> None:
     """Write a detector as an ONNX file that takes frames of any size; needs the package ``onnx``.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    detector
+        Trained.
 
     Raises
     ------
@@ -164,6 +196,10 @@ def export_onnx(path: Path, detector: LearnedDetector) -> None:
         If ``onnx`` is not installed.
     ResultsFileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> standoff.export_onnx("detector.onnx", standoff.load_learned("detector.pt"))
     """
     if find_spec("onnx") is None:
         raise DetectorError("an ONNX file needs onnx: pip install onnx", reason="missing")
@@ -187,7 +223,7 @@ def export_onnx(path: Path, detector: LearnedDetector) -> None:
             dynamo=False,
         )
     try:
-        commit_file(path, file.getvalue())
+        commit_file(Path(path), file.getvalue())
     except OSError as error:
         raise ResultsFileError(
             f"cannot write {on_one_line(path)}: {error.strerror}", source=str(path)

@@ -120,9 +120,23 @@ def change_pairs(
 def read_change_pairs(folder: FilePath) -> ChangePairsDataset:
     """Return the data set in a folder that ``change_pairs`` wrote.
 
+    Parameters
+    ----------
+    folder
+        With its dataset.json.
+
+    Returns
+    -------
+    ChangePairsDataset
+        What it holds; ``pairs("train")`` and ``pairs("test")`` read the pairs.
+
     Raises
     ------
     ResultsFileError
         If its dataset.json cannot be read.
+
+    Examples
+    --------
+    >>> pairs = list(standoff.read_change_pairs("pairs").pairs("train"))
     """
     return _read(path_of(folder, "folder"))
