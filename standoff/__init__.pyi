@@ -32,6 +32,7 @@ from .library.evaluation import (
     change_pairs as change_pairs,
     evaluate as evaluate,
     patch_of as patch_of,
+    read_change_pairs as read_change_pairs,
     train_detector as train_detector,
 )
 from .library.followup import (

@@ -157,7 +157,8 @@ def change_pairs(
         float, Option(help="Zoom from photograph to reference.", callback=terminal.checked_zoom)
     ] = 1.0,
     test_fraction: Annotated[
-        float, Option(min=0, max=1, help="Fraction of the photographs kept for testing.")
+        float,
+        Option(help="Fraction of the photographs kept for testing.", callback=_checked_fraction),
     ] = 0.2,
     seed: Annotated[int, Option(min=0, help="Seed of all that is random.")] = 0,
     workers: terminal.Workers = 1,

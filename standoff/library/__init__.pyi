@@ -65,6 +65,7 @@ from .evaluation import (
     evaluation_figure_paths as evaluation_figure_paths,
     evaluation_made_by as evaluation_made_by,
     patch_of as patch_of,
+    read_change_pairs as read_change_pairs,
     train_detector as train_detector,
 )
 from .files import (

@@ -148,6 +148,16 @@ def require_torch() -> None:
 def load_learned(path: Path | str) -> LearnedDetector:
     """Return the detector in a file of `LearnedDetector.save`; nothing in the file is run.
 
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    LearnedDetector
+        Of which a call gives a map of the log odds of a change.
+
     Raises
     ------
     DetectorError

@@ -2,6 +2,7 @@ from .change_pairs import (
     ChangePairs as ChangePairs,
     ChangePairsTask as ChangePairsTask,
     change_pairs as change_pairs,
+    read_change_pairs as read_change_pairs,
 )
 from .changes import patch_of as patch_of
 from .evaluate import (

@@ -9,6 +9,7 @@ from analysis.evaluation.change_pairs import (
     ChangePairsDataset,
     ChangePairsTask as ChangePairsTask,
     ChangePairsWork,
+    read_change_pairs as _read,
     write_change_pairs,
 )
 from analysis.sweep import SweepOptions, SweepSummary
@@ -114,3 +115,28 @@ def change_pairs(
     if summary.images == 0 and summary.refused:
         raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be used")
     return ChangePairs(dataset=dataset, photographs=summary, notes=call.notes)
+
+
+def read_change_pairs(folder: FilePath) -> ChangePairsDataset:
+    """Return the data set in a folder that ``change_pairs`` wrote.
+
+    Parameters
+    ----------
+    folder
+        With its dataset.json.
+
+    Returns
+    -------
+    ChangePairsDataset
+        What it holds; ``pairs("train")`` and ``pairs("test")`` read the pairs.
+
+    Raises
+    ------
+    ResultsFileError
+        If its dataset.json cannot be read.
+
+    Examples
+    --------
+    >>> pairs = list(standoff.read_change_pairs("pairs").pairs("train"))
+    """
+    return _read(path_of(folder, "folder"))
