@@ -298,11 +298,14 @@ class Trial:
             scattered[:, axis] = blurred[self._y[:count], self._x[:count]]
         # What strides leave out is as many times as much.
         correlated = 4 * pi * self._smoothing_px**2 * slopes.T @ scattered * self._stride
-        correlated += 1e-6 * np.eye(2)
-        made = normal @ np.linalg.solve(correlated, normal) * self._stride / fit.excess
+        # Between pixels that strides leave apart it may come out below nothing.
+        values, axes = np.linalg.eigh((correlated + correlated.T) / 2)
+        correlated = (axes * np.maximum(values, 1e-6)) @ axes.T
+        inverse = np.linalg.inv(normal)
+        covariance = inverse @ correlated @ inverse * (fit.excess / self._stride)
         # Covered strips pull at a shift: it is known no better than this.
-        covariance = np.linalg.inv((made + made.T) / 2) + _SHIFT_ERR_PX**2 * np.eye(2)
-        return np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+        covariance += _SHIFT_ERR_PX**2 * np.eye(2)
+        return np.asarray(np.linalg.inv((covariance + covariance.T) / 2), dtype=np.float64)
 
     @cached_property
     def _splines(self) -> FloatArray:
