@@ -5,7 +5,8 @@ pairs of the calibrated model, once from pairs of plain bicubic resampling with 
 changes. Both then look at the simulated bench, whose renderer shares nothing with ``simulation``:
 prints of other photographs, upright, at ratios of distance from 1.1 to 2.5, with and without a spot
 that is painted on the print, fainter where it is nearer. The AUC's interval is over prints (95 %);
-so is that of the difference of the two, print by print, by Student's t.
+so is that of the difference of the two, print by print, by Student's t. ``all`` pools the ratios,
+so that it also judges whether scores at different ratios can be compared.
 
     OMP_NUM_THREADS=1 python -m benchmarks.bench_learned_detector [--quick]
 """
