@@ -10,6 +10,7 @@ from calibration.noise import map_paths
 from standoff.errors import ApplicationError
 from standoff.library import CHANGE_FILES, DEMO_FILES, FILES_OF_SERIES, VALIDATION_FILES
 from standoff.library.detectability.measured_curves import curve_figure_paths
+from standoff.library.evaluation import evaluation_figure_paths
 from standoff.library.files.output_files import written_together
 from standoff.terminal.app import COMMANDS, _imported
 from tests.standoff.conftest import Command
@@ -50,6 +51,13 @@ WRITERS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "detectability": (
         ("a.tif", "--model", "bicubic", "--out", "c.json"),
         ("c.json", *(path.name for path in curve_figure_paths(Path("c.json")))),
+    ),
+    "evaluate": (
+        (
+            *("ssim", "--photographs", "a.tif", "--model", "bicubic", "--out", "e.json"),
+            *("--report", "r.html"),
+        ),
+        ("e.json", *(path.name for path in evaluation_figure_paths(Path("e.json"))), "r.html"),
     ),
     "plan-study": (
         ("--bench", "b.toml", "--plan", "p.toml", "--psf", "p.json", "--out", "s.json"),
