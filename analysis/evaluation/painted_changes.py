@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.detectability import GaussianSignal
 from simulation.arrays import FloatArray
 
-_REACH_SIGMAS = 6.0
 _LEAST_ALPHA = 0.05
 """Of a patch's pixels, those fainter than this are not seen as part of it."""
 
@@ -46,7 +46,7 @@ class PaintedChange(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Spot:
+class Spot(GaussianSignal):
     """A Gaussian spot that adds ``contrast_dn exp(-r^2 / (2 sigma^2))``.
 
     Raises
@@ -55,21 +55,10 @@ class Spot:
         If the width is not positive.
     """
 
-    sigma_px: float = 2.0
-
-    def __post_init__(self) -> None:
-        if not (self.sigma_px > 0 and np.isfinite(self.sigma_px)):
-            raise ValueError(f"sigma_px must be positive, got {self.sigma_px}")
-
     @property
     def name(self) -> str:
         """What kind of change it is."""
         return "spot"
-
-    @property
-    def reach_px(self) -> float:
-        """Distance beyond which it is negligible."""
-        return _REACH_SIGMAS * self.sigma_px
 
     @property
     def radius_px(self) -> float:

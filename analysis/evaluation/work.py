@@ -27,6 +27,7 @@ from analysis.evaluation.scores import (
 from analysis.evaluation.task import EvaluationTask
 from analysis.sweep import Shard, ShardDone, ShardWork, commit_file, refusal_line
 from simulation import Psf
+from simulation.arrays import Float32Array
 
 _SUFFIX, _PARTIAL = ".scores.npz", ".partial.npz"
 _KEY_LETTERS = 32
@@ -159,8 +160,9 @@ class EvaluationWork(ShardWork):
         saved_s = monotonic()
         try:
             for crop, number in zip(*np.nonzero(~kept.is_done), strict=True):
-                for pair in maker.pairs(int(crop), self.task.conditions[number]):
-                    judge.take(pair, int(number))
+                tried = maker.pairs(int(crop), self.task.conditions[number])
+                failed = [judge.failed(pair, int(number)) for pair in tried]
+                kept.failed.extend(filter(None, failed))
                 kept.is_done[crop, number] = True
                 if monotonic() - saved_s > _SAVED_EVERY_S:
                     commit_file(partial, scores_bytes(key, [kept], ""))
@@ -179,20 +181,25 @@ class _Judge:
     detector: CheckedDetector
     kept: PhotographScores
     failures: int = 0
+    has_answered: bool = False
 
-    def take(self, pair: ChangePair, number: int) -> None:
+    def failed(self, pair: ChangePair, number: int) -> FailedPair | None:
+        """Note what the detector says of a pair; if it says nothing, return why."""
         at = pair.crop, number, int(pair.place is not None)
         try:
             answer = self.detector(pair.reference, pair.followup, pair.homography)
         except DetectorError as error:
-            self._fail(pair, error)
-            return
-        self.failures = -1
+            return self._failed(pair, error)
+        self.has_answered = True
         self.kept.scores[at] = answer.score
-        if answer.map is None:
-            return
+        if answer.map is not None:
+            self._mark(pair, number, answer.map)
+        return None
+
+    def _mark(self, pair: ChangePair, number: int, change_map: Float32Array) -> None:
         apart_px = max(self.work.task.change.radius_px / pair.condition.zoom, 1.0)
-        marks = marks_of(answer.map, MARKS, apart_px)
+        marks = marks_of(change_map, MARKS, apart_px)
+        at = pair.crop, number, int(pair.place is not None)
         self.kept.marks[at][: len(marks.scores)] = np.column_stack(
             [marks.scores, marks.x_px, marks.y_px]
         )
@@ -200,23 +207,18 @@ class _Judge:
             place = pair.place.x_px, pair.place.y_px, pair.place.radius_px
             self.kept.places[pair.crop, number] = place
 
-    def _fail(self, pair: ChangePair, error: DetectorError) -> None:
+    def _failed(self, pair: ChangePair, error: DetectorError) -> FailedPair:
         line = f"{self.kept.path}: {pair.name}: {error}"
         if self.work.is_strict:
             raise SweepError(line) from error
-        self.kept.failed.append(
-            FailedPair(
-                photograph=self.kept.path,
-                pair=pair.name,
-                reason=error.reason,
-                message=str(error),
-            )
-        )
-        if self.failures < 0:
-            return
         self.failures += 1
-        if self.failures == _MOST_FAILURES:
-            raise SweepError(f"the detector gave nothing for {_MOST_FAILURES} pairs; first {line}")
+        if self.failures == _MOST_FAILURES and not self.has_answered:
+            raise SweepError(
+                f"the detector gave nothing for {_MOST_FAILURES} pairs; the last: {line}"
+            )
+        return FailedPair(
+            photograph=self.kept.path, pair=pair.name, reason=error.reason, message=str(error)
+        )
 
 
 @lru_cache(maxsize=1)

@@ -63,9 +63,7 @@ def detectability(
     model: Annotated[str, Option(help=f"Capture models: any of {', '.join(MODELS)}.")] = ",".join(
         _MODELS
     ),
-    reference_zoom: Annotated[
-        float, Option(help="Zoom from photograph to reference.", callback=terminal.checked_zoom)
-    ] = REFERENCE_ZOOM,
+    reference_zoom: terminal.ReferenceZoom = REFERENCE_ZOOM,
     window: Annotated[
         int, Option(min=5, help="Side of the observer's window in px; odd.", callback=_odd)
     ] = WINDOW_PX,

@@ -80,22 +80,11 @@ def evaluate(
         Option(min=1, help="Pairs with and pairs without a change for each photograph and point."),
     ] = 20,
     crop: Annotated[int, Option(min=16, help="Side of the reference of a pair in px.")] = 128,
-    focal_length_px: Annotated[
-        float | None,
-        Option(
-            help="Focal length in px, for --tilts.", parser=terminal.quantity("focal_length_px")
-        ),
-    ] = None,
-    focus_scatter: Annotated[
-        float, Option(min=0, help="Scatter of the PSF's variance between photographs in px^2.")
-    ] = 0.0,
-    light_scatter: Annotated[
-        float, Option(min=0, max=0.5, help="Relative scatter of the follow-up's exposure.")
-    ] = 0.0,
+    focal_length_px: terminal.FocalLengthOfTilts = None,
+    focus_scatter: terminal.FocusScatterOfPairs = 0.0,
+    light_scatter: terminal.LightScatter = 0.0,
     model: Annotated[Model, Option(help="Capture model.")] = DEFAULT_MODEL,
-    reference_zoom: Annotated[
-        float, Option(help="Zoom from photograph to reference.", callback=terminal.checked_zoom)
-    ] = 1.0,
+    reference_zoom: terminal.ReferenceZoom = 1.0,
     seed: Annotated[int, Option(min=0, help="Seed of all that is random.")] = 0,
     timeout: Annotated[float, Option(min=0.01, help="Longest time for one pair in s.")] = 60.0,
     report: Annotated[Path | None, Option(help="Also write a report page (HTML).")] = None,

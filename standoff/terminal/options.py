@@ -290,6 +290,28 @@ FocusScatter = Annotated[
         "makes it; by default as the calibration's captures show it.",
     ),
 ]
+FocalLengthOfTilts = Annotated[
+    float | None,
+    Option(
+        "--focal-length-px",
+        help="Focal length in px, for --tilts.",
+        parser=quantity("focal_length_px"),
+    ),
+]
+FocusScatterOfPairs = Annotated[
+    float,
+    Option(
+        "--focus-scatter",
+        min=0,
+        help="Scatter of the PSF's variance between photographs in px^2.",
+    ),
+]
+LightScatter = Annotated[
+    float, Option(min=0, max=0.5, help="Relative scatter of the follow-up's exposure.")
+]
+ReferenceZoom = Annotated[
+    float, Option(help="Zoom from photograph to reference.", callback=checked_zoom)
+]
 CurveModel = Annotated[Model | None, Option(help="Use the curve for this capture model.")]
 CurveObserver = Annotated[Observer | None, Option(help="Use the curve for this observer.")]
 CurveNoise = Annotated[float | None, Option(help="Use the curve for this noise in DN.")]

@@ -18,7 +18,6 @@ from analysis.detectability import (
     MOST_SCENES,
     DetectabilityCurve,
     DetectionTask,
-    GaussianSignal,
     d_prime_curves,
 )
 from analysis.detectors import Detector, DetectorSpec
@@ -280,7 +279,7 @@ def _bounds(
             [work.load(path).grey_dn for path in found],
             work.psf,
             DetectionTask(
-                signal=GaussianSignal(sigma_px=task.change.sigma_px),
+                signal=task.change,
                 noises_dn=noises,
                 contrasts_dn=tuple(abs(one) for one in task.contrasts_dn),
                 zooms=tuple(sorted(zooms)),
