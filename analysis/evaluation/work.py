@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from time import monotonic
 
@@ -81,9 +81,9 @@ class EvaluationWork(ShardWork):
         return self.folder
 
     def found(self, shard: Shard) -> ShardDone | None:
-        """See `ShardWork.found`."""
+        """See `ShardWork.found`; a shard with pairs without a score is tried again."""
         stored = read_scores(self._file(shard), shard.key)
-        if stored is None:
+        if stored is None or any(one.failed for one in stored[0]):
             return None
         told = json.loads(str(stored[1]))
         return ShardDone(images=told["images"], refused=tuple(told["refused"]), notes=told["notes"])
@@ -95,8 +95,9 @@ class EvaluationWork(ShardWork):
         for number, item in enumerate(shard.items):
             try:
                 scene = self.load(item.path)
-                partial = self._file(shard, number)
-                photographs.append(self._photograph(scene, item.path, shard.key, partial))
+                kept = self._kept(shard, number, item.path, scene)
+                self._complete(kept, scene, item.path, partial(self._save, shard, number))
+                photographs.append(kept)
             except (RefusedPhotographError, ValueError) as error:
                 given.append((refusal_line(item.path, str(error)), {}))
             else:
@@ -139,9 +140,30 @@ class EvaluationWork(ShardWork):
             return self.folder / f"{name}{_SUFFIX}"
         return self.folder / f"{name}-{photograph}{_PARTIAL}"
 
-    def _photograph(
-        self, scene: SceneImage, path: Path, key: str, partial: Path
+    def _save(self, shard: Shard, photograph: int, kept: PhotographScores) -> None:
+        commit_file(self._file(shard, photograph), scores_bytes(shard.key, [kept], ""))
+
+    def _kept(
+        self, shard: Shard, photograph: int, path: Path, scene: SceneImage
     ) -> PhotographScores:
+        """Scores that an earlier run gave; pairs that failed in one are tried again."""
+        for file in (self._file(shard, photograph), self._file(shard)):
+            stored = read_scores(file, shard.key)
+            for one in () if stored is None else stored[0]:
+                if one.sha256 == scene.sha256 and one.path == on_one_line(path):
+                    one.failed.clear()
+                    np.logical_and(one.is_done, np.isfinite(one.scores).all(-1), out=one.is_done)
+                    return one
+        shape = self.task.crops, len(self.task.conditions)
+        return PhotographScores.empty(on_one_line(path), scene.sha256, scene.encoding, shape)
+
+    def _complete(
+        self,
+        kept: PhotographScores,
+        scene: SceneImage,
+        path: Path,
+        save: Callable[[PhotographScores], None],
+    ) -> None:
         """Score the pairs that no earlier run has scored."""
         maker = PairMaker(
             grey_dn=scene.grey_dn,
@@ -150,13 +172,7 @@ class EvaluationWork(ShardWork):
             psf=self.psf,
             later=None if self.later is None else self.later(path),
         )
-        stored = read_scores(partial, key)
-        if stored is not None and stored[0][0].sha256 == scene.sha256:
-            kept = stored[0][0]
-        else:
-            shape = self.task.crops, len(self.task.conditions)
-            kept = PhotographScores.empty(on_one_line(path), scene.sha256, scene.encoding, shape)
-        judge = _Judge(work=self, detector=_opened(self.detector, self.timeout_s), kept=kept)
+        judge = _Judge(work=self, opened=_opened(self.detector, self.timeout_s), kept=kept)
         saved_s = monotonic()
         try:
             for crop, number in zip(*np.nonzero(~kept.is_done), strict=True):
@@ -165,12 +181,11 @@ class EvaluationWork(ShardWork):
                 kept.failed.extend(filter(None, failed))
                 kept.is_done[crop, number] = True
                 if monotonic() - saved_s > _SAVED_EVERY_S:
-                    commit_file(partial, scores_bytes(key, [kept], ""))
+                    save(kept)
                     saved_s = monotonic()
         except BaseException:
-            commit_file(partial, scores_bytes(key, [kept], ""))
+            save(kept)
             raise
-        return kept
 
 
 @dataclass(slots=True, kw_only=True)
@@ -178,19 +193,17 @@ class _Judge:
     """Runs the detector on pairs, and notes what it says."""
 
     work: EvaluationWork
-    detector: CheckedDetector
+    opened: "_Opened"
     kept: PhotographScores
-    failures: int = 0
-    has_answered: bool = False
 
     def failed(self, pair: ChangePair, number: int) -> FailedPair | None:
         """Note what the detector says of a pair; if it says nothing, return why."""
         at = pair.crop, number, int(pair.place is not None)
         try:
-            answer = self.detector(pair.reference, pair.followup, pair.homography)
+            answer = self.opened.detector(pair.reference, pair.followup, pair.homography)
         except DetectorError as error:
             return self._failed(pair, error)
-        self.has_answered = True
+        self.opened.has_answered = True
         self.kept.scores[at] = answer.score
         if answer.map is not None:
             self._mark(pair, number, answer.map)
@@ -211,8 +224,8 @@ class _Judge:
         line = f"{self.kept.path}: {pair.name}: {error}"
         if self.work.is_strict:
             raise SweepError(line) from error
-        self.failures += 1
-        if self.failures == _MOST_FAILURES and not self.has_answered:
+        self.opened.failures += 1
+        if self.opened.failures >= _MOST_FAILURES and not self.opened.has_answered:
             raise SweepError(
                 f"the detector gave nothing for {_MOST_FAILURES} pairs; the last: {line}"
             )
@@ -221,9 +234,18 @@ class _Judge:
         )
 
 
+@dataclass(slots=True, kw_only=True)
+class _Opened:
+    """The detector of this process, and how it does."""
+
+    detector: CheckedDetector
+    failures: int = 0
+    has_answered: bool = False
+
+
 @lru_cache(maxsize=1)
-def _opened(spec: DetectorSpec, timeout_s: float) -> CheckedDetector:
-    """The detector of this process: opened once, and closed with the process."""
+def _opened(spec: DetectorSpec, timeout_s: float) -> _Opened:
+    """Open a detector once; it is closed with the process."""
     stack = ExitStack()
     atexit.register(stack.close)
-    return stack.enter_context(open_detector(spec, timeout_s))
+    return _Opened(detector=stack.enter_context(open_detector(spec, timeout_s)))

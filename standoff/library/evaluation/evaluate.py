@@ -230,10 +230,16 @@ def _evaluated(
                 yield from work.scores(shard)
 
         list_inputs(call.inputs, summary.images, scores(), work.folder)
+        failed = [one for photograph in scores() for one in photograph.failed]
+        if failed and not any(np.isfinite(one.scores).any() for one in scores()):
+            first = failed[0]
+            raise ApplicationError(
+                f"the detector gave no score for any pair; {first.photograph}, {first.pair}: "
+                f"{first.message}"
+            )
         bounds = _bounds(call, work, scores, manifest)
         with call.bar("computing curves", len(work.task.conditions)) as advance_to:
             curves = evaluation_curves(work.task, work.detector.name, scores, bounds, advance_to)
-        failed = [one for photograph in scores() for one in photograph.failed]
     found = Evaluation(
         detector=work.detector.name,
         photographs=summary.images,

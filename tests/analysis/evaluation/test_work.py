@@ -143,6 +143,24 @@ def test_pairs_without_a_score_are_left_out_and_listed(photographs: Path) -> Non
     assert sum(sum(curve.pairs) for curve in found.curves) < 18
 
 
+def once(reference: Float32Array, followup: Float32Array, homography: FloatArray) -> float:
+    """Fail at the 20th call; it is another one that is answered."""
+    CALLS.append(1)
+    if len(CALLS) == 20:
+        raise OSError("the licence server does not answer")
+    return float(followup.max())
+
+
+def test_a_pair_that_failed_is_tried_again_by_the_next_run(
+    photographs: Path, tmp_path: Path
+) -> None:
+    assert evaluated(once, photographs, tmp_path).failed_pairs == 1
+    again = evaluated(once, photographs, tmp_path)
+    assert again.failed == []
+    assert len(CALLS) == 36 + 2  # the crop's pair without and with a change
+    assert again.curves == evaluated(once, photographs).curves
+
+
 def test_a_detector_that_never_answers_ends_the_work(photographs: Path) -> None:
     def never(reference: Float32Array, followup: Float32Array, homography: FloatArray) -> float:
         raise ValueError("out of order")
