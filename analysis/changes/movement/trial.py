@@ -298,14 +298,7 @@ class Trial:
             scattered[:, axis] = blurred[self._y[:count], self._x[:count]]
         # What strides leave out is as many times as much.
         correlated = 4 * pi * self._smoothing_px**2 * slopes.T @ scattered * self._stride
-        # Between pixels that strides leave apart it may come out below nothing.
-        values, axes = np.linalg.eigh((correlated + correlated.T) / 2)
-        correlated = (axes * np.maximum(values, 1e-6)) @ axes.T
-        inverse = np.linalg.inv(normal)
-        covariance = inverse @ correlated @ inverse * (fit.excess / self._stride)
-        # Covered strips pull at a shift: it is known no better than this.
-        covariance += _SHIFT_ERR_PX**2 * np.eye(2)
-        return np.asarray(np.linalg.inv((covariance + covariance.T) / 2), dtype=np.float64)
+        return shift_information(normal, correlated * (fit.excess / self._stride))
 
     @cached_property
     def _splines(self) -> FloatArray:
@@ -321,6 +314,25 @@ class Trial:
             columns = [y, x, held, self._sd[y, x], self._z, u, v, np.full(len(y), sense)]
             self._made_pixels[sense] = np.stack(columns, axis=1)
         return self._made_pixels[sense]
+
+
+def shift_information(normal: FloatArray, correlated: FloatArray) -> FloatArray:
+    """Inverse covariance of a shift by least squares.
+
+    Parameters
+    ----------
+    normal
+        Normal matrix S' S of the slopes S, shape (2, 2), positive definite.
+    correlated
+        S' C S with the covariance C of the errors; between pixels that strides leave apart it may
+        come out singular, or below nothing.
+    """
+    values, axes = np.linalg.eigh((correlated + correlated.T) / 2)
+    inverse = np.linalg.inv(normal)
+    covariance = inverse @ ((axes * np.maximum(values, 1e-6)) @ axes.T) @ inverse
+    # Covered strips pull at a shift: it is known no better than this.
+    covariance += _SHIFT_ERR_PX**2 * np.eye(2)
+    return np.asarray(np.linalg.inv((covariance + covariance.T) / 2), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

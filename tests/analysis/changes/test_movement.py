@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.special import erf
 
 from analysis.changes.movement.movements import ChangedRegion, Movement, find_movements
-from analysis.changes.movement.trial import Images
+from analysis.changes.movement.trial import Images, shift_information
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import smoothed_noise, smoothed_spot
 
@@ -188,3 +188,12 @@ def test_what_touches_the_border_or_unusable_pixels_is_judged_too() -> None:
         )
         for found in find_movements(cut, regions(cut)):
             assert np.isfinite(found.displacement_px).all()
+
+
+@pytest.mark.parametrize("least", [4.0, 0.0, -3.0])
+def test_what_is_known_of_a_shift_is_finite_whatever_the_errors_leave(least: float) -> None:
+    # Closed form along the axes: 1 / (c / n^2 + 0.1^2), c at least a millionth.
+    normal, correlated = np.diag([10.0, 20.0]), np.diag([5.0, least])
+    found = shift_information(normal, correlated)
+    expected = [1 / (5.0 / 100 + 0.01), 1 / (max(least, 1e-6) / 400 + 0.01)]
+    np.testing.assert_allclose(found, np.diag(expected), rtol=1e-9, atol=1e-9)
