@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 _ZOOMS = terminal.ListedNumbers(option="--zooms", least=1.0, pair_most=10.0)
 _TILTS = terminal.ListedNumbers(option="--tilts", least=0.0)
 _NOISES = terminal.ListedNumbers(option="--noise", least=0.0)
-_CONTRASTS = terminal.ListedNumbers(option="--contrast")
+_CONTRASTS = terminal.ListedNumbers(option="--contrast", least=-inf)
 
 _RULES = (
     terminal.needs("after", "masks"),
@@ -31,8 +32,8 @@ def evaluate(
         str,
         Argument(
             help="module:function, a command line with {reference}, {followup}, {homography} and "
-            "{out}, an ONNX file, or a built-in detector: absolute-difference, ncc, ssim, ir-mad "
-            "or changes.",
+            "{out}, an ONNX file, a learned detector (.pt), or a built-in one: absolute-difference, "
+            "ncc, ssim, ir-mad or changes.",
             show_default=False,
         ),
     ],
@@ -57,8 +58,8 @@ def evaluate(
     contrast: Annotated[
         str | None,
         Option(
-            help="Peaks of the change in DN, C[,C...], 12 by default; of --patch and --after how "
-            "much of it is there, 1 by default."
+            help="Peaks of the change in DN, C[,C...], below 0 for darker ones, 12 by default; of "
+            "--patch and --after how much of it is there, 1 by default."
         ),
     ] = None,
     signal_sigma: Annotated[

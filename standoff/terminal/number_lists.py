@@ -12,7 +12,7 @@ from standoff.terminal.output import note
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ListedNumbers:
-    """What the numbers of an option may be: from ``least``, or above 0.
+    """What the numbers of an option may be: from ``least`` (-inf for any), or above 0.
 
     Of two whole numbers, the second is probably a decimal if it is ``pair_most`` or more.
     """
@@ -24,6 +24,8 @@ class ListedNumbers:
     @property
     def bound(self) -> str:
         """The bound in words."""
+        if self.least == -math.inf:
+            return "that are finite"
         return "above 0" if self.least is None else f"of at least {self.least:g}"
 
     def accepts(self, value: float) -> bool:

@@ -1,3 +1,4 @@
+import math
 from contextlib import suppress
 
 import pytest
@@ -72,3 +73,10 @@ def test_a_list_with_decimal_points_is_never_asked_about(values: list[float]) ->
 def test_any_text_is_a_list_or_wrong_usage(text: str) -> None:
     with suppress(typer.BadParameter):
         assert all(NOISES.accepts(value) for value in number_list(text, NOISES))
+
+
+def test_numbers_of_either_sign_are_read_and_infinite_ones_refused() -> None:
+    any_sign = ListedNumbers(option="--contrast", least=-math.inf)
+    assert number_list("-150,12", any_sign) == [-150.0, 12.0]
+    with pytest.raises(BadParameter, match="numbers that are finite, got inf"):
+        number_list("12,inf", any_sign)
