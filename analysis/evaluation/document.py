@@ -27,6 +27,7 @@ _NOTE = (
 )
 _LEAST, _MOST_AUC = 1e-9, 1 - 1e-6
 _HEAD_BYTES = 4096
+_ENOUGH_PHOTOGRAPHS = 10
 
 _LISTS = (
     *("auc", "auc_low", "auc_high", "auc_all_pairs", "tpr", "tpr_low", "tpr_high"),
@@ -179,6 +180,16 @@ class Evaluation(ResultsDocument):
         first = self.failed[0]
         count = "1 pair" if self.failed_pairs == 1 else f"{self.failed_pairs} pairs"
         return f"no score of {count}, the first {first.photograph}, {first.pair}: {first.message}"
+
+    @property
+    def too_few_sentence(self) -> str | None:
+        """What is to be said where the photographs are too few for a useful interval."""
+        if self.photographs >= _ENOUGH_PHOTOGRAPHS:
+            return None
+        count = (
+            "1 photograph says" if self.photographs == 1 else f"{self.photographs} photographs say"
+        )
+        return f"{count} little of others, however many pairs are cut; take {_ENOUGH_PHOTOGRAPHS} or more"
 
     def _repr_html_(self) -> str:
         rows = [(one.name, *(f"{auc:.3f}" for auc in one.auc)) for one in self.curves]

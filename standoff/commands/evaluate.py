@@ -32,8 +32,8 @@ def evaluate(
         str,
         Argument(
             help="module:function, a command line with {reference}, {followup}, {homography} and "
-            "{out}, an ONNX file, a learned detector (.pt), or a built-in one: absolute-difference, "
-            "ncc, ssim, ir-mad or changes.",
+            "{out}, an ONNX file, a learned detector (.pt), or a built-in one: "
+            "absolute-difference, ncc, ssim, ir-mad or changes.",
             show_default=False,
         ),
     ],
@@ -190,7 +190,7 @@ def _show(out: Path, figures: list[Path], found: Evaluation, *, json: bool) -> N
         ],
     )
     terminal.say(
-        *filter(None, (found.failed_sentence,)),
+        *filter(None, (found.failed_sentence, found.too_few_sentence)),
         "registration, gloss, parallax and motion are not in the pairs",
         f"wrote {out} and {', '.join(files)}",
     )

@@ -78,5 +78,5 @@ def test_any_text_is_a_list_or_wrong_usage(text: str) -> None:
 def test_numbers_of_either_sign_are_read_and_infinite_ones_refused() -> None:
     any_sign = ListedNumbers(option="--contrast", least=-math.inf)
     assert number_list("-150,12", any_sign) == [-150.0, 12.0]
-    with pytest.raises(BadParameter, match="numbers that are finite, got inf"):
+    with pytest.raises(typer.BadParameter, match="numbers that are finite, got inf"):
         number_list("12,inf", any_sign)
