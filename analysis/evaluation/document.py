@@ -189,7 +189,10 @@ class Evaluation(ResultsDocument):
         count = (
             "1 photograph says" if self.photographs == 1 else f"{self.photographs} photographs say"
         )
-        return f"{count} little of others, however many pairs are cut; take {_ENOUGH_PHOTOGRAPHS} or more"
+        return (
+            f"{count} little of others, however many pairs are cut; take {_ENOUGH_PHOTOGRAPHS} or "
+            "more"
+        )
 
     def _repr_html_(self) -> str:
         rows = [(one.name, *(f"{auc:.3f}" for auc in one.auc)) for one in self.curves]
