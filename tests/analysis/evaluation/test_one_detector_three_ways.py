@@ -22,7 +22,7 @@ import numpy as np
 
 
 def changed(reference, followup, homography):
-    return np.abs(followup - 250.0)
+    return np.asarray(np.abs(followup - 250.0), np.float64)
 
 
 if __name__ == "__main__":
@@ -35,7 +35,7 @@ if __name__ == "__main__":
 
 def changed(reference: Float32Array, followup: Float32Array, homography: FloatArray) -> FloatArray:
     """What the module does."""
-    return np.abs(followup - 250.0)
+    return np.asarray(np.abs(followup - 250.0), np.float64)
 
 
 def network(path: Path) -> str:
