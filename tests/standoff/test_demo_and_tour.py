@@ -60,7 +60,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("photographs/2.tif", scenes[1]),
     ):
         shutil.copy(path, folder / name)
+    (folder / "my_module.py").write_text(own_detector())
     return folder
+
+
+def own_detector() -> str:
+    """The detector that the tour defines, as a module."""
+    text = (CHECKOUT / "README.md").read_text("utf-8")
+    (block,) = re.findall(r"```python\n(import .*?def detector.*?)\nfound = ", text, re.DOTALL)
+    return str(block)
 
 
 def test_the_tour_names_the_commands_it_tells_of() -> None:
