@@ -133,10 +133,10 @@ def test_what_is_held_on_the_way_greys_every_figure_and_then_shows_none(
         wait_until(lambda: number(page, "#stage-height") > 130, "it moves")
         network.is_holding = True
         page.wait_for_selector("body.lost")
-        assert "so old" in text(page, "#alert-connection")
+        assert "at least that old" in text(page, "#alert-connection")
         greyed = "getComputedStyle(document.querySelector('#stage .reading')).filter"
         assert page.evaluate(greyed) == "grayscale(1)"
-        age = "getComputedStyle(document.querySelector('#stage .head'), '::after').content"
+        age = "getComputedStyle(document.querySelector('#stage'), '::after').content"
         assert page.evaluate(age).endswith(' s old"')
         figures = ("#focus-percent", "#focus-value", "#stage-height", "#mean", "#camera-rate")
         wait_until(lambda: {text(page, each) for each in figures} == {"–"}, "no figure is shown")
