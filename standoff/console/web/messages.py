@@ -9,6 +9,7 @@ from acquisition.printable import on_one_line
 from acquisition.written_files import validation_lines
 from standoff.console.plan_drafts import PlanDraft
 from standoff.console.results import ResultKind
+from standoff.console.web.typed_values import words_of_fault
 from standoff.errors import ApplicationError
 
 MAX_MESSAGE_CHARS = 4096
@@ -376,4 +377,5 @@ def parse_message(text: str) -> Message:
     try:
         return _ADAPTER.validate_json(text)
     except ValidationError as error:
-        raise MessageError(f"not understood: {validation_lines(error)[:300]}") from error
+        words = words_of_fault(error) or f"not understood: {validation_lines(error)[:300]}"
+        raise MessageError(words) from error

@@ -134,13 +134,20 @@ def stage_document(view: StageView, validity: Validity = "valid") -> Document:
         "motion_text": STAGE_WORDS[view.state] if is_ready else "not connected",
         "height": height,
         "height_mm": view.height_mm,
-        "target": "" if view.target_mm is None else f"moving to {view.target_mm:.3f} mm",
+        "target": _target(view),
         "is_homed": view.is_homed,
         "homed_text": "homed" if view.is_homed else "not homed",
         "limits_mm": [low_mm, high_mm],
         "limits": f"{low_mm:g} to {high_mm:g} mm",
         "warnings": list(view.warnings),
     }
+
+
+def _target(view: StageView) -> str:
+    """Where it is going; in an alarm, what to do."""
+    if view.state == "alarm" and view.status.is_ready:
+        return "home it to end the alarm; if it refuses, clear the alarm first"
+    return "" if view.target_mm is None else f"moving to {view.target_mm:.3f} mm"
 
 
 def focus_document(facts: PictureFacts, validity: Validity = "valid") -> Document:

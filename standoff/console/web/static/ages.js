@@ -6,7 +6,6 @@ import { byId, connection, setText, show } from "./shell.js";
 
 // Figures that are nothing once they are too old, by the name of their age.
 const FIGURES = {
-  camera: ["camera-rate"],
   focus: ["focus-percent", "focus-value", "focus-peak"],
   levels: ["mean", "saturated"],
   stage: ["stage-height"],
@@ -35,6 +34,7 @@ function look() {
     for (const id of FIGURES[name] ?? []) setText(id, "–");
     for (const id of CHARTS[name] ?? []) begin(byId(id));
   }
+  if (!connection.isOpen && ageOf("camera").isNothing) setText("camera-rate", "– frames/s from the camera");
   if (ageOf("focus").isNothing) setText("focus-hint", "no new picture");
   if (ageOf("pose").isNothing && byId("pose-verdict").textContent !== "–") setText("pose-verdict", "…");
   if (!connection.isOpen && ageOf("stage").isNothing) setText("stage-motion", "not known");

@@ -34,7 +34,7 @@ setInterval(() => {
   byId("frame").classList.toggle("stale", isStale);
   show("no-picture", isStale);
   setText("no-picture", lastPictureMs ? "no new picture" : "no picture yet");
-  setText("picture-rate", isStale ? "–" : `shown: ${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
+  setText("picture-rate", isStale ? "shown: –" : `shown: ${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
 }, 200);
 
 function histogram() {
@@ -78,7 +78,8 @@ connection.addEventListener("state", ({ detail: state }) => {
   exposureMs = (camera.exposure_us ?? 0) / 1000;
   for (const [id, value] of [["exposure", camera.exposure_us], ["gain", camera.gain_db]]) {
     const input = byId(id);
-    if (document.activeElement !== input && value !== null && setting.isSettled) input.value = value;
+    const isTyped = document.activeElement === input && !input.dataset.sent;
+    if (!isTyped && value !== null && setting.isSettled) input.value = value;
     for (const each of byId(`${id}-form`).elements) each.disabled = !isFree;
   }
   byId("auto-exposure").disabled = !isFree || Boolean(state.job);
@@ -99,7 +100,13 @@ connection.addEventListener("state", ({ detail: state }) => {
 
 function wire(id, field) {
   const [form, input] = [byId(`${id}-form`), byId(id)];
-  const send = () => { if (number(id) !== null) { setting.make(); command(id, { [field]: number(id) }); } };
+  const send = () => {
+    if (number(id) === null) return;
+    setting.make();
+    input.dataset.sent = "yes"; // what the camera made of it is shown, even while the field has the focus
+    command(id, { [field]: number(id) });
+  };
+  input.oninput = () => { delete input.dataset.sent; };
   form.onsubmit = (event) => { event.preventDefault(); send(); };
   input.onchange = send;
   for (const button of form.querySelectorAll("[data-scale], [data-add]")) {
@@ -112,6 +119,8 @@ function wire(id, field) {
   }
   return send;
 }
+
+connection.addEventListener("refused", () => setting.settle()); // the fields are set back
 
 const sendExposure = wire("exposure", "exposure_us");
 wire("gain", "gain_db");

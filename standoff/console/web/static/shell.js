@@ -51,6 +51,7 @@ export function tell(text) {
 export class Choice {
   settledMs = -Infinity;
   make() { this.settledMs = performance.now() + ANSWER_MS; }
+  settle() { this.settledMs = -Infinity; }
   get isSettled() { return performance.now() > this.settledMs; }
 }
 

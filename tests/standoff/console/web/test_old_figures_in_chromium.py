@@ -20,8 +20,8 @@ from standoff.console.bench_hub import BenchHub
 from standoff.console.devices.device_status import DeviceStatus
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.standoff.console.console_rig import chromium_browser, number, text, wait_until
-from tests.standoff.console.hub_fixtures import idle_hub
-from tests.standoff.console.web.live_page import LivePage, live_page
+from tests.standoff.console.hub_fixtures import idle_hub, running_hub
+from tests.standoff.console.web.live_page import PHONE, LivePage, live_page
 
 pytestmark = [pytest.mark.slow, pytest.mark.waits]
 
@@ -100,9 +100,10 @@ def test_the_figures_of_a_dead_camera_are_stale_and_then_nothing(
         page.wait_for_selector("#chip-camera.warn")
         assert page.get_attribute("#chip-camera", "title") == "no new picture"
         page.wait_for_selector("#no-picture:visible")
-        figures = ("#focus-percent", "#focus-value", "#mean", "#saturated", "#picture-rate")
+        figures = ("#focus-percent", "#focus-value", "#mean", "#saturated")
         wait_until(lambda: {text(page, each) for each in figures} == {"–"}, "none is shown")
         assert text(page, "#focus-hint") == "no new picture"
+        assert text(page, "#picture-rate") == "shown: –"
         page.wait_for_selector("#edge", state="hidden")
         assert text(page, "#edge-why") == "no new picture"
         wait_until(lambda: text(page, "#camera-rate").startswith("–"), "no rate")
@@ -127,3 +128,35 @@ def test_a_chart_of_nothing_has_no_axes(browser: Browser, tmp_path: Path) -> Non
     with live_page(browser, idle_hub(tmp_path)) as live:
         live.page.evaluate(EMPTY_TRACE)
         assert live.page.evaluate(IS_BLANK, "trace")
+
+
+def test_an_exposure_that_is_refused_is_set_back_and_the_reason_is_in_words(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with running_hub(tmp_path) as hub, live_page(browser, hub) as live:
+        page = live.page
+        wait_until(lambda: page.input_value("#exposure") != "", "the exposure is shown")
+        before = page.input_value("#exposure")
+        page.fill("#exposure", "999999999")
+        page.keyboard.press("Enter")
+        wait_until(lambda: "The exposure must be at most" in text(page, "#notices"), "refused")
+        wait_until(lambda: page.input_value("#exposure") == before, "set back")
+        page.fill("#exposure", "4321")  # what is being typed stays
+        page.wait_for_timeout(400)
+        assert page.input_value("#exposure") == "4321"
+
+
+def test_on_a_phone_the_header_is_low_and_stop_stays_in_reach(
+    browser: Browser, tmp_path: Path
+) -> None:
+    phone = {"viewport": PHONE, "has_touch": True, "is_mobile": True}
+    with live_page(browser, idle_hub(tmp_path), **phone) as live:
+        live.page.evaluate("scrollTo(0, document.body.scrollHeight)")
+        header = live.page.locator("header").bounding_box()
+        stop = live.page.locator("#stop").bounding_box()
+        assert header is not None
+        assert stop is not None
+        assert header["y"] == 0
+        assert header["height"] <= 110
+        assert 0 <= stop["y"] <= header["height"] - stop["height"]
+        assert stop["x"] + stop["width"] <= PHONE["width"]
