@@ -167,8 +167,10 @@ def focus_document(facts: PictureFacts, validity: Validity = "valid") -> Documen
         "is_past_peak": False,
     }
     reading = facts.focus
-    if reading is None or validity == "none":
+    if reading is None:
         return document
+    if validity == "none":
+        return document | {"hint": "no new picture"}
     if reading.is_past_peak:
         hint = "past the peak: go back"
     elif reading.trend == "steady":
