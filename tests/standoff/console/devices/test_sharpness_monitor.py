@@ -105,7 +105,7 @@ def test_pieces_count_once_in_whatever_order_they_come() -> None:
 
 
 def measured_edges(edges: int) -> list[EdgeMeasurement]:
-    image_dn = crossed_frame(edges).image_dn - SETTINGS.black_level_dn
+    image_dn = crossed_frame(edges).image_dn.astype(np.float64) - SETTINGS.black_level_dn
     found = measure_edges(EdgeImage(name="live", image_dn=image_dn, saturation_dn=4095.0))
     return sorted(found, key=lambda edge: edge.x_px)
 
