@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Condition
 
 from acquisition.devices import CameraSettings, Frame, FrameImage
@@ -18,13 +18,14 @@ RATED_FRAMES = 60
 class LiveFrame:
     """A complete frame, numbered from 1 in order of arrival, with its camera settings.
 
-    ``received_s`` is Unix time.
+    ``received_s`` is Unix time, ``arrived_s`` the same on the monotonic clock, for its age.
     """
 
     image_dn: FrameImage
     sequence: int
     received_s: float
     settings: CameraSettings
+    arrived_s: float = field(default_factory=time.monotonic)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +79,18 @@ class FrameBroadcaster:
                 lost=self._lost,
                 rate_hz=rate_hz,
             )
+
+    @property
+    def period_s(self) -> float:
+        """Time from one frame to the next to be expected: as the last ones, or as exposed."""
+        with self._changed:
+            arrivals_s, latest = list(self._arrivals_s), self._latest
+        mean_s = exposure_s = 0.0
+        if len(arrivals_s) > 1:
+            mean_s = (arrivals_s[-1] - arrivals_s[0]) / (len(arrivals_s) - 1)
+        if latest is not None:
+            exposure_s = 1e-6 * latest.settings.exposure_us
+        return max(mean_s, exposure_s)
 
     def stream_began(self) -> None:
         """Note that the camera was started: its ids restart."""

@@ -37,7 +37,8 @@ class PictureFacts:
     """Measurements of the newest picture.
 
     ``trace`` holds focus values, the oldest first, at most ten per second; ``trace_s`` when their
-    frames came, in seconds before the last.
+    frames came, in seconds before the last. ``focus_s`` and ``levels_s`` are when the frames of
+    ``focus`` and ``levels`` arrived (monotonic).
     """
 
     region: Region | None = None
@@ -46,6 +47,8 @@ class PictureFacts:
     trace: tuple[float, ...] = ()
     trace_s: tuple[float, ...] = ()
     levels: Levels | None = None
+    focus_s: float | None = None
+    levels_s: float | None = None
 
 
 def levels_of(image_dn: FrameImage, max_level_dn: int) -> Levels:
@@ -139,8 +142,9 @@ class PictureMonitor:
                 self._trace.reset()
                 self._values.clear()
             reading = None if self._meter.is_after_step else facts.focus
+            focus_s = facts.focus_s
             if value is not None and np.isfinite(value):
-                reading = self._trace.add(value)
+                reading, focus_s = self._trace.add(value), frame.arrived_s
                 if frame.received_s - self._traced_s >= TRACE_STEP_S:
                     self._traced_s = frame.received_s
                     self._values.append(reading.value)
@@ -151,6 +155,8 @@ class PictureMonitor:
                 trace=tuple(self._values),
                 trace_s=tuple(each_s - self._traced_s for each_s in self._values_s),
                 levels=levels,
+                focus_s=focus_s,
+                levels_s=frame.arrived_s,
             )
 
     def _begin(self, facts: PictureFacts) -> None:

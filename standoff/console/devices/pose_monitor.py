@@ -36,12 +36,14 @@ STALE_S = 2.0
 class PoseView:
     """The current pose: ``reference`` names the reference, empty if none is chosen.
 
-    ``is_possible`` is False if the console was started without curves.
+    ``is_possible`` is False if the console was started without curves. ``arrived_s`` is when the
+    frame of the verdict arrived (monotonic).
     """
 
     is_possible: bool
     reference: str = ""
     verdict: PoseVerdict | None = None
+    arrived_s: float | None = None
 
 
 class PoseMonitor:
@@ -134,5 +136,8 @@ class PoseMonitor:
             with self._lock:
                 if tracker is self._tracker:
                     self._view = PoseView(
-                        is_possible=True, reference=view.reference, verdict=verdict
+                        is_possible=True,
+                        reference=view.reference,
+                        verdict=verdict,
+                        arrived_s=None if frame is None else frame.arrived_s,
                     )

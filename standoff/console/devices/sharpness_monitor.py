@@ -1,7 +1,8 @@
 """How sharp the live picture is: the edge under the region, and four regions near the corners."""
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from threading import Event, Lock, Thread
 
@@ -24,6 +25,10 @@ FIELD_SHARE = 0.2
 
 FIELD_MARGIN = 0.04
 FIELD_NAMES = ("top left", "top right", "bottom left", "bottom right")
+SAME_LINE_DEG, SAME_LINE_PX, SAME_LINE_GAP = 3.0, 3.0, 0.25
+"""A long edge is measured in pieces: they differ by no more than this in direction and beside the
+line, and the gap between them is no more than this share of them."""
+
 _BAYER = re.compile(r"Bayer(RG|GR|GB|BG)")
 _PATTERNS: dict[str, Pattern] = {"RG": "RGGB", "GR": "GRBG", "GB": "GBRG", "BG": "BGGR"}
 
@@ -33,7 +38,8 @@ class EdgeReading:
     """The longest edge that can be measured in a region of one frame.
 
     ``sigma_px`` is the width with the pixel, as `calibration` reports it; errors are standard
-    errors of this one frame. ``distance_px`` and ``levels`` are the edge spread function, levels
+    errors of this one frame. ``edges`` counts those of the region, a long one in pieces
+    once. ``distance_px`` and ``levels`` are the edge spread function, levels
     from 0 (dark) to 1.
     """
 
@@ -68,7 +74,8 @@ class FieldReading:
 class SharpnessView:
     """What was measured last; ``why_not`` says why there is no edge.
 
-    ``sequence`` counts the measurements, ``rate_hz`` is how many there are a second.
+    ``sequence`` counts the measurements, ``rate_hz`` is how many there are a second, ``arrived_s``
+    is when the frame arrived (monotonic).
     """
 
     sequence: int = 0
@@ -76,6 +83,7 @@ class SharpnessView:
     edge: EdgeReading | None = None
     why_not: str = ""
     field: tuple[FieldReading, ...] = ()
+    arrived_s: float | None = None
 
 
 class SharpnessMonitor:
@@ -163,6 +171,7 @@ class SharpnessMonitor:
                 edge=edge,
                 why_not=why_not,
                 field=field,
+                arrived_s=frame.arrived_s,
             )
 
     def _field_of(self, frame: LiveFrame, peaks: dict[str, float]) -> tuple[FieldReading, ...]:
@@ -245,7 +254,29 @@ def read_edge(
     if not used:
         return None, _why_not(edges)
     longest = max(used, key=lambda edge: edge.length_px)
-    return _reading(longest, len(used), pixel_pitch_um), ""
+    return _reading(longest, count_edges(used), pixel_pitch_um), ""
+
+
+def count_edges(pieces: Sequence[EdgeMeasurement]) -> int:
+    """Number of edges that pieces belong to; those that continue one another are one edge."""
+    edges: list[list[EdgeMeasurement]] = []
+    for piece in pieces:
+        joined = [edge for edge in edges if any(_continues(piece, other) for other in edge)]
+        edges = [edge for edge in edges if edge not in joined]
+        edges.append([piece, *(other for edge in joined for other in edge)])
+    return len(edges)
+
+
+def _continues(one: EdgeMeasurement, other: EdgeMeasurement) -> bool:
+    turned_deg = (one.angle_deg - other.angle_deg + 90.0) % 180.0 - 90.0
+    if abs(turned_deg) > SAME_LINE_DEG:
+        return False
+    along_rad = math.radians(other.angle_deg + 0.5 * turned_deg)  # between the two
+    right_px, down_px = one.x_px - other.x_px, one.y_px - other.y_px
+    along_px = abs(right_px * math.cos(along_rad) + down_px * math.sin(along_rad))
+    beside_px = abs(down_px * math.cos(along_rad) - right_px * math.sin(along_rad))
+    length_px = 0.5 * (one.length_px + other.length_px)
+    return beside_px <= SAME_LINE_PX and along_px <= (1 + SAME_LINE_GAP) * length_px
 
 
 def _reading(edge: EdgeMeasurement, edges: int, pixel_pitch_um: float | None) -> EdgeReading:

@@ -13,11 +13,15 @@ IDLE_S = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SquarenessView:
-    """The tilt of the newest frame, or why there is none; ``is_wanted`` says that it is watched."""
+    """The tilt of the newest frame, or why there is none; ``is_wanted`` says that it is watched.
+
+    ``arrived_s`` is when the frame arrived (monotonic).
+    """
 
     is_wanted: bool = False
     levelling: Levelling | None = None
     why_not: str = ""
+    arrived_s: float | None = None
 
 
 class SquarenessMonitor:
@@ -75,7 +79,12 @@ class SquarenessMonitor:
             why_not = str(error)
         with self._lock:
             if self._view.is_wanted:
-                self._view = SquarenessView(is_wanted=True, levelling=levelling, why_not=why_not)
+                self._view = SquarenessView(
+                    is_wanted=True,
+                    levelling=levelling,
+                    why_not=why_not,
+                    arrived_s=frame.arrived_s,
+                )
 
     def _run(self) -> None:
         seen = 0

@@ -1,5 +1,6 @@
 """Owns the stage: reads it while nobody moves it, lends it to one job, reopens it when lost."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -15,6 +16,9 @@ from acquisition.errors import (
 from standoff.console.devices.device_status import DeviceStatus
 
 POLL_S = 0.2
+TURN_S = 0.05
+"""How long to wait for a job that talks to the stage, before its height is read on the way."""
+
 RETRY_S = 1.0
 CLOSE_TIMEOUT_S = 3.0
 
@@ -33,7 +37,8 @@ ABSENT_REMEDY = (
 class StageView:
     """The state of the stage: ``height_mm`` is None if it is unknown.
 
-    ``target_mm`` is the height it is moving to, None at rest.
+    ``target_mm`` is the height it is moving to, None at rest; ``read_s`` is when the height was
+    read (monotonic), None if it never was.
     """
 
     status: DeviceStatus
@@ -44,6 +49,7 @@ class StageView:
     limits_mm: tuple[float, float] = (0.0, 0.0)
     info: DeviceInfo | None = None
     warnings: tuple[str, ...] = ()
+    read_s: float | None = None
 
 
 class StageService:
@@ -68,6 +74,7 @@ class StageService:
         self._status = DeviceStatus(state="opening", text="The stage is being opened")
         self._state: StageState = "unknown"
         self._height_mm: float | None = None
+        self._read_s: float | None = None
         self._target_mm: float | None = None
         self._is_homed = False
         self._info: DeviceInfo | None = None
@@ -88,6 +95,7 @@ class StageService:
             limits_mm=self._limits_mm,
             info=self._info,
             warnings=tuple(getattr(stage, "warnings", ())),
+            read_s=self._read_s,
         )
 
     @property
@@ -161,7 +169,7 @@ class StageService:
 
     def _run(self) -> None:
         while not self._is_closing.is_set():
-            if self._turn.acquire(timeout=POLL_S):
+            if self._turn.acquire(timeout=TURN_S):
                 try:
                     self._poll()
                 finally:
@@ -189,18 +197,22 @@ class StageService:
         stage = self._stage
         if stage is None:
             return
+        asked_s = time.monotonic()
         self._state = stage.state
         self._is_homed = stage.is_homed
         try:
             self._height_mm = stage.position_mm() if self._is_homed else None
         except StageNotHomedError:
             self._height_mm = None
+        self._read_s = asked_s
 
     def _read_on_the_way(self) -> None:
         stage = self._stage
         if isinstance(stage, TravellingStage) and self._state in ("moving", "idle"):
+            asked_s = time.monotonic()
             with suppress(DeviceError):
                 self._height_mm = stage.travel_height_mm()
+                self._read_s = asked_s
 
     def _lost(self, error: DeviceError, *, is_gone: bool = True) -> None:
         remedy = LOST_REMEDY if self._was_open else ABSENT_REMEDY

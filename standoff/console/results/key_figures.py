@@ -89,9 +89,14 @@ def _geometry(document: Mapping[str, Any]) -> str:
     told = [
         f"{name} {_with_err(document, key, err, digits)}{unit}"
         for key, err, name, unit, digits in figures
-        if document.get(key) is not None
+        if document.get(key) is not None and not _is_given(document, err)
     ]
     return ", ".join(told)
+
+
+def _is_given(document: Mapping[str, Any], err_key: str) -> bool:
+    """Whether a value was not measured: the bench file's has no error at all."""
+    return document.get(err_key) == 0
 
 
 def _noise(document: Mapping[str, Any]) -> str:

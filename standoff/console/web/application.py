@@ -4,6 +4,7 @@ import asyncio
 import getpass
 import math
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -52,6 +53,12 @@ acknowledges 30 pictures a second while a region is drawn sends about 90."""
 
 WARNING_PERIOD_S = 60.0
 """Pages are told of guesses of the token at most this often."""
+
+COMMANDS_WAITING = 64
+"""Commands of one page that wait for their turn: reading goes on, as the next one may be STOP."""
+
+STOPS_KNOWN = 256
+"""Stops that are remembered, so that one that is sent until it is answered counts once."""
 
 T = TypeVar("T")
 
@@ -264,6 +271,7 @@ class _Sockets:
         self._state = StateCache(hub)
         self._viewers: dict[str, Viewer] = {}
         self._sockets: dict[str, WebSocket] = {}
+        self._stops: deque[str] = deque(maxlen=STOPS_KNOWN)
         # One at a time, and never in the loop that sends the pictures.
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="commands")
 
@@ -308,8 +316,24 @@ class _Sockets:
             await _quietly(old.close(code=REPLACED, reason="opened again elsewhere"))
 
     async def _receive(self, socket: WebSocket, viewer: Viewer) -> None:
+        waiting: asyncio.Queue[messages.Message | None] = asyncio.Queue(COMMANDS_WAITING)
+        working = asyncio.create_task(self._work(waiting, viewer))
+        try:
+            await self._read(socket, viewer, waiting, working)
+        finally:
+            if not working.done():
+                await waiting.put(None)  # what was sent before the page left is still done
+            await working
+
+    async def _read(
+        self,
+        socket: WebSocket,
+        viewer: Viewer,
+        waiting: asyncio.Queue[messages.Message | None],
+        working: asyncio.Task[None],
+    ) -> None:
         pace = Allowance(at_once=MESSAGES_AT_ONCE, period_s=MESSAGE_PERIOD_S, clock=time.monotonic)
-        while True:
+        while not working.done():
             await asyncio.sleep(pace.take())  # if only for the turns of the others
             try:
                 text = await socket.receive_text()
@@ -318,26 +342,49 @@ class _Sockets:
             except KeyError:
                 viewer.reply({"type": "refused", "text": "a message must be text"})
                 continue
-            await self._take(text, viewer)
+            self._take(text, viewer, waiting)
 
-    async def _take(self, text: str, viewer: Viewer) -> None:
+    def _take(
+        self, text: str, viewer: Viewer, waiting: asyncio.Queue[messages.Message | None]
+    ) -> None:
+        """Do what must not wait, and put the rest behind what the page sent before."""
         try:
             message = messages.parse_message(text)
-            if isinstance(message, messages.Acknowledge):
-                viewer.acknowledge(message)
-                return
-            if isinstance(message, messages.Stop):
-                self._handler.carry_out(viewer.identity, message)  # not behind anything else
-                return
-            loop = asyncio.get_running_loop()
-            answer = await loop.run_in_executor(
-                self._worker, self._handler.carry_out, viewer.identity, message
-            )
+            match message:
+                case messages.Acknowledge():
+                    viewer.acknowledge(message)
+                case messages.Ping():
+                    viewer.reply_first({"type": "pong", "number": message.number})
+                case messages.Stop():
+                    self._stop(message, viewer)
+                case _:
+                    waiting.put_nowait(message)
+        except asyncio.QueueFull:
+            viewer.reply({"type": "refused", "text": "too many commands at once: try again"})
         except REPORTED_ERRORS as error:
             viewer.reply({"type": "refused", "text": str(error)})
-            return
-        if answer is not None:
-            viewer.reply(answer)
+
+    def _stop(self, message: messages.Stop, viewer: Viewer) -> None:
+        """Stop, and say that it was heard; a stop that comes again is only answered."""
+        if message.id is None or message.id not in self._stops:
+            self._handler.carry_out(viewer.identity, message)
+        if message.id is not None:
+            self._stops.append(message.id)
+            viewer.reply_first({"type": "stop-heard", "id": message.id})
+
+    async def _work(self, waiting: asyncio.Queue[messages.Message | None], viewer: Viewer) -> None:
+        """Execute what a page sends, one after the other, until it is gone."""
+        loop = asyncio.get_running_loop()
+        while (message := await waiting.get()) is not None:
+            try:
+                answer = await loop.run_in_executor(
+                    self._worker, self._handler.carry_out, viewer.identity, message
+                )
+            except REPORTED_ERRORS as error:
+                viewer.reply({"type": "refused", "text": str(error)})
+                continue
+            if answer is not None:
+                viewer.reply(answer)
 
 
 async def _quietly(closing: Awaitable[None]) -> None:

@@ -9,6 +9,7 @@ from acquisition.printable import on_one_line
 from acquisition.written_files import validation_lines
 from standoff.console.plan_drafts import PlanDraft
 from standoff.console.results import ResultKind
+from standoff.console.web.typed_values import words_of_fault
 from standoff.errors import ApplicationError
 
 MAX_MESSAGE_CHARS = 4096
@@ -20,6 +21,7 @@ Index = Annotated[int, Field(ge=0, lt=10**7)]
 Pixels = Annotated[int, Field(ge=0, lt=2**16)]
 Coordinate = Annotated[float, Field(ge=-1, lt=2**16, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+StopId = Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
 Positive = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False)]
 
 
@@ -72,10 +74,18 @@ class Refuse(_Message):
     do: Literal["refuse"]
 
 
+class Ping(_Message):
+    """Answer at once: how long that takes is how old everything is that the page shows."""
+
+    do: Literal["ping"]
+    number: Index
+
+
 class Stop(_Message):
-    """Stop the stage and the current job."""
+    """Stop the stage and the current job; one with an id is answered, and counts only once."""
 
     do: Literal["stop"]
+    id: StopId | None = None
 
 
 class SetExposure(_Message):
@@ -316,6 +326,7 @@ Message = (
     | Release
     | Grant
     | Refuse
+    | Ping
     | Stop
     | SetExposure
     | SetGain
@@ -366,4 +377,5 @@ def parse_message(text: str) -> Message:
     try:
         return _ADAPTER.validate_json(text)
     except ValidationError as error:
-        raise MessageError(f"not understood: {validation_lines(error)[:300]}") from error
+        words = words_of_fault(error) or f"not understood: {validation_lines(error)[:300]}"
+        raise MessageError(words) from error

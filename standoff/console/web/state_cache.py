@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from standoff.console.bench_hub import BenchHub
+from standoff.console.web.figure_ages import figure_ages
 from standoff.console.web.measure_model import measure_document, sweep_document
 from standoff.console.web.view_model import levels_document, plan_document, state_document
 
@@ -32,9 +33,9 @@ class StateCache:
         return self._cached("state", STATE_S, lambda: state_document(self._hub))
 
     def levels(self) -> str | None:
-        """Histogram and focus trace; None before the first picture."""
+        """Histogram and focus trace; None without a picture, or with none but an old one."""
         facts = self._hub.picture.facts
-        if facts.levels is None:
+        if facts.levels is None or figure_ages(self._hub)["levels"].validity == "none":
             return None
         return self._cached("levels", LEVELS_S, lambda: levels_document(facts))
 

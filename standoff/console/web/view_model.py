@@ -18,6 +18,7 @@ from standoff.console.devices import (
 )
 from standoff.console.jobs import ControlView, PlanRow, Prompt, RunView
 from standoff.console.results import ResultProgress
+from standoff.console.web.figure_ages import Validity, figure_ages
 from standoff.terminal import time_text
 
 SCARCE_BYTES, TOO_FEW_BYTES = 2 * 10**9, 10**8
@@ -39,7 +40,9 @@ Document = dict[str, Any]
 def state_document(hub: BenchHub) -> Document:
     """Everything that changes from moment to moment, the same for every page."""
     job = hub.jobs.current
+    ages = figure_ages(hub)
     return {
+        "ages": {name: age.document() for name, age in ages.items()},
         "camera": camera_document(
             hub.camera.status,
             hub.camera.settings,
@@ -47,14 +50,15 @@ def state_document(hub: BenchHub) -> Document:
             hub.camera.statistics,
             name="" if hub.camera.info is None else hub.camera.info.model,
             warnings=hub.camera.warnings,
+            validity=ages["camera"].validity,
         ),
-        "stage": stage_document(hub.stage.view),
-        "focus": focus_document(hub.picture.facts),
+        "stage": stage_document(hub.stage.view, ages["stage"].validity),
+        "focus": focus_document(hub.picture.facts, ages["focus"].validity),
         "result": result_document(hub.results.view),
         "run": run_document(hub.run.view, is_pause_wanted=hub.run.is_pause_wanted),
         "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
         "prompt": prompt_document(hub.prompts.current),
-        "pose": pose_document(hub.pose.view),
+        "pose": pose_document(hub.pose.view, ages["pose"].validity),
         "exposure_limits_us": list(hub.camera.exposure_limits_us),
         "snapshot": hub.snapshots.latest,
         "disk": disk_document(hub.free_bytes()),
@@ -96,8 +100,9 @@ def camera_document(
     *,
     name: str = "",
     warnings: Sequence[str] = (),
+    validity: Validity = "valid",
 ) -> Document:
-    """The camera's state, settings and frame statistics."""
+    """The camera's state, settings and frame statistics; ``validity`` is that of its frames."""
     return {
         **_status(status),
         "name": name,
@@ -106,7 +111,8 @@ def camera_document(
             None if settings is None or settings.gain_db is None else round(settings.gain_db, 2)
         ),
         "format": "" if settings is None else _format(settings),
-        "rate": f"{counts.rate_hz:.1f}",
+        "validity": validity,
+        "rate": "–" if validity == "none" else f"{counts.rate_hz:.1f}",
         "complete": counts.complete,
         "incomplete": counts.incomplete,
         "lost": counts.lost,
@@ -115,10 +121,11 @@ def camera_document(
     }
 
 
-def stage_document(view: StageView) -> Document:
-    """The stage's state in words, its height and its limits."""
+def stage_document(view: StageView, validity: Validity = "valid") -> Document:
+    """The stage's state in words, its height and its limits; a height too old is not shown."""
     is_ready = view.status.is_ready
-    height = "–" if view.height_mm is None else f"{view.height_mm:.3f}"
+    is_known = view.height_mm is not None and validity != "none"
+    height = f"{view.height_mm:.3f}" if is_known else "–"
     low_mm, high_mm = view.limits_mm
     return {
         **_status(view.status),
@@ -127,7 +134,7 @@ def stage_document(view: StageView) -> Document:
         "motion_text": STAGE_WORDS[view.state] if is_ready else "not connected",
         "height": height,
         "height_mm": view.height_mm,
-        "target": "" if view.target_mm is None else f"moving to {view.target_mm:.3f} mm",
+        "target": _target(view),
         "is_homed": view.is_homed,
         "homed_text": "homed" if view.is_homed else "not homed",
         "limits_mm": [low_mm, high_mm],
@@ -136,8 +143,15 @@ def stage_document(view: StageView) -> Document:
     }
 
 
-def focus_document(facts: PictureFacts) -> Document:
-    """The focus figures, and a hint in words."""
+def _target(view: StageView) -> str:
+    """Where it is going; in an alarm, what to do."""
+    if view.state == "alarm" and view.status.is_ready:
+        return "home it to end the alarm; if it refuses, clear the alarm first"
+    return "" if view.target_mm is None else f"moving to {view.target_mm:.3f} mm"
+
+
+def focus_document(facts: PictureFacts, validity: Validity = "valid") -> Document:
+    """The focus figures, and a hint in words; figures too old are not shown."""
     region = facts.region
     document: Document = {
         "metric": facts.measure,
@@ -155,6 +169,8 @@ def focus_document(facts: PictureFacts) -> Document:
     reading = facts.focus
     if reading is None:
         return document
+    if validity == "none":
+        return document | {"hint": "no new picture"}
     if reading.is_past_peak:
         hint = "past the peak: go back"
     elif reading.trend == "steady":
@@ -279,8 +295,8 @@ def prompt_document(prompt: Prompt | None) -> Document | None:
     }
 
 
-def pose_document(view: PoseView) -> Document:
-    """Go, no go or unsure, with the reason, the margin and the probability."""
+def pose_document(view: PoseView, validity: Validity = "valid") -> Document:
+    """Go, no go or unsure, with the reason, the margin and the probability, unless too old."""
     document: Document = {
         "is_possible": view.is_possible,
         "reference": view.reference,
@@ -292,7 +308,7 @@ def pose_document(view: PoseView) -> Document:
     verdict = view.verdict
     if not view.reference:
         return document
-    if verdict is None:
+    if verdict is None or validity == "none":
         return document | {"verdict": "…", "reason": "waiting for a picture"}
     margin = "" if verdict.margin is None else f"{100 * verdict.margin:+.0f} %"
     return document | {

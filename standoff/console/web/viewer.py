@@ -73,6 +73,11 @@ class Viewer:
         self._replies.append(document)
         self._wake.set()
 
+    def reply_first(self, document: dict[str, Any]) -> None:
+        """Send something to this page alone, before everything else that waits to be sent."""
+        self._replies.appendleft(document)
+        self._wake.set()
+
     def acknowledge(self, message: messages.Acknowledge) -> None:
         """Note that the page has drawn a picture, and all before it."""
         while self._in_flight and self._in_flight[0] <= message.sequence:

@@ -1,5 +1,6 @@
 // The bench page: picture, focus, stage, pose, session.
 
+import "./ages.js";
 import { drawTrace } from "./charts.js";
 import { region } from "./picture_card.js";
 import { byId, command, connection, costOf, nameCells, number, onKey, setText, show } from "./shell.js";

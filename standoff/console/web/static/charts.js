@@ -107,7 +107,8 @@ export function drawProfile(canvas, levels, lengthPx) {
 
 // Values at times in seconds before the newest, which are negative; the line is the peak.
 export function drawTrace(canvas, values, timesS, peak, isPast) {
-  const highest = Math.max(peak, ...values, 1e-12);
+  if (!values.length) { begin(canvas); return; } // no axes of nothing
+  const highest = Math.max(peak, ...values) || 1;
   const lowest = Math.min(...values, highest);
   const span = Math.max(highest - lowest, 0.02 * highest);
   const lengthS = Math.max(TRACE_S, -(timesS[0] ?? 0));

@@ -61,6 +61,8 @@ export class LivePicture {
     return times.length < 2 ? 0 : 1000 * (times.length - 1) / (times.at(-1) - times[0]);
   }
 
+  periodS() { return this.times.length < 2 ? 0 : 1 / this.rate(); }
+
   latencyMs() {
     const sorted = [...this.latencies].sort((one, other) => one - other);
     return sorted.length ? sorted[Math.floor(sorted.length / 2)] : 0;

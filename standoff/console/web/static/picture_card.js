@@ -8,7 +8,7 @@ import { RegionTool } from "./region_tool.js";
 import { Choice, byId, command, connection, number, onKey, setText, show } from "./shell.js";
 
 const BRIGHTEN = 4;
-const STALE_MS = 1500;
+const STALE_MS = 500, STALE_PICTURES = 3; // a picture is stale once it is older than both
 
 const isMine = () => document.body.classList.contains("mine");
 export const picture = new LivePicture(byId("picture"), (sequence) => connection.send("ack", { sequence }));
@@ -18,6 +18,7 @@ const overlay = new Overlay(view, byId("overlay"));
 const profile = new ProfileTool(view, overlay, region);
 new Probe(view, overlay);
 let lastPictureMs = 0;
+let exposureMs = 0;
 let levels = null;
 
 window.standoff = { picture, view, connection }; // for tests and the measurements in benchmarks/
@@ -28,12 +29,13 @@ connection.addEventListener("picture", ({ detail }) => {
 });
 
 setInterval(() => {
-  const isStale = performance.now() - lastPictureMs > STALE_MS;
+  const staleMs = Math.max(STALE_MS, STALE_PICTURES * Math.max(1000 * picture.periodS(), exposureMs));
+  const isStale = performance.now() - lastPictureMs > staleMs;
   byId("frame").classList.toggle("stale", isStale);
   show("no-picture", isStale);
   setText("no-picture", lastPictureMs ? "no new picture" : "no picture yet");
-  setText("picture-rate", isStale ? "–" : `shown: ${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
-}, 500);
+  setText("picture-rate", isStale ? "shown: –" : `shown: ${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
+}, 200);
 
 function histogram() {
   const options = { isSaturated: levels.is_saturated, isLog: byId("log").checked };
@@ -73,9 +75,11 @@ connection.addEventListener("state", ({ detail: state }) => {
   const { camera, run } = state;
   const isFree = isMine() && camera.state === "ready" && !["running", "paused"].includes(run.state);
   limits = state.exposure_limits_us;
+  exposureMs = (camera.exposure_us ?? 0) / 1000;
   for (const [id, value] of [["exposure", camera.exposure_us], ["gain", camera.gain_db]]) {
     const input = byId(id);
-    if (document.activeElement !== input && value !== null && setting.isSettled) input.value = value;
+    const isTyped = document.activeElement === input && !input.dataset.sent;
+    if (!isTyped && value !== null && setting.isSettled) input.value = value;
     for (const each of byId(`${id}-form`).elements) each.disabled = !isFree;
   }
   byId("auto-exposure").disabled = !isFree || Boolean(state.job);
@@ -86,7 +90,8 @@ connection.addEventListener("state", ({ detail: state }) => {
   setText("frames-lost", `${camera.lost + camera.incomplete} of ${all}`);
   byId("frames-lost").classList.toggle("bad", camera.lost + camera.incomplete > 0);
   const resent = camera.resent ? `, ${camera.resent} packets resent` : "";
-  setText("camera-facts", [camera.name, camera.format, `${camera.rate} frames/s from the camera${resent}`, ...camera.warnings].filter(Boolean).join(" · "));
+  setText("camera-facts", [camera.name, camera.format, ...camera.warnings].filter(Boolean).join(" · "));
+  setText("camera-rate", `${camera.rate} frames/s from the camera${resent}`);
   byId("clear-region").disabled = !isMine();
   show("snapshot-link", Boolean(state.snapshot));
   setText("snapshot-link", state.snapshot);
@@ -95,7 +100,13 @@ connection.addEventListener("state", ({ detail: state }) => {
 
 function wire(id, field) {
   const [form, input] = [byId(`${id}-form`), byId(id)];
-  const send = () => { if (number(id) !== null) { setting.make(); command(id, { [field]: number(id) }); } };
+  const send = () => {
+    if (number(id) === null) return;
+    setting.make();
+    input.dataset.sent = "yes"; // what the camera made of it is shown, even while the field has the focus
+    command(id, { [field]: number(id) });
+  };
+  input.oninput = () => { delete input.dataset.sent; };
   form.onsubmit = (event) => { event.preventDefault(); send(); };
   input.onchange = send;
   for (const button of form.querySelectorAll("[data-scale], [data-add]")) {
@@ -108,6 +119,8 @@ function wire(id, field) {
   }
   return send;
 }
+
+connection.addEventListener("refused", () => setting.settle()); // the fields are set back
 
 const sendExposure = wire("exposure", "exposure_us");
 wire("gain", "gain_db");

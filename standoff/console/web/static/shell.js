@@ -1,9 +1,12 @@
 // Common to every page: devices, control, stop, questions, notices.
 
-import { Connection, operator } from "./connection.js";
+import { Connection, operator, seconds } from "./connection.js";
+import { Stop } from "./stop.js";
 
 const NOTICE_MS = 9000;
 const SEVEREST_NOTICES = 4;
+const LATE_MS = 500; // an answer that takes longer is told
+const MUTE_MS = 1500; // one that takes so long may never come
 const ANSWER_MS = 1000; // by then the console has taken a choice over, or refused it
 
 export const byId = (id) => document.getElementById(id);
@@ -48,6 +51,7 @@ export function tell(text) {
 export class Choice {
   settledMs = -Infinity;
   make() { this.settledMs = performance.now() + ANSWER_MS; }
+  settle() { this.settledMs = -Infinity; }
   get isSettled() { return performance.now() > this.settledMs; }
 }
 
@@ -59,8 +63,9 @@ function chip(id, name, level, title) {
 }
 
 function device(id, status) {
-  const level = { ready: "ok", opening: "warn", lost: "fail" }[status.state];
-  chip(`chip-${id}`, id, level, status.text || status.name);
+  const isLate = status.state === "ready" && status.validity && status.validity !== "valid"; // no picture comes
+  const level = isLate ? "warn" : { ready: "ok", opening: "warn", lost: "fail" }[status.state];
+  chip(`chip-${id}`, id, level, isLate ? "no new picture" : status.text || status.name);
   const alert = byId(`alert-${id}`);
   alert.hidden = status.state !== "lost";
   alert.querySelector(".what").textContent = status.text.endsWith(".") ? status.text : `${status.text}.`;
@@ -102,17 +107,27 @@ function takeControl() {
   command("take", { name: name.slice(0, 60) });
 }
 
-export function stop() {
-  byId("stop").classList.add("pressed");
-  setTimeout(() => byId("stop").classList.remove("pressed"), 400);
-  if (!connection.send("stop")) tell("STOP was not sent: the console is not responding. Use the emergency stop.");
-}
+const stopping = new Stop(connection, byId("stop"), byId("alert-stop"), tell);
 
-connection.addEventListener("open", () => show("alert-connection", false));
+connection.addEventListener("open", () => {
+  show("alert-connection", false);
+  document.body.classList.remove("lost");
+});
 connection.addEventListener("lost", () => {
   show("alert-connection", true);
   setText("control-text", "not connected");
   document.body.classList.remove("mine");
+  document.body.classList.add("lost");
+});
+connection.addEventListener("tick", () => {
+  const { isOpen, silentMs, latencyMs } = connection;
+  const silent = seconds(silentMs);
+  setText("silent", silent);
+  if (isOpen) document.body.style.removeProperty("--old");
+  else document.body.style.setProperty("--old", `"${silent} old"`);
+  show("chip-latency", isOpen && latencyMs > LATE_MS);
+  setText("chip-latency", `answers take ${seconds(latencyMs)}`);
+  show("alert-mute", isOpen && latencyMs > MUTE_MS);
 });
 connection.addEventListener("refused", ({ detail }) => tell(detail.text));
 connection.addEventListener("state", ({ detail: state }) => {
@@ -138,7 +153,7 @@ connection.addEventListener("state", ({ detail: state }) => {
   seenNotice = Math.max(seenNotice, last);
 });
 
-byId("stop").onclick = stop;
+byId("stop").onclick = () => stopping.press();
 byId("take-control").onclick = takeControl;
 byId("rename").onclick = takeControl;
 byId("stop-asking").onclick = () => command("refuse");
@@ -147,7 +162,7 @@ byId("refuse").onclick = () => command("refuse");
 byId("release-control").onclick = () => command("release");
 byId("prompt").onsubmit = (event) => event.preventDefault();
 // Escape is the stop key everywhere, even in a text field, before any other handler.
-window.addEventListener("keydown", (event) => { if (event.key === "Escape") { event.preventDefault(); stop(); } }, true);
+window.addEventListener("keydown", (event) => { if (event.key === "Escape") { event.preventDefault(); if (!event.repeat) stopping.press(); } }, true);
 
 export function onKey(key, act) {
   window.addEventListener("keydown", (event) => {

@@ -8,9 +8,10 @@ from scipy.special import erf
 
 from acquisition.devices import FrameImage
 from acquisition.focus import Region
+from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges
 from standoff.console.devices import SharpnessMonitor, field_regions
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
-from standoff.console.devices.sharpness_monitor import read_edge
+from standoff.console.devices.sharpness_monitor import count_edges, read_edge
 from tests.acquisition.fakes import SETTINGS
 
 ROWS, COLS = 120, 160
@@ -69,6 +70,44 @@ def test_the_edge_of_one_frame_has_the_width_it_was_made_with(
     assert reading.levels[0] == pytest.approx(0, abs=0.05)
     assert reading.levels[-1] == pytest.approx(1, abs=0.05)
     assert np.all(np.diff(reading.distance_px) > 0)
+
+
+def crossed_frame(edges: int) -> LiveFrame:
+    """Edges across a frame of 400 columns, 60 rows apart; long ones are measured in pieces."""
+    rng = np.random.default_rng(edges)
+    y, x = np.mgrid[: 60 * (edges + 1), :400]
+    share = np.zeros(y.shape)
+    for number in range(edges):
+        side = (-1) ** number
+        distance = y - 60 * (number + 1) - np.tan(np.deg2rad(3)) * (x - 200)
+        share += side * (0.5 + 0.5 * erf(distance / 0.8 / np.sqrt(2)))
+    light = 200 + 2300 * share
+    levels = rng.normal(SETTINGS.black_level_dn + light, np.sqrt(light / 5))
+    return live(np.clip(np.rint(levels), 0, 4095).astype(np.uint16))
+
+
+@pytest.mark.parametrize("edges", [1, 2])
+def test_a_long_edge_is_one_and_the_sides_of_a_bar_are_two(edges: int) -> None:
+    made = crossed_frame(edges)
+    rows, cols = made.image_dn.shape
+    whole = Region(x_px=0, y_px=0, width_px=cols, height_px=rows)
+    assert sum(edge.is_used for edge in measured_edges(edges)) > edges  # in pieces
+    reading, _ = read_edge(made, whole, PITCH_UM)
+    assert reading is not None
+    assert reading.edges == edges
+
+
+def test_pieces_count_once_in_whatever_order_they_come() -> None:
+    one = measured_edges(1)
+    assert count_edges(one) == count_edges(one[::-1]) == 1
+    assert count_edges([one[0], one[-1]]) == 2  # with a gap between them
+    assert count_edges([]) == 0
+
+
+def measured_edges(edges: int) -> list[EdgeMeasurement]:
+    image_dn = crossed_frame(edges).image_dn.astype(np.float64) - SETTINGS.black_level_dn
+    found = measure_edges(EdgeImage(name="live", image_dn=image_dn, saturation_dn=4095.0))
+    return sorted(found, key=lambda edge: edge.x_px)
 
 
 def test_a_colour_camera_is_measured_on_green() -> None:

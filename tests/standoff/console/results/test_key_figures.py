@@ -25,6 +25,17 @@ from standoff.console.results.key_figures import MAX_RESULT_BYTES, key_figures
             "K 5.000 ± 0.020 e/DN, saturation 4095 DN",
         ),
         ("geometry", {"tilt_deg": 0.1, "tilt_err_deg": 0.01}, "tilt 0.100 ± 0.020°"),
+        (  # the bench file's focal length, which nothing measured
+            "geometry",
+            {"pupil_offset_mm": 12.5, "pupil_offset_err_mm": 0.1}
+            | {"focal_length_px": 963.86, "focal_length_err_px": 0.0},
+            "entrance pupil 12.50 ± 0.20 mm",
+        ),
+        (
+            "geometry",
+            {"focal_length_px": 963.86, "focal_length_err_px": 1.5},
+            "focal length 963.86 ± 2.94 px",
+        ),
         (
             "changes",
             {"changes": [{}], "changed_px": 7, "compared_px": 100},

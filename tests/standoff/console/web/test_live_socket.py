@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from websockets import Origin
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from acquisition.plan import CapturePlan
 from standoff.console.bench_hub import BenchHub
 from standoff.console.web import application
 from standoff.console.web.application import REPLACED, console_app
@@ -148,6 +149,74 @@ def test_a_page_that_sends_faster_than_it_may_is_read_at_the_pace_it_may(
         other.send_json({"do": "stop"})
         wait_for(lambda: bool(hub.notices), "the stop")
         assert "refused" not in {hasty.receive_json()["type"] for _ in range(4)}
+
+
+STOP = {"do": "stop", "id": "0123456789abcdef"}
+
+
+def test_a_stop_is_answered_before_what_its_page_sent_before_and_counts_once(
+    hub: BenchHub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_free, stops = Event(), []
+    load = hub.plans.load
+
+    def slowly(name: str) -> CapturePlan:
+        assert is_free.wait(DEADLINE_S)
+        return load(name)
+
+    monkeypatch.setattr(hub.plans, "load", slowly)
+    monkeypatch.setattr(hub, "stop", lambda: stops.append(1))
+    with client_of(hub) as client, live(client) as socket:
+        socket.send_json({"do": "hello", "viewer": PAGE})
+        socket.send_json({"do": "preview", "plan": "two"})
+        for _ in range(3):  # as a page does that waits for the answer
+            socket.send_json(STOP)
+            assert received(socket, "stop-heard")["id"] == STOP["id"]
+        assert stops == [1]
+        socket.send_json(STOP | {"id": "fedcba9876543210"})
+        received(socket, "stop-heard")
+        assert stops == [1, 1]
+        socket.send_json({"do": "ping", "number": 7})
+        assert received(socket, "pong")["number"] == 7
+        is_free.set()
+        assert received(socket, "preview")["captures"] == 2
+
+
+def test_a_stop_that_comes_again_over_a_new_connection_is_the_same(
+    hub: BenchHub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stops: list[int] = []
+    monkeypatch.setattr(hub, "stop", lambda: stops.append(1))
+    with client_of(hub) as client:
+        for _ in range(2):
+            with live(client) as socket:
+                socket.send_json({"do": "hello", "viewer": PAGE})
+                socket.send_json(STOP)
+                received(socket, "stop-heard")
+    assert stops == [1]
+
+
+def test_more_commands_than_can_wait_are_refused_and_none_is_lost_with_its_page(
+    hub: BenchHub, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(application, "COMMANDS_WAITING", 1)
+    is_free, loaded = Event(), []
+    load = hub.plans.load
+
+    def slowly(name: str) -> CapturePlan:
+        assert is_free.wait(DEADLINE_S)
+        loaded.append(name)
+        return load(name)
+
+    monkeypatch.setattr(hub.plans, "load", slowly)
+    with client_of(hub) as client:
+        with live(client) as socket:
+            socket.send_json({"do": "hello", "viewer": PAGE})
+            for _ in range(4):
+                socket.send_json({"do": "preview", "plan": "two"})
+            assert "too many commands" in received(socket, "refused")["text"]
+            is_free.set()
+        wait_for(lambda: len(loaded) >= 1, "the command of a page that left")
 
 
 @pytest.mark.slow

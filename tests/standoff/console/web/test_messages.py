@@ -69,6 +69,29 @@ def test_what_is_out_of_range_or_unknown_is_refused(text: str) -> None:
         parse_message(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"do": "exposure", "exposure_us": 0}', "The exposure must be more than 0 µs."),
+        (
+            '{"do": "exposure", "exposure_us": 1e9}',
+            "The exposure must be at most 100000000 µs.",
+        ),
+        ('{"do": "gain", "gain_db": -1.5}', "The gain must be at least 0 dB."),
+        ('{"do": "sweep-focus", "steps": 3}', "The number of heights must be at least 7."),
+        ('{"do": "sweep-focus", "steps": 7.5}', "The number of heights must be a whole number."),
+        (
+            '{"do": "run", "plan": "two", "session": ""}',
+            "The session's name must be at least 1 characters long.",
+        ),
+    ],
+)
+def test_what_an_operator_typed_is_refused_in_the_words_of_the_page(text: str, words: str) -> None:
+    with pytest.raises(MessageError) as refused:
+        parse_message(text)
+    assert str(refused.value) == words
+
+
 def test_a_message_is_read_as_it_was_meant() -> None:
     assert parse_message('{"do": "move", "height_mm": 3}') == messages.Move(
         do="move", height_mm=3.0

@@ -103,6 +103,12 @@ def test_a_stage_on_its_way_says_where_to() -> None:
     assert shown["target"] == "moving to 300.000 mm"
 
 
+def test_a_stage_in_alarm_says_to_home_it() -> None:
+    shown = stage_document(StageView(status=READY, state="alarm"))
+    assert shown["motion_text"] == "ALARM"
+    assert shown["target"].startswith("home it")
+
+
 def test_a_lost_stage_is_not_at_rest() -> None:
     lost = DeviceStatus(state="lost", text="the serial port is gone", remedy="Plug it in.")
     shown = stage_document(StageView(status=lost, state="idle"))
