@@ -7,7 +7,7 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from acquisition.focus import FOCUS_MEASURES, Region, focus_value
+from acquisition.focus import FOCUS_MEASURES, Region, focus_value, has_detail
 from calibration.choices import Pattern
 from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges, plane_places
 from calibration.sharpness import lp_per_mm, reported_mtf50
@@ -33,8 +33,8 @@ class EdgeReading:
     """The longest edge that can be measured in a region of one frame.
 
     ``sigma_px`` is the width with the pixel, as `calibration` reports it; errors are standard
-    errors of this one frame. ``distance_px`` and ``levels`` are the edge spread function, levels
-    from 0 (dark) to 1.
+    errors of this one frame. ``flags`` are what `calibration` remarks on it. ``distance_px`` and
+    ``levels`` are the edge spread function, levels from 0 (dark) to 1.
     """
 
     sigma_px: float
@@ -44,19 +44,24 @@ class EdgeReading:
     mtf50_lp_per_mm: float | None
     angle_deg: float
     edges: int
+    flags: tuple[str, ...]
     distance_px: FloatArray
     levels: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FieldReading:
-    """One of the four regions: its focus value, in percent of its own peak, and its edge."""
+    """One of the four regions: its focus value, in percent of its own peak, and its edge.
+
+    Without ``has_detail`` the region shows nothing but noise, and the focus value is the noise's.
+    """
 
     name: str
     region: Region
     focus: float
     peak: float
     edge: EdgeReading | None
+    has_detail: bool
 
     @property
     def percent_of_peak(self) -> float:
@@ -170,10 +175,19 @@ class SharpnessMonitor:
         for name, region in field_regions(frame.image_dn.shape).items():
             view = region.cut(frame.image_dn)
             value = focus_value(view, black_level_dn=frame.settings.black_level_dn)
-            peaks[name] = max(peaks.get(name, 0.0), value)
-            edge, _ = read_edge(frame, region, self._pitch_um)
+            source = _source_of(frame, region)
+            is_drawn = has_detail(source.image_dn)
+            # Noise is no peak: the focus of the next thing seen there may well be below its value.
+            peaks[name] = max(peaks.get(name, 0.0), value if is_drawn else 0.0)
             found.append(
-                FieldReading(name=name, region=region, focus=value, peak=peaks[name], edge=edge)
+                FieldReading(
+                    name=name,
+                    region=region,
+                    focus=value,
+                    peak=peaks[name],
+                    edge=_edge_of(source, self._pitch_um)[0] if is_drawn else None,
+                    has_detail=is_drawn,
+                )
             )
         return tuple(found)
 
@@ -217,29 +231,42 @@ def read_edge(
 
     Of a colour camera, the first green pixels of the mosaic are measured.
     """
-    settings = frame.settings
     try:
-        view = region.cut(frame.image_dn)
+        source = _source_of(frame, region)
     except ValueError:
         return None, "the region is outside the picture: choose it anew"
-    light_dn = view.astype(np.float64) - settings.black_level_dn
+    return _edge_of(source, pixel_pitch_um)
+
+
+def _source_of(frame: LiveFrame, region: Region) -> EdgeImage:
+    """The pixels of a region, those of green where they have colours.
+
+    Raises
+    ------
+    ValueError
+        If the region reaches beyond the frame.
+    """
+    settings = frame.settings
+    light_dn = region.cut(frame.image_dn).astype(np.float64) - settings.black_level_dn
     saturation_dn = settings.max_level_dn - settings.black_level_dn
     bayer = _BAYER.match(settings.pixel_format)
     if bayer is None:
-        source = EdgeImage(name="live", image_dn=light_dn, saturation_dn=saturation_dn)
-    else:
-        green = next(p for p in plane_places(_PATTERNS[bayer[1]]) if p.colour == "green")
-        # The region may begin at any pixel of the mosaic.
-        first_x = (green.first_x_px - region.x_px) % 2
-        first_y = (green.first_y_px - region.y_px) % 2
-        source = EdgeImage(
-            name="live",
-            image_dn=np.ascontiguousarray(light_dn[first_y::2, first_x::2]),
-            saturation_dn=saturation_dn,
-            pitch_px=2,
-            first_x_px=first_x,
-            first_y_px=first_y,
-        )
+        return EdgeImage(name="live", image_dn=light_dn, saturation_dn=saturation_dn)
+    green = next(p for p in plane_places(_PATTERNS[bayer[1]]) if p.colour == "green")
+    # The region may begin at any pixel of the mosaic.
+    first_x = (green.first_x_px - region.x_px) % 2
+    first_y = (green.first_y_px - region.y_px) % 2
+    return EdgeImage(
+        name="live",
+        image_dn=np.ascontiguousarray(light_dn[first_y::2, first_x::2]),
+        saturation_dn=saturation_dn,
+        pitch_px=2,
+        first_x_px=first_x,
+        first_y_px=first_y,
+    )
+
+
+def _edge_of(source: EdgeImage, pixel_pitch_um: float | None) -> tuple[EdgeReading | None, str]:
     edges = measure_edges(source)
     used = [edge for edge in edges if edge.is_used]
     if not used:
@@ -266,6 +293,7 @@ def _reading(edge: EdgeMeasurement, edges: int, pixel_pitch_um: float | None) ->
         ),
         angle_deg=edge.angle_deg,
         edges=edges,
+        flags=edge.flags,
         distance_px=distance_px,
         levels=levels,
     )
@@ -275,6 +303,10 @@ def _why_not(edges: list[EdgeMeasurement]) -> str:
     flags = {flag for edge in edges for flag in edge.flags}
     if "saturated" in flags:
         return "the edge is saturated: expose less"
+    if "uneven" in flags:
+        return "no straight edge in the region: the levels along it are uneven"
+    if "curved" in flags:
+        return "no straight edge in the region: it is curved"
     if "too_noisy" in flags:
         return "the edge is too noisy: expose more"
     if "too_short" in flags:
