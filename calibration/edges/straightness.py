@@ -16,19 +16,19 @@ from calibration.edges.samples import EdgeSamples
 from simulation.arrays import FloatArray
 from simulation.compiled import compiled
 
-UNEVEN_LEAST, UNEVEN_LEAST_JPEG = 0.02, 0.03
+UNEVEN_LEAST, UNEVEN_LEAST_JPEG = 0.02, 0.04
 """Of the contrast. Of the sides of photographed chessboards in JPEG files, one of a hundred reaches
-0.024; what is false has 0.06 in the median."""
+0.034; what is false has 0.06 in the median."""
 
-CURVED_LEAST_PER_PX = 5e-3
-"""A radius of 200 px. Lenses with 28 % of distortion leave 99 of 100 sides of chessboards below it;
+CURVED_LEAST_PER_PX = 6e-3
+"""A radius of 167 px. Lenses with 28 % of distortion leave 99 of 100 sides of chessboards below it;
 1 % at the corner of 640 x 480 px makes a radius of 39,000 px."""
 
 _UNEVEN_SIGMAS = 2.5
 _CURVED_SIGMAS = 4.0
 _BIN_PX = 0.5
-_REACH_SIGMAS, _REACH_EXTRA_PX = 6.0, 3.0  # the band that was fitted
-_SINGLE_SIGMAS, _SINGLE_LEAST = 6.0, 0.03  # beyond, what reaches into the band is something else
+_REACH_SIGMAS, _REACH_EXTRA_PX = 4.0, 2.0  # farther out, other things reach into the band
+_SINGLE_SIGMAS, _SINGLE_LEAST = 4.0, 0.03  # larger ones are dust, or something beside the edge
 _FEWEST_PAIRS = 20
 
 
@@ -88,7 +88,7 @@ def border_flags(samples: EdgeSamples, fit: EdgeFit, *, is_jpeg: bool) -> tuple[
 
 
 def deviations(samples: EdgeSamples, fit: EdgeFit) -> Deviations:
-    """Compare neighbouring pixels along an edge, within the band that was fitted."""
+    """Compare neighbouring pixels near an edge."""
     contrast_dn = samples.high_dn - samples.low_dn
     noise = fit.noise_dn / contrast_dn
     found = _deviations(
