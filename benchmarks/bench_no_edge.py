@@ -103,11 +103,11 @@ def cost(record: Recorder) -> None:
 
 
 def _without_border(source: EdgeImage) -> None:
-    measurement.border_flags = lambda *_, **__: ()
+    measurement.border_flags = lambda *_, **__: ()  # type: ignore[attr-defined]  # imported there
     try:
         measure_edges(source)
     finally:
-        measurement.border_flags = border_flags
+        measurement.border_flags = border_flags  # type: ignore[attr-defined]  # as before
 
 
 def main() -> None:

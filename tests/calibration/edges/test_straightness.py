@@ -9,6 +9,8 @@ from benchmarks.no_edge_scenes import with_edges, without_edges
 from calibration.edges.image import EdgeImage
 from calibration.edges.measurement import measure_edges
 from calibration.edges.straightness import Deviations, _deviations
+from calibration.errors import NoEdgeError
+from calibration.psf.calibration import calibrate_psf
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 
@@ -67,6 +69,14 @@ def test_texture_too_faint_to_matter_is_left() -> None:
     clean = edge_image(0.8, 5.0)
     smooth = gaussian_filter(np.random.default_rng(2).normal(size=clean.shape), 1.0)
     assert not any(NEW_FLAGS & flags for flags in flags_of(clean + 300.0 * smooth / smooth.std()))
+
+
+def test_where_every_border_is_refused_the_error_says_what_to_photograph() -> None:
+    clean = edge_image(0.8, 5.0)
+    smooth = gaussian_filter(np.random.default_rng(2).normal(size=clean.shape), 1.0)
+    textured = clean + 0.05 * CONTRAST_DN * smooth / smooth.std()
+    with pytest.raises(NoEdgeError, match="uneven: photograph an edge between two even areas"):
+        calibrate_psf([EdgeImage(name="cloth", image_dn=textured, saturation_dn=65_535.0)])
 
 
 @pytest.mark.parametrize("radius_px", [20.0, 40.0])

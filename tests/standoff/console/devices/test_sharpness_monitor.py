@@ -136,7 +136,8 @@ def test_the_four_regions_have_peaks_of_their_own_until_the_exposure_changes() -
 def texture(seed: int) -> FrameImage:
     """Detail three pixels wide, as behind a lens."""
     coarse = np.random.default_rng(seed).integers(500, 3000, (ROWS // 3, COLS // 3 + 1))
-    return np.kron(coarse, np.ones((3, 3))).astype(np.uint16)[:ROWS, :COLS]
+    fine: FrameImage = np.kron(coarse, np.ones((3, 3))).astype(np.uint16)
+    return np.ascontiguousarray(fine[:ROWS, :COLS], dtype=np.uint16)
 
 
 def paper(seed: int) -> FrameImage:
