@@ -137,7 +137,7 @@ def texture(seed: int) -> FrameImage:
     """Detail three pixels wide, as behind a lens."""
     coarse = np.random.default_rng(seed).integers(500, 3000, (ROWS // 3, COLS // 3 + 1))
     fine: FrameImage = np.kron(coarse, np.ones((3, 3))).astype(np.uint16)
-    return np.ascontiguousarray(fine[:ROWS, :COLS], dtype=np.uint16)
+    return fine[:ROWS, :COLS]
 
 
 def paper(seed: int) -> FrameImage:
@@ -146,7 +146,7 @@ def paper(seed: int) -> FrameImage:
     away = ((y - ROWS / 2) ** 2 + (x - COLS / 2) ** 2) / (ROWS**2 + COLS**2) * 4
     light = 2000.0 * (1 - 0.3 * away)
     levels = np.random.default_rng(seed).normal(SETTINGS.black_level_dn + light, np.sqrt(light / 5))
-    return np.rint(levels).astype(np.uint16)
+    return np.asarray(np.rint(levels), dtype=np.uint16)
 
 
 def test_four_regions_of_bare_paper_say_that_there_is_no_edge() -> None:
