@@ -28,6 +28,7 @@ from calibration.edge_fit import EdgeFit
 from calibration.edge_search import find_edges
 from calibration.edges import (
     bin_edge,
+    border_flags,
     edge_samples,
     esfr_half_width_px,
     measure_esfr,
@@ -170,7 +171,9 @@ def _profiles(rng: np.random.Generator) -> None:
         flags=(),
     )
     samples = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
-    binned = bin_edge(without_shading(samples, image, segment, fit), fit)
+    even = without_shading(samples, image, segment, fit)
+    border_flags(even, fit, is_jpeg=False)
+    binned = bin_edge(even, fit)
     if binned is not None:
         measure_esfr(binned)
     roughness_px(samples, fit.sigma_px)

@@ -1,3 +1,4 @@
+from .detail import has_detail as has_detail
 from .live import (
     FocusMeter as FocusMeter,
     FocusOptions as FocusOptions,

@@ -28,6 +28,7 @@ from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 
 NOISIEST_SNR = 3.0
+_NOISIEST_ERROR = 0.1  # of sigma: what tells it no better is as likely to be something else
 CLIPPED_FRACTION = 0.05  # of the pixels: from here on the fit relies on what is not clipped
 # Of the rise. Photographed edges that were clipped at 0.95 of it came out with 0.5 %, at
 # 0.9 with -5 %: no lens is quite Gaussian.
@@ -155,12 +156,13 @@ def _measurement(
     position = best.parameters
     angle = segment.normal_rad + position[TURN] / half_length_px
     contrast = abs(best.parameters[HIGH] - best.parameters[LOW])
+    is_vague = sigma_err > _NOISIEST_ERROR * sigma
     flags = list(profile_flags(likely.profile, contrast))
     if clipping is not None:
         flags.insert(0, clipping)
     for flag, applies in (
         ("too_short", segment.length_px < SHORTEST_PX),
-        ("too_noisy", contrast < NOISIEST_SNR * likely.noise_dn),
+        ("too_noisy", contrast < NOISIEST_SNR * likely.noise_dn or is_vague),
         ("outliers", likely.has_outliers),
         ("shaded", likely.is_shaded),
     ):

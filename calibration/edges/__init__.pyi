@@ -31,3 +31,4 @@ from .samples import (
     without_shading as without_shading,
 )
 from .selection import EdgeSelection as EdgeSelection, told_apart as told_apart
+from .straightness import border_flags as border_flags

@@ -32,10 +32,13 @@ from calibration.edges.samples import (
     share_within,
     without_shading,
 )
+from calibration.edges.straightness import border_flags
 
 Method = Literal["all-angles", "paper"]
 
-REJECTING_FLAGS = frozenset({"saturated", "too_short", "too_noisy", "beside_target"})
+REJECTING_FLAGS = frozenset(
+    {"saturated", "too_short", "too_noisy", "uneven", "curved", "beside_target"}
+)
 """Flags that exclude an edge; the others are only remarks."""
 
 _CLIPPED_FLAGS = {"clipped", "saturated"}  # the fit itself judges how far the levels are seen
@@ -188,7 +191,10 @@ def _measured_edge(
     binned, contrast = None, _Contrast(missing="pixels beside the edge are clipped")
     if not is_clipped:
         on_sensor = in_sensor_pixels(fit, source.pitch_px) if source.pitch_px > 1 else fit
-        binned = bin_edge(without_shading(samples, image, segment, fit), on_sensor, source.pitch_px)
+        even = without_shading(samples, image, segment, fit)
+        border = border_flags(even, fit, is_jpeg=source.is_jpeg)
+        fit = replace(fit, flags=(*fit.flags, *border))
+        binned = bin_edge(even, on_sensor, source.pitch_px)
         contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor))
     rough_px = roughness_px(samples, fit.sigma_px)
     if method == "paper":

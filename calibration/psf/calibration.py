@@ -302,6 +302,8 @@ def no_edge_error(names: list[str], edges: list[EdgeMeasurement], pitch_px: int 
         "saturated": "shorten the exposure",
         "too_short": f"photograph an edge at least {_least_side_px(edges, pitch_px)} px long",
         "too_noisy": "add light or average more frames",
+        "uneven": "photograph an edge between two even areas, not a texture",
+        "curved": "photograph a straight edge",
     }
     reasons = "; ".join(f"{flag.replace('_', ' ')}: {remedy[flag]}" for flag in sorted(flags))
     return NoEdgeError(

@@ -30,7 +30,8 @@ def measure_document(view: SharpnessView, square: SquarenessView, *, has_field: 
                     each.region.width_px,
                     each.region.height_px,
                 ],
-                "percent": f"{each.percent_of_peak:.1f}",
+                "percent": f"{each.percent_of_peak:.1f}" if each.has_detail else "–",
+                "why_not": "" if each.has_detail else "no edge",
                 "sigma": "–" if each.edge is None else f"{each.edge.sigma_px:.3f}",
             }
             for each in view.field
@@ -80,6 +81,7 @@ def _edge(edge: EdgeReading) -> Document:
         ),
         "angle": f"{edge.angle_deg:.1f}",
         "edges": edge.edges,
+        "remarks": ", ".join(flag.replace("_", " ") for flag in edge.flags),
         "distance": [_short(value) for value in edge.distance_px.tolist()],
         "levels": [_short(value) for value in edge.levels.tolist()],
     }

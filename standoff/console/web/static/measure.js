@@ -16,7 +16,9 @@ connection.addEventListener("measure", ({ detail }) => {
   setText("edge-why", detail.why_not || WAITING);
   if (edge) {
     for (const [id, text] of [["sigma", edge.sigma], ["mtf50", edge.mtf50], ["lp", edge.mtf50_lp]]) setText(`edge-${id}`, text);
-    setText("edge-note", `at ${edge.angle}°${edge.edges > 1 ? `, the longest of ${edge.edges}` : ""}, ${detail.rate}/s`);
+    const others = edge.edges > 1 ? `, the longest of ${edge.edges}` : "";
+    const remarks = edge.remarks ? `; ${edge.remarks}` : "";
+    setText("edge-note", `at ${edge.angle}°${others}, ${detail.rate}/s${remarks}`);
     drawEdge(byId("esf"), edge.distance, edge.levels);
   }
   const { square } = detail;
@@ -39,7 +41,8 @@ function place(field = corners) {
     box.hidden = !corner;
     if (!corner) return;
     view.cover(box, corner.region);
-    const text = `${corner.percent} %${corner.sigma === "–" ? "" : `\nσ ${corner.sigma} px`}`;
+    const sigma = corner.sigma === "–" ? "" : `\nσ ${corner.sigma} px`;
+    const text = corner.why_not || `${corner.percent} %${sigma}`;
     if (box.textContent !== text) box.textContent = text;
   });
 }

@@ -9,9 +9,10 @@ from scipy.special import erf
 from acquisition.devices import FrameImage
 from acquisition.focus import Region
 from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges
-from standoff.console.devices import SharpnessMonitor, field_regions
+from standoff.console.devices import SharpnessMonitor, SquarenessView, field_regions
+from standoff.console.devices.edge_reading import count_edges, read_edge
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
-from standoff.console.devices.sharpness_monitor import count_edges, read_edge
+from standoff.console.web.measure_model import measure_document
 from tests.acquisition.fakes import SETTINGS
 
 ROWS, COLS = 120, 160
@@ -157,19 +158,67 @@ def test_the_monitor_measures_what_is_asked_for_and_nothing_else() -> None:
 def test_the_four_regions_have_peaks_of_their_own_until_the_exposure_changes() -> None:
     monitor = SharpnessMonitor(FrameBroadcaster(), PITCH_UM)
     monitor.watch_field(True)
-    rng = np.random.default_rng(1)
-    sharp = rng.integers(500, 3000, (ROWS, COLS)).astype(np.uint16)
+    sharp = texture(1)
     soft = sharp.copy()
     soft[: ROWS // 2] = soft[: ROWS // 2] // 8 + 1200  # the upper half has an eighth of the detail
     monitor.look(live(sharp, 1))
-    assert {each.percent_of_peak for each in monitor.view.field} == {100.0}
+    assert {round(each.percent_of_peak, 9) for each in monitor.view.field} == {100.0}
     monitor.look(live(soft, 2))
     percent = {each.name: each.percent_of_peak for each in monitor.view.field}
     assert percent["top left"] < 20 > percent["top right"]
     assert percent["bottom left"] == percent["bottom right"] == 100
     dim = replace(live(soft, 3), settings=replace(SETTINGS, exposure_us=1.0))
     monitor.look(dim)
-    assert {each.percent_of_peak for each in monitor.view.field} == {100.0}
+    assert {round(each.percent_of_peak, 9) for each in monitor.view.field} == {100.0}
+
+
+def texture(seed: int) -> FrameImage:
+    """Detail three pixels wide, as behind a lens."""
+    coarse = np.random.default_rng(seed).integers(500, 3000, (ROWS // 3, COLS // 3 + 1))
+    fine: FrameImage = np.kron(coarse, np.ones((3, 3))).astype(np.uint16)
+    return fine[:ROWS, :COLS]
+
+
+def paper(seed: int) -> FrameImage:
+    """White paper under light that falls off by 30 % to the corners, with shot noise."""
+    y, x = np.mgrid[:ROWS, :COLS]
+    away = ((y - ROWS / 2) ** 2 + (x - COLS / 2) ** 2) / (ROWS**2 + COLS**2) * 4
+    light = 2000.0 * (1 - 0.3 * away)
+    levels = np.random.default_rng(seed).normal(SETTINGS.black_level_dn + light, np.sqrt(light / 5))
+    return np.asarray(np.rint(levels), dtype=np.uint16)
+
+
+def test_four_regions_of_bare_paper_say_that_there_is_no_edge() -> None:
+    monitor = SharpnessMonitor(FrameBroadcaster(), PITCH_UM)
+    monitor.watch_field(True)
+    for sequence in range(1, 9):
+        monitor.look(live(paper(sequence), sequence))
+        assert not any(each.has_detail for each in monitor.view.field)
+        assert all(each.edge is None for each in monitor.view.field)
+    document = measure_document(monitor.view, SquarenessView(), has_field=True)
+    assert [corner["percent"] for corner in document["field"]] == ["–"] * 4
+    assert [corner["why_not"] for corner in document["field"]] == ["no edge"] * 4
+    # What the noise was is no peak for what comes next.
+    monitor.look(live(texture(1), 9))
+    assert {round(each.percent_of_peak, 9) for each in monitor.view.field} == {100.0}
+
+
+def test_a_region_over_texture_gives_no_width() -> None:
+    reading, why_not = read_edge(live(texture(3)), WHOLE, PITCH_UM)
+    assert reading is None
+    assert "no straight edge" in why_not
+
+
+def test_remarks_on_the_edge_are_shown_beside_its_width() -> None:
+    frame = edge_frame(0.9, 5.0)
+    frame.image_dn[ROWS // 2 + 3, 60:100:10] = 200  # specks of dust
+    monitor = SharpnessMonitor(FrameBroadcaster(), PITCH_UM)
+    monitor.look_at(WHOLE)
+    monitor.look(frame)
+    assert monitor.view.edge is not None
+    assert "outliers" in monitor.view.edge.flags
+    document = measure_document(monitor.view, SquarenessView(), has_field=False)
+    assert "outliers" in document["edge"]["remarks"]
 
 
 @pytest.mark.parametrize("shape", [(580, 780), (48, 64), (16, 16)])
