@@ -1,6 +1,7 @@
 // The card of the live picture: its view, its tools and what is drawn over it.
 
 import { drawHistogram } from "./charts.js";
+import { setExposure } from "./long_exposure.js";
 import { LivePicture } from "./picture.js";
 import { PictureView } from "./picture_view.js";
 import { Overlay, Probe, ProfileTool } from "./picture_tools.js";
@@ -93,9 +94,9 @@ connection.addEventListener("state", ({ detail: state }) => {
   byId("snapshot-link").href = `/snapshots/${encodeURIComponent(state.snapshot)}`;
 });
 
-function wire(id, field) {
+function wire(id, set) {
   const [form, input] = [byId(`${id}-form`), byId(id)];
-  const send = () => { if (number(id) !== null) { setting.make(); command(id, { [field]: number(id) }); } };
+  const send = () => { if (number(id) !== null) { setting.make(); set(number(id)); } };
   form.onsubmit = (event) => { event.preventDefault(); send(); };
   input.onchange = send;
   for (const button of form.querySelectorAll("[data-scale], [data-add]")) {
@@ -109,8 +110,8 @@ function wire(id, field) {
   return send;
 }
 
-const sendExposure = wire("exposure", "exposure_us");
-wire("gain", "gain_db");
+const sendExposure = wire("exposure", setExposure);
+wire("gain", (gain_db) => command("gain", { gain_db }));
 let sliding = null;
 byId("slider").oninput = () => {
   setting.make();
