@@ -347,6 +347,8 @@ class CameraService:
             asked[name] = value  # of several in a row, the last one counts
         for name, value in asked.items():
             self._set(camera, name, value)
+        if asked:
+            self.waits(camera)
 
     def _set(self, camera: Camera, name: str, value: float) -> None:
         try:

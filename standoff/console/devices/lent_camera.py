@@ -99,7 +99,7 @@ class LentCamera:
     def start(self) -> None:
         """See `Camera.start`; waits for the live stream to end, and for a camera that was lost."""
         self._check()
-        self._take()
+        self._take(self._check)
         try:
             self._camera.start()
         except BaseException as error:
@@ -185,10 +185,10 @@ class LentCamera:
         finally:
             self._lender.give_turn()
 
-    def _take(self) -> None:
+    def _take(self, check: Callable[[], None]) -> None:
         while not self._has_turn:
             self._wait_for_return()
-            self._lender.take_turn(self._check)
+            self._lender.take_turn(check)
             self._has_turn = True
             if not self._lender.is_present(self._camera):  # lost while its turn was waited for
                 self.give_back()
@@ -196,7 +196,8 @@ class LentCamera:
     @contextmanager
     def _paused(self) -> Iterator[None]:
         had_turn = self._has_turn
-        self._take()
+        # Not broken off by a stop: whoever ends sets the exposure back that was there before.
+        self._take(lambda: None)
         try:
             yield
         finally:
