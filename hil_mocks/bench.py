@@ -49,6 +49,12 @@ class SimulatedBench(TargetBench):
         """True pose of the camera."""
         return replace(self._mounting, height_mm=self.stage.true_height_mm)
 
+    def open_camera(self) -> SimulatedCamera:
+        """The camera; one that was lost or closed is opened again, as its driver would do."""
+        if not self.camera.is_open:
+            self.camera = self.camera.reopened()
+        return self.camera
+
     def mount(
         self,
         *,

@@ -144,6 +144,7 @@ class SimulatedCamera:
                 feature="PixelFormat",
             )
         self.faults = CameraFaults()
+        self._config = config
         self._sensor = sensor
         self._look = look
         self._clock = clock
@@ -154,6 +155,7 @@ class SimulatedCamera:
         self._frame_id = 0
         self._is_streaming = False
         self._is_open = True
+        self._exposed_s = 0.0
         self._complete = 0
         self._incomplete = 0
         self._gain_db = _stepped(config.gain_db, GAIN_RANGE_DB, GAIN_STEP_DB, "dB")
@@ -189,6 +191,11 @@ class SimulatedCamera:
         return self._settings
 
     @property
+    def is_open(self) -> bool:
+        """Whether it can be used: it was not closed."""
+        return self._is_open
+
+    @property
     def exposure_limits_us(self) -> tuple[float, float]:
         """See `LimitedExposureCamera`."""
         return EXPOSURE_RANGE_US
@@ -199,6 +206,7 @@ class SimulatedCamera:
         value = _stepped(exposure_us, EXPOSURE_RANGE_US, EXPOSURE_STEP_US, "us")
         self._settings = replace(self._settings, exposure_us=value)
         self._exposures.change(value, self._frames_since_open, self.faults)
+        self._exposed_s = 0.0
         return value
 
     def set_gain_db(self, gain_db: float) -> float:
@@ -217,10 +225,11 @@ class SimulatedCamera:
         self._starts += 1
         self._frames_since_start = 0
         self._frame_id = 0
+        self._exposed_s = 0.0
         self._is_streaming = True
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """See `Camera.next_frame`."""
+        """See `Camera.next_frame`; a frame that is not exposed by then comes at a later call."""
         self._check_open()
         if not self._is_streaming:
             raise DeviceError("the simulated camera has not been started")
@@ -228,6 +237,12 @@ class SimulatedCamera:
         if fate == "disconnected":
             self._is_streaming = False
             raise DeviceDisconnectedError("the simulated camera is disconnected")
+        left_s = self._period_s() - self._exposed_s
+        if fate != "lost" and left_s > timeout_s:
+            self._exposed_s += timeout_s
+            self._clock.advance(timeout_s)
+            raise _no_frame(timeout_s)
+        self._exposed_s = 0.0
         is_frozen = (
             self.faults.frozen_id_from is not None
             and self._frames_since_open >= self.faults.frozen_id_from
@@ -237,13 +252,10 @@ class SimulatedCamera:
         self._frames_since_open += 1
         if not is_frozen:
             self._frame_id = following_frame_id(self._frame_id)
-        period_s = self._period_s()
-        if fate == "lost" or period_s > timeout_s:
+        if fate == "lost":
             self._clock.advance(timeout_s)
-            raise DeviceTimeoutError(
-                f"no frame from the simulated camera within {timeout_s} s", timeout_s=timeout_s
-            )
-        self._clock.advance(period_s)
+            raise _no_frame(timeout_s)
+        self._clock.advance(left_s)
         exposure_us = self._exposures.of_frame(self._frames_since_open - 1)
         return self._frame(index, exposure_us, is_complete=fate == "complete")
 
@@ -264,6 +276,20 @@ class SimulatedCamera:
         """See `Camera.close`."""
         self._is_streaming = False
         self._is_open = False
+
+    def reopened(self) -> "SimulatedCamera":
+        """The camera as it is opened again: its first settings, its cable back in, other noise."""
+        again = SimulatedCamera(
+            self._config,
+            sensor=self._sensor,
+            look=self._look,
+            shape=(self._settings.height_px, self._settings.width_px),
+            clock=self._clock,
+            seed=self._seed,
+        )
+        again.faults = replace(self.faults, disconnect_at=None)
+        again._starts = self._starts
+        return again
 
     def _frame(self, index: int, exposure_us: float, *, is_complete: bool) -> Frame:
         if not is_complete:
@@ -298,6 +324,12 @@ class SimulatedCamera:
     def _check_open(self) -> None:
         if not self._is_open:
             raise DeviceDisconnectedError("the simulated camera is closed")
+
+
+def _no_frame(timeout_s: float) -> DeviceTimeoutError:
+    return DeviceTimeoutError(
+        f"no frame from the simulated camera within {timeout_s} s", timeout_s=timeout_s
+    )
 
 
 def _stepped(value: float, limits: tuple[float, float], step: float, unit: str) -> float:

@@ -90,6 +90,9 @@ WAIT_SLICE_S = 0.1
 
 RECONNECT_PAUSE_S = 0.1
 
+LONG_S = 1.0
+"""Exposures above it are aborted when the stream is stopped, and time to finish one is allowed for."""
+
 
 class AravisCamera:
     """A camera that has been opened; `open` makes one.
@@ -140,6 +143,7 @@ class AravisCamera:
         self._waited_s = 0.0
         self._is_triggered = False
         self._triggered_s = -math.inf
+        self._busy_until_s = -math.inf
         self._counted_before = StreamStatistics(
             complete_frames=0, incomplete_frames=0, resent_packets=0, missing_packets=0
         )
@@ -183,6 +187,9 @@ class AravisCamera:
 
     def set_exposure_us(self, exposure_us: float) -> float:
         """See `Camera.set_exposure_us`; the frame rate may change with it."""
+        if self._period_s() > LONG_S:
+            # A camera that cannot abort finishes what it exposes.
+            self._busy_until_s = self._clock() + self._period_s()
         self._settings = self._open_connection().set_exposure_us(exposure_us)
         self._config = self._config.model_copy(update={"exposure_us": self._settings.exposure_us})
         return self._settings.exposure_us
@@ -231,7 +238,9 @@ class AravisCamera:
             raise DeviceError("the camera has not been started")
         deadline_s = self._clock() + timeout_s
         stall_s = max(STALL_S, STALL_PERIODS * self._period_s())
+        stall_s += max(0.0, self._busy_until_s - self._clock())
         if self._is_software_triggered:
+            self._sleep_until_ready(timeout_s)
             self._trigger(connection)
         elif self._config.trigger != NO_TRIGGER:
             stall_s = math.inf
@@ -244,6 +253,7 @@ class AravisCamera:
                 )
             if frame is not None:
                 self._waited_s = 0.0
+                self._busy_until_s = -math.inf
                 self._is_triggered = False
                 return frame
             if connection.stream.restart_if_deaf() and self._is_software_triggered:
@@ -274,7 +284,7 @@ class AravisCamera:
             return
         self._is_streaming = False
         try:
-            self._open_connection().stream.stop()
+            self._open_connection().stream.stop(is_exposing_long=self._period_s() > LONG_S)
         except (DeviceDisconnectedError, DeviceInUseError) as error:
             raise self._interrupted(str(error)) from error
 
@@ -292,12 +302,25 @@ class AravisCamera:
         self._is_closed = True
         self._drop_connection()
 
+    @property
+    def _ready_s(self) -> float:
+        """When the next frame may be asked for."""
+        return self._triggered_s + self._period_s()
+
+    def _sleep_until_ready(self, timeout_s: float) -> None:
+        """Wait until a frame may be asked for, no longer than ``timeout_s``."""
+        left_s = self._ready_s - self._clock()
+        if left_s > timeout_s and not self._is_triggered:
+            self._sleep(timeout_s)
+            raise DeviceTimeoutError(
+                f"no frame from the camera within {timeout_s:g} s", timeout_s=timeout_s
+            )
+
     def _trigger(self, connection: AravisConnection) -> None:
         """Take one frame, unless one that was asked for has not come yet."""
         if self._is_triggered:
             return
-        ready_s = self._triggered_s + self._period_s()
-        self._sleep(max(0.0, ready_s - self._clock()))
+        self._sleep(max(0.0, self._ready_s - self._clock()))
         connection.trigger()
         self._is_triggered = True
         self._triggered_s = self._clock()

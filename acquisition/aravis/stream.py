@@ -20,6 +20,8 @@ BUFFERED_S = 0.3
 MIN_BUFFERS, MAX_BUFFERS = 8, 64
 """Length of the frame queue as a time; the bounds suit slow and fast cameras."""
 
+ABORT = "AcquisitionAbort"
+
 LENT_MOST = 6
 """Images in use before others are copied: an average takes them by fours."""
 
@@ -95,10 +97,18 @@ class FrameStream:
         with translated_errors(self._opened.library, "AcquisitionStart"):
             self._opened.camera.start_acquisition()
 
-    def stop(self) -> None:
-        """Stop; frames that still arrive are dropped at the next start."""
+    def stop(self, *, is_exposing_long: bool = False) -> None:
+        """Stop; frames that still arrive are dropped at the next start.
+
+        A long exposure is aborted where the camera can: after a mere stop it is finished first.
+        """
+        camera = self._opened.camera
+        if is_exposing_long:
+            with translated_errors(self._opened.library, ABORT):
+                if camera.is_feature_available(ABORT):
+                    camera.abort_acquisition()
         with translated_errors(self._opened.library, "AcquisitionStop"):
-            self._opened.camera.stop_acquisition()
+            camera.stop_acquisition()
 
     def pop(self, timeout_s: float) -> Frame | None:
         """Next frame, complete or not, or None if none came within ``timeout_s``."""

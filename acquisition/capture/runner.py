@@ -120,8 +120,8 @@ def run_plan(
     DeviceError
         If a device fails. What was captured until then is kept, and the error is journaled;
         so is a stop by the keyboard or by `OperatorStopError`, which any of the callbacks and
-        devices may raise. A capture whose stream was interrupted is restarted once, from its
-        first frame; this too is journaled as an ``error``.
+        devices may raise. A capture whose stream was interrupted is restarted from its first
+        frame, for ``camera.reconnect_timeout_s`` if need be; each is journaled as an ``error``.
     """
     stage = devices.stage
     _refuse_beyond_travel(plan, stage)

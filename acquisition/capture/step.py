@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import datetime
+from typing import TypeVar
 
 from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchDevices
@@ -16,8 +17,11 @@ from acquisition.devices import CameraSettings, FrameImage
 from acquisition.errors import DeviceError, StageStoppedError, StreamInterruptedError
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry
+from acquisition.restarting import restarted
 from acquisition.session import Take
 from acquisition.stages import home_timeout_s, move_timeout_s
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +42,8 @@ class CaptureStep:
     Parameters
     ----------
     interrupted
-        Called with the error of an interrupted stream; the capture is then restarted once.
+        Called with the error of an interrupted stream; the capture is then begun anew, again and
+        again for ``camera.reconnect_timeout_s``.
     exposures
         Of this camera, where captures were made before; by default a new one.
     """
@@ -94,15 +99,10 @@ class CaptureStep:
         """
         self._require_still()
         if exposure_us is None:
-            self._find_exposure()
+            self._begun_anew(entry, self._find_exposure)
         else:
             self._exposure_us = exposure_us
-        try:
-            exposed = self._expose(entry)
-        except StreamInterruptedError as error:
-            # Starting again reopens the camera; what was averaged until then is lost.
-            self._interrupted(entry, error)
-            exposed = self._expose(entry)
+        exposed = self._begun_anew(entry, lambda: self._expose(entry))
         # Checked after the exposure: a stage that moved or crept away spoils the capture.
         self._require_still()
         return Take(
@@ -122,6 +122,15 @@ class CaptureStep:
         """Park the stage at a height."""
         self.forget_approach()
         self._stage.move_to(height_mm, move_timeout_s(self._bench.stage))
+
+    def _begun_anew(self, entry: PlanEntry, work: Callable[[], T]) -> T:
+        """Do what streams, from its beginning again where the stream breaks off."""
+        return restarted(
+            work,
+            timeout_s=self._bench.camera.reconnect_timeout_s,
+            clock=self._clock,
+            interrupted=lambda error: self._interrupted(entry, error),
+        )
 
     def _expose(self, entry: PlanEntry) -> _Exposed:
         """Average the frames of one exposure, or of each of a bracket and merge them."""

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -15,6 +16,7 @@ from acquisition.choices import FocusMeasure
 from acquisition.devices import Camera, Frame, FrameImage
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
 from acquisition.focus.measures import Region, focus_value
+from acquisition.restarting import restarted
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
 
 _WAITING_S = 1e-3
@@ -197,7 +199,8 @@ def sweep_focus(
     ValueError
         If the region reaches beyond the frame.
     DeviceError
-        If a device fails; on that, and on Ctrl-C, the stage is stopped.
+        If a device fails; on that, and on Ctrl-C, the stage is stopped. A height whose stream was
+        interrupted is measured anew, for ``camera.reconnect_timeout_s`` if need be.
     """
     stage, stage_config = devices.stage, devices.config.stage
     for height_mm in heights_mm:
@@ -208,11 +211,11 @@ def sweep_focus(
             stage.home(home_timeout_s(stage_config))
         for height_mm in heights_mm:
             read_back_mm = stage.move_to(height_mm, move_timeout_s(stage_config))
-            try:
-                point = _point(devices, read_back_mm, options, frames, field)
-            except StreamInterruptedError:
-                # Starting again reopens the camera.
-                point = _point(devices, read_back_mm, options, frames, field)
+            point = restarted(
+                partial(_point, devices, read_back_mm, options, frames, field),
+                timeout_s=devices.config.camera.reconnect_timeout_s,
+                clock=devices.clock,
+            )
             points.append(point)
             progress(point)
     except BaseException as error:

@@ -35,6 +35,7 @@ from .page import (
     png_bytes as png_bytes,
     render_report as render_report,
     svg_bytes as svg_bytes,
+    views_script as views_script,
 )
 from .psf import (
     HistoryEntry as HistoryEntry,

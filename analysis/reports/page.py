@@ -220,19 +220,32 @@ def _lay_out(figure: Figure) -> None:
 
 def render_report(report: Report) -> str:
     """Return the report as one HTML document that needs no other file and no network."""
-    environment = Environment(
-        loader=PackageLoader("analysis.reports", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = _environment()
     environment.filters["unbroken"] = _unbroken
     return environment.get_template("report.html").render(
         report=report,
+        script=Markup(views_script()),
         convention=CONVENTION if report.has_uncertainties else "",
         provenance=(*_inputs(report.origin), *report.provenance),
         encodings=encodings_text(report.origin),
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    )
+
+
+def views_script() -> str:
+    """Return the script of pages with linked views, exactly as it stands between their tags.
+
+    Whoever serves such a page in a sandbox tells it by this from any other script.
+    """
+    return f"\n{_environment().get_template('views.js').render()}\n"
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("analysis.reports", "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
 
 

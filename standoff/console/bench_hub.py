@@ -89,7 +89,12 @@ class BenchHub:
         self.jobs = JobRunner(self.tell)
         self.prompts = PromptQueue(self._check_job)
         self.frames = FrameBroadcaster()
-        self.camera = CameraService(drivers.open_camera, self.frames, report=self.tell)
+        self.camera = CameraService(
+            drivers.open_camera,
+            self.frames,
+            report=self.tell,
+            return_s=bench.camera.reconnect_timeout_s,
+        )
         self.stage = StageService(
             lambda is_again: drivers.open_stage(is_again, self.prompts.ask),
             limits_mm=bench.stage.limits_mm,

@@ -57,7 +57,7 @@ def bench_drivers(config: BenchConfig) -> BenchDrivers:
         clock = RealTimeClock()
         bench = SimulatedBench(config, clock=clock)
         return BenchDrivers(
-            open_camera=lambda: bench.camera,
+            open_camera=bench.open_camera,
             open_stage=lambda _again, _ask: bench.stage,
             laid=place_in_simulation(bench),
             clock=lambda: clock.now_s,

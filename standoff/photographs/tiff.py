@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acquisition.errors import SessionError
-from acquisition.session import parse_capture
+from acquisition.session import CaptureRecord, parse_capture
 from calibration.choices import Pattern
 from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import FACT_TAGS, PhotographFacts, is_srgb
@@ -122,8 +122,17 @@ def _capture(data: bytes, tiff: tifffile.TiffFile) -> StoredImage | None:
         saturation_dn=capture.record.max_level_dn,
         variance_dn2=None if variance is None else variance.astype(np.float64),
         frames=capture.record.frames_used,
+        facts=PhotographFacts(taken=_taken(capture.record)),
         has_modelled_variance=capture.record.bracket is not None,
     )
+
+
+def _taken(record: CaptureRecord) -> str | None:
+    """When a capture was begun, as Exif writes times; None for a photograph that was imported."""
+    if record.first_timestamp_ns is None:
+        return None  # its times are those of the import
+    day, time = record.started_utc[:19].split("T")
+    return f"{day.replace('-', ':')} {time} UTC"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,6 +7,7 @@ from .frame_sampling import (
     line_profile as line_profile,
     pixel_reading as pixel_reading,
 )
+from .long_exposure import LONG_S as LONG_S, Exposing as Exposing
 from .picture_encoder import PictureEncoder as PictureEncoder
 from .picture_monitor import (
     Levels as Levels,

@@ -1,5 +1,6 @@
 """Owns the camera: streams all the time, lends it to a run, and reopens it when lost."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +24,8 @@ from acquisition.errors import (
 )
 from standoff.console.devices.device_status import DeviceStatus
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster
+from standoff.console.devices.lent_camera import SLICE_S, LentCamera
+from standoff.console.devices.long_exposure import LONG_S, ExposureClock, Exposing
 
 RETRY_S = 1.0
 STALL_S = 1.0
@@ -58,6 +61,8 @@ class CameraService:
         Where every frame is published.
     report
         Called with one line when the camera rejects a setting.
+    return_s
+        How long a camera that was lost is expected back by whoever borrows it.
     clock
         Monotonic time in seconds.
     """
@@ -68,11 +73,13 @@ class CameraService:
         broadcaster: FrameBroadcaster,
         *,
         report: Callable[[str], None] = lambda _: None,
+        return_s: float = RETURN_S,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._open = open_camera
         self._broadcaster = broadcaster
         self._report = report
+        self._return_s = return_s
         self._clock = clock
         self._camera: Camera | None = None
         self._status = DeviceStatus(state="opening", text="The camera is being opened")
@@ -86,7 +93,9 @@ class CameraService:
         self._wishes = 0
         self._counting = Lock()
         self._is_lent = False
-        self._lost_s = -RETURN_S
+        self._lost_s = -math.inf
+        self._gone: Camera | None = None
+        self._exposure = ExposureClock(clock)
         self._is_closing = Event()
         self._thread = Thread(target=self._run, name="camera service", daemon=True)
 
@@ -98,7 +107,7 @@ class CameraService:
     @property
     def is_expected(self) -> bool:
         """Whether it delivers frames, or did so a moment ago."""
-        was_there = self._status.is_ready or self._clock() - self._lost_s < RETURN_S
+        was_there = self._status.is_ready or self._clock() - self._lost_s < self._return_s
         return was_there and not self._is_closing.is_set()
 
     @property
@@ -144,6 +153,15 @@ class CameraService:
         """Set the gain before the next frame."""
         self._requests.put(("gain_db", gain_db))
 
+    @property
+    def exposing(self) -> Exposing | None:
+        """The long exposure that is waited for, if one is."""
+        return self._exposure.view
+
+    def break_off(self) -> None:
+        """Break a long exposure off: the shorter exposure of before it is set again, at once."""
+        self.set_exposure_us(self._exposure.shorter_us)
+
     @contextmanager
     def lent(self, check: Callable[[], None] = lambda: None) -> Iterator[Camera]:
         """Lend the camera; between a stop and the next start the live stream continues.
@@ -160,12 +178,7 @@ class CameraService:
         DeviceDisconnectedError
             If no camera is connected.
         """
-        while (camera := self._camera) is None or not self._status.is_ready:
-            if not self.is_expected:
-                raise DeviceDisconnectedError(f"{self._status.text}. {self._status.remedy}")
-            check()
-            time.sleep(TURN_S)
-        lent = _LentCamera(self, camera, check)
+        lent = LentCamera(self, self.present(check), check)
         self._is_lent = True
         try:
             yield lent
@@ -175,11 +188,39 @@ class CameraService:
 
     # The methods below are for the lent camera and the thread.
 
-    def take_turn(self) -> None:
-        """End the live stream and hold the camera until `give_turn`."""
+    def is_present(self, camera: Camera) -> bool:
+        """Whether this is the camera, and it delivers frames."""
+        is_ours = camera is self._camera and camera is not self._gone
+        return is_ours and self._status.is_ready
+
+    def present(self, check: Callable[[], None]) -> Camera:
+        """Wait for the camera, if it is expected.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If no camera is connected.
+        """
+        while True:
+            camera = self._camera
+            if camera is not None and self.is_present(camera):
+                return camera
+            if not self.is_expected:
+                raise DeviceDisconnectedError(f"{self._status.text}. {self._status.remedy}")
+            check()
+            time.sleep(TURN_S)
+
+    def take_turn(self, check: Callable[[], None] = lambda: None) -> None:
+        """End the live stream and hold the camera until `give_turn`; ``check`` may raise."""
         with self._counting:
             self._wishes += 1
-        self._turn.acquire()
+        try:
+            while not self._turn.acquire(timeout=TURN_S):
+                check()
+        except BaseException:
+            with self._counting:
+                self._wishes -= 1
+            raise
 
     def give_turn(self) -> None:
         """Let the live stream continue, or whoever else waits for the camera."""
@@ -191,16 +232,23 @@ class CameraService:
         """Publish a frame, whoever fetched it."""
         self._broadcaster.publish(frame, camera.settings)
 
+    def waits(self, camera: Camera) -> None:
+        """Note that a frame is being exposed from now on."""
+        self._exposure.began(camera.settings.exposure_us)
+
     def began(self, camera: Camera) -> None:
         """Note that the stream is running."""
+        self.waits(camera)
         self._settings, self._info = camera.settings, camera.info
         self._broadcaster.stream_began()
         self._status = DeviceStatus(state="ready")
 
-    def lost(self, error: DeviceError) -> None:
-        """Note that the stream was lost."""
+    def lost(self, error: DeviceError, gone: Camera | None = None) -> None:
+        """Note that the stream was lost; ``gone`` is closed and opened anew."""
+        self._gone = gone or self._gone
         if self._status.is_ready:
             self._lost_s = self._clock()
+        self._exposure.ended()
         remedy = LOST_REMEDY if self._settings is not None else ABSENT_REMEDY
         if isinstance(error, DriverMissingError):
             remedy = DRIVER_REMEDY
@@ -229,31 +277,12 @@ class CameraService:
     def _live(self) -> None:
         """Stream until somebody wants the camera."""
         camera = self._opened()
+        if self._exposure.is_broken_off:
+            self._apply_requests(camera)
         camera.start()
         self.began(camera)
         try:
-            asked_s = self._clock()
-            waited_s = 0.0
-            while not (self._wishes > 0 or self._is_closing.is_set()):
-                self._apply_requests(camera)
-                settings = camera.settings
-                period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)
-                timeout_s = max(0.25, 2 * period_s)
-                try:
-                    frame = camera.next_frame(timeout_s)
-                except StreamInterruptedError:
-                    raise
-                except DeviceTimeoutError:
-                    # The waits asked for: a machine that pauses this thread pauses the stream too.
-                    waited_s += timeout_s
-                    if waited_s >= max(STALL_S, STALL_PERIODS * period_s):
-                        raise
-                    continue
-                waited_s = 0.0
-                self.saw(frame, camera)
-                now_s = self._clock()
-                if now_s - asked_s > STATISTICS_S:
-                    asked_s, self._statistics = now_s, camera.statistics()
+            self._fetch(camera)
         except BaseException as error:
             try:
                 camera.stop()
@@ -262,7 +291,38 @@ class CameraService:
             raise
         camera.stop()
 
+    def _fetch(self, camera: Camera) -> None:
+        """Fetch frames until somebody wants the camera, or not to wait for a long exposure."""
+        asked_s = self._clock()
+        waited_s = 0.0
+        while not (self._wishes > 0 or self._is_closing.is_set()):
+            if not self._requests.empty() and self._exposure.break_off():
+                return
+            self._apply_requests(camera)
+            settings = camera.settings
+            period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)
+            try:
+                frame = camera.next_frame(SLICE_S)
+            except StreamInterruptedError:
+                raise
+            except DeviceTimeoutError:
+                # The waits asked for: a machine that pauses this thread pauses the stream too.
+                waited_s += SLICE_S
+                stall_s = max(STALL_S, STALL_PERIODS * period_s)
+                if waited_s >= stall_s and not self._exposure.is_broken_off:
+                    raise
+                continue
+            waited_s = 0.0
+            if not self._exposure.is_dropped():
+                self.saw(frame, camera)
+            self.waits(camera)
+            now_s = self._clock()
+            if now_s - asked_s > STATISTICS_S:
+                asked_s, self._statistics = now_s, camera.statistics()
+
     def _opened(self) -> Camera:
+        if self._camera is not None and self._camera is self._gone:
+            self._drop()
         if self._camera is None:
             self._camera = self._open()
             self._settings, self._info = self._camera.settings, self._camera.info
@@ -274,7 +334,7 @@ class CameraService:
 
     def _drop(self) -> None:
         if self._camera is not None:
-            camera, self._camera = self._camera, None
+            camera, self._camera, self._gone = self._camera, None, None
             camera.close()
 
     def _apply_requests(self, camera: Camera) -> None:
@@ -287,6 +347,8 @@ class CameraService:
             asked[name] = value  # of several in a row, the last one counts
         for name, value in asked.items():
             self._set(camera, name, value)
+        if asked:
+            self.waits(camera)
 
     def _set(self, camera: Camera, name: str, value: float) -> None:
         try:
@@ -299,94 +361,3 @@ class CameraService:
         except DeviceError as error:
             self._report(f"The camera rejected the setting: {error}")
         self._settings = camera.settings
-
-
-class _LentCamera:
-    """The `Camera` lent to a run: its frames reach all viewers, and it can be stopped."""
-
-    def __init__(self, service: CameraService, camera: Camera, check: Callable[[], None]) -> None:
-        self._service = service
-        self._camera = camera
-        self._check = check
-        self._has_turn = False
-
-    @property
-    def info(self) -> DeviceInfo:
-        """See `Camera.info`."""
-        return self._camera.info
-
-    @property
-    def settings(self) -> CameraSettings:
-        """See `Camera.settings`."""
-        return self._camera.settings
-
-    def set_exposure_us(self, exposure_us: float) -> float:
-        """See `Camera.set_exposure_us`."""
-        with self._paused():
-            return self._camera.set_exposure_us(exposure_us)
-
-    def set_gain_db(self, gain_db: float) -> float:
-        """See `Camera.set_gain_db`."""
-        with self._paused():
-            return self._camera.set_gain_db(gain_db)
-
-    def start(self) -> None:
-        """See `Camera.start`; waits for the live stream to end."""
-        self._check()
-        self._take()
-        try:
-            self._camera.start()
-        except BaseException as error:
-            if isinstance(error, DeviceDisconnectedError):
-                self._service.lost(error)
-            self.give_back()
-            raise
-        self._service.began(self._camera)
-
-    def next_frame(self, timeout_s: float) -> Frame:
-        """See `Camera.next_frame`."""
-        self._check()
-        try:
-            frame = self._camera.next_frame(timeout_s)
-        except DeviceDisconnectedError as error:
-            self._service.lost(error)
-            raise
-        self._service.saw(frame, self._camera)
-        return frame
-
-    def stop(self) -> None:
-        """See `Camera.stop`."""
-        try:
-            self._camera.stop()
-        finally:
-            if self._service.status.is_ready:
-                self.give_back()
-
-    def statistics(self) -> StreamStatistics:
-        """See `Camera.statistics`."""
-        return self._camera.statistics()
-
-    def close(self) -> None:
-        """Give it back to the service."""
-        self.give_back()
-
-    def give_back(self) -> None:
-        """Let the live stream continue; calling it twice is harmless."""
-        if self._has_turn:
-            self._has_turn = False
-            self._service.give_turn()
-
-    def _take(self) -> None:
-        if not self._has_turn:
-            self._service.take_turn()
-            self._has_turn = True
-
-    @contextmanager
-    def _paused(self) -> Iterator[None]:
-        had_turn = self._has_turn
-        self._take()
-        try:
-            yield
-        finally:
-            if not had_turn:
-                self.give_back()

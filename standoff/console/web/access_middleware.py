@@ -13,12 +13,6 @@ PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
-REPORT_POLICY = (
-    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
-    "form-action 'none'; frame-ancestors 'none'; sandbox allow-popups"
-)
-"""Policy of a report: one file that contains its styles and figures and runs no script."""
-
 OPEN_PATHS = ("/login", "/static/console.css", "/static/icon.svg")
 """Paths that the page asking for the token needs."""
 

@@ -29,10 +29,11 @@ from standoff.console.devices import PictureEncoder
 from standoff.console.session_library import UnknownSessionError
 from standoff.console.web import messages
 from standoff.console.web.access import Access
-from standoff.console.web.access_middleware import REPORT_POLICY, AccessMiddleware
+from standoff.console.web.access_middleware import AccessMiddleware
 from standoff.console.web.allowance import Allowance
 from standoff.console.web.command_handler import CommandHandler
 from standoff.console.web.login_throttle import LoginThrottle
+from standoff.console.web.report_page import report_response
 from standoff.console.web.session_page import session_document, sessions_document
 from standoff.console.web.session_pages import SessionPages
 from standoff.console.web.state_cache import StateCache
@@ -150,7 +151,7 @@ class _Pages:
         report = await self.in_turn(request, lambda: self._hub.sessions.report_of(name))
         if report is None:
             raise HTTPException(404, f"{name} has no report yet")
-        return HTMLResponse(report, headers={"Content-Security-Policy": REPORT_POLICY})
+        return report_response(report)
 
     async def snapshot(self, request: Request) -> Response:
         name = request.path_params["name"]

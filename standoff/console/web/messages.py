@@ -89,10 +89,17 @@ class Stop(_Message):
 
 
 class SetExposure(_Message):
-    """Set the exposure of the live picture."""
+    """Set the exposure of the live picture; one above 2 s only where that is said to be wanted."""
 
     do: Literal["exposure"]
     exposure_us: Positive
+    is_long_wanted: bool = False
+
+
+class BreakOff(_Message):
+    """Break a long exposure off, and go back to the shorter one of before."""
+
+    do: Literal["break-off"]
 
 
 class SetGain(_Message):
@@ -329,6 +336,7 @@ Message = (
     | Ping
     | Stop
     | SetExposure
+    | BreakOff
     | SetGain
     | AutoExposure
     | TakeSnapshot

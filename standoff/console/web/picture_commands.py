@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from acquisition.bracket import ExposureControl
 from acquisition.capture import SHORTEST_EXPOSURE_US, FoundExposure, find_exposure
 from acquisition.devices import CameraSettings
 from standoff.console.bench_hub import BenchHub
-from standoff.console.devices import line_profile, pixel_reading
+from acquisition.restarting import restarted
+from standoff.console.devices import LONG_S, line_profile, pixel_reading
 from standoff.console.jobs import BusyError, Job
 from standoff.console.snapshot_library import (
     SnapshotRecord,
@@ -31,6 +32,7 @@ FAINT_FRACTION = 0.5
 """Of the range: what is darker than that was not exposed as intended."""
 
 Document = dict[str, Any]
+T = TypeVar("T")
 
 
 def picture_commands(hub: BenchHub) -> dict[type[Any], Callable[[Any], Document | None]]:
@@ -38,6 +40,7 @@ def picture_commands(hub: BenchHub) -> dict[type[Any], Callable[[Any], Document 
     commands = _PictureCommands(hub)
     return {
         messages.SetExposure: commands.set_exposure,
+        messages.BreakOff: commands.break_off,
         messages.SetGain: commands.set_gain,
         messages.AutoExposure: commands.find_exposure,
         messages.TakeSnapshot: commands.take_snapshot,
@@ -54,7 +57,16 @@ class _PictureCommands:
 
     def set_exposure(self, message: messages.SetExposure) -> None:
         self._refuse_while_capturing()
+        if message.exposure_us > 1e6 * LONG_S and not message.is_long_wanted:
+            raise ApplicationError(
+                f"Each picture would take {1e-6 * message.exposure_us:.3g} s: say that this is "
+                "wanted."
+            )
         self._hub.camera.set_exposure_us(message.exposure_us)
+
+    def break_off(self, _: messages.BreakOff) -> None:
+        self._refuse_while_capturing()
+        self._hub.camera.break_off()
 
     def set_gain(self, message: messages.SetGain) -> None:
         self._refuse_while_capturing()
@@ -106,11 +118,13 @@ class _PictureCommands:
         with service.lent(job.check) as camera:
             exposure_us = camera.settings.exposure_us
             try:
-                found = find_exposure(
-                    camera,
-                    ExposureControl(camera, None, self._hub.clock),
-                    limits_us=limits_us,
-                    mains_hz=bench.capture.mains_hz,
+                found = self._restarted(
+                    lambda: find_exposure(
+                        camera,
+                        ExposureControl(camera, None, self._hub.clock),
+                        limits_us=limits_us,
+                        mains_hz=bench.capture.mains_hz,
+                    )
                 )
                 exposure_us = found.exposure_us
             finally:
@@ -120,9 +134,16 @@ class _PictureCommands:
 
     def _average_snapshot(self, job: Job, frames: int) -> None:
         with self._hub.camera.lent(job.check) as camera:
-            averaged = average_frames(camera, frames, clock=self._hub.clock)
+            averaged = self._restarted(
+                lambda: average_frames(camera, frames, clock=self._hub.clock)
+            )
             settings = camera.settings
         self._store(averaged.mean_dn, frames, settings, datetime.now(UTC))
+
+    def _restarted(self, work: Callable[[], T]) -> T:
+        """Do what streams, from its beginning again where the stream breaks off."""
+        timeout_s = self._hub.bench.camera.reconnect_timeout_s
+        return restarted(work, timeout_s=timeout_s, clock=self._hub.clock)
 
     def _store(
         self,

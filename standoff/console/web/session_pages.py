@@ -12,7 +12,6 @@ from acquisition.choices import CaptureKind
 from acquisition.errors import PlanError
 from standoff.console.bench_hub import BenchHub
 from standoff.console.plan_drafts import PlanDraft, TargetDraft, draft_of
-from standoff.console.web.access_middleware import REPORT_POLICY
 from standoff.console.web.capture_page import (
     CaptureLevels,
     Thumbnails,
@@ -20,6 +19,7 @@ from standoff.console.web.capture_page import (
     capture_levels,
     find_capture,
 )
+from standoff.console.web.report_page import REPORT_POLICY, report_response
 from standoff.errors import ApplicationError
 
 T = TypeVar("T")
@@ -78,8 +78,10 @@ class SessionPages:
         data = await self._in_turn(request, lambda: self._hub.sessions.result_page(name, page))
         if data is None:
             raise HTTPException(404, f"{name} has no result {page}")
-        kind = "image/png" if page.endswith(".png") else "text/html"
-        return Response(data, media_type=kind, headers={"Content-Security-Policy": REPORT_POLICY})
+        if page.endswith(".png"):
+            headers = {"Content-Security-Policy": REPORT_POLICY}
+            return Response(data, media_type="image/png", headers=headers)
+        return report_response(data)
 
     async def capture(self, request: Request) -> Response:
         """The page of one capture."""

@@ -1,5 +1,6 @@
 """What the pages show, as plain JSON objects: rounded figures, units, states in words."""
 
+import math
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -10,6 +11,7 @@ from acquisition.printable import on_one_line
 from standoff.console.bench_hub import BenchHub, Notice
 from standoff.console.devices import (
     DeviceStatus,
+    Exposing,
     FrameCounts,
     Levels,
     PictureFacts,
@@ -51,7 +53,8 @@ def state_document(hub: BenchHub) -> Document:
             name="" if hub.camera.info is None else hub.camera.info.model,
             warnings=hub.camera.warnings,
             validity=ages["camera"].validity,
-        ),
+        )
+        | {"exposing": exposing_document(hub.camera.exposing)},
         "stage": stage_document(hub.stage.view, ages["stage"].validity),
         "focus": focus_document(hub.picture.facts, ages["focus"].validity),
         "result": result_document(hub.results.view),
@@ -118,6 +121,17 @@ def camera_document(
         "lost": counts.lost,
         "resent": None if statistics is None else statistics.resent_packets,
         "warnings": list(warnings),
+    }
+
+
+def exposing_document(exposing: Exposing | None) -> Document | None:
+    """The long exposure that is waited for."""
+    if exposing is None:
+        return None
+    return {
+        "seconds": round(exposing.seconds, 1),
+        "left": math.ceil(exposing.left_s),
+        "is_dropped": exposing.is_dropped,
     }
 
 

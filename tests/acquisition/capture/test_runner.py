@@ -310,8 +310,32 @@ def test_a_capture_whose_stream_broke_off_is_begun_once_more_from_its_first_fram
     assert verify(path).is_ok
 
 
-def test_a_capture_whose_stream_breaks_off_twice_ends_the_run(path: Path) -> None:
+def test_a_capture_whose_stream_breaks_off_again_and_again_goes_on_while_a_camera_is_waited_for(
+    path: Path,
+) -> None:
     ids = iter(range(1, 1000))
+
+    def script() -> Iterator[Frame | BaseException]:
+        for _ in range(4):
+            for _ in range(2):
+                yield frame(4000, next(ids))
+            yield StreamInterruptedError("no frame for 1.0 s")
+        while True:
+            yield frame(1000, next(ids))
+
+    assert run(path, camera=ScriptedCamera(script())).captured == 6
+    assert kinds(path)[:7] == ["start", "plan", "error", "error", "error", "error", "capture"]
+    assert Session(path).records[0].max_dn == 1000  # nothing of what was broken off
+
+
+def test_where_a_lost_camera_is_not_waited_for_a_stream_that_breaks_off_twice_ends_the_run(
+    path: Path,
+) -> None:
+    ids = iter(range(1, 1000))
+    bench = bench_of()
+    bench = bench.model_copy(
+        update={"camera": bench.camera.model_copy(update={"reconnect_timeout_s": 0.0})}
+    )
 
     def script() -> Iterator[Frame | BaseException]:
         for count in (6, 2):
@@ -320,7 +344,7 @@ def test_a_capture_whose_stream_breaks_off_twice_ends_the_run(path: Path) -> Non
             yield StreamInterruptedError("no frame for 1.0 s")
 
     with pytest.raises(StreamInterruptedError):
-        run(path, camera=ScriptedCamera(script()))
+        run(path, camera=ScriptedCamera(script()), bench=bench)
     assert kinds(path) == ["start", "plan", "capture", "error", "error"]
 
 

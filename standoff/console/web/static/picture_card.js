@@ -1,6 +1,7 @@
 // The card of the live picture: its view, its tools and what is drawn over it.
 
 import { drawHistogram } from "./charts.js";
+import { setExposure } from "./long_exposure.js";
 import { LivePicture } from "./picture.js";
 import { PictureView } from "./picture_view.js";
 import { Overlay, Probe, ProfileTool } from "./picture_tools.js";
@@ -98,13 +99,13 @@ connection.addEventListener("state", ({ detail: state }) => {
   byId("snapshot-link").href = `/snapshots/${encodeURIComponent(state.snapshot)}`;
 });
 
-function wire(id, field) {
+function wire(id, set) {
   const [form, input] = [byId(`${id}-form`), byId(id)];
   const send = () => {
     if (number(id) === null) return;
     setting.make();
     input.dataset.sent = "yes"; // what the camera made of it is shown, even while the field has the focus
-    command(id, { [field]: number(id) });
+    set(number(id));
   };
   input.oninput = () => { delete input.dataset.sent; };
   form.onsubmit = (event) => { event.preventDefault(); send(); };
@@ -122,8 +123,8 @@ function wire(id, field) {
 
 connection.addEventListener("refused", () => setting.settle()); // the fields are set back
 
-const sendExposure = wire("exposure", "exposure_us");
-wire("gain", "gain_db");
+const sendExposure = wire("exposure", setExposure);
+wire("gain", (gain_db) => command("gain", { gain_db }));
 let sliding = null;
 byId("slider").oninput = () => {
   setting.make();

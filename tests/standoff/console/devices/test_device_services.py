@@ -127,11 +127,11 @@ class TurnOfALatecomer:
         self._lock = Lock()
         self.is_asked, self.is_time = Event(), Event()
 
-    def acquire(self) -> bool:
+    def acquire(self, timeout: float = -1) -> bool:
         if current_thread().name == "late":
             self.is_asked.set()
             self.is_time.wait()
-        return self._lock.acquire()
+        return self._lock.acquire(timeout=timeout)
 
     def release(self) -> None:
         self._lock.release()
