@@ -8,7 +8,7 @@ from acquisition.errors import StreamInterruptedError
 T = TypeVar("T")
 
 RESTARTS_PER_S = 2.0
-"""A stream counts as broken off after a second at the least: more restarts than this are no stalls."""
+"""A stream breaks off after a second at the least: more restarts than this are no stalls."""
 
 
 def restarted(

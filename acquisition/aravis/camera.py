@@ -91,7 +91,7 @@ WAIT_SLICE_S = 0.1
 RECONNECT_PAUSE_S = 0.1
 
 LONG_S = 1.0
-"""Exposures above it are aborted when the stream is stopped, and time to finish one is allowed for."""
+"""Exposures above it are aborted when the stream is stopped, and are given time to end."""
 
 
 class AravisCamera:

@@ -224,7 +224,7 @@ def render_report(report: Report) -> str:
     environment.filters["unbroken"] = _unbroken
     return environment.get_template("report.html").render(
         report=report,
-        script=Markup(views_script()),
+        script=Markup(views_script()),  # noqa: S704 - a file of this package
         convention=CONVENTION if report.has_uncertainties else "",
         provenance=(*_inputs(report.origin), *report.provenance),
         encodings=encodings_text(report.origin),

@@ -1,5 +1,6 @@
 from .camera_service import CameraService as CameraService
 from .device_status import DeviceStatus as DeviceStatus
+from .edge_reading import EdgeReading as EdgeReading
 from .frame_broadcaster import FrameBroadcaster as FrameBroadcaster, FrameCounts as FrameCounts
 from .frame_sampling import (
     LineProfile as LineProfile,
@@ -22,7 +23,6 @@ from .pose_monitor import (
 )
 from .pose_reference import tracker_maker as tracker_maker
 from .sharpness_monitor import (
-    EdgeReading as EdgeReading,
     FieldReading as FieldReading,
     SharpnessMonitor as SharpnessMonitor,
     SharpnessView as SharpnessView,

@@ -25,7 +25,7 @@ from acquisition.errors import (
 from standoff.console.devices.device_status import DeviceStatus
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster
 from standoff.console.devices.lent_camera import SLICE_S, LentCamera
-from standoff.console.devices.long_exposure import LONG_S, ExposureClock, Exposing
+from standoff.console.devices.long_exposure import Exposing, ExposureClock
 
 RETRY_S = 1.0
 STALL_S = 1.0

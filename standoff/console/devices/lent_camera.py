@@ -1,4 +1,4 @@
-"""The camera as a job has it: everybody sees its frames, STOP is heard, and a loss is waited for."""
+"""The camera as a job has it: all see its frames, STOP is heard, and a loss is waited for."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

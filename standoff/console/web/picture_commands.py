@@ -11,8 +11,8 @@ from acquisition.averaging import average_frames
 from acquisition.bracket import ExposureControl
 from acquisition.capture import SHORTEST_EXPOSURE_US, FoundExposure, find_exposure
 from acquisition.devices import CameraSettings
-from standoff.console.bench_hub import BenchHub
 from acquisition.restarting import restarted
+from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import LONG_S, line_profile, pixel_reading
 from standoff.console.jobs import BusyError, Job
 from standoff.console.snapshot_library import (

@@ -1,4 +1,4 @@
-"""A result's page as the console serves it: in a sandbox, in which only the report's own script runs."""
+"""A result's page as the console serves it: in a sandbox where only its own script runs."""
 
 import re
 from base64 import b64encode
@@ -15,7 +15,7 @@ REPORT_POLICY = (
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
     "sandbox allow-scripts allow-popups"
 )
-"""One file that contains its styles and figures. Of scripts only that runs which this version writes
+"""One file that contains its styles and figures. Only that script runs which this version writes
 into its reports, word for word, in an origin of its own that reaches nothing."""
 
 _SCRIPTS = re.compile(rb"<script\b[^>]*>(.*?)</script", re.IGNORECASE | re.DOTALL)

@@ -1,4 +1,4 @@
-"""Exposures that one waits for: on the clock, and in the hands of the thread that owns the camera."""
+"""Exposures that one waits for: on the clock, and by the thread that owns the camera."""
 
 import time
 from collections.abc import Iterator
