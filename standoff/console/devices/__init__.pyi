@@ -1,7 +1,11 @@
 from .camera_service import CameraService as CameraService
 from .device_status import DeviceStatus as DeviceStatus
 from .edge_reading import EdgeReading as EdgeReading
-from .frame_broadcaster import FrameBroadcaster as FrameBroadcaster, FrameCounts as FrameCounts
+from .frame_broadcaster import (
+    FrameBroadcaster as FrameBroadcaster,
+    FrameCounts as FrameCounts,
+    LiveFrame as LiveFrame,
+)
 from .frame_sampling import (
     LineProfile as LineProfile,
     PixelReading as PixelReading,
@@ -9,7 +13,11 @@ from .frame_sampling import (
     pixel_reading as pixel_reading,
 )
 from .long_exposure import LONG_S as LONG_S, Exposing as Exposing
-from .picture_encoder import PictureEncoder as PictureEncoder
+from .picture_encoder import (
+    FORMS as FORMS,
+    PictureEncoder as PictureEncoder,
+    PictureForm as PictureForm,
+)
 from .picture_monitor import (
     Levels as Levels,
     PictureFacts as PictureFacts,

@@ -355,7 +355,7 @@ class _Sockets:
                 case messages.Acknowledge():
                     viewer.acknowledge(message)
                 case messages.Ping():
-                    viewer.reply_first({"type": "pong", "number": message.number})
+                    viewer.answer_ping(message)
                 case messages.Stop():
                     self._stop(message, viewer)
                 case _:

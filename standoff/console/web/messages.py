@@ -21,6 +21,7 @@ Index = Annotated[int, Field(ge=0, lt=10**7)]
 Pixels = Annotated[int, Field(ge=0, lt=2**16)]
 Coordinate = Annotated[float, Field(ge=-1, lt=2**16, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Milliseconds = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 StopId = Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
 Positive = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False)]
 
@@ -43,10 +44,11 @@ class Hello(_Message):
 
 
 class Acknowledge(_Message):
-    """A picture was drawn."""
+    """A picture was drawn, some time after it had arrived."""
 
     do: Literal["ack"]
     sequence: Annotated[int, Field(ge=0, lt=2**32)]
+    in_hand_ms: Milliseconds = 0.0
 
 
 class TakeControl(_Message):
@@ -79,6 +81,8 @@ class Ping(_Message):
 
     do: Literal["ping"]
     number: Index
+    round_trip_ms: Milliseconds | None = None
+    """Of the last answer."""
 
 
 class Stop(_Message):

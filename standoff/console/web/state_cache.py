@@ -25,12 +25,20 @@ class StateCache:
 
     def __init__(self, hub: BenchHub) -> None:
         self._hub = hub
+        self._state_s, self._state = float("-inf"), dict[str, str]()
         self._texts: dict[str, tuple[float, str]] = {}
         self._documents: dict[str, tuple[tuple[object, ...], str]] = {}
 
-    def state(self) -> str:
-        """The state that is common to all pages."""
-        return self._cached("state", STATE_S, lambda: state_document(self._hub))
+    def state(self) -> dict[str, str]:
+        """The state that is common to all pages, part by part."""
+        now_s = time.monotonic()
+        if now_s - self._state_s > STATE_S:
+            self._state_s = now_s
+            self._state = {
+                name: json.dumps(part, allow_nan=False)
+                for name, part in state_document(self._hub).items()
+            }
+        return self._state
 
     def levels(self) -> str | None:
         """Histogram and focus trace; None without a picture, or with none but an old one."""

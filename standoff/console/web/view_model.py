@@ -50,11 +50,13 @@ def state_document(hub: BenchHub) -> Document:
             hub.camera.settings,
             hub.frames.counts,
             hub.camera.statistics,
-            name="" if hub.camera.info is None else hub.camera.info.model,
             warnings=hub.camera.warnings,
             validity=ages["camera"].validity,
         )
-        | {"exposing": exposing_document(hub.camera.exposing)},
+        | {
+            "name": "" if hub.camera.info is None else hub.camera.info.model,
+            "exposing": exposing_document(hub.camera.exposing),
+        },
         "stage": stage_document(hub.stage.view, ages["stage"].validity),
         "focus": focus_document(hub.picture.facts, ages["focus"].validity),
         "result": result_document(hub.results.view),
@@ -101,14 +103,12 @@ def camera_document(
     counts: FrameCounts,
     statistics: StreamStatistics | None,
     *,
-    name: str = "",
     warnings: Sequence[str] = (),
     validity: Validity = "valid",
 ) -> Document:
     """The camera's state, settings and frame statistics; ``validity`` is that of its frames."""
     return {
         **_status(status),
-        "name": name,
         "exposure_us": None if settings is None else round(settings.exposure_us, 1),
         "gain_db": (
             None if settings is None or settings.gain_db is None else round(settings.gain_db, 2)

@@ -9,6 +9,7 @@ const TICK_MS = 100;
 const SILENT_MS = 1200; // silent for so long, it is lost
 const ABANDON_MS = 5000; // silent for so long, another one is opened beside it
 const PING_MS = 500;
+const CLOCKS = 20;
 
 export const seconds = (ms) => `${(ms / 1000).toFixed(ms < 9950 ? 1 : 0)} s`;
 
@@ -31,6 +32,8 @@ export class Connection extends EventTarget {
     this.pictures = pictures;
     this.isOpen = false; // and has been heard of just now
     this.socket = null;
+    this.state = {};
+    this.clocks = []; // how far the console's clock is ahead of this page's, with the round trip
     this.heardMs = this.tickedMs = performance.now();
     this.open();
     setInterval(() => this.tick(), TICK_MS);
@@ -40,7 +43,7 @@ export class Connection extends EventTarget {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
-    Object.assign(this, { socket, begunMs: performance.now(), pings: new Map(), pinged: 0, pingedMs: 0, roundTripMs: 0 });
+    Object.assign(this, { socket, begunMs: performance.now(), pings: new Map(), pinged: 0, pingedMs: 0, roundTripMs: 0, answerMs: undefined, clocks: [] });
     socket.onopen = () => {
       if (this.socket === socket) this.pass("hello", { viewer: identity(), name: operator(), pictures: this.pictures });
     };
@@ -52,8 +55,10 @@ export class Connection extends EventTarget {
         return;
       }
       const message = JSON.parse(data);
-      if (message.type === "pong") this.answered(message.number);
-      this.dispatchEvent(new CustomEvent(message.type, { detail: message }));
+      if (message.type === "pong") this.answered(message);
+      // What has not become different is not sent again.
+      if (message.type === "state") this.state = { ...this.state, ...message };
+      this.dispatchEvent(new CustomEvent(message.type, { detail: message.type === "state" ? this.state : message }));
     };
     socket.onclose = ({ code }) => {
       if (this.socket !== socket) return;
@@ -93,14 +98,27 @@ export class Connection extends EventTarget {
       this.pingedMs = now;
       this.pinged += 1;
       this.pings.set(this.pinged, now);
-      this.pass("ping", { number: this.pinged });
+      this.pass("ping", { number: this.pinged, round_trip_ms: this.answerMs });
+      this.answerMs = undefined;
     }
     this.dispatchEvent(new CustomEvent("tick"));
   }
 
-  answered(number) {
-    this.roundTripMs = performance.now() - (this.pings.get(number) ?? performance.now());
+  answered({ number, now_ms: consoleMs }) {
+    const sentMs = this.pings.get(number);
+    if (sentMs !== undefined) {
+      const now = performance.now();
+      this.roundTripMs = this.answerMs = now - sentMs;
+      this.clocks.push({ roundTripMs: this.roundTripMs, aheadMs: consoleMs - performance.timeOrigin - (sentMs + now) / 2 });
+      if (this.clocks.length > CLOCKS) this.clocks.shift();
+    }
     for (const each of this.pings.keys()) if (each <= number) this.pings.delete(each);
+  }
+
+  // The console's time in ms since 1970, by the answer that took least.
+  get consoleMs() {
+    const best = this.clocks.reduce((one, other) => (one && one.roundTripMs <= other.roundTripMs ? one : other), null);
+    return performance.timeOrigin + performance.now() + (best?.aheadMs ?? 0);
   }
 
   get silentMs() { return performance.now() - this.heardMs; }

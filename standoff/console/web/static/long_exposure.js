@@ -3,6 +3,7 @@
 import { byId, command, connection, setText, show } from "./shell.js";
 
 const LONG_US = 2e6; // as the console has it, which refuses longer ones that nobody asked for
+const MOST_US = 1e8; // above, the console says what is wrong
 const ASKED = "ask-exposure";
 
 let waiting = null; // the exposure that is asked about
@@ -23,7 +24,7 @@ function ask(exposureUs, nowUs) {
 let nowUs = 0;
 
 export function setExposure(exposureUs) {
-  if (exposureUs > LONG_US) return ask(exposureUs, nowUs);
+  if (exposureUs > LONG_US && exposureUs <= MOST_US) return ask(exposureUs, nowUs);
   ask(null);
   command("exposure", { exposure_us: exposureUs });
 }

@@ -12,7 +12,7 @@ const BRIGHTEN = 4;
 const STALE_MS = 500, STALE_PICTURES = 3; // a picture is stale once it is older than both
 
 const isMine = () => document.body.classList.contains("mine");
-export const picture = new LivePicture(byId("picture"), (sequence) => connection.send("ack", { sequence }));
+export const picture = new LivePicture(byId("picture"), (sequence, inHandMs) => connection.send("ack", { sequence, in_hand_ms: inHandMs }), () => connection.consoleMs);
 export const view = new PictureView(byId("frame"), byId("picture"), () => isMine() || profile.isOn);
 export const region = new RegionTool(view, byId("region"), (chosen) => command("region", { region: chosen }));
 const overlay = new Overlay(view, byId("overlay"));
@@ -35,7 +35,8 @@ setInterval(() => {
   byId("frame").classList.toggle("stale", isStale);
   show("no-picture", isStale);
   setText("no-picture", lastPictureMs ? "no new picture" : "no picture yet");
-  setText("picture-rate", isStale ? "shown: –" : `shown: ${picture.rate().toFixed(0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms`);
+  const form = picture.isExact ? "" : picture.reduction > 1 ? `, at 1/${picture.reduction} of the size: the connection is slow` : ", compressed";
+  setText("picture-rate", isStale ? "shown: –" : `shown: ${picture.rate().toFixed(picture.rate() < 3 ? 1 : 0)} pictures/s, ${picture.latencyMs().toFixed(0)} ms${form}`);
 }, 200);
 
 function histogram() {

@@ -11,6 +11,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 from playwright.sync_api import Browser
 
+from acquisition.session import MANIFEST_NAME
 from hil_mocks.camera import CameraFaults, SimulatedCamera
 from standoff.console.bench_hub import BenchHub
 from tests.analysis.reports.changes.test_pages import page as changes_page
@@ -90,7 +91,7 @@ def served_report(hub: BenchHub, document: str) -> str:
     """Put a report of changes into a session of the hub; return its address below the console."""
     folder = hub.sessions.folder / "today" / "results" / "changes" / "1 against 0"
     folder.mkdir(parents=True)
-    (hub.sessions.folder / "today" / "manifest.json").write_text("{}")
+    (hub.sessions.folder / "today" / MANIFEST_NAME).write_text("{}")
     found = {"changes": [{}], "changed_px": 7, "compared_px": 100}
     (folder / "changes.json").write_text(json.dumps(found))
     (folder / "report.html").write_text(document, encoding="utf-8")
@@ -111,7 +112,7 @@ def test_rows_and_blink_of_a_report_of_changes_work_in_the_console(
         assert page.get_attribute("table.changes tbody tr:nth-child(1)", "class") == "chosen"
         page.keyboard.press("b")
         for layer in (0, 1):
-            page.wait_for_function(f"({LARGE_LAYER})() === {layer}")
+            wait_until(lambda: page.evaluate(LARGE_LAYER) == layer, "it blinks")  # noqa: B023
         # In an origin of its own: neither the console's cookie nor its pages are within its reach.
         assert page.evaluate("self.origin") == "null"
         assert not page.is_visible("text=does not run in the console")

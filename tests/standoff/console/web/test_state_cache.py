@@ -51,4 +51,4 @@ def test_the_state_is_made_once_for_all_pages_that_ask_within_its_interval(
     now_s += STATE_S
     assert cache.state() is first
     now_s += 0.001
-    assert "the lamp was changed" in cache.state()
+    assert "the lamp was changed" in cache.state()["notices"]

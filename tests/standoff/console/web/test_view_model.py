@@ -118,7 +118,7 @@ def test_a_lost_stage_is_not_at_rest() -> None:
 
 def test_a_camera_shows_its_settings_and_its_losses() -> None:
     counts = FrameCounts(complete=100, incomplete=1, lost=2, rate_hz=49.96)
-    shown = camera_document(READY, SETTINGS, counts, None, name="Manta")
+    shown = camera_document(READY, SETTINGS, counts, None)
     assert (shown["format"], shown["rate"], shown["lost"]) == ("6 × 4 Mono12", "50.0", 2)
     assert camera_document(READY, None, FrameCounts(), None)["exposure_us"] is None
 

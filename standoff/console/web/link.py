@@ -1,0 +1,123 @@
+"""How fast the connection to a page is, told from when its pictures arrive there."""
+
+from collections import deque
+from dataclasses import dataclass
+
+PICTURES = 12
+"""The rate is that of so many pictures, the last ones: it falls at once, and rises within them."""
+
+BUSY_S = 0.025
+"""So much of a picture's time may be the computers' and not the link's."""
+
+LEAST_S, NO_TIME_S = 0.002, 1e-6
+
+ROUND_TRIPS = 20
+"""The shortest of so many counts: the others waited behind pictures."""
+
+LATE_S = 2.0
+"""After this time a picture counts as arrived, so that a page that was asleep recovers."""
+
+
+@dataclass(slots=True)
+class _Sent:
+    sequence: int
+    size_bytes: int
+    sent_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Carried:
+    size_bytes: int
+    way_s: float
+    took_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rates:
+    """What a link carries in bytes per second, by what is taken for its time.
+
+    ``surely`` is all of it, ``probably`` what is left without the round trip, ``possibly`` what is
+    left without the computers' as well.
+    """
+
+    surely: float
+    probably: float
+    possibly: float
+
+
+class Link:
+    """The connection to one page: what is under way on it, and what it carries.
+
+    A picture arrives after the round trip and the time that its bytes take. That is told apart
+    because the page measures the round trip with questions of a few bytes, and tells how long it
+    had a picture in hand itself. All times are of one monotonic clock, in seconds.
+    """
+
+    def __init__(self) -> None:
+        self._under_way: deque[_Sent] = deque()
+        self._carried: deque[_Carried] = deque(maxlen=PICTURES)
+        self._round_trips_s: deque[float] = deque(maxlen=ROUND_TRIPS)
+        self._arrived_s = float("-inf")
+        self._patience_s = LATE_S
+
+    @property
+    def rates(self) -> Rates | None:
+        """What the link carries; None before it has carried a picture."""
+        if not self._carried:
+            return None
+        size = sum(each.size_bytes for each in self._carried)
+        return Rates(
+            surely=size / sum(max(each.way_s, LEAST_S) for each in self._carried),
+            probably=size / sum(max(each.took_s, LEAST_S) for each in self._carried),
+            possibly=size / sum(max(each.took_s - BUSY_S, NO_TIME_S) for each in self._carried),
+        )
+
+    @property
+    def round_trip_s(self) -> float:
+        """Of a few bytes, there and back; 0 while it is not known."""
+        return min(self._round_trips_s, default=0.0)
+
+    @property
+    def under_way(self) -> int:
+        """Number of pictures that have been sent and have not arrived, as far as is known."""
+        return len(self._under_way)
+
+    @property
+    def under_way_bytes(self) -> int:
+        """Size of the pictures under way."""
+        return sum(each.size_bytes for each in self._under_way)
+
+    def note_round_trip(self, took_s: float) -> None:
+        """Take in how long a question of the page took to be answered."""
+        self._round_trips_s.append(took_s)
+
+    def note_sent(self, sequence: int, size_bytes: int, now_s: float) -> None:
+        """Take in that a picture was handed to the connection."""
+        self._under_way.append(_Sent(sequence, size_bytes, now_s))
+
+    def note_arrived(self, sequence: int, now_s: float, *, in_hand_s: float = 0.0) -> None:
+        """Take in that the page has drawn a picture, and so has all before it.
+
+        Parameters
+        ----------
+        in_hand_s
+            How long the page had it, between its arrival and this word.
+        """
+        while self._under_way and self._under_way[0].sequence <= sequence:
+            self._arrive(self._under_way.popleft(), now_s - in_hand_s)
+            self._patience_s = LATE_S
+
+    def give_up_late(self, now_s: float) -> None:
+        """Wait no longer for pictures that are under way for too long; the link is not known."""
+        if self._under_way and now_s - self._under_way[0].sent_s > self._patience_s:
+            self._under_way.clear()
+            self._patience_s *= 2.0  # perhaps it was not the page that was asleep
+            self._carried.clear()
+
+    def _arrive(self, picture: _Sent, arrived_s: float) -> None:
+        # Its bytes followed those of the picture before it, or had the link to themselves.
+        began_s = max(picture.sent_s + self.round_trip_s, self._arrived_s)
+        self._carried.append(
+            _Carried(picture.size_bytes, arrived_s - picture.sent_s, arrived_s - began_s)
+        )
+        self._arrived_s = arrived_s
