@@ -87,7 +87,7 @@ class Operator:
                     continue
                 document = json.loads(message)
                 if document["type"] == "state":
-                    self.state = document
+                    self.state = {**self.state, **document}  # what is new
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -75,7 +75,8 @@ def live_page(browser: Browser, hub: BenchHub, **options: Any) -> Iterator[LiveP
     with served(hub) as (host, port):
         context = browser.new_context(**({"viewport": DESK} | options))
         try:
-            context.add_init_script("localStorage.setItem('operator', 'Ada')")
+            # A report is sandboxed and has no storage.
+            context.add_init_script("try { localStorage.setItem('operator', 'Ada') } catch {}")
             page = context.new_page()
             page.set_default_timeout(1e3 * DEADLINE_S)
             made = LivePage(page, hub)

@@ -4,66 +4,29 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Event, Thread
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 
 pytest.importorskip("starlette", reason="the console's extra is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 from playwright.sync_api import Browser, Page
 
-from acquisition.devices import Frame
-from standoff.console.bench_hub import BenchHub
-from tests.acquisition.fakes import SETTINGS
 from tests.standoff.console.console_rig import chromium_browser, text, wait_until
-from tests.standoff.console.hub_fixtures import DEADLINE_S, idle_hub
+from tests.standoff.console.hub_fixtures import DEADLINE_S
 from tests.standoff.console.served import served
 from tests.standoff.console.slow_link import slow_link
+from tests.standoff.console.textured_camera import textured_hub
 from tests.standoff.console.web.live_page import DESK
 
 pytestmark = [pytest.mark.slow, pytest.mark.waits]
-
-RATE_HZ = 25.0
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with chromium_browser() as opened:
         yield opened
-
-
-@contextmanager
-def textured_hub(folder: Path, *, noise_dn: float = 20.0) -> Iterator[BenchHub]:
-    """A console whose camera sees a noisy texture of 780 x 580 pixels, a corner of it saturated."""
-    rng = np.random.default_rng(1)
-    texture = 2000 + 9000 * gaussian_filter(rng.normal(size=(580, 780)), 2.0)
-    frames = [
-        np.clip(texture + rng.normal(0, noise_dn, texture.shape), 0, 4094).astype(np.uint16)
-        for _ in range(3)
-    ]
-    for image_dn in frames:
-        image_dn[:80, :80] = 4095
-    hub, is_over = idle_hub(folder), Event()
-
-    def publish() -> None:
-        number = 0
-        while not is_over.wait(1 / RATE_HZ):
-            number += 1
-            image_dn = frames[number % len(frames)]
-            hub.frames.publish(
-                Frame(image_dn=image_dn, frame_id=number, timestamp_ns=number), SETTINGS
-            )
-
-    camera = Thread(target=publish)
-    camera.start()
-    try:
-        yield hub
-    finally:
-        is_over.set()
-        camera.join()
 
 
 @contextmanager
