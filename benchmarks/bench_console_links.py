@@ -14,7 +14,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page
 
 from benchmarks.harness import Recorder, bench_parser
-from tests.standoff.console.console_rig import chromium_browser, text
+from tests.standoff.console.console_rig import chromium_browser, text, wait_until
 from tests.standoff.console.served import Address, served
 from tests.standoff.console.slow_link import slow_link
 from tests.standoff.console.textured_camera import textured_hub
@@ -38,7 +38,7 @@ STOP = """() => new Promise((done) => {
 
 def figures_of(page: Page) -> str:
     """One line of what a page shows for some time."""
-    page.wait_for_selector("body.mine")
+    wait_until(lambda: page.evaluate(DRAWN) > 0, "a picture")
     time.sleep(SETTLING_S)
     page.evaluate(LOSSES)
     drawn, begun_s = page.evaluate(DRAWN), time.monotonic()

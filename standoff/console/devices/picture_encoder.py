@@ -39,9 +39,9 @@ class PictureForm:
 
 FORMS = (
     PictureForm(quality=None, reduction=1, period_s=0.1, bytes_per_px=1.0),
-    PictureForm(quality=90, reduction=1, period_s=0.1, bytes_per_px=0.35),
-    PictureForm(quality=70, reduction=1, period_s=0.1, bytes_per_px=0.2),
-    PictureForm(quality=45, reduction=1, period_s=0.125, bytes_per_px=0.13),
+    PictureForm(quality=90, reduction=1, period_s=0.07, bytes_per_px=0.35),
+    PictureForm(quality=70, reduction=1, period_s=0.07, bytes_per_px=0.2),
+    PictureForm(quality=45, reduction=1, period_s=0.07, bytes_per_px=0.13),
     PictureForm(quality=70, reduction=2, period_s=0.25, bytes_per_px=0.05),
     PictureForm(quality=45, reduction=2, period_s=0.4, bytes_per_px=0.035),
     PictureForm(quality=45, reduction=4, period_s=0.5, bytes_per_px=0.01),

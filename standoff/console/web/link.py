@@ -37,9 +37,10 @@ class Rates:
     """What a link carries in bytes per second, by what is taken for its time.
 
     ``surely`` is all of it, ``probably`` what is left without the round trip, ``possibly`` what is
-    left without the computers' as well.
+    left without the computers' as well. ``largest_bytes`` is the largest picture that tells so.
     """
 
+    largest_bytes: int
     surely: float
     probably: float
     possibly: float
@@ -67,6 +68,7 @@ class Link:
             return None
         size = sum(each.size_bytes for each in self._carried)
         return Rates(
+            largest_bytes=max(each.size_bytes for each in self._carried),
             surely=size / sum(max(each.way_s, LEAST_S) for each in self._carried),
             probably=size / sum(max(each.took_s, LEAST_S) for each in self._carried),
             possibly=size / sum(max(each.took_s - BUSY_S, NO_TIME_S) for each in self._carried),

@@ -21,8 +21,9 @@ FIRST_BYTES = 16 * 1024
 ROOM = 1.2
 """A better form is taken once the link carries so many times what it needs."""
 
-SURELY_S = 0.4
-"""No picture takes longer, even if all the time of those before it was that of their bytes."""
+SURELY_S, GROWTH = 0.4, 4.0
+"""No picture takes longer, even if all the time of those before it was that of their bytes; or it
+is not much larger than they were."""
 
 
 class PicturePace:
@@ -68,7 +69,7 @@ class PicturePace:
             else:
                 room = ROOM if index < present else 1.0
                 fits = room * size <= SHARE * rates.possibly * form.period_s
-                fits &= size <= SURELY_S * rates.surely
+                fits &= size <= max(SURELY_S * rates.surely, GROWTH * rates.largest_bytes)
             if fits:
                 return form
         return FORMS[-1]

@@ -142,7 +142,13 @@ def run(network: Network, seconds: float, *, then_rate: float | None = None) -> 
 @pytest.mark.parametrize("detail", [0.1, 0.5, 1.0, 2.0])
 @pytest.mark.parametrize(
     ("rate", "one_way_s", "least_hz", "most_s"),
-    [(1e6, 0.0, 8, 0.3), (1e6, 0.1, 8, 0.4), (60e3, 0.1, 1, 1.0), (60e3, 0.0, 1, 0.8)],
+    [
+        (1e6, 0.0, 8, 0.3),
+        (1e6, 0.02, 8, 0.3),
+        (1e6, 0.1, 8, 0.4),
+        (60e3, 0.1, 1, 1.0),
+        (60e3, 0.0, 1, 0.8),
+    ],
 )
 def test_rate_and_size_of_pictures_follow_the_link(
     rate: float, one_way_s: float, least_hz: float, most_s: float, detail: float
