@@ -60,20 +60,23 @@ export class LivePicture {
     const bytes = (start, length) => new Blob([new Uint8Array(buffer, HEADER_BYTES + start, length)]);
     const markBytes = buffer.byteLength - HEADER_BYTES - jpegBytes;
     const opened = await Promise.all([[0, jpegBytes], [jpegBytes, markBytes]].filter(([, length]) => length).map((part) => createImageBitmap(bytes(...part))));
+    const [{ width: cols, height: rows }] = opened;
     const [{ data: grey }, marks] = opened.map((bitmap) => this.pixelsOf(bitmap));
     const levels = new Uint8Array(grey.length / 4);
     for (let index = 0; index < levels.length; index++) {
       const isMarked = marks && marks.data[4 * index] >= HALF;
       levels[index] = isMarked ? SATURATED : Math.min(grey[4 * index], SATURATED - 1);
     }
-    this.show(levels, opened[0].width, opened[0].height, width, height);
+    this.show(levels, cols, rows, width, height);
   }
 
   pixelsOf(bitmap) {
     const { small } = this;
     Object.assign(small.canvas, { width: bitmap.width, height: bitmap.height });
     small.drawImage(bitmap, 0, 0);
-    return small.getImageData(0, 0, bitmap.width, bitmap.height);
+    const pixels = small.getImageData(0, 0, bitmap.width, bitmap.height);
+    bitmap.close(); // or it is kept until the next collection of garbage
+    return pixels;
   }
 
   // Levels of `cols` by `rows` pixels, on a canvas of the whole picture's size.
