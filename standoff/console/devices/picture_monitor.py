@@ -141,6 +141,7 @@ class PictureMonitor:
                 # What was sharper in another light says nothing: no false peak, no "go back".
                 self._trace.reset()
                 self._values.clear()
+                self._values_s.clear()
             reading = None if self._meter.is_after_step else facts.focus
             focus_s = facts.focus_s
             if value is not None and np.isfinite(value):

@@ -141,3 +141,6 @@ def test_a_step_of_exposure_or_light_makes_no_peak(light: float, is_told: bool) 
         assert focus is None or not focus.is_past_peak
     assert focus is not None
     assert focus.percent_of_peak > 80
+    # Values of before the step are gone, with their times.
+    assert len(monitor.facts.trace) == len(monitor.facts.trace_s)
+    assert monitor.facts.trace_s[0] > -0.2 * 37
