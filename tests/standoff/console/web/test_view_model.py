@@ -21,7 +21,6 @@ from standoff.console.web.view_model import (
     focus_document,
     levels_document,
     plan_document,
-    pose_document,
     run_document,
     saturation_text,
     stage_document,
