@@ -23,7 +23,10 @@ EDGE_COLOUR_BGR = (255, 60, 255)
 SMOOTHING_PX = 1.5
 """Width of the blur before edges are looked for."""
 
-NOISE_GRADIENTS = 6.0
+BORDER_PX = 4
+"""So near the border of the image no edges are looked for."""
+
+NOISE_GRADIENTS = 7.0
 """A gradient of so many times its noise begins an edge, which half of that continues: on even
 paper of 4 Mpx with white noise less than one pixel is drawn."""
 
@@ -88,7 +91,8 @@ def edge_mask(image_dn: AnyArray) -> NDArray[np.bool_]:
     if most == 0.0:
         return np.zeros(levels.shape, dtype=np.bool_)
     strong = float(np.percentile(strengths, STRONG_PERCENT))
-    noise_dn = max(_noise(levels), QUANTISATION_DN if image_dn.dtype.kind in "ui" else 0.0)
+    rounding_dn = QUANTISATION_DN if image_dn.dtype.kind in "ui" else 0.0
+    noise_dn = float(np.hypot(_noise(levels), rounding_dn))
     least = max(NOISE_GRADIENTS * noise_dn * _noise_gain(), STRONG_FRACTION * strong)
     if least > most:
         return np.zeros(levels.shape, dtype=np.bool_)
@@ -107,6 +111,9 @@ def _gradients(levels: FloatArray) -> tuple[FloatArray, FloatArray]:
     smooth = cv2.GaussianBlur(levels, (0, 0), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
     right = cv2.Sobel(smooth, cv2.CV_64F, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE)
     down = cv2.Sobel(smooth, cv2.CV_64F, 0, 1, ksize=3, borderType=cv2.BORDER_REPLICATE)
+    for gradient in (right, down):  # beyond the border nothing is known, and noise is larger
+        gradient[:BORDER_PX] = gradient[-BORDER_PX:] = 0.0
+        gradient[:, :BORDER_PX] = gradient[:, -BORDER_PX:] = 0.0
     return np.asarray(right, dtype=np.float64), np.asarray(down, dtype=np.float64)
 
 
