@@ -33,7 +33,7 @@ paper of 4 Mpx with white noise less than one pixel is drawn."""
 QUANTISATION_DN = 12**-0.5
 """Standard deviation of what rounding to whole levels takes away."""
 
-STRONG_FRACTION = 0.15
+STRONG_FRACTION = 0.25
 """Of a scene's strong gradients: what is weaker is texture, and would hide the live picture."""
 
 STRONG_PERCENT = 99.5
