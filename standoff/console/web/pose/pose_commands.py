@@ -61,16 +61,11 @@ class _PoseCommands:
         self._tell()
 
     def _tell(self) -> None:
-        """Say on all pages what counts from now on."""
+        """Say on all pages what counts from now on, unless the card asks to choose a curve."""
         view = self._hub.curves.view
         if view.chosen is not None:
             self._hub.tell(
                 f"Poses are judged by {view.file}: {view.name}; d' at least {view.min_dprime:g}."
             )
-        elif view.file:
-            self._hub.tell(
-                f"Poses are not judged until one of the {len(view.curves)} curves in {view.file} "
-                "is chosen."
-            )
-        else:
+        elif not view.file:
             self._hub.tell(f"No curve judges poses; d' at least {view.min_dprime:g}.")

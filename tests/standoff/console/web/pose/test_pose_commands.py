@@ -37,7 +37,7 @@ def test_what_is_chosen_counts_for_the_verdict_and_for_results_and_is_told(hub: 
     assert not hub.results.has_curves
     operator.say(do="pose-curve", file="curves.json")
     assert not hub.pose.view.is_possible
-    assert "until one of the 2 curves" in hub.notices[-1].text
+    assert not hub.notices  # the card asks which
     operator.say(do="pose-curve", file="curves.json", curve=1)
     assert hub.pose.view.is_possible
     assert hub.results.has_curves
