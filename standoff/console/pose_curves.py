@@ -103,7 +103,7 @@ class PoseCurves:
             curve = given_curve(given.path, given.min_dprime, given.choice)
             document = read_any_curves(given.path)
             chosen = [each.choice for each in document.curves].index(curve.choice)
-            self._use(str(given.path), given.path, document, chosen)
+            self._use(on_one_line(str(given.path)), given.path, document, chosen)
 
     @property
     def view(self) -> CurveView:
@@ -224,7 +224,7 @@ class PoseCurves:
         self._judge_by(tracker_maker(curve, view.min_dprime), tuple(words))
 
     def _files(self) -> dict[str, Path]:
-        found = {} if self._given is None else {str(self._given): self._given}
+        found = {} if self._given is None else {on_one_line(str(self._given)): self._given}
         inside = self._sessions / CURVES_FOLDER
         files = [*self._sessions.glob("curves.json"), *sorted(self._sessions.glob("*.curves.json"))]
         if not inside.is_symlink():
