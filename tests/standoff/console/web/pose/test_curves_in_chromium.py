@@ -144,7 +144,7 @@ def test_a_file_of_the_operator_s_computer_is_kept_and_judges_what_is_seen(
     hub.pose.start()
     try:
         with streaming(hub, texture()), live_page(browser, hub) as live:
-            live.page.wait_for_selector("#frame:not(.stale)")
+            wait_until(lambda: hub.frames.latest is not None, "a picture")
             live.page.click("#pose-here")
             wait_until(lambda: "no curve judges" in text(live.page, "#pose-reason"), "no verdict")
             live.page.set_input_files("#curve-pick", path)
@@ -210,7 +210,7 @@ def test_a_session_s_page_learns_that_there_are_curves_and_that_there_are_none(
 
 def test_the_levels_of_a_live_reference_are_those_of_its_camera(live: LivePage) -> None:
     with streaming(live.hub, texture()):
-        live.page.wait_for_selector("#frame:not(.stale)")
+        wait_until(lambda: live.hub.frames.latest is not None, "a picture")
         live.page.click("#pose-here")
         wait_until(lambda: live.hub.pose.view.picture is not None, "a reference")
         picture = live.hub.pose.view.picture
