@@ -6,19 +6,16 @@ import json as json_format
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 from urllib.parse import quote
 
 import typer
 from typer import BadParameter, Option
 
 from calibration.choices import DEFAULT_BOARD_TEXT
-from standoff import library, terminal
+from standoff import terminal
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
-
-if TYPE_CHECKING:
-    from standoff.console.devices import PoseCurve
 
 DEFAULT_PORT = 8470
 
@@ -78,7 +75,7 @@ def console(
         raise ApplicationError(
             "the console needs its extra: pip install 'standoff[console]', or make setup"
         )
-    from standoff.console import BenchHub, bench_drivers
+    from standoff.console import BenchHub, GivenCurves, bench_drivers
     from standoff.console.web import (
         MIN_TOKEN_CHARS,
         console_app,
@@ -90,7 +87,7 @@ def console(
     _refuse_open_door(host, token, MIN_TOKEN_CHARS, is_loopback=is_loopback_host(host))
     layout = terminal.charuco_board(board)
     config = terminal.read_bench(bench, settings)
-    chosen = {"model": model, "observer": observer, "noise": noise, "contrast": contrast}
+    choice = terminal.curve_choice(model, observer, noise, contrast)
     hub = BenchHub(
         config,
         bench_drivers(config),
@@ -100,7 +97,7 @@ def console(
             bench.parent,
             shipped_config("demo_plan.toml").parent,
         ),
-        curve=None if curves is None else _curve(curves, min_dprime, chosen),
+        curves=GivenCurves(path=curves, min_dprime=min_dprime, choice=choice),
         board=layout,
     )
     with open_socket(host, port) as bound:
@@ -137,18 +134,3 @@ def _refuse_open_door(host: str, token: str | None, least_chars: int, *, is_loop
         raise BadParameter(
             f"a token must have at least {least_chars} characters", param_hint="--token"
         )
-
-
-def _curve(path: Path, min_dprime: float, chosen: dict[str, Any]) -> PoseCurve:
-    """What judges poses, and the options that name it for ``standoff pose``."""
-    from standoff.console.devices import PoseCurve, tracker_maker
-
-    curve = library.given_curve(path, min_dprime, terminal.curve_choice(*chosen.values()))
-    return PoseCurve(
-        make_tracker=tracker_maker(curve, min_dprime),
-        words=(
-            f"--curves={path}",
-            f"--min-dprime={min_dprime}",
-            *(f"--{name}={value}" for name, value in chosen.items() if value is not None),
-        ),
-    )

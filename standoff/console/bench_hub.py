@@ -15,11 +15,11 @@ from standoff.console.devices import (
     CameraService,
     FrameBroadcaster,
     PictureMonitor,
-    PoseCurve,
     PoseMonitor,
     SharpnessMonitor,
     SquarenessMonitor,
     StageService,
+    TrackerMaker,
 )
 from standoff.console.drivers import BenchDrivers
 from standoff.console.jobs import (
@@ -30,6 +30,7 @@ from standoff.console.jobs import (
     SessionRun,
 )
 from standoff.console.plan_library import PlanLibrary
+from standoff.console.pose_curves import GivenCurves, PoseCurves
 from standoff.console.results import ResultJobs
 from standoff.console.session_library import SNAPSHOTS_FOLDER, SessionLibrary
 from standoff.console.snapshot_library import SnapshotLibrary
@@ -64,8 +65,8 @@ class BenchHub:
         Folder of the sessions.
     plan_folders
         Where to look for plans.
-    curve
-        What judges poses; None if no curve was given.
+    curves
+        What judges poses at first; another curve can be chosen later.
     board
         The ChArUco board for levelling the camera.
     """
@@ -77,7 +78,7 @@ class BenchHub:
         *,
         sessions: Path,
         plan_folders: tuple[Path, ...] = (),
-        curve: PoseCurve | None = None,
+        curves: GivenCurves | None = None,
         board: CharucoBoard = DEFAULT_BOARD,
     ) -> None:
         self.bench = bench
@@ -106,9 +107,7 @@ class BenchHub:
             self.frames, board, 1e3 * optics.focal_length_mm / optics.pixel_pitch_um
         )
         self.sweep = FocusSweepRun(bench, self.camera, self.stage, clock=drivers.clock)
-        self.pose = PoseMonitor(
-            self.frames, None if curve is None else curve.make_tracker, report=self.tell
-        )
+        self.pose = PoseMonitor(self.frames, None, report=self.tell)
         self._monitors = (self.picture, self.pose, self.sharpness, self.squareness)
         self.run = SessionRun(
             bench,
@@ -117,7 +116,8 @@ class BenchHub:
             self.prompts,
             drivers=drivers,
         )
-        self.results = ResultJobs(sessions, () if curve is None else curve.words)
+        self.results = ResultJobs(sessions)
+        self.curves = PoseCurves(sessions, curves or GivenCurves(), self._judge_by)
         self._lock = Lock()
         self._notices: deque[Notice] = deque(maxlen=NOTICES)
         self._told = 0
@@ -172,6 +172,10 @@ class BenchHub:
             job.ended.wait(CLOSE_TIMEOUT_S)
         for part in (*self._monitors, self.camera, self.stage):
             part.close()
+
+    def _judge_by(self, make_tracker: TrackerMaker | None, words: tuple[str, ...]) -> None:
+        self.pose.judge_by(make_tracker)
+        self.results.judge_by(words)
 
     def _stop_stage(self) -> None:
         job = self.jobs.current

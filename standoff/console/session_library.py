@@ -14,6 +14,9 @@ REPORT_NAME = "report.html"
 SNAPSHOTS_FOLDER = "snapshots"
 """Beside the sessions: no session can have this name."""
 
+CURVES_FOLDER = "curves"
+"""Of the files of curves that were sent to the console; no session can have this name either."""
+
 LONGEST_NAME_BYTES = 255
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,99}")
 
@@ -45,7 +48,7 @@ class SessionSummary:
 def is_session_name(name: str) -> bool:
     """Whether a name is valid for a session's folder: no separators, no leading dot."""
     is_plain = _NAME.fullmatch(name) is not None and not name.endswith((".", " "))
-    return is_plain and name.lower() != SNAPSHOTS_FOLDER
+    return is_plain and name.lower() not in (SNAPSHOTS_FOLDER, CURVES_FOLDER)
 
 
 def _is_entry_name(name: str) -> bool:
@@ -95,7 +98,7 @@ class SessionLibrary:
         if not is_session_name(name):
             raise UnknownSessionError(
                 "a session's name has only letters, digits, spaces and . _ + -, and must begin "
-                f"with a letter or digit; it is not {SNAPSHOTS_FOLDER!r}"
+                f"with a letter or digit; it is neither {SNAPSHOTS_FOLDER!r} nor {CURVES_FOLDER!r}"
             )
         return self.folder / name
 

@@ -24,12 +24,12 @@ from .picture_monitor import (
     PictureMonitor as PictureMonitor,
 )
 from .pose_monitor import (
-    PoseCurve as PoseCurve,
     PoseMonitor as PoseMonitor,
     PoseView as PoseView,
     TrackerMaker as TrackerMaker,
 )
 from .pose_reference import tracker_maker as tracker_maker
+from .reference_picture import OverlayView as OverlayView, ReferencePicture as ReferencePicture
 from .sharpness_monitor import (
     FieldReading as FieldReading,
     SharpnessMonitor as SharpnessMonitor,

@@ -1,29 +1,20 @@
 """Go or no-go: whether the camera's pose lets a follow-up be compared with a chosen reference."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Event, Lock, Thread
+
+import numpy as np
 
 from analysis.pose import PoseTracker, PoseVerdict
 from calibration.errors import CalibrationError
 from simulation.arrays import AnyArray
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster
+from standoff.console.devices.reference_picture import ReferencePicture, reference_numbers
 from standoff.errors import ApplicationError
 
 TrackerMaker = Callable[[AnyArray], PoseTracker]
 """Makes the tracker of a reference image of shape ``(rows, cols)``."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseCurve:
-    """The curve of detectability that judges poses.
-
-    ``make_tracker`` makes a tracker that judges by it, ``words`` are the options of
-    ``standoff pose`` that name it.
-    """
-
-    make_tracker: TrackerMaker
-    words: tuple[str, ...] = ()
 
 
 PERIOD_S = 0.1
@@ -34,20 +25,28 @@ STALE_S = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseView:
-    """The current pose: ``reference`` names the reference, empty if none is chosen.
+    """The current pose; ``picture`` is the reference, None if none is chosen.
 
-    ``is_possible`` is False if the console was started without curves. ``arrived_s`` is when the
-    frame of the verdict arrived (monotonic).
+    ``is_possible`` is False if there is no curve to judge by, ``fault`` says why there is no
+    verdict though there is one. ``arrived_s`` is when the frame of the verdict arrived (monotonic).
     """
 
     is_possible: bool
-    reference: str = ""
+    picture: ReferencePicture | None = None
+    fault: str = ""
     verdict: PoseVerdict | None = None
     arrived_s: float | None = None
+
+    @property
+    def reference(self) -> str:
+        """Name of the reference; empty if none is chosen."""
+        return "" if self.picture is None else self.picture.name
 
 
 class PoseMonitor:
     """Tracks the pose in its own thread, as fast as it can, once a reference is chosen.
+
+    Without a curve to judge by, it keeps the reference and gives no verdict.
 
     Parameters
     ----------
@@ -70,6 +69,7 @@ class PoseMonitor:
         self._report = report
         self._make = make_tracker
         self._lock = Lock()
+        self._numbers = reference_numbers()
         self._tracker: PoseTracker | None = None
         self._view = PoseView(is_possible=make_tracker is not None)
         self._is_closing = Event()
@@ -80,29 +80,52 @@ class PoseMonitor:
         """The current pose."""
         return self._view
 
-    def choose(self, name: str, image: AnyArray) -> None:
-        """Judge the pose against this image from now on.
+    def choose(self, name: str, image: AnyArray, max_level_dn: float | None = None) -> None:
+        """Compare the pose with this image from now on.
+
+        Parameters
+        ----------
+        name
+            What the image is, for the operator.
+        image
+            Shape ``(rows, cols)``, in DN.
+        max_level_dn
+            Level of a saturated pixel; None takes the largest there is.
 
         Raises
         ------
         ApplicationError
-            If there is no curve to judge by, or the image has too little texture.
+            If there is a curve to judge by, and the image has too little texture.
         """
-        if self._make is None:
-            raise ApplicationError(
-                "no curve says which pose is good enough: start the console with "
-                "--curves curves.json --min-dprime D"
-            )
         try:
-            tracker = self._make(image)
+            tracker = None if self._make is None else self._make(image)
         except CalibrationError as error:
             raise ApplicationError(f"{name} cannot be used as a reference: {error}") from error
+        most_dn = float(np.nanmax(image)) if max_level_dn is None else max_level_dn
+        picture = ReferencePicture(
+            number=next(self._numbers), name=name, image_dn=image, max_level_dn=max(most_dn, 1.0)
+        )
         with self._lock:
             self._tracker = tracker
-            self._view = PoseView(is_possible=True, reference=name)
+            self._view = PoseView(is_possible=self._make is not None, picture=picture)
+
+    def judge_by(self, make_tracker: TrackerMaker | None) -> None:
+        """Judge by another curve or threshold from now on, or by none; the reference stays."""
+        picture, tracker, fault = self._view.picture, None, ""
+        if picture is not None and make_tracker is not None:
+            try:
+                tracker = make_tracker(picture.image_dn)
+            except CalibrationError as error:
+                fault = f"this reference cannot be followed: {error}"
+        with self._lock:
+            self._make = make_tracker
+            self._tracker = tracker
+            self._view = PoseView(
+                is_possible=make_tracker is not None, picture=picture, fault=fault
+            )
 
     def clear(self) -> None:
-        """Stop judging the pose."""
+        """Forget the reference."""
         with self._lock:
             self._tracker = None
             self._view = PoseView(is_possible=self._make is not None)
@@ -120,7 +143,8 @@ class PoseMonitor:
     def _run(self) -> None:
         seen = 0
         while not self._is_closing.wait(PERIOD_S):
-            tracker, view = self._tracker, self._view
+            with self._lock:
+                tracker, view = self._tracker, self._view
             if tracker is None:
                 continue
             frame = self._broadcaster.wait_newer(seen, STALE_S)
@@ -135,9 +159,8 @@ class PoseMonitor:
                     continue
             with self._lock:
                 if tracker is self._tracker:
-                    self._view = PoseView(
-                        is_possible=True,
-                        reference=view.reference,
+                    self._view = replace(
+                        view,
                         verdict=verdict,
                         arrived_s=None if frame is None else frame.arrived_s,
                     )

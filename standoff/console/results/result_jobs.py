@@ -117,6 +117,10 @@ class ResultJobs:
         """Whether poses can be judged."""
         return bool(self._curve_words)
 
+    def judge_by(self, curve_words: Sequence[str]) -> None:
+        """Judge poses by what these options name from now on; by nothing if there are none."""
+        self._curve_words = tuple(curve_words)
+
     def refuse_impossible(self, request: ResultRequest) -> None:
         """Check that the session has what a result needs.
 

@@ -131,7 +131,7 @@ def missing_for(session: Session, *, has_curves: bool) -> dict[ResultKind, str]:
     if pairs < 2:
         lacks["validate"] = "Needs a texture or chart captured at two heights or more."
     if not has_curves:
-        lacks["pose"] = "Start the console with --curves to judge poses."
+        lacks["pose"] = "Choose curves of d' on the bench page, or start the console with --curves."
     for kind in ("pose", "changes"):
         if not lacks[kind] and not scenes:
             lacks[kind] = "Needs a capture of a scene, such as a texture."

@@ -33,6 +33,7 @@ from standoff.console.web.access_middleware import AccessMiddleware
 from standoff.console.web.allowance import Allowance
 from standoff.console.web.command_handler import CommandHandler
 from standoff.console.web.login_throttle import LoginThrottle
+from standoff.console.web.pose import PosePages
 from standoff.console.web.report_page import report_response
 from standoff.console.web.session_page import session_document, sessions_document
 from standoff.console.web.session_pages import SessionPages
@@ -86,6 +87,7 @@ def console_app(hub: BenchHub, *, token: str | None = None) -> Starlette:
             Route("/sessions/{name}/report", pages.report),
             Route("/snapshots/{name}", pages.snapshot),
             *SessionPages(hub, pages.made, pages.in_turn).routes(),
+            *PosePages(hub, pages.in_turn, access).routes(),
             Route("/doctor", pages.doctor),
             Route("/login", pages.login, methods=["GET", "POST"]),
             WebSocketRoute("/live", _Sockets(hub).serve),

@@ -14,6 +14,7 @@ from standoff.console.web import messages
 from standoff.console.web.measure_commands import measure_commands, require_devices
 from standoff.console.web.picture_commands import picture_commands
 from standoff.console.web.plan_commands import PlanCommands
+from standoff.console.web.pose import pose_commands
 from standoff.console.web.session_commands import SessionCommands
 from standoff.errors import ApplicationError
 from standoff.library import PlannedComparisons, make_folder
@@ -50,8 +51,7 @@ class CommandHandler:
             messages.TargetMoved: lambda _: hub.run.target_moved(),
             messages.Retake: self._retake,
             messages.Answer: self._answer,
-            messages.PoseReference: self._pose_reference,
-            messages.PoseClear: lambda _: hub.pose.clear(),
+            **pose_commands(hub),
             **PlanCommands(hub).by_message(),
             **SessionCommands(hub).by_message(),
         }
@@ -170,17 +170,3 @@ class CommandHandler:
     def _answer(self, message: messages.Answer) -> None:
         if not self._hub.prompts.answer(message.number, message.choice, message.text):
             raise ApplicationError("That question has already been answered.")
-
-    def _pose_reference(self, message: messages.PoseReference) -> None:
-        if message.session is None or message.index is None:
-            latest = self._hub.frames.latest
-            if latest is None:
-                raise ApplicationError("There is no picture yet.")
-            self._hub.pose.choose("the picture taken just now", latest.image_dn)
-            return
-        session = self._hub.sessions.open(message.session)
-        record = next((r for r in session.records if r.index == message.index), None)
-        if record is None:
-            raise ApplicationError(f"{message.session} has no capture {message.index} to use.")
-        name = f"{message.session}, capture {message.index} at {record.height_mm:.1f} mm"
-        self._hub.pose.choose(name, session.load(record).mean_dn)

@@ -9,6 +9,12 @@ from acquisition.printable import on_one_line
 from acquisition.written_files import validation_lines
 from standoff.console.plan_drafts import PlanDraft
 from standoff.console.results import ResultKind
+from standoff.console.web.pose import (
+    ChoosePoseCurve,
+    PoseClear,
+    PoseReference,
+    SetPoseThreshold,
+)
 from standoff.console.web.typed_values import words_of_fault
 from standoff.errors import ApplicationError
 
@@ -316,20 +322,6 @@ class Include(_Message):
     reason: Reason = ""
 
 
-class PoseReference(_Message):
-    """Judge the pose against a capture, or against the current picture if none is named."""
-
-    do: Literal["pose-reference"]
-    session: Name | None = None
-    index: Index | None = None
-
-
-class PoseClear(_Message):
-    """Stop judging the pose."""
-
-    do: Literal["pose-clear"]
-
-
 Message = (
     Hello
     | Acknowledge
@@ -371,6 +363,8 @@ Message = (
     | Include
     | PoseReference
     | PoseClear
+    | ChoosePoseCurve
+    | SetPoseThreshold
 )
 
 _ADAPTER: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="do")])

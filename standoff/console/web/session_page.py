@@ -34,7 +34,7 @@ def session_document(
 ) -> dict[str, Any]:
     """One page of a session's captures, its notes and results, rounded for reading.
 
-    ``has_curves`` says whether the console was given curves by which poses are judged.
+    ``has_curves`` says whether there is a curve by which poses are judged.
 
     Raises
     ------
@@ -48,6 +48,7 @@ def session_document(
     kept = {capture.record.index for capture in captures if not capture.is_superseded}
     return {
         "name": name,
+        "has_curves": has_curves,
         "results": [asdict(each) for each in results_of(session, has_curves=has_curves)],
         "scenes": [
             {"index": r.index, "what": f"{_short(r.target)} at {r.height_mm:.1f} mm"}

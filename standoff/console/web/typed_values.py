@@ -10,6 +10,7 @@ _TYPED = {
     "high_mm": ("highest height", " mm"),
     "steps": ("number of heights", ""),
     "session": ("session's name", ""),
+    "min_dprime": ("threshold of d'", ""),
     "reason": ("reason", ""),
     "text": ("answer", ""),
 }

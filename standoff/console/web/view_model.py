@@ -15,12 +15,12 @@ from standoff.console.devices import (
     FrameCounts,
     Levels,
     PictureFacts,
-    PoseView,
     StageView,
 )
 from standoff.console.jobs import ControlView, PlanRow, Prompt, RunView
 from standoff.console.results import ResultProgress
 from standoff.console.web.figure_ages import Validity, figure_ages
+from standoff.console.web.pose import pose_state
 from standoff.terminal import time_text
 
 SCARCE_BYTES, TOO_FEW_BYTES = 2 * 10**9, 10**8
@@ -63,7 +63,7 @@ def state_document(hub: BenchHub) -> Document:
         "run": run_document(hub.run.view, is_pause_wanted=hub.run.is_pause_wanted),
         "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
         "prompt": prompt_document(hub.prompts.current),
-        "pose": pose_document(hub.pose.view, ages["pose"].validity),
+        "pose": pose_state(hub, ages["pose"].validity),
         "exposure_limits_us": list(hub.camera.exposure_limits_us),
         "snapshot": hub.snapshots.latest,
         "disk": disk_document(hub.free_bytes()),
@@ -306,30 +306,6 @@ def prompt_document(prompt: Prompt | None) -> Document | None:
         "text": on_one_line(prompt.text),
         "wants_text": prompt.wants_text,
         "choices": [{"key": each.key, "label": each.label} for each in prompt.choices],
-    }
-
-
-def pose_document(view: PoseView, validity: Validity = "valid") -> Document:
-    """Go, no go or unsure, with the reason, the margin and the probability, unless too old."""
-    document: Document = {
-        "is_possible": view.is_possible,
-        "reference": view.reference,
-        "verdict": "",
-        "reason": "",
-        "margin": "",
-        "probability": "",
-    }
-    verdict = view.verdict
-    if not view.reference:
-        return document
-    if verdict is None or validity == "none":
-        return document | {"verdict": "…", "reason": "waiting for a picture"}
-    margin = "" if verdict.margin is None else f"{100 * verdict.margin:+.0f} %"
-    return document | {
-        "verdict": verdict.verdict.upper(),
-        "reason": verdict.reason,
-        "margin": margin,
-        "probability": "" if verdict.probability is None else f"{100 * verdict.probability:.0f} %",
     }
 
 

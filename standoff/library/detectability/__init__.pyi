@@ -8,6 +8,7 @@ from .limits import (
     d_prime_curves as d_prime_curves,
     given_curve as given_curve,
     pose_limits as pose_limits,
+    read_any_curves as read_any_curves,
 )
 from .measured_curves import (
     MeasuredCurves as MeasuredCurves,

@@ -215,7 +215,7 @@ def test_what_cannot_be_done_is_refused_with_the_reason(hub: BenchHub, operator:
         ({"do": "result", "result": "report", "session": "nothing"}, ApplicationError, "'nothing'"),
         ({"do": "answer", "number": 7, "choice": "ready"}, ApplicationError, "answered"),
         ({"do": "region", "region": (0, 0, 2, 2)}, ApplicationError, "8 pixels"),
-        ({"do": "pose-reference"}, ApplicationError, "--curves"),
+        ({"do": "pose-curve", "file": "../curves.json"}, ApplicationError, "no file"),
     ]
     for fields, kind, shown in refused:
         with pytest.raises(kind) as error:

@@ -1,4 +1,4 @@
-// The bench page: picture, focus, stage, pose, session.
+// The bench page: picture, focus, stage, session.
 
 import "./ages.js";
 import { drawTrace } from "./charts.js";
@@ -15,11 +15,10 @@ connection.addEventListener("levels", ({ detail }) => {
 
 connection.addEventListener("state", ({ detail }) => {
   state = detail;
-  const { focus, stage, pose, run, control } = state;
+  const { focus, stage, run, control } = state;
   const isMine = control.is_mine;
   focus_(focus, isMine);
   stage_(stage, isMine);
-  pose_(pose, isMine);
   run_(run, isMine);
 });
 
@@ -51,16 +50,6 @@ function stage_(stage, isMine) {
   for (const element of [...byId("move-form").elements, ...document.querySelectorAll("[data-step]")]) {
     if (element.id !== "home" && element.id !== "unlock") element.disabled = !(isReady && stage.is_homed);
   }
-}
-
-function pose_(pose, isMine) {
-  setText("pose-verdict", pose.verdict || "–");
-  byId("pose-verdict").className = `verdict ${pose.verdict === "GO" ? "go" : pose.verdict === "NO GO" ? "no" : pose.verdict === "UNSURE" ? "unsure" : ""}`;
-  const help = pose.is_possible ? "choose a reference: this picture, or a capture of a session" : "to judge poses, start the console with --curves";
-  setText("pose-reason", pose.reference ? pose.reason : help);
-  setText("pose-reference", pose.reference ? `${pose.margin && `margin ${pose.margin} · `}${pose.probability && `${pose.probability} sure of the threshold · `}against ${pose.reference}` : "");
-  enable(isMine && pose.is_possible, "pose-here", "pose-clear");
-  show("pose-clear", Boolean(pose.reference));
 }
 
 function run_(run, isMine) {
@@ -139,8 +128,6 @@ byId("move-form").onsubmit = (event) => {
 for (const button of document.querySelectorAll("[data-step]")) {
   button.onclick = () => command("move", { height_mm: Number(button.dataset.step), is_relative: true });
 }
-byId("pose-here").onclick = () => command("pose-reference");
-byId("pose-clear").onclick = () => command("pose-clear");
 byId("plan").onchange = () => { planShown = "preview"; preview(); };
 byId("run-form").onsubmit = (event) => {
   event.preventDefault();

@@ -3,6 +3,7 @@
 import { byId, command, connection, setText, show } from "./shell.js";
 
 const session = byId("session").dataset.name;
+const hadCurves = byId("session").dataset.curves === "yes";
 const LEVELS = { running: "warn", done: "ok", failed: "fail", stopped: "warn" };
 let wasRunning = false;
 let numberSeen = null; // of the last result: each one has the next number
@@ -51,7 +52,7 @@ function change(what, fields) {
   command(what, { session, ...fields });
 }
 
-connection.addEventListener("state", ({ detail: { job, control, result } }) => {
+connection.addEventListener("state", ({ detail: { job, control, result, pose } }) => {
   const isRunning = result.state === "running";
   for (const button of document.querySelectorAll("main button")) button.disabled = !control.is_mine || (job && !button.dataset.reference);
   byId("cancel-result").disabled = !control.is_mine || !isRunning || Boolean(job?.is_stopping);
@@ -68,5 +69,7 @@ connection.addEventListener("state", ({ detail: { job, control, result } }) => {
   const isEnded = !isRunning && (wasRunning || (numberSeen !== null && result.number !== numberSeen));
   numberSeen = result.number;
   wasRunning = isRunning;
-  if (isEnded && result.session === session) location.reload();
+  // Curves were chosen meanwhile, or none: poses can be computed now, or not.
+  const isTyping = document.activeElement.matches("input, select");
+  if ((isEnded && result.session === session) || (pose.is_possible !== hadCurves && !isTyping)) location.reload();
 });

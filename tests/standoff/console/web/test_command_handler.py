@@ -19,11 +19,10 @@ from hil_mocks.clock import RealTimeClock
 from hil_mocks.stage import StageFaults
 from simulation.arrays import AnyArray
 from standoff.console.bench_hub import BenchHub
-from standoff.console.devices import PoseCurve
 from standoff.console.drivers import BenchDrivers, bench_drivers
 from standoff.console.jobs.job_runner import BusyError, Job
 from standoff.console.jobs.session_run import RunView
-from standoff.console.web.view_model import pose_document
+from standoff.console.web.pose import pose_document
 from standoff.errors import ApplicationError
 from standoff.library.bench.devices import place_in_simulation
 from tests.standoff.console.hub_fixtures import (
@@ -97,12 +96,9 @@ class SizeTracker:
 def pose_hub(folder: Path) -> BenchHub:
     """A hub that may judge poses; its devices are not opened."""
     bench = small_bench()
-    return BenchHub(
-        bench,
-        bench_drivers(bench),
-        sessions=folder / "sessions",
-        curve=PoseCurve(make_tracker=SizeTracker),  # type: ignore[arg-type]  # it has all that is asked
-    )
+    hub = BenchHub(bench, bench_drivers(bench), sessions=folder / "sessions")
+    hub.pose.judge_by(SizeTracker)  # type: ignore[arg-type]  # it has all that is asked
+    return hub
 
 
 def test_the_gain_is_set_for_the_live_picture(hub: BenchHub) -> None:

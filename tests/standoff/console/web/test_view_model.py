@@ -11,9 +11,11 @@ from standoff.console.devices.device_status import DeviceStatus
 from standoff.console.devices.frame_broadcaster import FrameCounts
 from standoff.console.devices.picture_monitor import Levels, PictureFacts
 from standoff.console.devices.pose_monitor import PoseView
+from standoff.console.devices.reference_picture import ReferencePicture
 from standoff.console.devices.stage_service import StageView
 from standoff.console.jobs.control_arbiter import ControlView
 from standoff.console.jobs.session_run import PlanRow, RunView
+from standoff.console.web.pose import pose_document
 from standoff.console.web.view_model import (
     camera_document,
     control_document,
@@ -21,7 +23,6 @@ from standoff.console.web.view_model import (
     focus_document,
     levels_document,
     plan_document,
-    pose_document,
     run_document,
     saturation_text,
     stage_document,
@@ -29,6 +30,9 @@ from standoff.console.web.view_model import (
 from tests.acquisition.fakes import SETTINGS
 
 READY = DeviceStatus(state="ready")
+BEFORE = ReferencePicture(
+    number=1, name="before", image_dn=np.zeros((4, 6), np.uint16), max_level_dn=4095
+)
 
 
 def reading(**changes: object) -> FocusReading:
@@ -181,7 +185,7 @@ def test_the_pose_is_go_no_go_or_unsure_with_its_margin_and_probability(
         overlap=None,
         anchored=False,
     )
-    shown = pose_document(PoseView(is_possible=True, reference="before", verdict=found))
+    shown = pose_document(PoseView(is_possible=True, picture=BEFORE, verdict=found))
     assert (shown["verdict"], shown["margin"], shown["probability"]) == texts
     assert shown["reason"] == "because"
     assert pose_document(PoseView(is_possible=True))["verdict"] == ""
