@@ -18,7 +18,6 @@ from tests.standoff.console.hub_fixtures import DEADLINE_S
 from tests.standoff.console.served import served
 from tests.standoff.console.slow_link import slow_link
 from tests.standoff.console.textured_camera import textured_hub
-from tests.standoff.console.web.live_page import DESK
 
 pytestmark = [pytest.mark.slow, pytest.mark.waits]
 
@@ -38,7 +37,7 @@ def slow_page(
         served(hub) as address,
         slow_link(address, rate_bytes_per_s, one_way_s) as link,
     ):
-        context = browser.new_context(viewport=DESK)
+        context = browser.new_context(viewport={"width": 1440, "height": 900})
         try:
             page = context.new_page()
             page.set_default_timeout(1e3 * DEADLINE_S)
@@ -104,7 +103,7 @@ def test_pictures_keep_up_with_the_link_and_stop_comes_before_them(
 
 def test_a_fast_link_shows_every_pixel_as_it_is(browser: Browser, tmp_path: Path) -> None:
     with textured_hub(tmp_path, noise_dn=0.0) as hub, served(hub) as (host, port):
-        context = browser.new_context(viewport=DESK)
+        context = browser.new_context(viewport={"width": 1440, "height": 900})
         try:
             page = context.new_page()
             page.set_default_timeout(1e3 * DEADLINE_S)
@@ -131,7 +130,7 @@ def test_the_age_of_a_picture_is_by_the_consoles_clock(
         monkeypatch.setattr(hub.frames, "_clock", lambda: time.time() - 3600.0)
         monkeypatch.setattr("standoff.console.web.viewer.wall_s", lambda: time.time() - 3600.0)
         with served(hub) as (host, port):
-            context = browser.new_context(viewport=DESK)
+            context = browser.new_context(viewport={"width": 1440, "height": 900})
             try:
                 page = context.new_page()
                 page.set_default_timeout(1e3 * DEADLINE_S)
