@@ -56,6 +56,7 @@ class _PictureCommands:
 
     def set_exposure(self, message: messages.SetExposure) -> None:
         self._refuse_while_capturing()
+        self._refuse_beyond_limits(message.exposure_us)
         if message.exposure_us > 1e6 * LONG_S and not message.is_long_wanted:
             raise ApplicationError(
                 f"Each picture would take {1e-6 * message.exposure_us:.3g} s: say that this is "
@@ -169,6 +170,15 @@ class _PictureCommands:
         )
         name = self._hub.snapshots.save(snapshot_bytes(levels_dn, record), taken)
         self._hub.tell(f"Snapshot stored: {name}")
+
+    def _refuse_beyond_limits(self, exposure_us: float) -> None:
+        low_us, high_us = self._hub.camera.exposure_limits_us
+        if not self._hub.camera.status.is_ready or low_us <= exposure_us <= high_us:
+            return
+        limit = f"at least {low_us:.9g} µs, its shortest"
+        if exposure_us > high_us:
+            limit = f"at most {high_us:.9g} µs, its longest"
+        raise ApplicationError(f"The exposure of this camera must be {limit}.")
 
     def _refuse_while_capturing(self) -> None:
         job = self._hub.jobs.current

@@ -129,7 +129,7 @@ connection.addEventListener("tick", () => {
   setText("chip-latency", `answers take ${seconds(latencyMs)}`);
   show("alert-mute", isOpen && latencyMs > MUTE_MS);
 });
-connection.addEventListener("refused", ({ detail }) => tell(detail.text));
+connection.addEventListener("refused", ({ detail }) => { if (detail.do !== "plan-check") tell(detail.text); }); // which says it at the field
 connection.addEventListener("state", ({ detail: state }) => {
   device("camera", state.camera);
   device("stage", state.stage);
