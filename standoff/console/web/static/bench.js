@@ -48,6 +48,7 @@ function stage_(stage, isMine) {
   byId("stage-homed").className = `tag ${stage.is_homed ? "ok" : "warn"}`;
   setText("stage-limits", stage.limits);
   show("unlock", stage.motion === "alarm");
+  byId("home").classList.toggle("primary", stage.state === "ready" && !stage.is_homed && stage.motion !== "homing");
   enable(isReady, "home", "unlock");
   for (const element of [...byId("move-form").elements, ...document.querySelectorAll("[data-step]")]) {
     if (element.id !== "home" && element.id !== "unlock") element.disabled = !(isReady && stage.is_homed);

@@ -47,7 +47,7 @@ def homed(hub: BenchHub) -> None:
 def told(page: Page) -> str:
     """What the page told last; it is gone when the next is waited for."""
     wait_until(lambda: page.locator("#notices li").count() > 0, "it is told")
-    words = text(page, "#notices li:last-child")
+    words = text(page, "#notices li:first-child")
     page.evaluate("document.getElementById('notices').replaceChildren()")
     return words
 
