@@ -1,4 +1,4 @@
-"""Every page as axe-core judges it, with all of its rules: light and dark, on a desk and a phone."""
+"""Every page as axe-core judges it, by all of its rules: light and dark, on desk and phone."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +14,6 @@ pytest.importorskip("axe_playwright_python", reason="axe-playwright-python is no
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
 
-from hil_mocks.camera import CameraFaults, SimulatedCamera
-from standoff.console.bench_hub import BenchHub
 from tests.standoff.console.console_rig import chromium_browser, text, wait_until
 from tests.standoff.console.hub_fixtures import DEADLINE_S, idle_hub, running_hub
 from tests.standoff.console.served import served
@@ -78,17 +76,6 @@ def another_page(browser: Browser, url: str, view: View) -> Iterator[Page]:
         context.close()
 
 
-def lose_camera(hub: BenchHub) -> None:
-    camera = hub.camera._camera
-    assert isinstance(camera, SimulatedCamera)
-    camera.faults = CameraFaults(disconnect_at=0)
-    hub.camera._opened = _never  # type: ignore[method-assign]
-
-
-def _never() -> SimulatedCamera:
-    raise ConnectionError
-
-
 def test_a_fault_is_found(browser: Browser, tmp_path: Path) -> None:
     with live_page(browser, idle_hub(tmp_path)) as live:
         judged(live.page, "as it is served")
@@ -104,14 +91,12 @@ def test_the_bench_page_has_no_fault(browser: Browser, tmp_path: Path, view: Vie
         wait_until(lambda: live.asked("standoff.picture.drawn") > 3, "pictures")
         judged(page, "in control")
         page.click("#sweep-box summary")
-        page.click("#profile-on")
         for box in ("#watch-field", "#watch-square", "#cross", "#brighten"):
             page.check(box)
-        page.keyboard.press("Tab")
-        hub.picture.look_at(None)
-        live.asked("document.getElementById('frame').focus()")
+        page.focus("#frame")
         page.keyboard.press("ArrowRight")
         page.wait_for_selector("#region:visible")
+        page.click("#profile-on")
         wait_until(lambda: page.locator(".corner:visible").count() == 4, "four corners")
         for number in range(4):
             hub.tell(f"Notice {number}: {'what happened, and what to do about it, ' * 4}")
@@ -176,8 +161,6 @@ def test_the_bench_page_of_a_lost_camera_has_no_fault(
             judged(page, "with figures that are nothing")
         finally:
             hub.camera.give_turn()
-        camera = hub.camera._camera
-        assert isinstance(camera, SimulatedCamera)
         wait_until(lambda: not page.is_visible("#no-picture"), "pictures again")
         page.evaluate(KEEP_ALERTS)
         judged(page, "with every alert")
