@@ -110,7 +110,22 @@ VALID = {
     "result": "noise",
     "draft": {"name": "typed", "targets": [{"kind": "edge", "target": "edge"}]},
 }
-WRONG = (None, True, "x", "", "x" * 2500, -1, -1e9, 2.5, 1e12, 10**30, math.nan, math.inf, [], {})
+WRONG: tuple[object, ...] = (
+    None,
+    True,
+    "x",
+    "",
+    "x" * 2500,
+    -1,
+    -1e9,
+    2.5,
+    1e12,
+    10**30,
+    math.nan,
+    math.inf,
+    [],
+    {},
+)
 NOT_TYPED = {
     "viewer", "pictures", "sequence", "number", "id", "x", "y", "start", "end", "region", "metric",
     "is_on", "has_field", "ends_at_peak", "is_relative", "is_replacing", "is_long_wanted",
@@ -132,7 +147,7 @@ def meant(kind: type[BaseModel]) -> dict[str, Any]:
 
 def places(kind: type[BaseModel]) -> list[tuple[str, ...]]:
     """The paths of all fields of a message, with those of a plan and of its first target."""
-    own = [(name,) for name in kind.model_fields if name != "do"]
+    own: list[tuple[str, ...]] = [(name,) for name in kind.model_fields if name != "do"]
     if ("draft",) in own:
         own += [("draft", name) for name in PlanDraft.model_fields]
         own += [("draft", "targets", "0", name) for name in TargetDraft.model_fields]

@@ -23,7 +23,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.waits]
 SIDE = {"width": 844, "height": 390}
 MOST_PX = 110.0
 NAME = "Wilhelmina Featherstonehaugh-Montgomery of the optics bench!"
-TOUCH = {"has_touch": True, "is_mobile": True}
+TOUCH: dict[str, Any] = {"has_touch": True, "is_mobile": True}
+SIZES: tuple[dict[str, Any], ...] = (
+    {"viewport": DESK},
+    {"viewport": {"width": 1000, "height": 700}},
+    {"viewport": {"width": 600, "height": 900}},
+    {"viewport": PHONE} | TOUCH,
+    {"viewport": SIDE} | TOUCH,
+)
 PATHS = ("", "sessions", "doctor", "plans/edit", "nothing")
 
 STOP_IS_HIT = """() => {
@@ -139,13 +146,7 @@ def test_the_header_of_a_phone_is_low_in_every_state(
     [
         pytest.param(path, options, id=f"{path or 'bench'} {options['viewport']['width']}")
         for path in ("", "plans/edit")
-        for options in (
-            {"viewport": DESK},
-            {"viewport": {"width": 1000, "height": 700}},
-            {"viewport": {"width": 600, "height": 900}},
-            {"viewport": PHONE} | TOUCH,
-            {"viewport": SIDE} | TOUCH,
-        )
+        for options in SIZES
     ],
 )
 def test_four_long_notices_cover_no_control(
