@@ -1,5 +1,7 @@
 from .auto_exposure import (
+    EXPOSURE_AIM as EXPOSURE_AIM,
     SHORTEST_EXPOSURE_US as SHORTEST_EXPOSURE_US,
+    ExposureLimit as ExposureLimit,
     FoundExposure as FoundExposure,
     find_exposure as find_exposure,
     flicker_fraction as flicker_fraction,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from acquisition.bracket import ExposureControl
 from acquisition.devices import Camera
 from acquisition.errors import CaptureError
 
-AIM = 0.7
+EXPOSURE_AIM = 0.7
 """Fraction of the range above the black level that the brightest parts should reach."""
 
 TOLERANCE = 0.1
@@ -25,13 +26,21 @@ BRIGHT_PERCENTILE = 99.5
 SATURATED_STEP = 4.0
 LARGEST_STEP = 16.0
 
+ExposureLimit = Literal["shortest", "longest", "flicker"]
+"""What keeps an exposure from the wanted level: a limit, or that it is whole periods of flicker."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExposureStep:
-    """The exposure to set next; ``is_settled`` means that the present one may stay."""
+    """The exposure to set next; ``is_settled`` means that the present one may stay.
+
+    ``limited_by`` says what keeps it more than 10 % from the one that was wanted; empty if nothing
+    does.
+    """
 
     exposure_us: float
     is_settled: bool
+    limited_by: tuple[ExposureLimit, ...] = ()
 
 
 def next_exposure(
@@ -76,20 +85,36 @@ def next_exposure(
     if bright_dn >= max_level_dn:
         factor = 1 / SATURATED_STEP
     else:
-        factor = min(AIM / max(light, AIM / LARGEST_STEP), LARGEST_STEP)
-    asked_us = min(max(exposure_us * factor, shortest_us), longest_us)
-    asked_us = max(without_flicker(asked_us, mains_hz), shortest_us)
+        factor = min(EXPOSURE_AIM / max(light, EXPOSURE_AIM / LARGEST_STEP), LARGEST_STEP)
+    wanted_us = exposure_us * factor
+    clipped_us = min(max(wanted_us, shortest_us), longest_us)
+    asked_us = max(without_flicker(clipped_us, mains_hz), shortest_us)
     # Whole periods cannot come closer than half of one; there the present one stays.
     is_settled = abs(asked_us - exposure_us) <= TOLERANCE * exposure_us
-    return ExposureStep(exposure_us=exposure_us if is_settled else asked_us, is_settled=is_settled)
+    applied: dict[ExposureLimit, bool] = {
+        "shortest": wanted_us < shortest_us,
+        "longest": wanted_us > longest_us,
+        "flicker": asked_us < clipped_us,
+    }
+    set_us = exposure_us if is_settled else asked_us
+    is_wanted = abs(wanted_us - set_us) <= TOLERANCE * set_us
+    return ExposureStep(
+        exposure_us=set_us,
+        is_settled=is_settled,
+        limited_by=() if is_wanted else tuple(limit for limit, is_so in applied.items() if is_so),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundExposure:
-    """An exposure as read back, and the fraction of the range that the brightest parts reach."""
+    """An exposure as read back, and the fraction of the range that the brightest parts reach.
+
+    ``limited_by`` says why that is not 70 %, to 10 %; empty if it is.
+    """
 
     exposure_us: float
     bright_fraction: float
+    limited_by: tuple[ExposureLimit, ...] = ()
 
 
 def find_exposure(
@@ -133,6 +158,7 @@ def find_exposure(
             return FoundExposure(
                 exposure_us=settings.exposure_us,
                 bright_fraction=(bright_dn - settings.black_level_dn) / span_dn,
+                limited_by=step.limited_by,
             )
         exposure_us = step.exposure_us
     raise CaptureError(

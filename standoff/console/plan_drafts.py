@@ -7,16 +7,19 @@ import tomllib
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
 
 from acquisition.choices import CaptureKind
-from acquisition.errors import PlanError
 from acquisition.plan import CapturePlan, parse_plan
+from acquisition.written_files import validation_keys
+from standoff.console.typed_values import requirement
 from standoff.errors import ApplicationError
 
 SOURCE = "plan"
 MOST_CAPTURES = 100_000
 MOST_TARGETS = 100
+MOST_FAULTS = 4
 SHORTEST_SERIES = 4
 LABELS = {
     "heights_mm": "heights",
@@ -24,12 +27,17 @@ LABELS = {
     "orientations_deg": "orientations",
     "exposure_us": "exposures",
     "settle_s": "wait after a move",
+    "bracket.exposures": "exposures of the bracket",
+    "bracket.ratio": "ratio of the bracket",
 }
 """What the page calls the keys of a plan file; others by themselves."""
 
 _KEY = re.compile(
-    rf"targets\.(?P<number>\d+)(?:\.(?P<own>[a-z_]+))?|\b(?P<field>{'|'.join(LABELS)})\b"
+    r"targets\.(?P<number>\d+)(?:\.(?P<own>(?:bracket\.)?[a-z_]+))?"
+    rf"|\b(?P<field>{'|'.join(map(re.escape, LABELS))})\b"
 )
+UNITS = {"heights_mm": " mm", "exposure_us": " µs", "orientations_deg": "°", "settle_s": " s"}
+
 _SERIES = re.compile(r"(\S+) to (\S+) step (\S+)")
 _KEYS_WRITTEN = (
     "schema",
@@ -112,9 +120,11 @@ def plan_of(draft: PlanDraft) -> CapturePlan:
     if draft.frames:
         table["frames_per_capture"] = draft.frames
     try:
-        plan = parse_plan(table, source=SOURCE)
-    except PlanError as error:
-        raise _fault(str(error).removeprefix(f"{SOURCE}: "), error.keys) from error
+        plan = CapturePlan.model_validate(table)
+    except ValidationError as error:
+        faults = error.errors()
+        text = "; ".join(_fault_text(fault) for fault in faults[:MOST_FAULTS])
+        raise _fault(text, validation_keys(error)) from error
     captures = captures_in(plan)
     if captures > MOST_CAPTURES:
         raise DraftError(f"{captures} captures are more than {MOST_CAPTURES}", ("repeats",))
@@ -187,8 +197,15 @@ def _fault(text: str, keys: tuple[str, ...]) -> DraftError:
     named = tuple(key for key in keys if key)
     if not named:  # of the whole plan: the text begins with the key
         named = tuple(match[0] for match in _KEY.finditer(text))
-    text = text.replace("Value error, ", "").removeprefix(": ")
     return DraftError(_KEY.sub(_label, text), named)
+
+
+def _fault_text(fault: ErrorDetails) -> str:
+    """What is wrong with one value, beginning with the key of its field."""
+    *path, last = fault["loc"] or ("",)
+    key = ".".join(map(str, path if isinstance(last, int) else (*path, last)))
+    unit = next((unit for name, unit in UNITS.items() if name in fault["loc"]), "")
+    return f"{key}{requirement(fault, unit)}".removeprefix(": ")
 
 
 def _label(key: re.Match[str]) -> str:

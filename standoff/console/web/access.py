@@ -9,6 +9,9 @@ from urllib.parse import urlsplit
 
 MIN_TOKEN_CHARS = 12
 
+PAGE_SCHEMES = {"ws": "http", "wss": "https"}
+"""Scheme of the pages that open websockets of each scheme."""
+
 
 def is_loopback_host(host: str) -> bool:
     """Whether a name or address can only be reached from this computer."""
@@ -67,15 +70,26 @@ class Access:
         return hmac.compare_digest(known.encode(), self.cookie_value.encode())
 
     @staticmethod
-    def is_own_page(*, origin: str | None, host: str) -> bool:
-        """Whether a websocket was opened by a page of this console: same name, same port."""
+    def is_own_page(*, origin: str | None, host: str, scheme: str) -> bool:
+        """Whether a websocket was opened by a page of this console: same scheme, name and port.
+
+        Parameters
+        ----------
+        origin
+            Its ``Origin`` header; None if there is none.
+        host
+            Its ``Host`` header.
+        scheme
+            That it came by: ``ws``, or ``wss`` where the console itself is served with TLS.
+        """
         if origin is None or not host:
             return False
         try:
             parts = urlsplit(origin)
         except ValueError:  # "http://[" is not an address
             return False
-        return parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower()
+        is_same_scheme = parts.scheme == PAGE_SCHEMES.get(scheme)
+        return is_same_scheme and parts.netloc.lower() == host.lower()
 
 
 def _name_of(host: str) -> str:

@@ -71,7 +71,9 @@ class AccessMiddleware:
 
     async def _serve_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = Headers(scope=scope)
-        own = self._access.is_own_page(origin=headers.get("origin"), host=headers.get("host", ""))
+        own = self._access.is_own_page(
+            origin=headers.get("origin"), host=headers.get("host", ""), scheme=scope["scheme"]
+        )
         if own and self._may_enter(scope):
             await self._app(scope, receive, send)
             return

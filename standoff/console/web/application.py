@@ -343,7 +343,7 @@ class _Sockets:
             except (WebSocketDisconnect, RuntimeError):
                 return
             except KeyError:
-                viewer.reply({"type": "refused", "text": "a message must be text"})
+                viewer.reply(_refusal("a message must be text"))
                 continue
             self._take(text, viewer, waiting)
 
@@ -363,9 +363,11 @@ class _Sockets:
                 case _:
                     waiting.put_nowait(message)
         except asyncio.QueueFull:
-            viewer.reply({"type": "refused", "text": "too many commands at once: try again"})
+            viewer.reply(_refusal("too many commands at once: try again"))
+        except messages.MessageError as error:
+            viewer.reply(_refusal(str(error), error.do, error.key))
         except REPORTED_ERRORS as error:
-            viewer.reply({"type": "refused", "text": str(error)})
+            viewer.reply(_refusal(str(error)))
 
     def _stop(self, message: messages.Stop, viewer: Viewer) -> None:
         """Stop, and say that it was heard; a stop that comes again is only answered."""
@@ -384,10 +386,17 @@ class _Sockets:
                     self._worker, self._handler.carry_out, viewer.identity, message
                 )
             except REPORTED_ERRORS as error:
-                viewer.reply({"type": "refused", "text": str(error)})
+                viewer.reply(
+                    _refusal(str(error), message.do, messages.key_at_fault(message, error))
+                )
                 continue
             if answer is not None:
                 viewer.reply(answer)
+
+
+def _refusal(text: str, do: str = "", key: str = "") -> dict[str, str]:
+    """What a page is told that asked for something in vain; a field at fault is set back."""
+    return {"type": "refused", "text": text, "do": do, "key": key}
 
 
 async def _quietly(closing: Awaitable[None]) -> None:

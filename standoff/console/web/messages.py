@@ -5,17 +5,17 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from acquisition.choices import FocusMeasure
+from acquisition.errors import StageLimitError
 from acquisition.printable import on_one_line
-from acquisition.written_files import validation_lines
 from standoff.console.plan_drafts import PlanDraft
 from standoff.console.results import ResultKind
+from standoff.console.typed_values import NOT_UNDERSTOOD, field_at_fault, words_of_fault
 from standoff.console.web.pose import (
     ChoosePoseCurve,
     PoseClear,
     PoseReference,
     SetPoseThreshold,
 )
-from standoff.console.web.typed_values import words_of_fault
 from standoff.errors import ApplicationError
 
 MAX_MESSAGE_CHARS = 4096
@@ -33,7 +33,20 @@ Positive = Annotated[float, Field(gt=0, le=1e8, allow_inf_nan=False)]
 
 
 class MessageError(ApplicationError, ValueError):
-    """A page sent something that is not a message; nothing was done."""
+    """A page sent something that is not a message; nothing was done.
+
+    Parameters
+    ----------
+    text
+        For whoever typed it in.
+    do, key
+        The command, and the key of its field at fault; empty where they are not known.
+    """
+
+    def __init__(self, text: str, *, do: str = "", key: str = "") -> None:
+        super().__init__(text)
+        self.do = do
+        self.key = key
 
 
 class _Message(BaseModel):
@@ -379,9 +392,22 @@ def parse_message(text: str) -> Message:
         If it is not a message; the error gives the reason in one line.
     """
     if len(text) > MAX_MESSAGE_CHARS:
-        raise MessageError(f"a message may have at most {MAX_MESSAGE_CHARS} characters")
+        raise MessageError(
+            f"That is too long: the console reads at most {MAX_MESSAGE_CHARS} characters at once."
+        )
     try:
         return _ADAPTER.validate_json(text)
     except ValidationError as error:
-        words = words_of_fault(error) or f"not understood: {validation_lines(error)[:300]}"
-        raise MessageError(words) from error
+        do = error.errors()[0]["loc"][:1]
+        if not do:
+            raise MessageError(NOT_UNDERSTOOD) from error
+        key = field_at_fault(error)
+        raise MessageError(words_of_fault(error), do=str(do[0]), key=key) from error
+
+
+def key_at_fault(message: Message, error: Exception) -> str:
+    """The key of the field with the height that is beyond the stage's travel; empty for others."""
+    if not isinstance(error, StageLimitError):
+        return ""
+    fields = message.model_dump()
+    return next((key for key, value in fields.items() if value == error.height_mm), "")

@@ -1,6 +1,7 @@
 """Executes the commands that concern the live picture: its levels and the camera's settings."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, TypeVar
 
@@ -8,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.averaging import average_frames
+from acquisition.bench import CameraConfig
 from acquisition.bracket import ExposureControl
-from acquisition.capture import SHORTEST_EXPOSURE_US, FoundExposure, find_exposure
+from acquisition.capture import EXPOSURE_AIM, SHORTEST_EXPOSURE_US, FoundExposure, find_exposure
 from acquisition.devices import CameraSettings
 from acquisition.restarting import restarted
 from standoff.console.bench_hub import BenchHub
@@ -27,9 +29,6 @@ from standoff.errors import ApplicationError
 
 AUTO_EXPOSURE = "finding the exposure"
 SNAPSHOT = "averaging a snapshot"
-
-FAINT_FRACTION = 0.5
-"""Of the range: what is darker than that was not exposed as intended."""
 
 Document = dict[str, Any]
 T = TypeVar("T")
@@ -57,6 +56,7 @@ class _PictureCommands:
 
     def set_exposure(self, message: messages.SetExposure) -> None:
         self._refuse_while_capturing()
+        self._refuse_beyond_limits(message.exposure_us)
         if message.exposure_us > 1e6 * LONG_S and not message.is_long_wanted:
             raise ApplicationError(
                 f"Each picture would take {1e-6 * message.exposure_us:.3g} s: say that this is "
@@ -113,8 +113,9 @@ class _PictureCommands:
         """Find the exposure; if that fails or is stopped, the one before is set again."""
         service, bench = self._hub.camera, self._hub.bench
         low_us, high_us = service.exposure_limits_us
-        period_us = max(1e6 / bench.camera.frame_rate_hz, bench.camera.exposure_us)
-        limits_us = (max(SHORTEST_EXPOSURE_US, low_us), min(period_us, high_us))
+        mains_hz = bench.capture.mains_hz
+        longest = longest_exposure(bench.camera, high_us)
+        limits_us = (max(SHORTEST_EXPOSURE_US, low_us), longest.exposure_us)
         with service.lent(job.check) as camera:
             exposure_us = camera.settings.exposure_us
             try:
@@ -123,14 +124,14 @@ class _PictureCommands:
                         camera,
                         ExposureControl(camera, None, self._hub.clock),
                         limits_us=limits_us,
-                        mains_hz=bench.capture.mains_hz,
+                        mains_hz=mains_hz,
                     )
                 )
                 exposure_us = found.exposure_us
             finally:
                 # Asked of the service, so that a camera that is reopened gets it, too.
                 service.set_exposure_us(exposure_us)
-        self._hub.tell(exposure_sentence(found))
+        self._hub.tell(exposure_sentence(found, longest=longest, mains_hz=mains_hz))
 
     def _average_snapshot(self, job: Job, frames: int) -> None:
         with self._hub.camera.lent(job.check) as camera:
@@ -170,6 +171,15 @@ class _PictureCommands:
         name = self._hub.snapshots.save(snapshot_bytes(levels_dn, record), taken)
         self._hub.tell(f"Snapshot stored: {name}")
 
+    def _refuse_beyond_limits(self, exposure_us: float) -> None:
+        low_us, high_us = self._hub.camera.exposure_limits_us
+        if not self._hub.camera.status.is_ready or low_us <= exposure_us <= high_us:
+            return
+        limit = f"at least {low_us:.9g} µs, its shortest"
+        if exposure_us > high_us:
+            limit = f"at most {high_us:.9g} µs, its longest"
+        raise ApplicationError(f"The exposure of this camera must be {limit}.")
+
     def _refuse_while_capturing(self) -> None:
         job = self._hub.jobs.current
         if job is None:
@@ -182,18 +192,65 @@ class _PictureCommands:
             raise BusyError(job.name)
 
 
-def exposure_sentence(found: FoundExposure) -> str:
-    """What was found, and what to do if it is not enough light, or too much."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LongestExposure:
+    """The longest exposure that is tried: what sets it, and what one may do about that."""
+
+    exposure_us: float
+    words: str
+    remedy: str
+
+
+def longest_exposure(camera: CameraConfig, high_us: float) -> LongestExposure:
+    """The camera's longest, or one that does not slow the pictures down if that is shorter."""
+    frame = LongestExposure(
+        exposure_us=1e6 / camera.frame_rate_hz,
+        words=f"a frame takes at camera.frame_rate_hz = {camera.frame_rate_hz:g}",
+        remedy="raise the gain, or lower camera.frame_rate_hz in the bench file",
+    )
+    bench = LongestExposure(
+        exposure_us=camera.exposure_us,
+        words="camera.exposure_us of the bench file",
+        remedy="raise the gain, or enter a longer exposure",
+    )
+    own = LongestExposure(
+        exposure_us=high_us, words="the camera can expose", remedy="or raise the gain"
+    )
+    allowed = max(frame, bench, key=lambda each: each.exposure_us)
+    return min(allowed, own, key=lambda each: each.exposure_us)
+
+
+def exposure_sentence(found: FoundExposure, *, longest: LongestExposure, mains_hz: float) -> str:
+    """What was found, and why and what to do if it is not the level that is aimed at.
+
+    Parameters
+    ----------
+    longest
+        What was the longest to try.
+    mains_hz
+        As for `find_exposure`.
+    """
+    exposure = f"Exposure {found.exposure_us:.9g} µs"
     reached = f"{100 * found.bright_fraction:.0f} % of the range"
-    if found.bright_fraction >= 1:
-        return (
-            f"Exposure {found.exposure_us:g} µs, the shortest, and parts of the picture are still "
-            "saturated: close the aperture, or give less light."
+    if not found.limited_by:
+        return f"{exposure}: the brightest parts reach {reached}."
+    aim = f"not {100 * EXPOSURE_AIM:.0f} %"
+    if "shortest" in found.limited_by:
+        many = (
+            "parts of the picture are saturated"
+            if found.bright_fraction >= 1
+            else (f"the brightest parts reach {reached}, {aim}")
         )
-    if found.bright_fraction < FAINT_FRACTION:
+        return f"{exposure}, the shortest, and {many}: close the aperture, or give less light."
+    period = f"whole periods of the mains light ({0.5e6 / mains_hz:.9g} µs)" if mains_hz else ""
+    if "longest" in found.limited_by:
+        whole = f", in {period}" if "flicker" in found.limited_by else ""
         return (
-            f"Exposure {found.exposure_us:g} µs, the longest without flicker in a frame, and the "
-            f"brightest parts reach only {reached}: give more light, open the aperture, or lower "
-            "camera.frame_rate_hz in the bench file."
+            f"{exposure}, no longer than {longest.words}{whole}, and the brightest parts reach "
+            f"only {reached}, {aim}: give more light, open the aperture, {longest.remedy}."
         )
-    return f"Exposure {found.exposure_us:g} µs: the brightest parts reach {reached}."
+    return (
+        f"{exposure}: the brightest parts reach {reached}, {aim}, because exposures are {period} "
+        "and one more would be too bright. Give more light or raise the gain by a little; for "
+        "light that does not flicker, capture.mains_hz = 0 in the bench file."
+    )

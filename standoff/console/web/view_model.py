@@ -158,9 +158,11 @@ def stage_document(view: StageView, validity: Validity = "valid") -> Document:
 
 
 def _target(view: StageView) -> str:
-    """Where it is going; in an alarm, what to do."""
+    """Where it is going; in an alarm, or before it is homed, what to do."""
     if view.state == "alarm" and view.status.is_ready:
-        return "home it to end the alarm; if it refuses, clear the alarm first"
+        return "locked until it is homed: press Home; if it refuses, Clear alarm first"
+    if view.state == "idle" and view.status.is_ready and not view.is_homed:
+        return "press Home: it does not know its height"
     return "" if view.target_mm is None else f"moving to {view.target_mm:.3f} mm"
 
 

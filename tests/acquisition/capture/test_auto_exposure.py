@@ -43,6 +43,8 @@ def test_a_linear_camera_is_well_exposed_within_eight_pictures(
         exposure_us = step.exposure_us
     assert step.is_settled
     light = (bright(exposure_us, dn_per_us) - BLACK_DN) / (MAX_DN - BLACK_DN)
+    # Within 10 % of the exposure for 70 %, or there is a reason.
+    assert bool(step.limited_by) == (not 0.7 / 1.1 <= light <= 0.7 / 0.9)
     at_a_limit = exposure_us <= LIMITS_US[0] * 1.12 or exposure_us >= LIMITS_US[1] / 1.12
     if mains_hz == 0 and not at_a_limit:
         assert 0.6 <= light <= 0.8
@@ -54,6 +56,37 @@ def test_a_saturated_picture_says_only_shorter() -> None:
         8000.0, MAX_DN, black_level_dn=BLACK_DN, max_level_dn=MAX_DN, limits_us=LIMITS_US
     )
     assert (step.exposure_us, step.is_settled) == (2000.0, False)
+
+
+@pytest.mark.parametrize(
+    ("dn_per_us", "mains_hz", "limited_by"),
+    [
+        (0.25, 0.0, ()),  # 11.3 ms
+        (0.25, 50.0, ("flicker",)),  # 10 ms of 11.3
+        (0.14, 50.0, ("longest", "flicker")),  # 16 of 20 ms, then 10
+        (0.14, 0.0, ("longest",)),
+        (0.282, 50.0, ()),  # 10 of 10.006 ms
+        (80.0, 50.0, ("shortest",)),  # 35 us
+        (500.0, 50.0, ("shortest",)),  # saturated at 50 us
+        (0.0, 0.0, ("longest",)),
+    ],
+)
+def test_what_keeps_the_exposure_from_seventy_per_cent_is_said(
+    dn_per_us: float, mains_hz: float, limited_by: tuple[str, ...]
+) -> None:
+    exposure_us = 2000.0
+    for _ in range(8):
+        step = next_exposure(
+            exposure_us,
+            bright(exposure_us, dn_per_us),
+            black_level_dn=BLACK_DN,
+            max_level_dn=MAX_DN,
+            limits_us=LIMITS_US,
+            mains_hz=mains_hz,
+        )
+        exposure_us = step.exposure_us
+    assert step.is_settled
+    assert step.limited_by == limited_by
 
 
 @pytest.mark.parametrize("limits_us", [(0.0, 1.0), (2.0, 1.0), (math.nan, 1.0)])

@@ -4,6 +4,7 @@ import asyncio
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Thread
 
 from standoff.console.bench_hub import BenchHub
@@ -15,9 +16,13 @@ Address = tuple[str, int]
 
 
 @contextmanager
-def served(hub: BenchHub, *, token: str | None = None) -> Iterator[Address]:
-    """Serve the console of a hub on a free port."""
+def served(
+    hub: BenchHub, *, token: str | None = None, certificate: Path | None = None
+) -> Iterator[Address]:
+    """Serve the console of a hub on a free port; with a certificate and its key, by TLS."""
     server = server_of(console_app(hub, token=token))
+    if certificate is not None:
+        server.config.ssl_certfile = certificate
     with open_socket("127.0.0.1", 0) as bound:
         thread = Thread(target=lambda: asyncio.run(server.serve(sockets=[bound])))
         thread.start()

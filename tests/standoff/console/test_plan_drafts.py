@@ -1,5 +1,6 @@
 """Plans as they are typed on a page: read, checked, and written as files."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from standoff.console.plan_library import PlanLibrary
 from standoff.errors import ApplicationError
 from standoff.shipped_configs import shipped_config
 
+PROGRAMMERS_WORDS = re.compile(r"Value error|Input|should|\b[a-z]+_[a-z]+|[a-z]\.[a-z0-9]")
 PLANS = ("demo_plan.toml", "noise_plan.toml", "bracket_plan.toml", "paper_validation.toml")
 
 
@@ -52,11 +54,20 @@ def test_numbers_are_a_list_or_a_series() -> None:
         (draft({}, heights="180 to 400 step 0"), "heights_mm", "step must be positive"),
         (draft({"target": " "}), "targets.0.target", "printable"),
         (draft({}, {}), "targets.1", "target 2: edge 'edge' at 0 degrees is planned twice"),
-        (draft({"bracket_exposures": 13}), "targets.0.bracket.exposures", "12"),
-        (draft({"exposures": "-4"}), "targets.0.exposure_us.0", "greater than 0"),
+        (draft({"bracket_exposures": 13}), "targets.0.bracket.exposures",
+         "target 1, exposures of the bracket must be at most 12"),
+        (draft({"exposures": "-4"}), "targets.0.exposure_us.0",
+         "target 1, exposures must be more than 0 µs"),
         (draft({"exposures": "1 to 9 step 2"}), "targets.0.exposure_us", "a list"),
-        (draft(), "targets", "at least 1"),
-        (draft({}, frames=1), "frames_per_capture", "2"),
+        (draft(), "targets", "targets must not be empty"),
+        (draft({}, frames=1), "frames_per_capture", "frames of a capture must be at least 2"),
+        (draft({}, repeats=0), "repeats", "repeats must be at least 1"),
+        (draft({}, settle_s=-1.0), "settle_s", "wait after a move must be at least 0 s"),
+        (draft({}, name=""), "name", "name: must be printable text"),
+        (draft({"bracket_exposures": 2, "bracket_ratio": 99.0}), "targets.0.bracket.ratio",
+         "target 1, ratio of the bracket must be at most 32"),
+        (draft({"orientations": "400"}), "targets.0.orientations_deg.0", "less than 360°"),
+        (draft({}, heights="5 5"), "heights_mm", "heights: 5 is given twice"),
         (draft({}, heights="1 to 9000 step 1", repeats=12), "repeats", "108000 captures"),
     ],
 )  # fmt: skip
@@ -68,7 +79,7 @@ def test_what_is_wrong_is_said_in_one_line_with_its_field(
     assert text in str(error.value)
     assert "\n" not in str(error.value)
     assert key in error.value.keys
-    assert "Value error" not in str(error.value)
+    assert not PROGRAMMERS_WORDS.search(str(error.value))
     assert MOST_CAPTURES < 108000
 
 

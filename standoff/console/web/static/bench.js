@@ -3,7 +3,8 @@
 import "./ages.js";
 import { drawTrace } from "./charts.js";
 import { region } from "./picture_card.js";
-import { byId, command, connection, costOf, nameCells, number, onKey, setText, show } from "./shell.js";
+import { byId, command, connection, costOf, nameCells, onKey, setText, show } from "./shell.js";
+import { TypedNumbers } from "./typed.js";
 
 let state = null;
 let planShown = "";
@@ -46,6 +47,7 @@ function stage_(stage, isMine) {
   byId("stage-homed").className = `tag ${stage.is_homed ? "ok" : "warn"}`;
   setText("stage-limits", stage.limits);
   show("unlock", stage.motion === "alarm");
+  byId("home").classList.toggle("primary", stage.state === "ready" && !stage.is_homed && stage.motion !== "homing");
   enable(isReady, "home", "unlock");
   for (const element of [...byId("move-form").elements, ...document.querySelectorAll("[data-step]")]) {
     if (element.id !== "home" && element.id !== "unlock") element.disabled = !(isReady && stage.is_homed);
@@ -120,10 +122,11 @@ byId("metric").onchange = () => command("metric", { metric: byId("metric").value
 byId("forget-peak").onclick = () => command("forget-peak");
 byId("home").onclick = () => command("home");
 byId("unlock").onclick = () => command("unlock");
+const typedHeight = new TypedNumbers("move", { height_mm: ["move-to", "height"] });
 byId("move-form").onsubmit = (event) => {
   event.preventDefault();
-  const height_mm = number("move-to");
-  if (height_mm !== null) command("move", { height_mm });
+  const typed = typedHeight.read();
+  if (typed && typed.height_mm !== null) command("move", typed);
 };
 for (const button of document.querySelectorAll("[data-step]")) {
   button.onclick = () => command("move", { height_mm: Number(button.dataset.step), is_relative: true });

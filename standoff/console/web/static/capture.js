@@ -1,8 +1,8 @@
 // The page of one capture: its images with their real levels, a brightness window, neighbours.
 
-import { byId, command, connection, onKey, setText } from "./shell.js";
+import { byId, command, connection, onKey, setText, tell } from "./shell.js";
 
-const { session, index, address, query, limit } = byId("capture").dataset;
+const { session, index, address, query, limit, frames } = byId("capture").dataset;
 const STEPS = 1000; // of the sliders
 const LOW_SHARE = 0.002, HIGH_SHARE = 0.998; // of the levels, for the automatic window
 const SAMPLES = 20000;
@@ -79,7 +79,16 @@ for (const button of document.querySelectorAll("[data-image]")) {
   button.onclick = () => load(button.dataset.image);
   onKey(button.dataset.image[0], () => button.click());
 }
-if (byId("frame-number")) byId("frame-number").onchange = (event) => { if (event.target.checkValidity() && event.target.value) load(String(event.target.valueAsNumber - 1)); };
+if (byId("frame-number")) byId("frame-number").onchange = ({ target }) => {
+  const isFrame = target.checkValidity() && target.valueAsNumber <= Number(frames);
+  if (!isFrame) {
+    tell(`The number of the frame must be a whole number from 1 to ${frames}.`);
+    target.value = target.defaultValue;
+  } else {
+    target.defaultValue = target.value;
+    load(String(target.valueAsNumber - 1));
+  }
+};
 for (const id of ["low", "high"]) byId(id).oninput = draw;
 byId("marks").onchange = draw;
 byId("whole").onchange = () => byId("view").classList.toggle("whole", byId("whole").checked);

@@ -3,7 +3,6 @@
 import { byId, command, connection, setText, show } from "./shell.js";
 
 const LONG_US = 2e6; // as the console has it, which refuses longer ones that nobody asked for
-const MOST_US = 1e8; // above, the console says what is wrong
 const ASKED = "ask-exposure";
 
 let waiting = null; // the exposure that is asked about
@@ -21,10 +20,10 @@ function ask(exposureUs, nowUs) {
   setText("keep-exposure", `Keep ${inWords(nowUs)}`);
 }
 
-let nowUs = 0;
+let nowUs = 0, longestUs = 0; // what the camera cannot do is not asked about
 
 export function setExposure(exposureUs) {
-  if (exposureUs > LONG_US && exposureUs <= MOST_US) return ask(exposureUs, nowUs);
+  if (exposureUs > LONG_US && exposureUs <= longestUs) return ask(exposureUs, nowUs);
   ask(null);
   command("exposure", { exposure_us: exposureUs });
 }
@@ -38,7 +37,8 @@ byId("break-off").onclick = () => command("break-off");
 window.addEventListener("keydown", (event) => { if (event.key === "Escape") ask(null); }, true);
 connection.addEventListener("lost", () => { ask(null); show("exposing", false); });
 
-connection.addEventListener("state", ({ detail: { camera, run, job, control } }) => {
+connection.addEventListener("state", ({ detail: { camera, run, job, control, exposure_limits_us: limits } }) => {
+  longestUs = limits[1];
   nowUs = camera.exposure_us ?? 0;
   isFree = control.is_mine && camera.state === "ready" && !["running", "paused"].includes(run.state);
   if (!isFree && waiting !== null) ask(null);

@@ -2,7 +2,8 @@
 
 import { drawEdge, drawSweep } from "./charts.js";
 import { view } from "./picture_card.js";
-import { Choice, byId, command, connection, number, setText, show } from "./shell.js";
+import { Choice, byId, command, connection, setText, show } from "./shell.js";
+import { TypedNumbers } from "./typed.js";
 
 const WAITING = "drag a region over a straight edge to measure it";
 const watched = { "watch-field": new Choice(), "watch-square": new Choice() };
@@ -68,12 +69,16 @@ connection.addEventListener("state", ({ detail: { control, stage, camera, job } 
   for (const id of Object.keys(watched)) byId(id).disabled = !control.is_mine;
 });
 
+const typedSweep = new TypedNumbers("sweep-focus", {
+  low_mm: ["sweep-low", "lowest height"],
+  high_mm: ["sweep-high", "highest height"],
+  steps: ["sweep-steps", "number of heights"],
+});
 byId("sweep-form").onsubmit = (event) => {
   event.preventDefault();
-  command("sweep-focus", {
-    low_mm: number("sweep-low"),
-    high_mm: number("sweep-high"),
-    steps: number("sweep-steps") ?? 15,
+  const typed = typedSweep.read();
+  if (typed) command("sweep-focus", {
+    ...typed,
     has_field: byId("sweep-corners").checked,
     ends_at_peak: byId("sweep-ends").checked,
   });

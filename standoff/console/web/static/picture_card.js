@@ -6,7 +6,7 @@ import { LivePicture } from "./picture.js";
 import { PictureView } from "./picture_view.js";
 import { Overlay, Probe, ProfileTool } from "./picture_tools.js";
 import { RegionTool } from "./region_tool.js";
-import { Choice, byId, command, connection, number, onKey, setText, show } from "./shell.js";
+import { Choice, byId, command, connection, number, onKey, setText, show, tell } from "./shell.js";
 
 const BRIGHTEN = 4;
 const STALE_MS = 500, STALE_PICTURES = 3; // a picture is stale once it is older than both
@@ -103,9 +103,10 @@ connection.addEventListener("state", ({ detail: state }) => {
 function wire(id, set) {
   const [form, input] = [byId(`${id}-form`), byId(id)];
   const send = () => {
+    input.dataset.sent = "yes"; // what the camera made of it is shown, even while the field has the focus
+    if (input.validity.badInput) tell(`The ${id} must be a number.`);
     if (number(id) === null) return;
     setting.make();
-    input.dataset.sent = "yes"; // what the camera made of it is shown, even while the field has the focus
     set(number(id));
   };
   input.oninput = () => { delete input.dataset.sent; };

@@ -15,8 +15,8 @@ const fieldsOf = (item) => [...item.querySelectorAll("[name]")].filter((field) =
 function value(field) {
   if (field.type === "checkbox") return field.checked;
   if (field.type !== "number") return field.value;
-  const typed = Number.isFinite(field.valueAsNumber) ? field.valueAsNumber : 0;
-  return field.step === "any" ? typed : Math.trunc(typed);
+  if (field.validity.badInput) return null; // the console says what it must be
+  return field.value === "" ? 0 : field.valueAsNumber;
 }
 
 function fill(fields, values) {
@@ -45,7 +45,8 @@ function check() {
 
 // The field of a key such as "heights_mm" or "targets.0.heights_mm".
 function fieldAt(key) {
-  const [first, number, name] = key.split(".");
+  const [first, number, field, part] = key.split(".");
+  const name = part && field === "bracket" ? `bracket_${part}` : field;
   const own = first !== "targets";
   const fields = own ? ownFields() : fieldsOf(list.children[Number(number)] ?? list);
   const wanted = own ? first : name;
@@ -56,12 +57,22 @@ function save(isReplacing) {
   command("plan-save", { name: form.elements.file.value.trim(), draft: draft(), is_replacing: isReplacing });
 }
 
-connection.addEventListener("draft", ({ detail }) => {
+function tellFault(text, keys) {
   for (const field of form.querySelectorAll("[aria-invalid]")) field.removeAttribute("aria-invalid");
-  for (const key of detail.keys) fieldAt(key)?.setAttribute("aria-invalid", "true");
-  show("draft-fault", !detail.is_ok);
-  setText("draft-fault", detail.text);
+  for (const key of keys) fieldAt(key)?.setAttribute("aria-invalid", "true");
+  show("draft-fault", Boolean(text));
+  setText("draft-fault", text);
+}
+
+connection.addEventListener("draft", ({ detail }) => {
+  tellFault(detail.text, detail.keys);
   setText("draft-cost", detail.is_ok ? costOf(detail) : "");
+});
+// What is no draft at all, such as half a frame.
+connection.addEventListener("refused", ({ detail }) => {
+  if (!detail.key.startsWith("draft.")) return;
+  tellFault(detail.text, [detail.key.slice("draft.".length)]);
+  setText("draft-cost", "");
 });
 connection.addEventListener("plan-exists", ({ detail }) => { if (window.confirm(`There is a plan ${detail.name} already. Replace it?`)) save(true); });
 connection.addEventListener("plan-saved", ({ detail }) => {

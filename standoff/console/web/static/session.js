@@ -31,6 +31,13 @@ for (const form of document.querySelectorAll("[data-pair]")) {
     });
   };
 }
+connection.addEventListener("refused", ({ detail }) => {
+  if (detail.do !== "result") return;
+  for (const form of document.querySelectorAll("[data-pair]")) {
+    const field = form.elements[detail.key];
+    if (field) field.value = field.defaultValue;
+  }
+});
 byId("cancel-result").onclick = () => command("cancel-result");
 if (byId("resume-session")) byId("resume-session").onclick = () => { command("resume", { session }); location.href = "/"; };
 

@@ -3,8 +3,8 @@
 import { Connection, operator, seconds } from "./connection.js";
 import { Stop } from "./stop.js";
 
-const NOTICE_MS = 9000;
-const SEVEREST_NOTICES = 4;
+const NOTICE_MS = 20000;
+const MOST_NOTICES = 4;
 const LATE_MS = 500; // an answer that takes longer is told
 const MUTE_MS = 1500; // one that takes so long may never come
 const ANSWER_MS = 1000; // by then the console has taken a choice over, or refused it
@@ -42,8 +42,9 @@ export function tell(text) {
   const item = document.createElement("li");
   item.textContent = text;
   const list = byId("notices");
-  list.append(item);
-  while (list.children.length > SEVEREST_NOTICES) list.firstChild.remove();
+  list.prepend(item); // the newest is seen without scrolling
+  list.scrollTop = 0;
+  while (list.children.length > MOST_NOTICES) list.lastChild.remove();
   setTimeout(() => item.remove(), NOTICE_MS);
 }
 
@@ -126,18 +127,19 @@ connection.addEventListener("tick", () => {
   if (isOpen) document.body.style.removeProperty("--old");
   else document.body.style.setProperty("--old", `"${silent} old"`);
   show("chip-latency", isOpen && latencyMs > LATE_MS);
-  setText("chip-latency", `answers take ${seconds(latencyMs)}`);
+  setText("latency", seconds(latencyMs));
   show("alert-mute", isOpen && latencyMs > MUTE_MS);
 });
-connection.addEventListener("refused", ({ detail }) => tell(detail.text));
+connection.addEventListener("refused", ({ detail }) => { if (detail.do !== "plan-check") tell(detail.text); }); // which says it at the field
 connection.addEventListener("state", ({ detail: state }) => {
   device("camera", state.camera);
   device("stage", state.stage);
   chip("chip-disk", state.disk.text, state.disk.level, "disk space for sessions");
   setText("control-text", state.control.text);
-  byId("control-text").title = `${state.control.viewers} page(s) connected`;
+  byId("control-text").title = `${state.control.text}; ${state.control.viewers} page(s) connected`;
   show("rename", state.control.is_mine);
   setText("rename", state.control.holder);
+  byId("rename").title = `${state.control.holder}: change the name recorded in the journal`;
   const { is_mine: isMine, is_asking: isAsking, may_take: mayTake, asked_by: asker } = state.control;
   show("take-control", !isMine && (!isAsking || mayTake));
   setText("take-control", mayTake ? "Take control" : "Ask for control");

@@ -1,5 +1,9 @@
 """Who is let in: rules first, then the whole application."""
 
+import json
+import shutil
+import ssl
+import subprocess
 from contextlib import closing
 from http.client import HTTPConnection
 from pathlib import Path
@@ -12,6 +16,9 @@ pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from standoff.console.bench_hub import BenchHub
 from standoff.console.session_library import (
@@ -107,7 +114,16 @@ def test_no_other_cookie_lets_in(hub: BenchHub, cookie: str) -> None:
 
 @pytest.mark.parametrize(
     "origin",
-    ["http://evil.example", "http://127.0.0.1:9", "https://127.0.0.1:84700", "null", "", None],
+    [
+        "http://evil.example",
+        "http://127.0.0.1:9",
+        "https://127.0.0.1:84700",
+        "https://127.0.0.1:8470",
+        "ws://127.0.0.1:8470",
+        "null",
+        "",
+        None,
+    ],
 )
 def test_a_websocket_of_another_site_is_refused(hub: BenchHub, origin: str | None) -> None:
     headers = {} if origin is None else {"origin": origin}
@@ -117,6 +133,41 @@ def test_a_websocket_of_another_site_is_refused(hub: BenchHub, origin: str | Non
         client.websocket_connect("ws://127.0.0.1:8470/live", headers=headers),
     ):
         pass
+
+
+@pytest.mark.parametrize("scheme", ["http", "https"])
+def test_the_origin_has_the_scheme_that_the_console_is_served_by(
+    tmp_path: Path, hub: BenchHub, scheme: str
+) -> None:
+    other = {"http": "https", "https": "http"}[scheme]
+    certificate = self_signed(tmp_path) if scheme == "https" else None
+    with served(hub, certificate=certificate) as (host, port):
+        context = None
+        if certificate is not None:
+            context = ssl.create_default_context(cafile=certificate)
+        address = f"{host}:{port}"
+        url = f"{'ws' if context is None else 'wss'}://{address}/live"
+        with connect(url, origin=Origin(f"{scheme}://{address}"), ssl=context) as socket:
+            socket.send(json.dumps(HELLO))
+            assert json.loads(socket.recv())["type"] == "state"
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(url, origin=Origin(f"{other}://{address}"), ssl=context)
+
+
+def self_signed(folder: Path) -> Path:
+    """A certificate of 127.0.0.1 with its key, in one file; skips the test without openssl."""
+    program = shutil.which("openssl")
+    if program is None:
+        pytest.skip("openssl, which makes the certificate, is not installed")
+    made = folder / "console.pem"
+    subprocess.run(
+        [program, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj",
+         "/CN=127.0.0.1", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(made),
+         "-out", str(folder / "certificate.pem")],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    made.write_bytes(made.read_bytes() + (folder / "certificate.pem").read_bytes())
+    return made
 
 
 def test_a_websocket_without_the_token_is_refused(hub: BenchHub) -> None:
@@ -212,8 +263,8 @@ def test_names_that_are_none_are_refused_and_never_a_fault(
 
 @given(name=st.text(max_size=30) | st.text("[]:/@%.a1", max_size=12))
 def test_no_name_is_a_fault_of_the_rules(name: str) -> None:
-    assert not Access.is_own_page(origin=name, host="127.0.0.1:8470")
-    Access.is_own_page(origin=f"http://{name}", host=name)
+    assert not Access.is_own_page(origin=name, host="127.0.0.1:8470", scheme="ws")
+    Access.is_own_page(origin=f"http://{name}", host=name, scheme="ws")
     assert not Access(TOKEN).may_enter(peer="127.0.0.1", host=name, cookies="")
     Access(None).may_enter(peer="127.0.0.1", host=name, cookies="")
 

@@ -23,6 +23,7 @@ from websockets.sync.client import connect
 
 from acquisition.plan import CapturePlan
 from standoff.console.bench_hub import BenchHub
+from standoff.console.typed_values import NOT_UNDERSTOOD
 from standoff.console.web import application
 from standoff.console.web.application import REPLACED, console_app
 from standoff.console.web.server import open_socket, server_of
@@ -126,7 +127,7 @@ def test_what_is_not_understood_is_told_to_that_page_alone(hub: BenchHub) -> Non
         mine.send_bytes(b"\x00")
         assert received(mine, "refused")["text"] == "a message must be text"
         mine.send_json({"do": "jump"})
-        assert received(mine, "refused")["text"].startswith("not understood")
+        assert received(mine, "refused")["text"] == NOT_UNDERSTOOD
         theirs.send_json({"do": "home"})
         assert "You are not in control" in received(theirs, "refused")["text"]
         theirs.send_json({"do": "stop"})  # from anybody

@@ -1,16 +1,22 @@
 """What a page may send: anything at all, and the console goes on."""
 
+import copy
 import json
+import math
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings, strategies as st
+from pydantic import BaseModel
 
 pytest.importorskip("starlette", reason="the console's extra is not installed")
 pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 
 from starlette.testclient import TestClient, WebSocketTestSession
 
+from standoff.console.plan_drafts import PlanDraft, TargetDraft
 from standoff.console.web import messages
 from standoff.console.web.application import console_app
 from standoff.console.web.command_handler import CommandHandler
@@ -82,7 +88,7 @@ def test_what_is_out_of_range_or_unknown_is_refused(text: str) -> None:
         ('{"do": "sweep-focus", "steps": 7.5}', "The number of heights must be a whole number."),
         (
             '{"do": "run", "plan": "two", "session": ""}',
-            "The session's name must be at least 1 characters long.",
+            "The session's name must not be empty.",
         ),
     ],
 )
@@ -90,6 +96,101 @@ def test_what_an_operator_typed_is_refused_in_the_words_of_the_page(text: str, w
     with pytest.raises(MessageError) as refused:
         parse_message(text)
     assert str(refused.value) == words
+
+
+VALID = {
+    "viewer": "0" * 32,
+    "exposure_us": 1000.0,
+    "frames": 1,
+    "start": (0.0, 0.0),
+    "end": (1.0, 1.0),
+    "region": (0, 0, 20, 20),
+    "metric": "tenengrad",
+    "is_on": True,
+    "result": "noise",
+    "draft": {"name": "typed", "targets": [{"kind": "edge", "target": "edge"}]},
+}
+WRONG: tuple[object, ...] = (
+    None,
+    True,
+    "x",
+    "",
+    "x" * 2500,
+    -1,
+    -1e9,
+    2.5,
+    1e12,
+    10**30,
+    math.nan,
+    math.inf,
+    [],
+    {},
+)
+NOT_TYPED = {
+    "viewer", "pictures", "sequence", "number", "id", "x", "y", "start", "end", "region", "metric",
+    "is_on", "has_field", "ends_at_peak", "is_relative", "is_replacing", "is_long_wanted",
+    "choice", "result", "order", "keep_frames", "auto_exposure", "drift_check", "draft",
+}  # fmt: skip
+PROGRAMMERS_WORDS = re.compile(
+    r"Input|should|Field|valid|type=|\bstring|\binteger|\bunion|tuple|\b[a-z]+_[a-z]+|[a-z]\.[a-z0-9]"
+)
+
+
+def meant(kind: type[BaseModel]) -> dict[str, Any]:
+    """The fields of a message that is understood."""
+    fields: dict[str, Any] = {"do": kind.model_fields["do"].annotation.__args__[0]}  # type: ignore[union-attr]
+    for name, field in kind.model_fields.items():
+        if name != "do" and field.is_required():
+            fields[name] = VALID.get(name, "name" if "str" in str(field.annotation) else 1)
+    return fields
+
+
+def places(kind: type[BaseModel]) -> list[tuple[str, ...]]:
+    """The paths of all fields of a message, with those of a plan and of its first target."""
+    own: list[tuple[str, ...]] = [(name,) for name in kind.model_fields if name != "do"]
+    if ("draft",) in own:
+        own += [("draft", name) for name in PlanDraft.model_fields]
+        own += [("draft", "targets", "0", name) for name in TargetDraft.model_fields]
+    return own
+
+
+def with_value(fields: dict[str, Any], place: tuple[str, ...], value: object) -> str:
+    """The message with one value replaced."""
+    made = copy.deepcopy(fields)
+    inner: Any = made
+    for name in place[:-1]:
+        inner = inner[int(name) if name.isdecimal() else name]
+    inner[place[-1]] = value
+    return json.dumps(made)
+
+
+def refused(text: str) -> MessageError | None:
+    try:
+        parse_message(text)
+    except MessageError as error:
+        return error
+    return None
+
+
+@pytest.mark.parametrize("kind", messages.Message.__args__)
+def test_no_field_of_any_message_is_refused_in_words_for_programmers(
+    kind: type[BaseModel],
+) -> None:
+    fields = meant(kind)
+    parse_message(json.dumps(fields))
+    for place in places(kind):
+        errors = [error for value in WRONG if (error := refused(with_value(fields, place, value)))]
+        assert len(errors) >= 3, place  # the values are wrong indeed
+        for error in errors:
+            words = str(error)
+            assert not PROGRAMMERS_WORDS.search(words), (place, words)
+            if place != ("draft",):  # which lacks what is typed in
+                assert words.startswith("The ") == (place[-1] not in NOT_TYPED), (place, words)
+            assert error.do == fields["do"]
+            assert error.key.split(".")[: len(place)] == list(place)
+    for text in (json.dumps(fields | {"quickly": 1}), '{"do": "fly"}', "[]", "{", '"\\ud800"'):
+        with pytest.raises(MessageError, match="reload it"):
+            parse_message(text)
 
 
 def test_a_message_is_read_as_it_was_meant() -> None:

@@ -14,18 +14,18 @@ pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 
 from starlette.testclient import TestClient
 
-from acquisition.capture import FoundExposure
+from acquisition.capture import ExposureLimit, FoundExposure
 from acquisition.devices import Frame
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError
 from standoff.console.web.application import console_app
 from standoff.console.web.command_handler import NotInControlError
-from standoff.console.web.picture_commands import exposure_sentence
+from standoff.console.web.picture_commands import exposure_sentence, longest_exposure
 from standoff.console.web.view_model import state_document
 from standoff.errors import ApplicationError
 from standoff.photographs import read_image
 from tests.acquisition.fakes import SETTINGS, frame
-from tests.standoff.console.hub_fixtures import idle_hub, running_hub, wait_for
+from tests.standoff.console.hub_fixtures import idle_hub, running_hub, small_bench, wait_for
 from tests.standoff.console.test_bench_hub import Operator
 
 
@@ -115,13 +115,63 @@ def test_a_stop_ends_the_search_and_the_exposure_is_what_it_was(hub: BenchHub) -
 
 
 @pytest.mark.parametrize(
-    ("fraction", "words"),
-    [(0.7, "reach 70 % of the range."), (0.2, "more light"), (1.0, "less light")],
+    ("fraction", "limited_by", "words"),
+    [
+        (0.7, (), "reach 70 % of the range."),
+        (0.5, ("flicker",), "not 70 %, because exposures are whole periods of the mains light"),
+        (0.5, ("flicker",), "(10000 µs) and one more would be too bright. Give more light"),
+        (0.2, ("longest",), "no longer than a frame takes at camera.frame_rate_hz = 60, and"),
+        (0.2, ("longest",), "only 20 % of the range, not 70 %: give more light"),
+        (0.2, ("longest", "flicker"), "in whole periods of the mains light (10000 µs), and"),
+        (0.9, ("shortest",), "the shortest, and the brightest parts reach 90 % of the range, not"),
+        (1.0, ("shortest",), "saturated: close the aperture, or give less light"),
+    ],
 )
-def test_what_was_found_is_told_with_a_remedy(fraction: float, words: str) -> None:
-    text = exposure_sentence(FoundExposure(exposure_us=10_000.0, bright_fraction=fraction))
+def test_what_was_found_is_told_with_the_reason_and_a_remedy(
+    fraction: float, limited_by: tuple[ExposureLimit, ...], words: str
+) -> None:
+    found = FoundExposure(exposure_us=10_000.0, bright_fraction=fraction, limited_by=limited_by)
+    camera = small_bench(camera__frame_rate_hz=60.0, camera__exposure_us=2000.0).camera
+    text = exposure_sentence(found, longest=longest_exposure(camera, 60e6), mains_hz=50)
     assert text.startswith("Exposure 10000 µs")
     assert words in text
+
+
+@pytest.mark.parametrize(
+    ("frame_rate_hz", "exposure_us", "high_us", "longest_us", "words"),
+    [
+        (50.0, 2000.0, 60e6, 20_000.0, "a frame takes"),
+        (50.0, 30_000.0, 60e6, 30_000.0, "of the bench file"),
+        (50.0, 30_000.0, 10_000.0, 10_000.0, "the camera can expose"),
+    ],
+)
+def test_the_longest_exposure_is_known_with_what_sets_it(
+    frame_rate_hz: float, exposure_us: float, high_us: float, longest_us: float, words: str
+) -> None:
+    bench = small_bench(camera__frame_rate_hz=frame_rate_hz, camera__exposure_us=exposure_us)
+    longest = longest_exposure(bench.camera, high_us)
+    assert longest.exposure_us == longest_us
+    assert words in longest.words
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("white_e_per_us", "reason"),
+    [
+        (0.95, "because exposures are whole periods of the mains light (10000 µs)"),  # 14 ms
+        (0.1, "no longer than a frame takes at camera.frame_rate_hz = 60, in whole periods"),
+    ],
+)
+def test_auto_says_what_kept_it_from_seventy_per_cent(
+    tmp_path: Path, white_e_per_us: float, reason: str
+) -> None:
+    keys = {"capture__mains_hz": 50, "simulated__white_e_per_us": white_e_per_us}
+    with running_hub(tmp_path, **keys) as hub:
+        operator = Operator(hub)
+        operator.say(do="auto-exposure")
+        operator.wait_idle()
+        assert hub.notices[-1].text.startswith("Exposure 10000 µs")
+        assert reason in hub.notices[-1].text
 
 
 def test_the_slider_has_the_limits_of_the_camera(hub: BenchHub) -> None:

@@ -110,7 +110,7 @@ def test_a_stage_on_its_way_says_where_to() -> None:
 def test_a_stage_in_alarm_says_to_home_it() -> None:
     shown = stage_document(StageView(status=READY, state="alarm"))
     assert shown["motion_text"] == "ALARM"
-    assert shown["target"].startswith("home it")
+    assert shown["target"].startswith("locked until it is homed: press Home")
 
 
 def test_a_lost_stage_is_not_at_rest() -> None:
