@@ -76,13 +76,8 @@ def console(
             "the console needs its extra: pip install 'standoff[console]', or make setup"
         )
     from standoff.console import BenchHub, GivenCurves, bench_drivers
-    from standoff.console.web import (
-        MIN_TOKEN_CHARS,
-        console_app,
-        is_loopback_host,
-        open_socket,
-        serve,
-    )
+    from standoff.console.serving import MIN_TOKEN_CHARS, is_loopback_host, open_socket, serve
+    from standoff.console.web import console_app
 
     _refuse_open_door(host, token, MIN_TOKEN_CHARS, is_loopback=is_loopback_host(host))
     layout = terminal.charuco_board(board)

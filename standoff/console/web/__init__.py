@@ -1,4 +1,4 @@
-"""The console's pages, their websocket and who may use them."""
+"""The console's pages and their websocket."""
 
 import lazy_loader as lazy
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from threading import Thread
 
 from standoff.console.bench_hub import BenchHub
+from standoff.console.serving.server import open_socket, server_of
 from standoff.console.web.application import console_app
-from standoff.console.web.server import open_socket, server_of
 from tests.standoff.console.hub_fixtures import DEADLINE_S, wait_for
 
 Address = tuple[str, int]

@@ -1,9 +1,3 @@
 from .pose_commands import pose_commands as pose_commands
-from .pose_messages import (
-    ChoosePoseCurve as ChoosePoseCurve,
-    PoseClear as PoseClear,
-    PoseReference as PoseReference,
-    SetPoseThreshold as SetPoseThreshold,
-)
 from .pose_pages import PosePages as PosePages
 from .pose_state import pose_document as pose_document, pose_state as pose_state

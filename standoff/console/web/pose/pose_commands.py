@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from standoff.console.bench_hub import BenchHub
-from standoff.console.web.pose.pose_messages import (
+from standoff.console.web.messages import (
     ChoosePoseCurve,
     PoseClear,
     PoseReference,

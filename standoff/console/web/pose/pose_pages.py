@@ -11,7 +11,7 @@ from starlette.routing import Route
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import OverlayView
 from standoff.console.pose_curves import MOST_BYTES
-from standoff.console.web.access import Access
+from standoff.console.serving import Access
 from standoff.errors import ApplicationError
 
 T = TypeVar("T")
@@ -85,7 +85,7 @@ class PosePages:
         viewer = headers.get(VIEWER_HEADER, "")
         # A page from elsewhere may send a form here, unlike a websocket's message.
         if not self._access.is_own_page(
-            origin=headers.get("origin"), host=headers.get("host", "")
+            origin=headers.get("origin"), host=headers.get("host", ""), scheme=request.url.scheme
         ) or not (viewer and hub.control.is_holder(viewer)):
             return _refused(403, "You are not in control: take control first.")
         data = await _body(request)

@@ -1,7 +1,7 @@
 from hypothesis import given, strategies as st
 
 from standoff.console.jobs.control_arbiter import AWAY_S, UNANSWERED_S, ControlArbiter
-from standoff.console.web.server import PING_S, PONG_S
+from standoff.console.serving.server import PING_S, PONG_S
 
 
 class Clock:

@@ -23,10 +23,11 @@ from websockets.sync.client import connect
 
 from acquisition.plan import CapturePlan
 from standoff.console.bench_hub import BenchHub
+from standoff.console.serving.server import open_socket, server_of
 from standoff.console.typed_values import NOT_UNDERSTOOD
 from standoff.console.web import application
-from standoff.console.web.application import REPLACED, console_app
-from standoff.console.web.server import open_socket, server_of
+from standoff.console.web.application import console_app
+from standoff.console.web.live_sockets import REPLACED
 from standoff.console.web.state_cache import StateCache
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.standoff.console.hub_fixtures import DEADLINE_S, idle_hub, wait_for
@@ -81,7 +82,7 @@ def test_a_page_that_leaves_before_its_hello_leaves_nothing_behind(hub: BenchHub
 
 
 def test_a_page_that_is_silent_is_let_go(hub: BenchHub, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("standoff.console.web.application.HELLO_TIMEOUT_S", 0.01)
+    monkeypatch.setattr("standoff.console.web.live_sockets.HELLO_TIMEOUT_S", 0.01)
     server = server_of(console_app(hub))
     with open_socket("127.0.0.1", 0) as bound:
         thread = Thread(target=lambda: asyncio.run(server.serve(sockets=[bound])))

@@ -16,16 +16,16 @@ from websockets import Origin
 from websockets.sync.client import ClientConnection, connect
 
 from standoff.console.bench_hub import BenchHub
-from standoff.console.web import connections
-from standoff.console.web.application import console_app
-from standoff.console.web.connections import (
+from standoff.console.serving import connections
+from standoff.console.serving.connections import (
     BODY_S,
     HEADERS_S,
     STALLED_S,
     ConnectionWatch,
     LimitedConnection,
 )
-from standoff.console.web.server import server_of
+from standoff.console.serving.server import server_of
+from standoff.console.web.application import console_app
 from tests.standoff.console.hub_fixtures import DEADLINE_S, idle_hub, wait_for
 from tests.standoff.console.served import Address, answer_of, answered, sent, served
 

@@ -2,20 +2,15 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from standoff.console.web.messages.fields import Index, Name, PageMessage
 
 MOST_DPRIME = 1000.0
 """Two photographs differ by no such d' in any pixel that is not saturated."""
 
-Name = Annotated[str, Field(min_length=1, max_length=255)]
-Index = Annotated[int, Field(ge=0, lt=10**7)]
 
-
-class _PoseMessage(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class PoseReference(_PoseMessage):
+class PoseReference(PageMessage):
     """Compare the pose with a capture, or with the current picture if none is named."""
 
     do: Literal["pose-reference"]
@@ -23,13 +18,13 @@ class PoseReference(_PoseMessage):
     index: Index | None = None
 
 
-class PoseClear(_PoseMessage):
+class PoseClear(PageMessage):
     """Forget the reference."""
 
     do: Literal["pose-clear"]
 
 
-class ChoosePoseCurve(_PoseMessage):
+class ChoosePoseCurve(PageMessage):
     """Judge the pose by a curve of a file, by its number; by none if no file is named."""
 
     do: Literal["pose-curve"]
@@ -37,7 +32,7 @@ class ChoosePoseCurve(_PoseMessage):
     curve: Index | None = None
 
 
-class SetPoseThreshold(_PoseMessage):
+class SetPoseThreshold(PageMessage):
     """Demand another d' of a pose that is good enough."""
 
     do: Literal["pose-threshold"]

@@ -21,17 +21,17 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from standoff.console.bench_hub import BenchHub
+from standoff.console.serving.access import Access, is_loopback_host
+from standoff.console.serving.login_throttle import LoginThrottle
 from standoff.console.session_library import (
     SessionLibrary,
     UnknownSessionError,
     is_session_name,
 )
-from standoff.console.web.access import Access, is_loopback_host
 from standoff.console.web.application import console_app
-from standoff.console.web.login_throttle import LoginThrottle
 from tests.standoff.console.hub_fixtures import idle_hub
 from tests.standoff.console.served import answered, served
-from tests.standoff.console.web.test_allowance import Clock
+from tests.standoff.console.serving.test_allowance import Clock
 
 TOKEN = "a long enough secret"
 OWN = "http://127.0.0.1:8470"

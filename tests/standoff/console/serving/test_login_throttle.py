@@ -2,9 +2,9 @@
 
 import pytest
 
-from standoff.console.web import login_throttle
-from standoff.console.web.login_throttle import LoginThrottle
-from tests.standoff.console.web.test_allowance import Clock
+from standoff.console.serving import login_throttle
+from standoff.console.serving.login_throttle import LoginThrottle
+from tests.standoff.console.serving.test_allowance import Clock
 
 
 def guesses_in(throttle: LoginThrottle, clock: Clock, seconds: float, *peers: str) -> int:

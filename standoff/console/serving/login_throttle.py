@@ -4,7 +4,7 @@ import ipaddress
 import time
 from collections.abc import Callable
 
-from standoff.console.web.allowance import Allowance
+from standoff.console.serving.allowance import Allowance
 
 FREE_GUESSES = 5
 GUESS_PERIOD_S = 1.0

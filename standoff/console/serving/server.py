@@ -9,8 +9,7 @@ from contextlib import contextmanager
 import uvicorn
 from starlette.types import ASGIApp
 
-from standoff.console.web.connections import ConnectionWatch, LimitedConnection
-from standoff.console.web.messages import MAX_MESSAGE_CHARS
+from standoff.console.serving.connections import ConnectionWatch, LimitedConnection
 from standoff.errors import ApplicationError
 
 GRACE_S = 2
@@ -18,6 +17,9 @@ GRACE_S = 2
 
 PING_S, PONG_S = 3.0, 4.0
 """A page that ends without a word is noticed within the sum: its control must come free soon."""
+
+MAX_MESSAGE_CHARS = 4096
+"""Of one message of a page."""
 
 RECEIVE_BYTES = 16 * 1024
 """Receive buffer of a connection: bounds what one read brings, and so how long others wait."""

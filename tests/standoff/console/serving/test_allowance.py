@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from standoff.console.web.allowance import Allowance
+from standoff.console.serving.allowance import Allowance
 
 
 class Clock:

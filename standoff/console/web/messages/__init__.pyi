@@ -1,0 +1,56 @@
+from .bench_messages import (
+    AutoExposure as AutoExposure,
+    BreakOff as BreakOff,
+    FocusMetric as FocusMetric,
+    ForgetPeak as ForgetPeak,
+    Home as Home,
+    LookAt as LookAt,
+    Move as Move,
+    Probe as Probe,
+    Profile as Profile,
+    SetExposure as SetExposure,
+    SetGain as SetGain,
+    SweepFocus as SweepFocus,
+    TakeSnapshot as TakeSnapshot,
+    Unlock as Unlock,
+    WatchField as WatchField,
+    WatchSquareness as WatchSquareness,
+)
+from .page_messages import (
+    Acknowledge as Acknowledge,
+    Grant as Grant,
+    Hello as Hello,
+    Ping as Ping,
+    Refuse as Refuse,
+    Release as Release,
+    Stop as Stop,
+    TakeControl as TakeControl,
+)
+from .parsing import (
+    Message as Message,
+    MessageError as MessageError,
+    key_at_fault as key_at_fault,
+    parse_message as parse_message,
+)
+from .pose_messages import (
+    ChoosePoseCurve as ChoosePoseCurve,
+    PoseClear as PoseClear,
+    PoseReference as PoseReference,
+    SetPoseThreshold as SetPoseThreshold,
+)
+from .session_messages import (
+    Answer as Answer,
+    CancelResult as CancelResult,
+    CheckPlan as CheckPlan,
+    ComputeResult as ComputeResult,
+    Exclude as Exclude,
+    GoOn as GoOn,
+    Include as Include,
+    Pause as Pause,
+    Preview as Preview,
+    Resume as Resume,
+    Retake as Retake,
+    Run as Run,
+    SavePlan as SavePlan,
+    TargetMoved as TargetMoved,
+)
