@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 
 MIN_TOKEN_CHARS = 12
 
-PAGE_SCHEMES = {"ws": "http", "wss": "https"}
-"""Scheme of the pages that open websockets of each scheme."""
+PAGE_SCHEMES = {"ws": "http", "http": "http", "wss": "https", "https": "https"}
+"""Scheme of a page, by that of the websocket that it opens or of what it asks."""
 
 
 def is_loopback_host(host: str) -> bool:
@@ -71,7 +71,7 @@ class Access:
 
     @staticmethod
     def is_own_page(*, origin: str | None, host: str, scheme: str) -> bool:
-        """Whether a websocket was opened by a page of this console: same scheme, name and port.
+        """Whether a page of this console opened a websocket, or asks: same scheme, name and port.
 
         Parameters
         ----------
@@ -80,7 +80,8 @@ class Access:
         host
             Its ``Host`` header.
         scheme
-            That it came by: ``ws``, or ``wss`` where the console itself is served with TLS.
+            That it came by: ``ws`` or ``http``, or ``wss`` or ``https`` where the console itself is
+            served with TLS.
         """
         if origin is None or not host:
             return False

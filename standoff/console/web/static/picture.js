@@ -15,7 +15,7 @@ export class LivePicture {
     this.canvas = canvas;
     this.context = canvas.getContext("2d", { alpha: false });
     this.small = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
-    Object.assign(this, { acknowledge, nowMs, image: null, decoding: Promise.resolve(), isExact: true, reduction: 1 });
+    Object.assign(this, { acknowledge, nowMs, image: null, decoding: Promise.resolve(), isExact: false, reduction: 1 });
     this.marks = true;
     this.scale = 1;
     this.colours = new Uint32Array(256);

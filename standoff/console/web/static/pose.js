@@ -87,7 +87,10 @@ curve.onchange = () => { if (curve.value) choose({ file: file.value, curve: Numb
 threshold.oninput = () => { delete threshold.dataset.sent; };
 threshold.onchange = () => {
   threshold.dataset.sent = "yes"; // what the console made of it is shown, even while the field has the focus
-  if (number("min-dprime") === null) return;
+  if (number("min-dprime") === null) {
+    tell("The threshold of d' must be a number."); // and is set back
+    return;
+  }
   choice.make();
   command("pose-threshold", { min_dprime: number("min-dprime") });
 };

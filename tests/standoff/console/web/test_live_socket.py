@@ -25,7 +25,7 @@ from acquisition.plan import CapturePlan
 from standoff.console.bench_hub import BenchHub
 from standoff.console.serving.server import open_socket, server_of
 from standoff.console.typed_values import NOT_UNDERSTOOD
-from standoff.console.web import application
+from standoff.console.web import live_sockets
 from standoff.console.web.application import console_app
 from standoff.console.web.live_sockets import REPLACED
 from standoff.console.web.state_cache import StateCache
@@ -138,8 +138,8 @@ def test_what_is_not_understood_is_told_to_that_page_alone(hub: BenchHub) -> Non
 def test_a_page_that_sends_faster_than_it_may_is_read_at_the_pace_it_may(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(application, "MESSAGES_AT_ONCE", 2)
-    monkeypatch.setattr(application, "MESSAGE_PERIOD_S", 3600.0)
+    monkeypatch.setattr(live_sockets, "MESSAGES_AT_ONCE", 2)
+    monkeypatch.setattr(live_sockets, "MESSAGE_PERIOD_S", 3600.0)
     with client_of(hub) as client, live(client) as hasty, live(client) as other:
         for socket, viewer in ((hasty, PAGE), (other, OTHER)):
             socket.send_json({"do": "hello", "viewer": viewer})
@@ -201,7 +201,7 @@ def test_a_stop_that_comes_again_over_a_new_connection_is_the_same(
 def test_more_commands_than_can_wait_are_refused_and_none_is_lost_with_its_page(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(application, "COMMANDS_WAITING", 1)
+    monkeypatch.setattr(live_sockets, "COMMANDS_WAITING", 1)
     is_free, loaded = Event(), []
     load = hub.plans.load
 

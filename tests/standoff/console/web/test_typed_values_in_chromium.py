@@ -19,7 +19,7 @@ from tests.standoff.console.web.test_messages import PROGRAMMERS_WORDS
 
 pytestmark = [pytest.mark.slow, pytest.mark.waits]
 
-TYPED = ("exposure", "gain", "move-to", "sweep-low", "sweep-high", "sweep-steps")
+TYPED = ("exposure", "gain", "move-to", "sweep-low", "sweep-high", "sweep-steps", "min-dprime")
 """Every field for a number of the bench page."""
 
 
@@ -78,6 +78,9 @@ def test_the_bench_page_has_no_other_field_for_a_number(live: LivePage) -> None:
         ("sweep-steps", "", "The number of heights must be a whole number."),
         ("sweep-low", "1e", "The lowest height must be a number."),
         ("sweep-high", "--", "The highest height must be a number."),
+        ("min-dprime", "0", "The threshold of d' must be more than 0."),
+        ("min-dprime", "1001", "The threshold of d' must be at most 1000."),
+        ("min-dprime", "1e", "The threshold of d' must be a number."),
     ],
 )  # fmt: skip
 def test_a_wrong_number_is_refused_in_words_and_set_back(
