@@ -297,6 +297,19 @@ def test_a_mask_beside_the_image_is_no_page(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path, buffer.getvalue()).stored, GREY_16)
 
 
+@pytest.mark.parametrize(
+    ("first_timestamp_ns", "taken"), [(5, "2026:03:04 05:06:07 UTC"), (None, None)]
+)
+def test_a_capture_says_when_it_was_begun_and_an_imported_photograph_does_not(
+    tmp_path: Path, first_timestamp_ns: int | None, taken: str | None
+) -> None:
+    record = replace(
+        RECORD, started_utc="2026-03-04T05:06:07.123456Z", first_timestamp_ns=first_timestamp_ns
+    )
+    images = CaptureImages(mean_dn=GREY.astype(np.float32), variance_dn2=None, record=record)
+    assert read(tmp_path, bytes(capture_bytes(images))).facts.taken == taken
+
+
 def test_a_capture_of_a_session_is_its_mean_with_the_variance(tmp_path: Path) -> None:
     mean = (GREY_16 / 16.5).astype(np.float32)
     variance = (GREY / 7.0).astype(np.float32)
