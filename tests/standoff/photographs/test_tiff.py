@@ -306,7 +306,8 @@ def test_a_capture_says_when_it_was_begun_and_an_imported_photograph_does_not(
     record = replace(
         RECORD, started_utc="2026-03-04T05:06:07.123456Z", first_timestamp_ns=first_timestamp_ns
     )
-    images = CaptureImages(mean_dn=GREY.astype(np.float32), variance_dn2=None, record=record)
+    level = GREY.astype(np.float32)
+    images = CaptureImages(mean_dn=level, variance_dn2=level, record=record)
     assert read(tmp_path, bytes(capture_bytes(images))).facts.taken == taken
 
 
