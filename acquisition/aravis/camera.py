@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
+from threading import Lock
 
 from acquisition.aravis.configuration import NO_TRIGGER
 from acquisition.aravis.connection import AravisConnection, connect_camera
@@ -144,6 +145,7 @@ class AravisCamera:
         self._is_triggered = False
         self._triggered_s = -math.inf
         self._busy_until_s = -math.inf
+        self._counting = Lock()
         self._counted_before = StreamStatistics(
             complete_frames=0, incomplete_frames=0, resent_packets=0, missing_packets=0
         )
@@ -290,9 +292,8 @@ class AravisCamera:
 
     def statistics(self) -> StreamStatistics:
         """See `Camera.statistics`; they continue across reconnections."""
-        if self._connection is None:
-            return self._counted_before
-        return _sum(self._counted_before, self._connection.stream.statistics())
+        with self._counting:
+            return self._counted()
 
     def close(self) -> None:
         """See `Camera.close`."""
@@ -340,11 +341,20 @@ class AravisCamera:
             )
         return self._connection
 
+    def _counted(self) -> StreamStatistics:
+        if self._connection is None:
+            return self._counted_before
+        return _sum(self._counted_before, self._connection.stream.statistics())
+
     def _drop_connection(self) -> None:
-        if self._connection is not None:
-            self._counted_before = self.statistics()
-            self._connection.close()
-            self._connection = None
+        if self._connection is None:
+            return
+        # Whoever asks for the statistics meanwhile, from another thread, finds no connection that
+        # is being closed, which can take 10 s.
+        with self._counting:
+            self._counted_before = self._counted()
+            connection, self._connection = self._connection, None
+        connection.close()
 
     def _interrupted(self, reason: str) -> StreamInterruptedError:
         # What is left is dropped at the next start: that can take 10 s, and the error is due now.

@@ -2,12 +2,17 @@
 
 from collections.abc import Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from acquisition.aravis.camera import AravisCamera
-from acquisition.devices import Frame
-from acquisition.errors import DeviceTimeoutError, StreamInterruptedError
+from acquisition.devices import DeviceInfo, Frame, StreamStatistics
+from acquisition.errors import (
+    DeviceDisconnectedError,
+    DeviceTimeoutError,
+    StreamInterruptedError,
+)
 from tests.acquisition.aravis_bench import camera_config
 from tests.acquisition.fakes import SETTINGS, FakeClock, frame
 
@@ -33,17 +38,21 @@ class QueueOfFrames:
         return False
 
 
-def streaming(*script: Frame | float) -> tuple[AravisCamera, FakeClock]:
-    clock = FakeClock()
-    connection = SimpleNamespace(
-        info=None,
+def connection_to(stream: QueueOfFrames) -> Any:
+    return SimpleNamespace(
+        info=DeviceInfo(vendor="", model="", serial_number="1", firmware="", driver="aravis"),
         settings=SETTINGS,
         exposure_limits_us=(20.0, 1e6),
         warnings=(),
         is_lost=False,
-        stream=QueueOfFrames(clock, iter(script)),
+        stream=stream,
     )
-    camera = AravisCamera(connection, camera_config("127.0.0.1"), clock=clock)  # type: ignore[arg-type]
+
+
+def streaming(*script: Frame | float) -> tuple[AravisCamera, FakeClock]:
+    clock = FakeClock()
+    connection = connection_to(QueueOfFrames(clock, iter(script)))
+    camera = AravisCamera(connection, camera_config("127.0.0.1"), clock=clock)
     camera.start()
     return camera, clock
 
@@ -71,3 +80,31 @@ def test_a_program_that_is_not_scheduled_for_seconds_has_no_stalled_camera() -> 
     assert camera.next_frame(30.0).frame_id == 1
     assert camera.next_frame(30.0).frame_id == 2
     assert clock.now_s == 100.0 + 15.0
+
+
+def test_the_counts_are_told_while_a_lost_camera_is_being_closed() -> None:
+    lost = connection_to(QueueOfFrames(FakeClock(), iter(())))
+    counted = StreamStatistics(
+        complete_frames=7, incomplete_frames=1, resent_packets=3, missing_packets=2
+    )
+    told: list[StreamStatistics] = []
+
+    def statistics() -> StreamStatistics:
+        if lost.is_closed:
+            raise DeviceDisconnectedError("the connection to the camera is closed")
+        return counted
+
+    def close() -> None:
+        lost.is_closed = True
+        told.append(camera.statistics())  # as another thread does: this may take 10 s
+
+    lost.is_closed, lost.is_lost = False, True
+    lost.stream.statistics, lost.close = statistics, close
+    camera = AravisCamera(
+        lost,
+        camera_config("127.0.0.1"),
+        connect=lambda _: connection_to(QueueOfFrames(FakeClock(), iter(()))),
+        clock=FakeClock(),
+    )
+    camera.start()
+    assert told == [counted]
