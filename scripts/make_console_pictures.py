@@ -24,7 +24,7 @@ BENCH = (
     "simulated.width_px=780",
     "simulated.height_px=580",
     "simulated.focus_distance_mm=300.0",
-    "simulated.f_number=2.0",
+    "simulated.f_number=1.0",
 )
 PLAN = """
 schema = "standoff.plan/1"
@@ -38,6 +38,7 @@ target = "edge"
 orientations_deg = [5.0, 50.0, 95.0]
 """
 WIDTH_PX, QUALITY = 1280, 82
+DRAWN = "standoff.picture.drawn"
 
 
 class Photographer:
@@ -62,12 +63,18 @@ class Photographer:
         print(f"console-{name}.jpg")
 
 
+def see(page: Page, pictures: int) -> None:
+    """Wait for new pictures: the practice camera takes its time for each new scene."""
+    drawn = page.evaluate(DRAWN)
+    wait_until(lambda: page.evaluate(DRAWN) >= drawn + pictures, "new pictures")
+
+
 def focus_about(page: Page, peak_mm: float) -> None:
     """Leave a trace of the focus to both sides of its peak."""
-    for height_mm in (*range(-12, 16, 3), 9, 3, 0):
+    for height_mm in (-6, -3, 0, 3, 6, 3, 0):
         move_to(page, peak_mm + height_mm)
         wait_at(page, peak_mm + height_mm)
-        page.wait_for_timeout(400)
+        see(page, 12)
 
 
 def draw_region(page: Page) -> None:
@@ -80,6 +87,20 @@ def draw_region(page: Page) -> None:
         )
         act()
     wait_until(lambda: page.is_visible("#edge"), "an edge is measured")
+
+
+def align(rig: ConsoleRig, page: Page) -> None:
+    """Show the edges of a reference over the picture of a camera that has moved since."""
+    rig.tell_mock("place coins")
+    page.uncheck("#watch-field")
+    page.click("#clear-region")
+    see(page, 40)
+    page.click("#pose-here")
+    move_to(page, 281.0)
+    wait_at(page, 281.0)
+    see(page, 20)
+    page.select_option("#reference-how", "edges")
+    page.wait_for_selector("#reference-edges:visible")
 
 
 def run_session(rig: ConsoleRig, page: Page, photographer: Photographer) -> None:
@@ -118,7 +139,7 @@ def look_through_results(rig: ConsoleRig, page: Page, photographer: Photographer
 def dark_page(rig: ConsoleRig) -> Iterator[Page]:
     """Open the bench page in dark colours."""
     with rig.page(color_scheme="dark", viewport={"width": WIDTH_PX, "height": 940}) as page:
-        wait_until(lambda: page.evaluate("standoff.picture.drawn") > 5, "pictures")
+        wait_until(lambda: page.evaluate(DRAWN) > 5, "pictures")
         yield page
 
 
@@ -136,11 +157,14 @@ def main() -> None:
                 page.select_option("#plan", "edges")
                 run_session(rig, page, photographer)
                 rig.tell_mock("place edge 5")
+                see(page, 40)
                 draw_region(page)
                 page.check("#watch-field")
                 focus_about(page, 287.5)
                 page.hover("#picture", position={"x": 300, "y": 400})
                 photographer.take(page, "bench", 1060)
+                align(rig, page)
+                photographer.take(page, "align", 900)
                 look_through_results(rig, page, photographer)
             with dark_page(rig) as page:
                 rig.tell_mock("fault is_dead=true")
