@@ -9,6 +9,7 @@ from threading import Lock
 
 from acquisition.aravis.configuration import NO_TRIGGER
 from acquisition.aravis.connection import AravisConnection, connect_camera
+from acquisition.aravis.stream import total_statistics
 from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
 from acquisition.errors import (
@@ -344,7 +345,7 @@ class AravisCamera:
     def _counted(self) -> StreamStatistics:
         if self._connection is None:
             return self._counted_before
-        return _sum(self._counted_before, self._connection.stream.statistics())
+        return total_statistics(self._counted_before, self._connection.stream.statistics())
 
     def _drop_connection(self) -> None:
         if self._connection is None:
@@ -398,12 +399,3 @@ class AravisCamera:
         self._settings = self._connection.settings
         self._warnings = self._connection.warnings
         self._is_interrupted = False
-
-
-def _sum(one: StreamStatistics, other: StreamStatistics) -> StreamStatistics:
-    return StreamStatistics(
-        complete_frames=one.complete_frames + other.complete_frames,
-        incomplete_frames=one.incomplete_frames + other.incomplete_frames,
-        resent_packets=one.resent_packets + other.resent_packets,
-        missing_packets=one.missing_packets + other.missing_packets,
-    )

@@ -246,3 +246,13 @@ class FrameStream:
             (before.timestamp_ticks, facts.timestamp_ticks),
         )
         return all(old is None or new is None or new != old for old, new in pairs)
+
+
+def total_statistics(one: StreamStatistics, other: StreamStatistics) -> StreamStatistics:
+    """Counts of two streams together."""
+    return StreamStatistics(
+        complete_frames=one.complete_frames + other.complete_frames,
+        incomplete_frames=one.incomplete_frames + other.incomplete_frames,
+        resent_packets=one.resent_packets + other.resent_packets,
+        missing_packets=one.missing_packets + other.missing_packets,
+    )
