@@ -350,8 +350,7 @@ class AravisCamera:
     def _drop_connection(self) -> None:
         if self._connection is None:
             return
-        # Whoever asks for the statistics meanwhile, from another thread, finds no connection that
-        # is being closed, which can take 10 s.
+        # Closing can take 10 s: another thread that asks for the statistics meanwhile is answered.
         with self._counting:
             self._counted_before = self._counted()
             connection, self._connection = self._connection, None
