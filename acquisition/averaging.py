@@ -36,6 +36,10 @@ EXPOSURE_REMEDY = (
     "the camera states another exposure than it was set to; switch its automatic exposure and "
     "sequencer off, then run again"
 )
+GAIN_REMEDY = (
+    "the camera states another gain than it was set to; switch its automatic gain and sequencer "
+    "off, then run again"
+)
 SLOW_REMEDY = "end other programs or ask for fewer frames_per_capture, then run again"
 
 
@@ -43,6 +47,9 @@ EXPOSURE_STEP_US = 1.0
 EXPOSURE_ROUNDING = 1e-3
 """A frame's exposure may differ from the one read back by the larger of the two: some cameras
 state it in whole microseconds, others in rows of the sensor."""
+
+GAIN_STEP, GAIN_ROUNDING = 0.1, 1e-2
+"""The same of its gain, in the camera's unit: some state it to a tenth of a decibel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,8 +137,10 @@ def average_frames(
                 tally.repeated += 1
             elif frame.image_dn.shape != sums.shape:
                 tally.misshapen += 1
-            elif not _is_exposed_for(frame, settings.exposure_us):
+            elif not _has_exposure(frame, settings):
                 tally.otherwise_exposed += 1
+            elif not _has_gain(frame, settings):
+                tally.otherwise_amplified += 1
             elif is_stale is not None and is_stale(frame):
                 tally.stale += 1
             else:
@@ -154,7 +163,7 @@ def average_frames(
         max_dn=sums.max_dn,
         first_timestamp_ns=stamps_ns[0],
         last_timestamp_ns=stamps_ns[-1],
-        stale_frames=tally.stale + tally.otherwise_exposed,
+        stale_frames=tally.stale + tally.otherwise_exposed + tally.otherwise_amplified,
         is_saturated=is_saturated,
     )
 
@@ -169,18 +178,27 @@ class _Tally:
     repeated: int = 0
     misshapen: int = 0
     otherwise_exposed: int = 0
+    otherwise_amplified: int = 0
     stale: int = 0
 
     @property
     def refused(self) -> int:
         """Frames that did not go into the average because something is wrong with them."""
-        return self.incomplete + self.repeated + self.misshapen + self.otherwise_exposed
+        return self.incomplete + self.repeated + self.misshapen + self.otherwise_set
+
+    @property
+    def otherwise_set(self) -> int:
+        """Frames that state another exposure or gain than was set."""
+        return self.otherwise_exposed + self.otherwise_amplified
 
     @property
     def remedy(self) -> str:
         """What the operator can do about most of the frames that were refused."""
-        is_by_exposure = 2 * self.otherwise_exposed > self.refused
-        return EXPOSURE_REMEDY if is_by_exposure else TORN_REMEDY
+        if 2 * self.otherwise_set <= self.refused:
+            return TORN_REMEDY
+        return (
+            EXPOSURE_REMEDY if self.otherwise_exposed >= self.otherwise_amplified else GAIN_REMEDY
+        )
 
     def failure(self, reason: str) -> CaptureError:
         """Return the error that gives the count and the reason."""
@@ -189,6 +207,7 @@ class _Tally:
             "with a repeated id": self.repeated,
             "of the wrong shape": self.misshapen,
             "with another exposure": self.otherwise_exposed + self.stale,
+            "with another gain": self.otherwise_amplified,
         }
         refused = {what: count for what, count in counts.items() if count}
         faults = ", ".join(f"{count} {what}" for what, count in refused.items())
@@ -237,12 +256,19 @@ class _Progress:
         return self._tally.failure(f"the camera stalled ({error}); {STALLED_REMEDY}")
 
 
-def _is_exposed_for(frame: Frame, exposure_us: float) -> bool:
+def _has_exposure(frame: Frame, settings: CameraSettings) -> bool:
     """Whether nothing speaks against it: not every camera states a frame's exposure."""
     if frame.exposure_us is None:
         return True
-    tolerance_us = max(EXPOSURE_STEP_US, EXPOSURE_ROUNDING * exposure_us)
-    return abs(frame.exposure_us - exposure_us) <= tolerance_us
+    tolerance_us = max(EXPOSURE_STEP_US, EXPOSURE_ROUNDING * settings.exposure_us)
+    return abs(frame.exposure_us - settings.exposure_us) <= tolerance_us
+
+
+def _has_gain(frame: Frame, settings: CameraSettings) -> bool:
+    """Whether nothing speaks against it: few cameras state a frame's gain."""
+    if frame.gain is None or settings.gain is None:
+        return True
+    return abs(frame.gain - settings.gain) <= max(GAIN_STEP, GAIN_ROUNDING * abs(settings.gain))
 
 
 def _next_frame(camera: Camera, progress: _Progress) -> Frame:

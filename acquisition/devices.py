@@ -63,7 +63,7 @@ class Frame:
 
     An incomplete frame (lost packets) has ``is_complete`` False and an empty image.
     ``exposure_us`` is the exposure that the camera states for this very frame; None if it states
-    none.
+    none. ``gain`` likewise, in the unit of `CameraSettings.gain`.
     """
 
     image_dn: FrameImage
@@ -71,6 +71,7 @@ class Frame:
     timestamp_ns: int
     is_complete: bool = True
     exposure_us: float | None = None
+    gain: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

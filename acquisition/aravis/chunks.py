@@ -1,4 +1,4 @@
-"""What a camera states with each frame: exposure, counter and time stamp, where it has them."""
+"""What a camera states with each frame: exposure, gain, counter, time stamp, where it has them."""
 
 from dataclasses import dataclass
 
@@ -10,6 +10,9 @@ from acquisition.aravis.features import CameraFeatures
 from acquisition.aravis.library import AravisObject
 
 CHUNK_MODE = "ChunkModeActive"
+GAIN = "Gain"
+"""The only feature of which a chunk states the gain: of one by another name the unit differs."""
+
 CHUNK_SELECTOR, CHUNK_ENABLE = "ChunkSelector", "ChunkEnable"
 
 
@@ -18,6 +21,7 @@ class FrameFacts:
     """What a frame says of itself; None where the camera does not state it."""
 
     exposure_us: float | None = None
+    gain: float | None = None
     counter: int | None = None
     timestamp_ticks: int | None = None
 
@@ -47,7 +51,10 @@ class FrameChunks:
         if not features.has(CHUNK_MODE):
             return
         features.write(CHUNK_MODE, True)
-        for purpose in ("chunk exposure", "chunk counter", "chunk timestamp"):
+        purposes = ["chunk exposure", "chunk counter", "chunk timestamp"]
+        if features.has(GAIN):
+            purposes.append("chunk gain")
+        for purpose in purposes:
             row = next((r for r in names_for(purpose, camera) if _enable(features, r)), None)
             if row is not None:
                 unit = features.unit_of(row.name) or row.unit
@@ -67,12 +74,14 @@ class FrameChunks:
             return None
         try:
             exposure = self._number(buffer, "chunk exposure")
+            gain = self._number(buffer, "chunk gain")
             counter = self._number(buffer, "chunk counter")
             ticks = self._number(buffer, "chunk timestamp")
         except self._opened.library.glib.Error:
             return None
         return FrameFacts(
             exposure_us=exposure,
+            gain=gain,
             counter=None if counter is None else int(counter),
             timestamp_ticks=None if ticks is None else int(ticks),
         )

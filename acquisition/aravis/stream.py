@@ -134,6 +134,7 @@ class FrameStream:
                     frame_id=frame_id,
                     timestamp_ns=timestamp_ns,
                     exposure_us=facts.exposure_us,
+                    gain=facts.gain,
                 )
         return Frame(
             image_dn=np.empty((0, 0), np.uint16),

@@ -90,6 +90,7 @@ class Acquisition:
         self._exposed_s = 0.0
         self.first_block_id = 1
         self._block_id = 0
+        self._set_db: deque[float] = deque(maxlen=EXPOSURES_KEPT)
         self._set_us: deque[float] = deque(maxlen=EXPOSURES_KEPT)
         self._thread = Thread(target=self._run, name="gige-stream", daemon=True)
 
@@ -195,10 +196,16 @@ class Acquisition:
         block_id = self._block_id
         request = self._state.request(self._acquisitions, self._frames)
         self._set_us.append(request.exposure_us)
+        self._set_db.append(request.gain_db)
         late = min(self._faults().exposure_delay_frames, len(self._set_us) - 1)
+        gain_late = min(self._faults().gain_delay_frames, len(self._set_db) - 1)
         self._counter += 1
         exposure = _Exposure(
-            request=replace(request, exposure_us=self._set_us[-1 - late]),
+            request=replace(
+                request,
+                exposure_us=self._set_us[-1 - late],
+                gain_db=self._set_db[-1 - gain_late],
+            ),
             block_id=block_id,
             timestamp_ticks=self._registers.ticks_at(self._exposed_s),
             layout=self._state.layout,
@@ -251,6 +258,7 @@ def _chunk(chunk: Feature, exposure: _Exposure) -> bytes:
     """What a chunk says of a frame; integers and floats take eight bytes."""
     quantities = {
         "ExposureTimeAbs": exposure.request.exposure_us,
+        "Gain": exposure.request.gain_db - exposure.settings["DigitalGain"],
         "Timestamp": exposure.timestamp_ticks,
         "FrameCounter": exposure.counter,
     }

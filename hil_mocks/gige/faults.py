@@ -39,6 +39,8 @@ class GigeFaults:
         The description has a DeviceTemperature, unlike a Manta's.
     exposure_delay_frames
         Frames have the exposure that was set so many frames earlier.
+    gain_delay_frames
+        Frames have the gain that was set so many frames earlier.
     """
 
     seed: int = 0
@@ -55,12 +57,19 @@ class GigeFaults:
     slow_writes_s: float = 0.0
     temperature_present: bool = False
     exposure_delay_frames: int = 0
+    gain_delay_frames: int = 0
 
     def __post_init__(self) -> None:
         for name in RATES:
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must be from 0 to 1, got {getattr(self, name)}")
-        for name in ("seed", "missing_rows", "slow_writes_s", "exposure_delay_frames"):
+        for name in (
+            "seed",
+            "missing_rows",
+            "slow_writes_s",
+            "exposure_delay_frames",
+            "gain_delay_frames",
+        ):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
 

@@ -75,6 +75,45 @@ def test_a_frame_with_another_exposure_never_enters_a_mean(maker: Maker) -> None
         )
 
 
+AMPLIFIED: tuple[Maker, ...] = ("flir", "hikrobot")
+"""Simulated cameras that state the gain as well."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("maker", AMPLIFIED)
+def test_a_frame_with_another_gain_never_enters_a_mean(maker: Maker) -> None:
+    with gige_bench(maker=maker) as bench, opened(bench) as camera:
+        average_frames(camera, 2)
+        bench.camera.faults = GigeFaults(gain_delay_frames=3)
+        camera.set_gain_db(6.0)
+        averaged = average_frames(camera, 3)
+        np.testing.assert_allclose(
+            averaged.mean_dn, mean_of_frames(bench, range(3, 6), 4000.0), rtol=1e-6
+        )
+        assert averaged.stale_frames == 2  # the first is skipped in any case
+        camera.start()
+        assert camera.next_frame(1.0).gain == 6.0
+
+
+@pytest.mark.slow
+def test_a_camera_that_never_takes_over_the_gain_is_an_error_with_the_count() -> None:
+    with gige_bench(maker="flir") as bench, opened(bench) as camera:
+        average_frames(camera, 2)
+        bench.camera.faults = GigeFaults(gain_delay_frames=1000)
+        camera.set_gain_db(6.0)
+        with pytest.raises(CaptureError, match="switch its automatic gain") as refused:
+            average_frames(camera, 3)
+        assert refused.value.frames_refused.keys() == {"with another gain"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("maker", ["basler", "ids"])
+def test_a_camera_whose_gain_is_by_another_name_or_unit_states_none(maker: Maker) -> None:
+    with gige_bench(maker=maker) as bench, opened(bench) as camera:
+        camera.start()
+        assert camera.next_frame(1.0).gain is None
+
+
 @pytest.mark.slow
 def test_a_camera_that_never_takes_over_the_exposure_is_an_error_with_the_count() -> None:
     with gige_bench(maker="flir") as bench, opened(bench) as camera:
