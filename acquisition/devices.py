@@ -216,6 +216,16 @@ class Stage(Protocol):
 
 
 @runtime_checkable
+class HomingStage(Protocol):
+    """A stage whose controller states how far and how fast it homes."""
+
+    @property
+    def homing_s(self) -> float:
+        """Longest homing by the controller's own travel and rates, in s; 0 if it states none."""
+        ...
+
+
+@runtime_checkable
 class TravellingStage(Protocol):
     """A stage that reports its height while another thread moves it; for display only."""
 

@@ -187,7 +187,7 @@ class CaptureStep:
         if self._approached_mm == height_mm:
             return
         if not self._stage.is_homed:
-            self._stage.home(home_timeout_s(self._bench.stage))
+            self._stage.home(home_timeout_s(self._bench.stage, self._stage))
         self._approached_mm = None
         self._checked(height_mm, self._stage.move_to(height_mm, move_timeout_s(self._bench.stage)))
         if self._plan.settle_s:

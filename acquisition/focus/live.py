@@ -208,7 +208,7 @@ def sweep_focus(
     points = []
     try:
         if not stage.is_homed:
-            stage.home(home_timeout_s(stage_config))
+            stage.home(home_timeout_s(stage_config, stage))
         for height_mm in heights_mm:
             read_back_mm = stage.move_to(height_mm, move_timeout_s(stage_config))
             point = restarted(

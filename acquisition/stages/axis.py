@@ -114,6 +114,11 @@ class MotorAxis(MovableAxis, Protocol):
         """How it is read and stopped."""
         ...
 
+    @property
+    def homing_s(self) -> float:
+        """See `HomingStage`."""
+        ...
+
     def state(self) -> StageState:
         """Ask what it is doing; a fault is a state here, not an error."""
         ...

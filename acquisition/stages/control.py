@@ -94,7 +94,7 @@ def act_on_stage(
         If it does not do what it is told.
     """
     if action == "home" or (homes_first and not stage.is_homed):
-        stage.home(home_timeout_s(config))
+        stage.home(home_timeout_s(config, stage))
     if height_mm is not None:
         try:
             stage.move_to(height_mm, move_timeout_s(config))

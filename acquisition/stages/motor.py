@@ -77,6 +77,11 @@ class MotorStage:
         return self._config.limits_mm
 
     @property
+    def homing_s(self) -> float:
+        """See `HomingStage`."""
+        return self._axis.homing_s
+
+    @property
     def is_homed(self) -> bool:
         """See `Stage.is_homed`."""
         return self._axis.is_position_known and not self._is_emergency

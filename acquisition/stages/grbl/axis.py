@@ -100,6 +100,11 @@ class GrblAxis(GrblMotion):
             driver="grbl",
         )
 
+    @property
+    def homing_s(self) -> float:
+        """See `HomingStage`: by the settings as they were read last."""
+        return 0.0 if self._setup is None else self._setup.homing_s
+
     def state(self) -> StageState:
         """See `MotorAxis.state`."""
         try:

@@ -8,6 +8,10 @@ from acquisition.errors import DeviceProtocolError, DeviceSettingsError
 from acquisition.stages.grbl.wire import AXES
 
 REPORT_INCHES, HOMING, HOMING_INVERTED, LOCATE_FEED, PULL_OFF = 13, 22, 23, 24, 27
+SEEK_RATE, DEBOUNCE_MS, FIRST_TRAVEL = 25, 26, 130
+SEARCHED, LOCATED = 1.5, 5.0
+"""Grbl looks for a switch over so many times the travel, then over so many times the pull-off."""
+
 KEEP_HOMED_ON_RESET = 7
 """Bit of grblHAL's ``$22``."""
 
@@ -41,7 +45,8 @@ class HeightAxis:
 class GrblSetup:
     """The settings that homing depends on.
 
-    ``towards_switch`` is the sign of the machine direction towards the home switch.
+    ``towards_switch`` is the sign of the machine direction towards the home switch; ``homing_s``
+    is the longest homing by travel and rates, 0 where they are not stated.
     """
 
     is_homing_enabled: bool
@@ -49,6 +54,7 @@ class GrblSetup:
     towards_switch: float
     pull_off_mm: float
     locate_feed_mm_per_min: float
+    homing_s: float = 0.0
 
 
 def height_axis(config: StageConfig) -> HeightAxis:
@@ -99,7 +105,27 @@ def check_settings(settings: dict[int, str], config: StageConfig, *, name: str) 
         towards_switch=-1.0 if is_towards_minus else 1.0,
         pull_off_mm=_number(settings, PULL_OFF, name),
         locate_feed_mm_per_min=_number(settings, LOCATE_FEED, name),
+        homing_s=_homing_s(settings, config, name),
     )
+
+
+def _homing_s(settings: dict[int, str], config: StageConfig, name: str) -> float:
+    """Longest homing cycle of Grbl 1.1 (``limits_go_home``): of one axis, or of all in turn."""
+    seek_mm_per_min = _as_number(settings.get(SEEK_RATE, "")) or 0.0
+    locate_mm_per_min = _number(settings, LOCATE_FEED, name)
+    if min(seek_mm_per_min, locate_mm_per_min) <= 0:
+        return 0.0
+    stated = (_as_number(settings.get(FIRST_TRAVEL + index, "")) for index in range(len(AXES)))
+    travels_mm = [abs(travel_mm) for travel_mm in stated if travel_mm is not None]
+    if config.homing == "single_axis":
+        own_mm = _as_number(settings.get(FIRST_TRAVEL + AXES.index(config.axis), ""))
+        travels_mm = [] if own_mm is None else [abs(own_mm)]
+    pull_off_mm = _number(settings, PULL_OFF, name)
+    debounce_s = 1e-3 * (_as_number(settings.get(DEBOUNCE_MS, "")) or 0.0)
+    quick_mm = SEARCHED * sum(travels_mm) + 2 * pull_off_mm * len(travels_mm)
+    slow_mm = LOCATED * pull_off_mm * len(travels_mm)
+    moving_s = 60.0 * (quick_mm / seek_mm_per_min + slow_mm / locate_mm_per_min)
+    return moving_s + 4 * debounce_s * len(travels_mm)
 
 
 def _number(settings: dict[int, str], number: int, name: str) -> float:

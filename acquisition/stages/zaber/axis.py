@@ -114,6 +114,11 @@ class ZaberAxis:
         """See `Stage.info`."""
         return self._info
 
+    @property
+    def homing_s(self) -> float:
+        """See `HomingStage`; not asked for."""
+        return 0.0
+
     def state(self) -> StageState:
         """See `MotorAxis.state`."""
         reply = self._device.ask("")

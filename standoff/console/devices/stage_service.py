@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from threading import Event, Lock, Thread
 
-from acquisition.devices import DeviceInfo, Stage, StageState, TravellingStage
+from acquisition.devices import DeviceInfo, HomingStage, Stage, StageState, TravellingStage
 from acquisition.errors import (
     DeviceDisconnectedError,
     DeviceError,
@@ -244,6 +244,11 @@ class _LentStage:
     def limits_mm(self) -> tuple[float, float]:
         """See `Stage.limits_mm`."""
         return self._stage.limits_mm
+
+    @property
+    def homing_s(self) -> float:
+        """See `HomingStage`."""
+        return self._stage.homing_s if isinstance(self._stage, HomingStage) else 0.0
 
     @property
     def is_homed(self) -> bool:

@@ -89,8 +89,8 @@ class CommandHandler:
         return None if command is None else command(message)
 
     def _home(self, _: messages.Home) -> None:
-        timeout_s = home_timeout_s(self._hub.bench.stage)
-        self._stage_job("homing the stage", lambda stage: stage.home(timeout_s))
+        config = self._hub.bench.stage
+        self._stage_job("homing the stage", lambda stage: stage.home(home_timeout_s(config, stage)))
 
     def _move(self, message: messages.Move) -> None:
         height_mm = message.height_mm

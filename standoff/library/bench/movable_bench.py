@@ -138,7 +138,7 @@ class MovableBench:
         self._asked_mm = None
         stage = self.stage
         with _stopping_if_interrupted(stage):
-            stage.home(home_timeout_s(self.config.stage))
+            stage.home(home_timeout_s(self.config.stage, stage))
         return stage.position_mm()
 
     def move(self, height_mm: float) -> float:

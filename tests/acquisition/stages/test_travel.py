@@ -26,6 +26,11 @@ def config(**keys: Any) -> StageConfig:
     return StageConfig.model_validate({"driver": "manual", "limits_mm": [10.0, 400.0], **keys})
 
 
+def hand_stage(of: StageConfig) -> ManualStage:
+    """A stage that is never moved."""
+    return ManualStage(of, ask=lambda _: "")
+
+
 @pytest.mark.parametrize("height_mm", [nan, inf, -inf, 9.999, 400.001])
 def test_heights_outside_are_refused(height_mm: float) -> None:
     with pytest.raises(StageLimitError) as refused:
@@ -78,7 +83,16 @@ def test_every_stop_is_within_the_limits_and_the_last_is_the_target(
 def test_a_move_may_take_twice_the_travel_at_its_feed() -> None:
     slow = config(feed_mm_per_min=60.0, settle_s=1.0)
     assert move_timeout_s(slow) == 10 + 1 + 2 * 390
-    assert home_timeout_s(slow) == 30 + move_timeout_s(slow)
+    assert home_timeout_s(slow, hand_stage(slow)) == 30 + move_timeout_s(slow)
+
+
+def test_homing_may_take_what_the_controller_states_and_a_quarter_more() -> None:
+    quick = config(feed_mm_per_min=6000.0)
+    for stated_s in (0.0, 10.0, 1000.0):
+        stage = hand_stage(quick)
+        stage.homing_s = stated_s  # type: ignore[attr-defined]
+        expected_s = 30 + max(move_timeout_s(quick), 1.25 * stated_s)
+        assert home_timeout_s(quick, stage) == expected_s
 
 
 @pytest.mark.parametrize(

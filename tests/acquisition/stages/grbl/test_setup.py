@@ -67,3 +67,22 @@ def test_heights_and_machine_positions_belong_together_either_way() -> None:
     down = height_axis(config(home_offset_mm=320.0, direction="down", axis="Y"))
     assert (down.height_mm(30.0), down.machine_mm(290.0)) == (290.0, 30.0)
     assert (down.letter, down.index) == ("Y", 1)
+
+
+# By hand: 1.5 times the travel of each axis and two pull-offs of 1.5 mm at the seek rate, five
+# pull-offs at 25 mm/min, four times 250 ms.
+@pytest.mark.parametrize(
+    ("homing", "expected_s"),
+    [
+        ("single_axis", 60 * (1.5 * 380 + 3) / 600 + 60 * 7.5 / 25 + 1),
+        ("all_axes", 60 * (1.5 * (200 + 300 + 380) + 9) / 600 + 3 * 60 * 7.5 / 25 + 3),
+    ],
+)
+def test_homing_may_take_the_controllers_travel_at_its_rates(
+    homing: str, expected_s: float
+) -> None:
+    travels = {130: "200.000", 131: "300.000", 132: "-380.000"}
+    settings = SETTINGS | travels | {25: "600.000", 26: "250"}
+    found = check_settings(settings, config(homing=homing), name="grbl")
+    assert found.homing_s == pytest.approx(expected_s)
+    assert check_settings(SETTINGS, config(homing=homing), name="grbl").homing_s == 0.0
