@@ -3,8 +3,7 @@
 Squares of 100 px behind a Gaussian lens, at angles of 0 to 45 degrees, at any place within a pixel
 and 18 to 60 px from the frame, where the frame cuts what lies beside the edge. Truth is a closed
 form: along the pixels products of error functions and their integrals (``square_along_pixels``),
-else their quadrature over the pixels (``edge_scenes``). *Total* widths are those of the lens and the
-pixel square together.
+else their quadrature over the pixels (``edge_scenes``).
 
     python -m benchmarks.bench_edge_sides [--sides 4000] [--seed 500] [--quick]
 """
@@ -105,21 +104,21 @@ class Square:
 
 
 def square_along_pixels(one: Rectangle, shape: tuple[int, int], sigma_px: float) -> FloatArray:
-    """Pixel means of a square whose sides lie along the pixels, in closed form."""
+    """Pixel means of a rectangle at an angle of 0, or of a square along the pixels."""
     down, across = (
-        _bar(np.arange(size) - middle, half, sigma_px)
-        for size, middle, half in zip(shape, (one.y_px, one.x_px), one.half_px, strict=True)
+        _bar(np.arange(size, dtype=np.float64) - middle, half, sigma_px)
+        for size, middle, half in zip(shape, (one.y_px, one.x_px), one.half_px[::-1], strict=True)
     )
     return np.asarray(one.level_dn * np.outer(down, across))
 
 
 def _bar(away_px: FloatArray, half_px: float, sigma_px: float) -> FloatArray:
     """Means over unit pixels of a bar about 0, by the integral of Phi."""
-    return sum(
-        sign * (_risen(away_px + step + end, sigma_px))
-        for step, sign_of_step in ((0.5, 1.0), (-0.5, -1.0))
-        for end, sign in ((half_px, sign_of_step), (-half_px, -sign_of_step))
+    rises, falls = (
+        _risen(away_px + end + 0.5, sigma_px) - _risen(away_px + end - 0.5, sigma_px)
+        for end in (half_px, -half_px)
     )
+    return rises - falls
 
 
 def _risen(x: FloatArray, sigma_px: float) -> FloatArray:
