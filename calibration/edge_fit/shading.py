@@ -20,6 +20,9 @@ from simulation.compiled import compiled, compiled_part
 _ZONE_PX = 16.0  # width of either zone beyond the fitted band
 _ZONE_LEAST_PX = 8.0
 _ZONE_PIXELS = 30
+# Variance of the distances, and of the squared positions along: a zone that the frame cuts down to
+# a column shows no slope, one cut to a tip no bend. A whole zone of 8 px has 5 px^2, and 0.09.
+_SPREAD_PX2, _SPREAD_ALONG = 3.0, 1e-3
 _ALONG_LEAST = 2e-3  # of the contrast, at the ends: less does not move sigma by 0.02 %
 _TERMS = 4
 _RIDGE = 1e-13
@@ -130,7 +133,7 @@ def shading_levels(
 class _Zone(NamedTuple):
     """What a zone shows, with standard errors: slope across the edge at a mean distance from it.
 
-    ``bend_along`` is per square of the half length.
+    ``bend_along`` is per square of the half length. Errors are infinite where nothing is shown.
     """
 
     slope: float
@@ -220,18 +223,21 @@ def _zone(m: FloatArray) -> _Zone:
     """
     n = m[0, 0]
     if n < _ZONE_PIXELS:
-        return _Zone(0.0, 0.0, 0.0, 0.0, 0.0)
+        return _Zone(0.0, np.inf, 0.0, 0.0, np.inf)
     matrix, right = np.empty((_TERMS, _TERMS)), np.empty(_TERMS)
     for j in range(_TERMS):
         right[j] = m[_TERMS, j]
         for k in range(j + 1):
             matrix[j, k] = matrix[k, j] = m[j, k]
         matrix[j, j] *= 1 + _RIDGE
+    by_slope, by_bend = inverse_element(matrix, 1), inverse_element(matrix, 3)
+    if not 0.0 < n * _SPREAD_PX2 * by_slope <= 1.0:
+        return _Zone(0.0, np.inf, 0.0, 0.0, np.inf)
     found = solved(matrix, right, 0.0)
     left = m[_TERMS, _TERMS]
     for j in range(_TERMS):
         left -= found[j] * right[j]
     variance = max(left, 0.0) / (n - _TERMS)
-    across_error = sqrt(variance * inverse_element(matrix, 1))
-    along_error = sqrt(variance * inverse_element(matrix, 3))
+    across_error = sqrt(variance * by_slope)
+    along_error = sqrt(variance * by_bend) if n * _SPREAD_ALONG * by_bend <= 1.0 else np.inf
     return _Zone(found[1], across_error, m[1, 0] / n, found[3], along_error)

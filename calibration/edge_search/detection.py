@@ -6,12 +6,12 @@ gradient; collinear pieces are joined; what is too near is kept out of the fit's
 """
 
 from dataclasses import replace
-from math import ceil, cos, inf, pi, sin, sqrt
+from math import ceil, cos, erf, inf, pi, sin, sqrt
 
 import numpy as np
 
 from calibration.edge_search.clearance import clear_stretches, nearest_others
-from calibration.edge_search.gradient import SMOOTHING_PX, Gradient, RidgePixels
+from calibration.edge_search.gradient import PROFILE_PX, SMOOTHING_PX, Gradient, RidgePixels
 from calibration.edge_search.ridges import (
     SHORTEST_REGION_PX,
     ArtefactGradient,
@@ -34,6 +34,20 @@ _MOST = 0.7  # of a piece's length: a wider band is worth the rest
 _LEAVES_PX = 1.5  # along the edge: where edges leave the frame, their ridges end 1.0 px before it
 _BESIDE_PX = 60.0  # other edges farther away are not looked for
 _CELL_PX = 128.0
+_WIDEST_GUESS_PX = 4.0
+_AFFORDED = 0.1  # of a line's length: what a wide edge may lose more at a corner
+
+
+def _cut_variances(whole_px2: FloatArray) -> FloatArray:
+    """Variances of Gaussians that are cut off at the reach of a ridge's profile, in px^2."""
+    end = PROFILE_PX / np.sqrt(whole_px2)
+    density = np.exp(-0.5 * end * end) / sqrt(2 * pi)
+    inside = np.array([erf(one / sqrt(2)) for one in end.tolist()])
+    return np.asarray(whole_px2 * (1 - 2 * end * density / inside))
+
+
+_WHOLE_PX2 = np.linspace(0.1, 0.5 * (_WIDEST_GUESS_PX**2 + SMOOTHING_PX**2), 100)
+_CUT_PX2 = _cut_variances(_WHOLE_PX2)
 
 
 def find_edges(
@@ -172,7 +186,8 @@ def _sized(pixels: RidgePixels, line: EdgeSegment) -> EdgeSegment:
 
 def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
     """Trim ends that are corners; an end at which the edge leaves the frame stays."""
-    corner = corner_reach(line.sigma_px)
+    whole_px = _whole_corner_px(line.sigma_px)
+    corner = max(corner_reach(line.sigma_px), min(whole_px, _AFFORDED * line.length_px))
     along = np.array([-sin(line.normal_rad), cos(line.normal_rad)])
     first, last = _ends(line)
     cuts = [
@@ -186,6 +201,13 @@ def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
         y_px=line.y_px + middle * cos(line.normal_rad),
         length_px=max(line.length_px - cuts[0] - cuts[1], 4.0),
     )
+
+
+def _whole_corner_px(sigma_px: float) -> float:
+    """How far a corner reaches by a guessed width, which is of the middle of a wide edge alone."""
+    spread_px2 = 0.5 * (sigma_px**2 + SMOOTHING_PX**2)
+    whole_px2 = float(np.interp(spread_px2, _CUT_PX2, _WHOLE_PX2))
+    return float(corner_reach(sqrt(max(2 * whole_px2 - SMOOTHING_PX**2, sigma_px**2))))
 
 
 def _to_frame_px(end: FloatArray, outwards: FloatArray, rows: int, cols: int) -> float:

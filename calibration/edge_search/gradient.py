@@ -29,7 +29,7 @@ _SAMPLED_PX = 100_000  # of an image not much larger than all tiles
 _HALO_PX = 6  # median 1, Gaussian 4, Scharr 1
 _ACROSS_PX = 5  # farthest that a ridge pixel looks
 _STRIP_PIXELS, _STRIP_ROWS = 1 << 17, 64  # work images of half a megabyte, but not too flat
-_PROFILE_PX = 3.0  # half the band about a ridge whose moments are taken
+PROFILE_PX = 3.0  # half the band about a ridge whose moments are taken
 _TAN_22_5 = sqrt(2.0) - 1.0
 
 
@@ -263,7 +263,7 @@ def _ridge_pixels(
             # Below the pixel, by a parabola.
             shift[i] = min(max(0.5 * (after - before) / bend, -0.5), 0.5) if bend > 0 else 0.0
             steep = max(abs(x[i]), abs(y[i])) / sqrt(squares[r, c])
-            reach = _PROFILE_PX / steep
+            reach = PROFILE_PX / steep
             for k in range(ceil(shift[i] - reach), floor(shift[i] + reach) + 1):
                 square = _at(squares, r + k * step_r, c + k * step_c)
                 moments[i, 0] += square
