@@ -234,15 +234,7 @@ def _misfit(
 @compiled_part()
 def _marked(fit: SplineFit, is_found: bool) -> SplineFit:
     return SplineFit(
-        is_found,
-        fit.coefficients,
-        fit.terms,
-        fit.factor,
-        fit.cross,
-        fit.border,
-        fit.scale,
-        fit.penalty,
-        fit.needed,
+        is_found, fit.coefficients, fit.terms, fit.factor, fit.cross, fit.border, fit.scale
     )
 
 

@@ -36,8 +36,6 @@ _HEAVIEST_LOG = log(1e6)
 _STEPS = 11  # of a decade and a half: over one the smoothing length changes by three quarters
 _FALLEN = 2.0  # errors then hold what a lens that is no Gaussian differs by, for 2 % more noise
 _SURPRISING = 3.0
-# Penalty of a deviation that noise alone does not make: behind a Gaussian lens its mean is 0.75.
-_SURELY_BENT = 3.0
 _RIDGE = 1e-12  # of each diagonal element: a term that the spline can follow exactly
 
 
@@ -47,8 +45,7 @@ class SplineFit(NamedTuple):
     With n coefficients and m terms: ``coefficients`` (n,) and ``terms`` (m,). The inverse of the
     bordered normal equations, whose factors are ``factor`` (n, 4) for the spline, ``cross`` (n, m)
     and ``border`` (m, m), times ``scale`` is the posterior covariance: see ``variances``. The scale
-    is by how much the samples scatter more than their weights say. ``penalty`` (n, 4) is the
-    prior's inverse covariance in the same units, ``needed`` the share of it that samples ask for.
+    is by how much the samples scatter more than their weights say.
     """
 
     is_found: bool
@@ -58,8 +55,6 @@ class SplineFit(NamedTuple):
     cross: FloatArray
     border: FloatArray
     scale: float
-    penalty: FloatArray
-    needed: float
 
 
 class _Equations(NamedTuple):
@@ -203,12 +198,12 @@ def _reduced(equations: _Equations, penalty: FloatArray, weight: float) -> _Redu
 
 
 @compiled_part()
-def _solved(reduced: _Reduced, penalty: FloatArray) -> SplineFit:
-    """Go back from the terms to the spline; ``penalty`` has its weight."""
+def _solved(reduced: _Reduced) -> SplineFit:
+    """Go back from the terms to the spline."""
     several = reduced.border.shape[0]
     if not reduced.is_found:
         none = np.empty((1, 0))
-        return SplineFit(False, none[0], none[0], reduced.factor, none, none, 0.0, none, 1.0)
+        return SplineFit(False, none[0], none[0], reduced.factor, none, none, 0.0)
     border, terms = reduced.border, np.empty(several)
     for i in range(several - 1, -1, -1):
         terms[i] = reduced.right[i, 0]
@@ -223,29 +218,7 @@ def _solved(reduced: _Reduced, penalty: FloatArray) -> SplineFit:
             cross[i, m] = reduced.sides[i, m]
             left[i] -= cross[i, m] * terms[m]
     coefficients = backward_solved(reduced.factor, left)
-    share = _penalty_of(penalty, coefficients) / reduced.scale / _SURELY_BENT
-    return SplineFit(
-        True,
-        coefficients,
-        terms,
-        reduced.factor,
-        cross,
-        border,
-        reduced.scale,
-        penalty,
-        min(share * share, 1.0),
-    )
-
-
-@compiled_part()
-def _penalty_of(penalty: FloatArray, coefficients: FloatArray) -> float:
-    """What the penalty makes of the coefficients: twice a logarithm of a likelihood."""
-    total = 0.0
-    for i in range(coefficients.size):
-        total += penalty[i, 0] * coefficients[i] * coefficients[i]
-        for k in range(1, min(BAND, i + 1)):
-            total += 2.0 * penalty[i, k] * coefficients[i] * coefficients[i - k]
-    return total
+    return SplineFit(True, coefficients, terms, reduced.factor, cross, border, reduced.scale)
 
 
 @compiled_part()
@@ -280,8 +253,7 @@ def fit_penalised_spline(
     unit = log(np.mean(weights)) + _LIGHTEST_LOG
     step = (_HEAVIEST_LOG - _LIGHTEST_LOG) / (_STEPS - 1)
     at = step * _lightest_likely(equations, penalty, unit, step)
-    weight = np.exp(unit + at)
-    return _solved(_reduced(equations, penalty, weight), weight * penalty)
+    return _solved(_reduced(equations, penalty, np.exp(unit + at)))
 
 
 @compiled_part()
@@ -325,9 +297,6 @@ def _lightest_likely(
 def variances(fit: SplineFit, by_coefficient: FloatArray, by_term: FloatArray) -> FloatArray:
     """Posterior variances of what depends so on the coefficients and on the terms.
 
-    They hold what the penalty takes from the deviation as the prior has it. Where the samples ask
-    for less of a deviation, as behind a Gaussian lens, that part is less in proportion.
-
     Parameters
     ----------
     fit
@@ -347,31 +316,7 @@ def variances(fit: SplineFit, by_coefficient: FloatArray, by_term: FloatArray) -
             out[k] += inner[i, k] * inner[i, k]
         for m in range(outer.shape[0]):
             out[k] += outer[m, k] * outer[m, k]
-    if fit.needed < 1.0:
-        out -= (1.0 - fit.needed) * _taken(fit, inner, outer)
-    return fit.scale * out
-
-
-@compiled_part()
-def _taken(fit: SplineFit, inner: FloatArray, outer: FloatArray) -> FloatArray:
-    """The part of the variances that is of what the penalty takes away.
-
-    With the inverse A of the normal equations and derivatives d it is (A d)' P (A d) of the
-    posterior's d' A d, P being the penalty.
-    """
-    several, number = outer.shape
-    out, left, terms = np.empty(number), np.empty(inner.shape[0]), np.empty(several)
-    for k in range(number):
-        for i in range(several - 1, -1, -1):
-            terms[i] = outer[i, k]
-            for j in range(i + 1, several):
-                terms[i] -= fit.border[j, i] * terms[j]
-            terms[i] /= fit.border[i, i]
-        for i in range(left.size):
-            left[i] = inner[i, k]
-            for m in range(several):
-                left[i] -= fit.cross[i, m] * terms[m]
-        out[k] = _penalty_of(fit.penalty, backward_solved(fit.factor, left))
+        out[k] *= fit.scale
     return out
 
 

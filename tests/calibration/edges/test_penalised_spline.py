@@ -66,7 +66,7 @@ def test_a_known_term_is_found_beside_noise_and_takes_the_spline_s_part() -> Non
     np.testing.assert_allclose(left, 0.0, atol=0.04)
 
 
-def test_the_variances_are_the_bordered_inverse_less_what_of_the_prior_is_not_needed() -> None:
+def test_the_variances_are_the_bordered_inverse() -> None:
     places = uniform(6, 500)
     term = np.tanh(places - 20.0)[:, None]
     noise = np.random.default_rng(7).normal(size=500) * 0.1
@@ -77,32 +77,11 @@ def test_the_variances_are_the_bordered_inverse_less_what_of_the_prior_is_not_ne
             lower[row, row - d] = fit.factor[row, d]
     lower[COUNT, :COUNT] = fit.cross[:, 0]
     lower[COUNT, COUNT] = fit.border[0, 0]
-    inverse = np.linalg.inv(lower @ lower.T)
-    penalty = np.zeros((COUNT + 1, COUNT + 1))
-    for row in range(COUNT):
-        for d in range(min(4, row + 1)):
-            penalty[row, row - d] = penalty[row - d, row] = fit.penalty[row, d]
+    inverse = fit.scale * np.linalg.inv(lower @ lower.T)
     chosen = np.random.default_rng(8).normal(size=(COUNT + 1, 3))
-    whole = np.einsum("ik,ij,jk->k", chosen, inverse, chosen)
-    solved = inverse @ chosen
-    taken = np.einsum("ik,ij,jk->k", solved, penalty, solved)
-    assert fit.needed == 1.0  # a sine is no step
+    expected = np.einsum("ik,ij,jk->k", chosen, inverse, chosen)
     found = variances(fit, chosen[:COUNT], chosen[COUNT:])
-    np.testing.assert_allclose(found, fit.scale * whole, rtol=1e-8)
-    # Without a deviation, the errors are those of the noise: less a share of what is taken away.
-    less = variances(fit._replace(needed=0.25), chosen[:COUNT], chosen[COUNT:])
-    np.testing.assert_allclose(less, fit.scale * (whole - 0.75 * taken), rtol=1e-8)
-
-
-def test_without_a_deviation_little_of_the_prior_is_needed() -> None:
-    places = uniform(6, 500)
-    term = np.tanh(places - 20.0)[:, None]
-    needed = []
-    for seed in range(40):
-        noise = np.random.default_rng(seed).normal(size=500) * 0.1
-        needed.append(fitted(places, term[:, 0] + noise, term, 0.1).needed)
-    # A penalty of 0.75 on average, as of 0.75 squares of normals: its square over 9 is 0.2.
-    assert np.mean(needed) < 0.4
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
 def test_the_variances_cover_a_curve_that_is_no_spline() -> None:
