@@ -66,6 +66,8 @@ WORDED = {
 
 # Read in the packages themselves, where their metadata say nothing or everything at once.
 READ_BY_HAND = {
+    # LICENSE, and that of axe-core, which its wheel holds.
+    "axe-playwright-python": "MIT AND MPL-2.0",
     # The GPL is that of an Emacs mode, which the wheel does not hold.
     "docutils": "BSD-2-Clause AND LicenseRef-Public-Domain",
     # Its own and those of the filters that its wheel holds, doc/information.rst of its source.
