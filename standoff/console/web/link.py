@@ -15,7 +15,7 @@ ROUND_TRIPS = 20
 """The shortest of so many counts: the others waited behind pictures."""
 
 LATE_S = 2.0
-"""After this time a picture counts as arrived, so that a page that was asleep recovers."""
+"""After this time a picture is waited for no longer, so that a page that was asleep recovers."""
 
 
 @dataclass(slots=True)
