@@ -16,12 +16,12 @@ import numpy as np
 from PIL import Image
 from scipy.special import ndtr
 
-from acquisition.bench import BenchConfig
 from benchmarks.bench_edge_fit import exact_edge
 from calibration.edge_fit import JpegCompression
 from calibration.edges import EdgeImage
 from hil_mocks import BenchTruth
 from simulation.arrays import FloatArray
+from tests.hil_mocks.benches import bench_config
 
 NOTHING_STRAIGHT = (
     "cell.png",
@@ -170,24 +170,9 @@ def _bench(sigma_px: float, rng: np.random.Generator) -> BenchTruth:
         "vignetting": rng.uniform(0.0, 0.3),
     }
     return BenchTruth(
-        BenchConfig.model_validate(
-            {
-                "camera": {
-                    "driver": "simulated",
-                    "pixel_format": "Mono12",
-                    "exposure_us": 8000.0,
-                    "gain_db": 0.0,
-                    "frame_rate_hz": 50.0,
-                },
-                "stage": {
-                    "driver": "simulated",
-                    "limits_mm": [10.0, 500.0],
-                    "feed_mm_per_min": 1200.0,
-                    "settle_s": 0.5,
-                },
-                "optics": {"focal_length_mm": 8.0, "pixel_pitch_um": 8.3},
-                "simulated": simulated,
-            }
+        bench_config(
+            stage__limits_mm=[10.0, 500.0],
+            **{f"simulated__{key}": value for key, value in simulated.items()},
         )
     )
 

@@ -94,22 +94,19 @@ def _encoded(pixels: NDArray[np.uint8], frame: LiveFrame, form: PictureForm) -> 
     facts = (frame.sequence & 0xFFFFFFFF, 1e3 * frame.received_s, cols, rows)
     if form.quality is None:
         return HEADER.pack(EXACT, *facts, 0) + pixels.tobytes()
-    is_saturated = pixels == SATURATED
-    if form.reduction > 1:
-        size = (-(-cols // form.reduction), -(-rows // form.reduction))
-        pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
-    picture = _file(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, form.quality])
+    size = (-(-cols // form.reduction), -(-rows // form.reduction))
+    reduced = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+    picture = _file(".jpg", reduced, [cv2.IMWRITE_JPEG_QUALITY, form.quality])
     marks = b""
+    is_saturated = pixels == SATURATED
     if is_saturated.any():
-        share = np.asarray(is_saturated, np.float32)
-        if form.reduction > 1:
-            share = np.asarray(cv2.resize(share, size, interpolation=cv2.INTER_AREA), np.float32)
+        share = cv2.resize(is_saturated.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         white = np.where(share > 0, SATURATED, 0).astype(np.uint8)  # where one is, the square is
         marks = _file(".png", white, [cv2.IMWRITE_PNG_BILEVEL, 1])
     return HEADER.pack(COMPRESSED, *facts, len(picture)) + picture + marks
 
 
-def _file(suffix: str, pixels: NDArray[np.uint8], options: list[int]) -> bytes:
+def _file(suffix: str, pixels: cv2.typing.MatLike, options: list[int]) -> bytes:
     is_done, data = cv2.imencode(suffix, pixels, options)
     assert is_done
     return data.tobytes()

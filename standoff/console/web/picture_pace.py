@@ -55,11 +55,6 @@ class PicturePace:
         self._form, self._sent_s = form, now_s
         return form
 
-    @property
-    def is_slow(self) -> bool:
-        """Whether the link does not carry pictures as they are."""
-        return self._form != FORMS[0]
-
     def _fitting(self, frame: LiveFrame) -> PictureForm:
         rates, present = self._link.rates, FORMS.index(self._form)
         for index, form in enumerate(FORMS[:-1]):

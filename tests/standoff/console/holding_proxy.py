@@ -4,15 +4,16 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from threading import Event, Thread
+from threading import Thread
 
+from tests.standoff.console.relay import Relay
 from tests.standoff.console.served import Address
 
 PIECE_BYTES = 64 * 1024
 TICK_S = 0.01
 
 
-class HoldingProxy:
+class HoldingProxy(Relay):
     """Passes connections on to a console; nothing is lost while it holds.
 
     Parameters
@@ -22,38 +23,15 @@ class HoldingProxy:
     """
 
     def __init__(self, console: Address) -> None:
-        self._console = console
-        self._listening = socket.create_server(("127.0.0.1", 0))
-        self._open: list[socket.socket] = []
-        self._is_closing = Event()
         self.is_holding = False
         self.is_mute = False  # nothing of the page reaches the console
         self.delay_s = 0.0  # to the page
-        Thread(target=self._accept, daemon=True).start()
+        super().__init__(console)
 
-    @property
-    def url(self) -> str:
-        """What a page opens."""
-        return f"http://127.0.0.1:{self._listening.getsockname()[1]}/"
-
-    def close(self) -> None:
-        """End all connections."""
-        self._is_closing.set()
-        for each in (self._listening, *self._open):
-            with suppress(OSError):
-                each.shutdown(socket.SHUT_RDWR)
-            each.close()
-
-    def _accept(self) -> None:
-        while not self._is_closing.is_set():
-            try:
-                page, _ = self._listening.accept()
-                console = socket.create_connection(self._console)
-            except OSError:
-                return
-            self._open += [page, console]
-            Thread(target=self._pass_on, args=(page, console, False), daemon=True).start()
-            Thread(target=self._pass_on, args=(console, page, True), daemon=True).start()
+    def connected(self, page: socket.socket, console: socket.socket) -> None:
+        """See `Relay`."""
+        Thread(target=self._pass_on, args=(page, console, False), daemon=True).start()
+        Thread(target=self._pass_on, args=(console, page, True), daemon=True).start()
 
     def _pass_on(self, source: socket.socket, target: socket.socket, to_page: bool) -> None:
         with suppress(OSError):

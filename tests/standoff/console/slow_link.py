@@ -5,15 +5,16 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from queue import SimpleQueue
-from threading import Event, Lock, Thread
+from threading import Lock, Thread
 
+from tests.standoff.console.relay import Relay
 from tests.standoff.console.served import Address
 
 PIECE_BYTES = 1024
 BUFFER_BYTES = 16 * 1024
 
 
-class SlowLink:
+class SlowLink(Relay):
     """Passes connections on, all of them together at a rate, each byte after a delay.
 
     What does not fit is kept, as many routers do, without a limit: whoever sends more than the
@@ -30,43 +31,20 @@ class SlowLink:
     """
 
     def __init__(self, console: Address, rate_bytes_per_s: float, delay_s: float) -> None:
-        self._console = console
         self.rate_bytes_per_s = rate_bytes_per_s
         self._delay_s = delay_s
-        self._listening = socket.create_server(("127.0.0.1", 0))
         self._lock = Lock()
         self._free_s = 0.0
-        self._open: list[socket.socket] = []
-        self._is_closing = Event()
         self.passed_bytes = 0
-        Thread(target=self._accept, daemon=True).start()
+        super().__init__(console)
 
-    @property
-    def url(self) -> str:
-        """What a page opens."""
-        return f"http://127.0.0.1:{self._listening.getsockname()[1]}/"
-
-    def close(self) -> None:
-        """End all connections."""
-        self._is_closing.set()
-        for each in (self._listening, *self._open):
-            with suppress(OSError):
-                each.shutdown(socket.SHUT_RDWR)
-            each.close()
-
-    def _accept(self) -> None:
-        while not self._is_closing.is_set():
-            try:
-                page, _ = self._listening.accept()
-                console = socket.create_connection(self._console)
-            except OSError:
-                return
-            for each in (page, console):
-                each.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            page.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-            self._open += [page, console]
-            self._pass_on(page, console, is_to_page=False)
-            self._pass_on(console, page, is_to_page=True)
+    def connected(self, page: socket.socket, console: socket.socket) -> None:
+        """See `Relay`."""
+        for each in (page, console):
+            each.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        page.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        self._pass_on(page, console, is_to_page=False)
+        self._pass_on(console, page, is_to_page=True)
 
     def _pass_on(self, source: socket.socket, target: socket.socket, *, is_to_page: bool) -> None:
         waiting: SimpleQueue[tuple[float, bytes]] = SimpleQueue()
