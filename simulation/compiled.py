@@ -10,6 +10,8 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 from numba.extending import register_jitable
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -21,8 +23,27 @@ _DEFAULTS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "no_cfun
 
 def compiled(**options: Any) -> Callable[[Function], Function]:  # noqa: ANN401 - numba's
     """Compile a function that Python calls; numba's ``options``, such as ``fastmath``."""
-    decorate: Callable[[Function], Function] = njit(cache=True, **_DEFAULTS | options)
+
+    def decorate(function: Function) -> Function:
+        dispatcher = njit(**_DEFAULTS | options)(function)
+        dispatcher._cache = _KeptCode(function)  # type: ignore[no-untyped-call]
+        compiled_function: Function = dispatcher
+        return compiled_function
+
     return decorate
+
+
+class _KeptCode(FunctionCache):
+    """What numba keeps, loaded without what only compiling needs.
+
+    Before it looks, numba readies its implementations of all that a function may call, which takes
+    .1 s. What is found needs none of them, and the compiler readies them itself.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401
+        rtsys.initialize(target_context)  # counts references to arrays
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
 
 def compiled_part(**options: Any) -> Callable[[Function], Function]:  # noqa: ANN401 - numba's

@@ -11,9 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, KDTree
 
 from calibration.edge_search.segments import EdgeSegment, corner_reach
 from calibration.robust import robust_sigma
@@ -79,7 +76,7 @@ def beside_target(segments: Sequence[EdgeSegment], levels_dn: FloatArray) -> Boo
     beside = ~pattern & ~_within(edges, pattern)
     is_next, is_aligned = _like_neighbours(edges, pattern)
     beside &= ~(is_next & is_aligned)
-    _, group = connected_components(_graph(corners, count), directed=False)
+    group = _groups(corners, count)
     sizes = np.bincount(group[is_aligned], minlength=count)
     beside &= ~(is_aligned & (sizes[group] >= _OTHER_PATCH_EDGES))
     return np.asarray(beside | _is_wider(edges, pattern))
@@ -101,9 +98,15 @@ def _edges(segments: Sequence[EdgeSegment], levels_dn: FloatArray) -> _Edges:
     )
 
 
-def _graph(pairs: IntArray, count: int) -> coo_array:
-    ones = np.ones(len(pairs), np.int8)
-    return coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+def _groups(pairs: IntArray, count: int) -> IntArray:
+    """Number of the group that each edge is in, of edges that pairs link."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])
+    return np.asarray(
+        connected_components(coo_array(links, shape=(count, count)), directed=False)[1]
+    )
 
 
 def _are_alike(edges: _Edges, pairs: IntArray) -> BoolArray:
@@ -116,6 +119,8 @@ def _are_alike(edges: _Edges, pairs: IntArray) -> BoolArray:
 
 def _corners(edges: _Edges) -> IntArray:
     """Pairs of edges of the same levels that meet in a corner, shape ``(pairs, 2)``."""
+    from scipy.spatial import KDTree  # with what follows .1 s, where there are enough edges
+
     count = len(edges.half_px)
     # Ends at a corner of 90 degrees are sqrt(2) times their distance from it apart.
     widest = 2.0 * float(np.median(edges.reach_px))
@@ -145,7 +150,7 @@ def _pattern(edges: _Edges, corners: IntArray) -> BoolArray | None:
     near, _ = _nearest(edges.middle[chosen], edges.middle[chosen], _NEIGHBOURS + 1)
     links = np.column_stack([np.repeat(chosen, _NEIGHBOURS), chosen[near[:, 1:]].ravel()])
     links = np.concatenate([corners, links[_are_alike(edges, links)]])
-    _, group = connected_components(_graph(links, count), directed=False)
+    group = _groups(links, count)
     sizes = np.bincount(group[chosen], minlength=count)
     largest = int(sizes.argmax())
     if sizes[largest] < max(_LEAST_EDGES, _LEAST_SHARE * len(chosen)):
@@ -155,12 +160,16 @@ def _pattern(edges: _Edges, corners: IntArray) -> BoolArray | None:
 
 def _nearest(points: FloatArray, to: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
     """Indices of the nearest ``points`` to each of others, and their distances."""
+    from scipy.spatial import KDTree
+
     distance, near = KDTree(points).query(to, count)
     return np.asarray(near, np.int64), np.asarray(distance, np.float64)
 
 
 def _within(edges: _Edges, pattern: BoolArray) -> BoolArray:
     """Whether the middle of an edge is in the area of the pattern."""
+    from scipy.spatial import ConvexHull
+
     ends = edges.ends[np.tile(pattern, 2)]
     planes = ConvexHull(ends, qhull_options="QJ").equations
     away = edges.middle @ planes[:, :2].T + planes[:, 2]

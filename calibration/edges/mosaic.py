@@ -9,15 +9,16 @@ no pixel model has touched.
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import sqrt
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import minimize_scalar
 
 from calibration.choices import PATTERNS, Pattern
 from calibration.edge_fit import SHARPEST_PX, EdgeFit, edge_profile
 from simulation.arrays import AnyArray, FloatArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 PITCH_PX = 2
 _BAND_SIGMAS = 6.0
@@ -121,8 +122,10 @@ def _offset_px2(sigma_px: float, turn_deg: float) -> float | None:
 
 
 @lru_cache(maxsize=32)
-def _offsets(turn_deg: float) -> PchipInterpolator:
+def _offsets(turn_deg: float) -> "PchipInterpolator":
     """Total less optical variance by total width, for one direction of the edge."""
+    from scipy.interpolate import PchipInterpolator  # .2 s, where there is a mosaic
+
     optical = np.geomspace(SHARPEST_PX, _WIDEST_PX, _TABLE_STEPS)
     total = np.array([_total_of_optical(o, np.deg2rad(turn_deg)) for o in optical.tolist()])
     return PchipInterpolator(total, total**2 - optical**2)
@@ -130,6 +133,8 @@ def _offsets(turn_deg: float) -> PchipInterpolator:
 
 def _total_of_optical(optical_px: float, normal_rad: float) -> float:
     """Width of the plain Gaussian edge nearest to a Gaussian edge behind a pixel square."""
+    from scipy.optimize import minimize_scalar
+
     start = sqrt(optical_px**2 + 1 / 12)
     reach = _BAND_SIGMAS * start + _BAND_EXTRA_PX
     distance = np.linspace(-reach, reach, _STEPS)

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from math import sqrt
 
 import numpy as np
-from scipy.optimize import OptimizeWarning, curve_fit
 
 from calibration.edge_fit import EdgeFit
 from calibration.edges.samples import EdgeSamples
@@ -61,6 +60,8 @@ def lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
     EdgeFit or None
         None where no Gaussian can be fitted.
     """
+    from scipy.optimize import OptimizeWarning, curve_fit  # .1 s, which no other method needs
+
     spread = line_spread(samples)
     if spread.place_px.size < _FEWEST_BINS:
         return None

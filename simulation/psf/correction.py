@@ -1,12 +1,16 @@
 """What edges show of a lens beyond its parametric transfer function: radial splines, harmonics."""
 
 from dataclasses import dataclass
+from functools import cache
 from math import isfinite
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from simulation.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 CORRECTION_KNOTS_CY_PER_PX = np.array(
     [0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3]
@@ -20,13 +24,17 @@ CORRECTION_HARMONICS = (1, 3, 5)
 """How many of 1, cos 2a, sin 2a, cos 4a and sin 4a there may be."""
 
 
-# The first knot fourfold: the first spline is 1 there, and has no weight. Beyond the last one there
-# must be three more; the splines that reach there have no weight either.
-_SPLINES = BSpline(
-    np.concatenate([np.zeros(3), CORRECTION_KNOTS_CY_PER_PX, [1.4, 1.5, 1.6]]),
-    np.eye(CORRECTION_SPLINES + 4)[:, 1:-3],
-    3,
-)
+@cache
+def _splines() -> "BSpline":
+    from scipy.interpolate import BSpline  # .2 s, where edges show more than a lens
+
+    # The first knot fourfold: the first spline is 1 there, and has no weight. Beyond the last one
+    # there must be three more; the splines that reach there have no weight either.
+    return BSpline(
+        np.concatenate([np.zeros(3), CORRECTION_KNOTS_CY_PER_PX, [1.4, 1.5, 1.6]]),
+        np.eye(CORRECTION_SPLINES + 4)[:, 1:-3],
+        3,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +82,7 @@ def correction_splines(freq_cy_per_px: FloatArray) -> FloatArray:
     """Values of the radial splines, shape ``(..., CORRECTION_SPLINES)``; 0 beyond the knots."""
     freq = np.asarray(freq_cy_per_px, dtype=np.float64)
     first, last = CORRECTION_KNOTS_CY_PER_PX[[0, -1]]
-    return np.asarray(_SPLINES(np.clip(freq, first, last)))
+    return np.asarray(_splines()(np.clip(freq, first, last)))
 
 
 def correction_roughness() -> FloatArray:
@@ -82,7 +90,7 @@ def correction_roughness() -> FloatArray:
     node, weight = np.polynomial.legendre.leggauss(2)  # exact for products of straight lines
     widths = np.diff(CORRECTION_KNOTS_CY_PER_PX)[:, None]
     freq = CORRECTION_KNOTS_CY_PER_PX[:-1, None] + widths * (node + 1) / 2
-    bend = _SPLINES(freq.ravel(), 2)
+    bend = _splines()(freq.ravel(), 2)
     return np.asarray((bend * (widths * weight / 2).reshape(-1, 1)).T @ bend)
 
 

@@ -6,7 +6,6 @@ from math import isfinite, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from simulation.arrays import FloatArray
 from simulation.psf.correction import OtfCorrection
@@ -16,7 +15,7 @@ DEFOCUS_MAX_WAVES = 8.0
 
 _PUPIL_NODES = 96
 _TABLE_STEPS = 1024
-# Coarser tables, quick to make for each step of a fit: steps and nodes that are right to 3e-5 up to
+# Coarser tables, quick to make for each step of a fit: steps and nodes that are right to 3e-6 up to
 # a squared defocus.
 _SLOPE_TABLES = ((1.0, 128, 24), (4.0, 256, 24), (16.0, 512, 40))
 _NO_WAVES = 1e-4  # below, the sine is its argument
@@ -91,11 +90,12 @@ class LensOtf:
 def pupil_otf(relative_freq: FloatArray, defocus_waves: float) -> FloatArray:
     """Transfer of a circular pupil out of focus, at frequencies over the cut-off frequency.
 
-    From a table over ``acos``, in which the curve is smooth up to its end; right to 1e-9.
+    From a table over ``acos``, in which the curve is smooth up to its end; right to 1e-9 up to a
+    wave of defocus, and to 3e-6 at the most.
     """
     relative = np.asarray(relative_freq, dtype=np.float64)
-    table = _pupil_table(abs(defocus_waves))
-    return np.where(relative < 1, table(np.arccos(np.minimum(relative, 1.0))), 0.0)
+    values, _ = _pupil_table(abs(defocus_waves)).at(np.arccos(np.minimum(relative, 1.0)))
+    return np.where(relative < 1, values[..., 0], 0.0)
 
 
 class PupilSlopes(NamedTuple):
@@ -107,15 +107,14 @@ class PupilSlopes(NamedTuple):
 
 
 def pupil_slopes(relative_freq: FloatArray, defocus_waves2: float) -> PupilSlopes:
-    """Return ``pupil_otf`` with its derivatives, for whoever fits it; right to 3e-5.
+    """Return ``pupil_otf`` with its derivatives, for whoever fits it; right to 3e-6.
 
     The transfer depends on the square of the defocus, in which it is smooth at 0.
     """
     relative = np.asarray(relative_freq, dtype=np.float64)
     inside = relative < 1
     angle = np.arccos(np.minimum(relative, 1.0))
-    table = _slope_table(defocus_waves2)
-    values, by_angle = table(angle), table(angle, 1)
+    values, by_angle = _slope_table(defocus_waves2).at(angle)
     # d(angle)/d(nu) = -1 / sin(angle); at the cut-off the transfer falls with the angle's cube.
     by_freq = -by_angle[..., 0] / np.maximum(np.sin(angle), 1e-9)
     return PupilSlopes(
@@ -125,41 +124,78 @@ def pupil_slopes(relative_freq: FloatArray, defocus_waves2: float) -> PupilSlope
     )
 
 
+class _Table(NamedTuple):
+    """Curves over the angle ``acos(nu)`` in equal steps up to a right angle: a column each."""
+
+    values: FloatArray
+    slopes: FloatArray
+    """Derivatives by the angle, times its step."""
+
+    def at(self, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values and derivatives by the angle, shape ``(..., curves)``: cubic between steps."""
+        steps_per_rad = (len(self.values) - 1) / (pi / 2)
+        place = angle_rad * steps_per_rad
+        left = np.minimum(place.astype(np.intp), len(self.values) - 2)
+        t = (place - left)[..., None]
+        start, end = self.values[left], self.slopes[left]
+        rise = self.values[left + 1] - start
+        bend = 3 * rise - 2 * end - self.slopes[left + 1]
+        twist = end + self.slopes[left + 1] - 2 * rise
+        values = start + t * (end + t * (bend + t * twist))
+        return values, steps_per_rad * (end + t * (2 * bend + t * 3 * twist))
+
+
 @lru_cache(maxsize=8)
-def _slope_table(defocus_waves2: float) -> CubicSpline:
-    """Spline over the angle ``acos(nu)``: the transfer, and its slope by the squared defocus."""
+def _slope_table(defocus_waves2: float) -> _Table:
+    """Table of the transfer, and of its slope by the squared defocus."""
     for most, steps, nodes in _SLOPE_TABLES:
         if defocus_waves2 <= most:
-            return CubicSpline(*_pupil_values(defocus_waves2, steps, nodes))
-    return CubicSpline(*_pupil_values(defocus_waves2, _TABLE_STEPS, _PUPIL_NODES))
+            return _pupil_curves(defocus_waves2, steps, nodes)
+    return _pupil_curves(defocus_waves2, _TABLE_STEPS, _PUPIL_NODES)
 
 
 @lru_cache(maxsize=64)
-def _pupil_table(defocus_waves: float) -> CubicSpline:
-    """Spline over the angle ``acos(nu)``."""
-    angle, values = _pupil_values(defocus_waves**2, _TABLE_STEPS, _PUPIL_NODES)
-    return CubicSpline(angle, values[:, 0])
+def _pupil_table(defocus_waves: float) -> _Table:
+    """Table of the transfer."""
+    both = _pupil_curves(defocus_waves**2, _TABLE_STEPS, _PUPIL_NODES)
+    return _Table(both.values[:, :1], both.slopes[:, :1])
 
 
-def _pupil_values(defocus_waves2: float, steps: int, nodes: int) -> tuple[FloatArray, FloatArray]:
-    """Angles ``acos(nu)``, and the transfer there with its slope by the squared defocus."""
-    angle, area, turn = _pupil_slices(steps, nodes)
+def _pupil_curves(defocus_waves2: float, steps: int, nodes: int) -> _Table:
+    """The transfer, and its slope by the squared defocus; both with their derivatives."""
+    area, area_slope, turn, turn_slope = _pupil_slices(steps, nodes)
     waves = sqrt(defocus_waves2)
-    otf = np.sum(area * np.cos(turn * waves), axis=1)
-    by_square = turn**2 if waves < _NO_WAVES else turn * np.sin(turn * waves) / waves
-    slope = -0.5 * np.sum(area * by_square, axis=1)
-    return angle, np.column_stack([otf, slope])
+    cosine, sine = np.cos(turn * waves), np.sin(turn * waves)
+    # Twice the slope of the cosine by the squared defocus is -turn sin(turn waves) / waves.
+    over = turn if waves < _NO_WAVES else sine / waves
+    otf = [area * cosine, area_slope * cosine - area * waves * turn_slope * sine]
+    by_square = [
+        area * turn * over,
+        area_slope * turn * over + area * turn_slope * (over + turn * cosine),
+    ]
+    step_rad = pi / 2 / steps
+    values, slopes = (
+        np.column_stack([first.sum(axis=1), -0.5 * second.sum(axis=1)])
+        for first, second in zip(otf, by_square, strict=True)
+    )
+    return _Table(values, step_rad * slopes)
 
 
 @lru_cache(maxsize=4)
-def _pupil_slices(steps: int, nodes: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Angles; per angle, the areas of slices of the common part of the pupil and its shifted copy.
+def _pupil_slices(steps: int, nodes: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Per angle, the areas of slices of the common part of the pupil and its shifted copy.
 
-    Also the phase between the two in each slice, in radians per wave of defocus.
+    Also the phase between the two in each slice, in radians per wave of defocus, and the
+    derivatives of both by the angle.
     """
-    angle = np.linspace(0.0, pi / 2, steps + 1)
-    nu = np.cos(angle)[:, None]
+    angle = np.linspace(0.0, pi / 2, steps + 1)[:, None]
+    nu, fall = np.cos(angle), np.sin(angle)
     node, weight = np.polynomial.legendre.leggauss(nodes)
-    theta = angle[:, None] * (node + 1) / 2
-    area = 2 / pi * angle[:, None] * np.sin(theta) ** 2 * weight
-    return angle, area, 8 * pi * nu * (np.cos(theta) - nu)
+    share = (node + 1) / 2
+    theta = angle * share
+    sine, cosine = np.sin(theta), np.cos(theta)
+    area = 2 / pi * weight * angle * sine**2
+    area_slope = 2 / pi * weight * (sine**2 + 2 * theta * sine * cosine)
+    turn = 8 * pi * nu * (cosine - nu)
+    turn_slope = 8 * pi * (fall * (2 * nu - cosine) - nu * share * sine)
+    return area, area_slope, turn, turn_slope

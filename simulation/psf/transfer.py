@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from simulation.arrays import FloatArray
 
@@ -111,5 +110,7 @@ class SampledTransfer:
 
     def __call__(self, freq_cy_per_px: FloatArray) -> FloatArray:
         """Return the transfer at frequencies in cycles per pixel."""
+        from scipy.interpolate import PchipInterpolator  # .2 s, where a transfer has no formula
+
         curve = PchipInterpolator(self.freq_cy_per_px, self.values, extrapolate=False)
         return np.asarray(np.nan_to_num(curve(freq_cy_per_px), nan=0.0))

@@ -3,7 +3,10 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from standoff.terminal.app import COMMANDS
@@ -43,3 +46,18 @@ def test_a_process_that_computes_nothing_imports_nothing_for_it(arguments: list[
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert "standoff.cli" in imported
     assert COMPUTING & imported == set()
+
+
+@pytest.mark.slow
+def test_a_psf_of_a_few_edges_imports_no_optimiser_and_no_splines_of_scipy(tmp_path: Path) -> None:
+    image = np.full((80, 80), 3000, np.uint16)
+    image[21:59, 23:61] = 800
+    cv2.imwrite(str(tmp_path / "square.tif"), cv2.GaussianBlur(image, (0, 0), 0.9))
+    words = [sys.executable, "-X", "importtime", "-m", "standoff", "calibrate", "square.tif"]
+    done = subprocess.run(
+        [*words, "--out", "psf.json"], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "calibration.psf.transfer_2d" in imported
+    slow = {"matplotlib", "scipy.interpolate", "scipy.optimize", "scipy.spatial", "scipy.stats"}
+    assert slow & imported == set()

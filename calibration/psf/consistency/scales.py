@@ -2,7 +2,6 @@
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from calibration.edges import EdgeMeasurement
 from calibration.psf.repeatability import capture_of
 from simulation.arrays import FloatArray
+from simulation.compiled import compiled
 
 ScaleSource = Literal["heights", "sides"]
 
@@ -110,21 +110,32 @@ def _sides_px(edges: Sequence[EdgeMeasurement]) -> FloatArray | None:
 
 def side_px(edges: Sequence[EdgeMeasurement]) -> float | None:
     """Median distance between sides of a square that face each other; None for no such sides."""
-    found = [_apart_px(first, second) for first, second in combinations(edges, 2)]
-    known = [apart for apart in found if apart is not None]
-    return float(np.median(known)) if known else None
+    values = [(edge.angle_deg + 90.0, edge.x_px, edge.y_px, edge.length_px) for edge in edges]
+    known = _facing_px(np.array(values, dtype=np.float64).reshape(-1, 4))
+    return float(np.median(known)) if known.size else None
 
 
-def _apart_px(first: EdgeMeasurement, second: EdgeMeasurement) -> float | None:
-    turn = (first.angle_deg - second.angle_deg + 90.0) % 180.0 - 90.0
-    length_px = 0.5 * (first.length_px + second.length_px)
-    if abs(turn) > _SAME_DIRECTION_DEG:
-        return None
-    if abs(first.length_px - second.length_px) > _SAME_LENGTH * length_px:
-        return None
-    normal = first.normal_rad - 0.5 * np.deg2rad(turn)
-    dx, dy = first.x_px - second.x_px, first.y_px - second.y_px
-    apart = abs(float(dx * np.cos(normal) + dy * np.sin(normal)))
-    aside = abs(float(dy * np.cos(normal) - dx * np.sin(normal)))
-    is_square = _LEAST_APART * length_px < apart < _MOST_APART * length_px + _CORNERS_PX
-    return apart if is_square and aside < 0.5 * length_px else None
+@compiled()
+def _facing_px(edges: FloatArray) -> FloatArray:
+    """Distances between sides that face each other; rows of normal in degrees, x, y and length."""
+    apart_px = np.empty(len(edges) * (len(edges) - 1) // 2)
+    count = 0
+    for i in range(len(edges)):
+        normal_deg, x_px, y_px, length_px = edges[i]
+        for j in range(i + 1, len(edges)):
+            turn_deg = (normal_deg - edges[j, 0] + 90.0) % 180.0 - 90.0
+            mean_px = 0.5 * (length_px + edges[j, 3])
+            if abs(turn_deg) > _SAME_DIRECTION_DEG:
+                continue
+            if abs(length_px - edges[j, 3]) > _SAME_LENGTH * mean_px:
+                continue
+            normal_rad = np.deg2rad(normal_deg - 0.5 * turn_deg)
+            dx, dy = x_px - edges[j, 1], y_px - edges[j, 2]
+            apart = abs(dx * np.cos(normal_rad) + dy * np.sin(normal_rad))
+            aside = abs(dy * np.cos(normal_rad) - dx * np.sin(normal_rad))
+            if aside >= 0.5 * mean_px:
+                continue
+            if _LEAST_APART * mean_px < apart < _MOST_APART * mean_px + _CORNERS_PX:
+                apart_px[count] = apart
+                count += 1
+    return apart_px[:count]

@@ -1,7 +1,6 @@
 """Scatter of values beyond their own errors."""
 
 import numpy as np
-from scipy.optimize import brentq
 
 from simulation.arrays import FloatArray
 
@@ -13,11 +12,13 @@ def excess_variance(
 
     Paule and Mandel, "Consensus values and weighting factors", J. Res. NBS 87 (1982) 377.
     """
-
-    def surplus(variance: float) -> float:
-        return float(np.sum(trust * deviation**2 / (err**2 + variance))) - freedom
-
-    if surplus(0.0) <= 0:
-        return 0.0
-    most = float(np.sum(trust * deviation**2)) / freedom
-    return float(brentq(surplus, 0.0, most, xtol=1e-12 * most))
+    squares = trust * deviation**2
+    variance = 0.0
+    while True:
+        weight = 1.0 / (err**2 + variance)
+        surplus = float(np.sum(squares * weight)) - freedom
+        # Newton's steps on a convex curve that falls: all of them are upwards, but for rounding.
+        step = surplus / float(np.sum(squares * weight**2))
+        if step <= 1e-12 * variance:
+            return variance
+        variance += step

@@ -19,7 +19,6 @@ from dataclasses import dataclass, field, replace
 from math import inf, sqrt
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import chdtrc, fdtrc, stdtrit
 
 from calibration.psf.repeatability.excess import excess_variance
@@ -301,6 +300,8 @@ class _CaptureModel:
     def _between_variance(self, surplus: float) -> float:
         if surplus <= self.between:
             return 0.0
+        from scipy.optimize import brentq  # .1 s, where captures differ
+
         most = surplus / self.between * self.captures / float(self._sums.mean())
         while self._between_squares(most) > self.between:
             most *= 4
