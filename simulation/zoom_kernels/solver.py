@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil
+from math import ceil, inf
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from simulation.arrays import FloatArray, IntArray
+from simulation.kept_kernels import kept
 from simulation.psf import Psf
 from simulation.zoom_kernels.kernel_table import AxisKernels, KernelTable, window_kernels
 from simulation.zoom_kernels.reach import window_radius_px
@@ -41,29 +42,46 @@ TABLE_POSITIONS_PX: FloatArray = np.arange(-5, 6) / 8
 """Subpixel positions of a table: a cubic spline between eighths of a pixel is right to 1e-4."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class KernelSolver:
     """What all grids of one PSF, zoom and noise share.
 
     Parameters
     ----------
-    scene, far
-        The scene as either camera sees it.
+    psf
+        Total PSF of the camera.
     zoom_y, zoom_x
         Distance of the far pixels in reference pixels, at least 1.
+    noise_ratio
+        Variance of a reference pixel's noise over that of the scene.
+    scene_correlation_px
+        Correlation length of the scene.
     taps_y, taps_x
         Reference pixels of a window.
-    ridge
-        Noise, relative to the variance of a reference pixel.
     """
 
-    scene: SeenScene
-    far: CrossCovariance
+    psf: Psf
     zoom_y: float
     zoom_x: float
+    noise_ratio: float
+    scene_correlation_px: float
     taps_y: int
     taps_x: int
-    ridge: float
+
+    @property
+    def scene(self) -> SeenScene:
+        """The scene as the near camera sees it."""
+        return _scene(self.psf, self.scene_correlation_px)
+
+    @property
+    def far(self) -> CrossCovariance:
+        """The scene as the far camera sees it."""
+        return _far(self.psf, self.scene_correlation_px, self.zoom_y, self.zoom_x)
+
+    @property
+    def ridge(self) -> float:
+        """Noise that is reckoned with, relative to the variance of a reference pixel."""
+        return max(self.noise_ratio, _RIDGE * (1 - 1 / (self.zoom_y * self.zoom_x)), _RIDGE_MIN)
 
     @property
     def is_diagonal(self) -> bool:
@@ -81,27 +99,45 @@ class KernelSolver:
 
         Shape ``(terms, len(y_px), taps)``; the positions count from the windows' centre.
         """
-        return _interpolated(_at_the_border(self, table, False), y_px)
+        return _borders(self, table)[0].at(y_px)
 
     def columns_at_the_border(self, table: KernelTable, x_px: FloatArray) -> FloatArray:
         """Weights along x of windows that do not lie around their pixel."""
-        return _interpolated(_at_the_border(self, table, True), x_px)
+        return _borders(self, table)[1].at(x_px)
 
 
-def _interpolated(sides: tuple[AxisKernels, AxisKernels], positions_px: FloatArray) -> FloatArray:
-    terms, _, taps = sides[0].weights.shape
-    weights = np.empty((terms, len(positions_px), taps))
-    for side, is_there in zip(sides, (positions_px < 0, positions_px >= 0), strict=True):
-        spline = CubicSpline(side.positions_px, side.weights, axis=1)
-        weights[:, is_there] = spline(positions_px[is_there])
-    return weights
-
-
-@lru_cache(maxsize=64)
-def _at_the_border(
-    solver: KernelSolver, table: KernelTable, is_along_x: bool
-) -> tuple[AxisKernels, AxisKernels]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Border:
     """Kernels along one axis of windows shifted towards its start, and towards its end."""
+
+    before: AxisKernels
+    after: AxisKernels
+
+    def at(self, positions_px: FloatArray) -> FloatArray:
+        terms, _, taps = self.before.weights.shape
+        weights = np.empty((terms, len(positions_px), taps))
+        for side, is_there in ((self.before, positions_px < 0), (self.after, positions_px >= 0)):
+            spline = CubicSpline(side.positions_px, side.weights, axis=1)
+            weights[:, is_there] = spline(positions_px[is_there])
+        return weights
+
+
+@lru_cache(maxsize=32)
+def _borders(solver: KernelSolver, table: KernelTable) -> tuple[_Border, _Border]:
+    """Kernels along y and along x; whoever needs the ones needs the others."""
+    positions_px = table.along_y.positions_px, table.along_x.positions_px
+
+    def design() -> tuple[FloatArray, ...]:
+        axes = _border(solver, table, False), _border(solver, table, True)
+        sides = [side for axis in axes for side in (axis.before, axis.after)]
+        return tuple(array for side in sides for array in (side.positions_px, side.weights))
+
+    arrays = kept("border", (solver, table.taps, positions_px), design)
+    sides = [AxisKernels(*arrays[first : first + 2]) for first in range(0, len(arrays), 2)]
+    return _Border(*sides[:2]), _Border(*sides[2:])
+
+
+def _border(solver: KernelSolver, table: KernelTable, is_along_x: bool) -> _Border:
     own, zoom = (table.turned(), solver.zoom_x) if is_along_x else (table, solver.zoom_y)
     sampled = _sampled(own.along_x)
     other_px = tuple(own.along_x.positions_px[sampled].tolist())
@@ -112,9 +148,9 @@ def _at_the_border(
     before = own.rows_of(kernels, np.array(lower), sampled)
     if solver.scene.is_mirrored:
         # What a window knows of a pixel on one side, its mirror knows on the other.
-        return before, AxisKernels(np.array(upper), before.weights[:, ::-1, ::-1])
+        return _Border(before, AxisKernels(np.array(upper), before.weights[:, ::-1, ::-1]))
     kernels = _border_kernels(solver, own.taps, upper, other_px, is_along_x)
-    return before, own.rows_of(kernels, np.array(upper), sampled)
+    return _Border(before, own.rows_of(kernels, np.array(upper), sampled))
 
 
 @lru_cache(maxsize=1)
@@ -162,6 +198,21 @@ def kernel_solver(
     psf: Psf, zoom_y: float, zoom_x: float, noise_ratio: float, scene_correlation_px: float
 ) -> KernelSolver | None:
     """Solver of one PSF, zoom (at least 1) and noise; None if no window is large enough."""
+    (radii,) = kept(
+        "radii",
+        (psf, zoom_y, zoom_x, noise_ratio, scene_correlation_px),
+        lambda: (_radii_px(psf, (zoom_y, zoom_x), noise_ratio, scene_correlation_px),),
+    )
+    if not np.isfinite(radii).all():
+        return None
+    taps_y, taps_x = (2 * int(radius) for radius in radii)
+    return KernelSolver(psf, zoom_y, zoom_x, noise_ratio, scene_correlation_px, taps_y, taps_x)
+
+
+def _radii_px(
+    psf: Psf, zooms: tuple[float, float], noise_ratio: float, scene_correlation_px: float
+) -> FloatArray:
+    """Halves of the windows' sides along y and x, infinite where none is large enough."""
     scene = _scene(psf, scene_correlation_px)
     at_reach = max(noise_ratio, _RIDGE_REACH)
     radii = {
@@ -171,19 +222,19 @@ def kernel_solver(
             lambda taps_y, taps_x: FiniteWindow.of(scene, taps_y, taps_x, at_reach),
             at_reach * scene.variance,
         )
-        for zoom in (zoom_y, zoom_x)
+        for zoom in set(zooms)
     }
-    radius_y, radius_x = radii[zoom_y], radii[zoom_x]
-    if radius_y is None or radius_x is None:
-        return None
-    ridge = max(noise_ratio, _RIDGE * (1 - 1 / (zoom_y * zoom_x)), _RIDGE_MIN)
-    far = scene.across(zoom_y, zoom_x)
-    return KernelSolver(scene, far, zoom_y, zoom_x, 2 * radius_y, 2 * radius_x, ridge)
+    return np.array([inf if radii[zoom] is None else radii[zoom] for zoom in zooms])
 
 
 @lru_cache(maxsize=4)
 def _scene(psf: Psf, correlation_px: float) -> SeenScene:
     return SeenScene.through(psf, _PERIOD_PX, correlation_px)
+
+
+@lru_cache(maxsize=16)
+def _far(psf: Psf, correlation_px: float, zoom_y: float, zoom_x: float) -> CrossCovariance:
+    return _scene(psf, correlation_px).across(zoom_y, zoom_x)
 
 
 @lru_cache(maxsize=4)
@@ -198,6 +249,12 @@ def _table(
     y_px: tuple[float, ...],
     x_px: tuple[float, ...],
 ) -> KernelTable:
-    window = _window(solver.scene, *taps, solver.ridge)
     y, x = np.array(y_px), np.array(x_px)
-    return KernelTable.of(window_kernels(window, solver.far, y, x), y, x)
+
+    def design() -> tuple[FloatArray, ...]:
+        window = _window(solver.scene, *taps, solver.ridge)
+        table = KernelTable.of(window_kernels(window, solver.far, y, x), y, x)
+        return table.along_y.weights, table.along_x.weights
+
+    along_y, along_x = kept("table", (solver, taps, y, x), design)
+    return KernelTable(AxisKernels(y, along_y), AxisKernels(x, along_x))
