@@ -56,7 +56,7 @@ def forgotten() -> Iterator[Callable[[], None]]:
             solver._scene,
             solver._far,
             solver._window,
-            solver._table,
+            solver._tables,
             solver._borders,
             solver._border_kernels,
             matched._short_rows,
