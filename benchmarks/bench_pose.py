@@ -3,8 +3,10 @@
 One thread, float32, kernels cached; the first call, which makes them, is a figure of its own. The
 peer blurs by one Gaussian for the whole image and then interpolates by cubics: the least that any
 simulation of a follow-up does. The plane's tilt leads along the columns, or at 45 degrees to them.
+Memory is what either takes at most beyond the reference, the result included.
 """
 
+import os
 import time
 from collections.abc import Callable
 from functools import partial
@@ -14,6 +16,7 @@ import cv2
 import numpy as np
 
 from benchmarks.harness import Recorder, bench_parser
+from benchmarks.sweep_scenes import memory_bytes
 from benchmarks.timing import shortest_s
 from simulation import GaussianPsf, LensOtf, MeasuredPsf, PoseOptions, Psf, simulate_pose
 from simulation.arrays import Float32Array, FloatArray
@@ -71,6 +74,40 @@ def seconds_of(work: Callable[[], object]) -> float:
     return time.perf_counter() - start_s
 
 
+def memory_mb(work: Callable[[], object]) -> float:
+    """Most memory that a run takes in a process of its own, beyond what there was before."""
+    reading, writing = os.pipe()
+    process = os.fork()
+    if process == 0:
+        before = memory_bytes("VmRSS")
+        work()
+        os.write(writing, str(memory_bytes("VmHWM") - before).encode())
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading) as answer:
+        taken = int(answer.read())
+    os.waitpid(process, 0)
+    return taken / 1e6
+
+
+def compare_memory(record: Recorder, shape: tuple[int, int]) -> None:
+    """Print the memory of every lens at one pose, before anything else has left memory behind."""
+    image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
+    size, pose = (shape[1], shape[0]), POSES[2]
+    matrix = homography(shape, *pose)
+    peer_mb = memory_mb(partial(blurred_and_warped, image, matrix, pose[2]))
+    for name, psf in LENSES:
+        own_mb = memory_mb(partial(simulate_pose, image, matrix, size, psf))
+        record.figure(
+            f"memory of a pose, {name}, {size[0]} x {size[1]}",
+            own_mb,
+            "MB",
+            peer="OpenCV's blur and cubic warp",
+            peer_value=peer_mb,
+        )
+        record.say(f"  {name:18s} {size[0]} x {size[1]}  {own_mb:.0f} MB, peer {peer_mb:.0f} MB")
+
+
 def compare(record: Recorder, shape: tuple[int, int]) -> None:
     """Print a table of all lenses, poses and models for one size."""
     image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
@@ -111,7 +148,10 @@ def main() -> None:
         # Compiles.
         matrix = homography((64, 64), 5.0, 0.0, 1.5)
         simulate_pose(np.zeros((64, 64), np.float32), matrix, (64, 64), GAUSSIAN)
-        for shape in record.pick(SHAPES, SHAPES[:1]):
+        shapes = record.pick(SHAPES, SHAPES[:1])
+        for shape in shapes:
+            compare_memory(record, shape)
+        for shape in shapes:
             compare(record, shape)
 
 

@@ -4,12 +4,14 @@
 """
 
 import gc
+import os
 import signal
 from collections import defaultdict
 
 import pytest
 from hypothesis import settings
 
+from analysis.design_cache import LIMIT_VARIABLE
 from analysis.sweep.worker_process import keep_freed_memory
 from standoff.compiled_cache import drop_stale_code
 
@@ -24,8 +26,10 @@ def pytest_configure(config: pytest.Config) -> None:
     """Let no test run on stale compiled code, or with Ctrl-C ignored as in a background job.
 
     Freed memory is kept: a tenth of the time of all tests would go into page faults. Cycles are
-    looked for as often as the command line does, not at every 700th object.
+    looked for as often as the command line does, not at every 700th object. No kernels are kept in
+    the user's cache folder, nor taken from there.
     """
+    os.environ[LIMIT_VARIABLE] = "0"
     gc.set_threshold(10_000)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     keep_freed_memory()

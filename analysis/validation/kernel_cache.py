@@ -17,6 +17,7 @@ from PIL import Image
 
 from acquisition.session import atomic_write
 from analysis.choices import CACHE_VARIABLE
+from analysis.design_cache import user_cache_folder
 from analysis.errors import ResultsFileError
 from simulation.arrays import AnyArray, FloatArray
 from simulation.kernelgan import EstimatedKernel, KernelGanSettings
@@ -32,11 +33,7 @@ def default_cache_folder() -> Path:
     """Return the folder of ``STANDOFF_KERNEL_CACHE``, else the user's cache folder (XDG)."""
     if named := os.environ.get(CACHE_VARIABLE):
         return Path(named)
-    # The XDG base directory specification ignores relative paths.
-    caches = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if not caches.is_absolute():
-        caches = Path.home() / ".cache"
-    return caches / "standoff" / "kernels"
+    return user_cache_folder() / "kernels"
 
 
 class KernelCache:

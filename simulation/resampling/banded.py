@@ -18,8 +18,8 @@ from scipy import sparse
 from simulation.arrays import Float32Array, FloatArray, FloatImage, IntArray
 from simulation.compiled import compiled, compiled_part
 
-_UNROLL = 4
-"""Input rows combined at a time; the bands of pairs are widened to a multiple of this."""
+_STEP = 2
+"""The bands of pairs are widened to a multiple of this; up to 6 rows are combined at a time."""
 
 _STRIP_BYTES = 1 << 20
 """A strip should stay in the second-level cache ..."""
@@ -32,10 +32,12 @@ _STRIP_ROWS_MIN, _STRIP_ROWS_MAX = 64, 320
 class _RowPairs:
     """Rows 2 k and 2 k + 1 of a matrix over the same columns, zero where one has no weight.
 
-    ``starts`` has one column for each pair; a last row without a partner gets an empty one.
+    ``starts`` has one column for each pair, ``bands`` its number of columns with a weight; a last
+    row without a partner gets an empty one.
     """
 
     starts: IntArray
+    bands: IntArray
     weights: FloatArray
     single_weights: Float32Array
 
@@ -46,18 +48,20 @@ class _RowPairs:
 
 def _paired(starts: IntArray, weights: FloatArray, columns: int) -> _RowPairs:
     rows, band = weights.shape
+    has_weight = weights != 0
+    # A row without any weight has its whole band.
+    first = starts + has_weight.argmax(axis=1)
+    last = starts + band - has_weight[:, ::-1].argmax(axis=1)
     if rows % 2:
-        starts = np.append(starts, starts[-1])
-        weights = np.concatenate([weights, np.zeros((1, band))])
-    by_pair = starts.reshape(-1, 2)
-    first = by_pair.min(axis=1)
-    widened = band + int(np.ptp(by_pair, axis=1).max())
-    widened = min(-(-widened // _UNROLL) * _UNROLL, columns)
-    first = np.clip(first, 0, columns - widened)
-    shared = np.zeros((len(starts), widened))
-    column = (starts - np.repeat(first, 2))[:, None] + np.arange(band)
-    np.put_along_axis(shared, column, weights, axis=1)
-    return _RowPairs(first, shared, shared.astype(np.float32))
+        first, last = np.append(first, first[-1]), np.append(last, last[-1])
+    first, last = first.reshape(-1, 2).min(axis=1), last.reshape(-1, 2).max(axis=1)
+    bands = np.minimum(-(-(last - first) // _STEP) * _STEP, columns)
+    first = np.minimum(first, columns - bands)
+    shared = np.zeros((2 * len(first), int(bands.max())))
+    column = (starts - np.repeat(first, 2)[:rows])[:, None] + np.arange(band)
+    row = np.broadcast_to(np.arange(rows)[:, None], column.shape)
+    shared[row[has_weight], column[has_weight]] = weights[has_weight]
+    return _RowPairs(first, bands, shared, shared.astype(np.float32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,22 +242,17 @@ def _put_strip(
     pairs = slice(first_pair, first_pair + (len(target) + 1) // 2)
     total: FloatImage | None = None
     for along_y, along_x in terms:
-        y = along_y.pairs
-        weights = y.weights_as(image.dtype)[2 * pairs.start : 2 * pairs.stop]
-        strip = _combined(image, y.starts[pairs], weights, "strip", scratch)
+        strip = _combined(image, along_y.pairs, "strip", scratch, pairs)
         if not along_x:
             target[:] = strip[: len(target)]
             return
         turned = _transposed(strip, "turned", scratch)
-        name = "total" if total is None else "part"
-        for number, matrix in enumerate(along_x):
-            x = matrix.pairs
-            weights = x.weights_as(image.dtype)
-            turned = _combined(turned, x.starts, weights, f"{name} {number}", scratch)
-            turned = turned[: matrix.rows]
+        for number, matrix in enumerate(along_x[:-1]):
+            turned = _combined(turned, matrix.pairs, f"part {number}", scratch)[: matrix.rows]
         # The sum is taken in the cache, before it is turned back.
-        total = turned if total is None else np.add(total, turned, out=total)
-    target[:] = _transposed(cast("FloatImage", total), "result", scratch)[: len(target)]
+        total = _combined(turned, along_x[-1].pairs, "total", scratch, sum_so_far=total)
+    whole = cast("FloatImage", total)
+    cv2.transpose(whole[: target.shape[1], : len(target)], target)
 
 
 def _transposed(image: FloatImage, name: str, scratch: _Scratch) -> FloatImage:
@@ -262,10 +261,21 @@ def _transposed(image: FloatImage, name: str, scratch: _Scratch) -> FloatImage:
 
 
 def _combined(
-    image: FloatImage, starts: IntArray, weights: FloatImage, name: str, scratch: _Scratch
+    image: FloatImage,
+    pairs: _RowPairs,
+    name: str,
+    scratch: _Scratch,
+    which: slice = slice(None),
+    *,
+    sum_so_far: FloatImage | None = None,
 ) -> FloatImage:
-    out = scratch.array(name, (len(weights), image.shape[1]), image.dtype)
-    _combine_rows(image, starts, weights, out)
+    """Rows of a matrix times an image, added to a sum if there is one."""
+    starts = pairs.starts[which]
+    weights = pairs.weights_as(image.dtype)[2 * (which.start or 0) :]
+    out = sum_so_far
+    if out is None:
+        out = scratch.array(name, (2 * len(starts), image.shape[1]), image.dtype)
+    _combine_rows(image, (starts, pairs.bands[which], weights), out, sum_so_far is not None)
     return out
 
 
@@ -274,43 +284,87 @@ _FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 
 
 @compiled_part(**_FREE_ORDER)
-def _combine_into_two(
+def _add_six(
     first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
 ) -> None:
-    """Write the sums of rows that start every ``stride`` elements, by two sets of weights."""
+    """Add the sums of six rows that start every ``stride`` elements, by two sets of weights."""
     n = first.shape[0]
-    band = weights.shape[1]
-    whole = band - band % 4
-    first[:] = 0
-    second[:] = 0
-    for t in range(0, whole, 4):
-        a0, a1, a2, a3 = weights[0, t], weights[0, t + 1], weights[0, t + 2], weights[0, t + 3]
-        b0, b1, b2, b3 = weights[1, t], weights[1, t + 1], weights[1, t + 2], weights[1, t + 3]
-        r = rows[t * stride :]
-        r0, r1, r2, r3 = r[:n], r[stride:][:n], r[2 * stride :][:n], r[3 * stride :][:n]
-        for j in range(n):
-            x0, x1, x2, x3 = r0[j], r1[j], r2[j], r3[j]
-            first[j] += (a0 * x0 + a1 * x1) + (a2 * x2 + a3 * x3)
-            second[j] += (b0 * x0 + b1 * x1) + (b2 * x2 + b3 * x3)
-    for t in range(whole, band):
-        a, b, r0 = weights[0, t], weights[1, t], rows[t * stride :][:n]
-        for j in range(n):
-            first[j] += a * r0[j]
-            second[j] += b * r0[j]
+    a0, a1, a2 = weights[0, 0], weights[0, 1], weights[0, 2]
+    a3, a4, a5 = weights[0, 3], weights[0, 4], weights[0, 5]
+    b0, b1, b2 = weights[1, 0], weights[1, 1], weights[1, 2]
+    b3, b4, b5 = weights[1, 3], weights[1, 4], weights[1, 5]
+    r0, r1, r2 = rows[:n], rows[stride:][:n], rows[2 * stride :][:n]
+    r3, r4, r5 = rows[3 * stride :][:n], rows[4 * stride :][:n], rows[5 * stride :][:n]
+    for j in range(n):
+        x0, x1, x2, x3, x4, x5 = r0[j], r1[j], r2[j], r3[j], r4[j], r5[j]
+        first[j] += ((a0 * x0 + a1 * x1) + (a2 * x2 + a3 * x3)) + (a4 * x4 + a5 * x5)
+        second[j] += ((b0 * x0 + b1 * x1) + (b2 * x2 + b3 * x3)) + (b4 * x4 + b5 * x5)
+
+
+@compiled_part(**_FREE_ORDER)
+def _begin_by_two(
+    first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
+) -> None:
+    """Write the sums of two rows, by two sets of weights."""
+    n = first.shape[0]
+    a0, a1, b0, b1 = weights[0, 0], weights[0, 1], weights[1, 0], weights[1, 1]
+    r0, r1 = rows[:n], rows[stride:][:n]
+    for j in range(n):
+        x0, x1 = r0[j], r1[j]
+        first[j] = a0 * x0 + a1 * x1
+        second[j] = b0 * x0 + b1 * x1
+
+
+@compiled_part(**_FREE_ORDER)
+def _add_two(
+    first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, weights: FloatImage
+) -> None:
+    n = first.shape[0]
+    a0, a1, b0, b1 = weights[0, 0], weights[0, 1], weights[1, 0], weights[1, 1]
+    r0, r1 = rows[:n], rows[stride:][:n]
+    for j in range(n):
+        x0, x1 = r0[j], r1[j]
+        first[j] += a0 * x0 + a1 * x1
+        second[j] += b0 * x0 + b1 * x1
+
+
+@compiled_part(**_FREE_ORDER)
+def _add_one(first: FloatImage, second: FloatImage, row: FloatImage, weights: FloatImage) -> None:
+    n = first.shape[0]
+    a, b, r = weights[0, 0], weights[1, 0], row[:n]
+    for j in range(n):
+        first[j] += a * r[j]
+        second[j] += b * r[j]
 
 
 @compiled(**_FREE_ORDER)
 def _combine_rows(
-    image: FloatImage, starts: IntArray, weights: FloatImage, out: FloatImage
+    image: FloatImage, pairs: tuple[IntArray, IntArray, FloatImage], out: FloatImage, adds: bool
 ) -> None:
-    """Write pairs of combined rows of ``image`` to ``out``, which has an even number of rows."""
+    """Write pairs of combined rows of ``image`` to ``out``, which has an even number of rows.
+
+    ``pairs`` are the starts, bands and weights of `_RowPairs`; with ``adds`` the sums are added to
+    what ``out`` holds.
+    """
+    starts, bands, weights = pairs
     stride = image.shape[1]
     pixels = image.reshape(-1)
     for k in range(out.shape[0] // 2):
-        _combine_into_two(
-            out[2 * k],
-            out[2 * k + 1],
-            pixels[starts[k] * stride :],
-            stride,
-            weights[2 * k : 2 * k + 2],
-        )
+        first, second, own = out[2 * k], out[2 * k + 1], weights[2 * k : 2 * k + 2]
+        rows = pixels[starts[k] * stride :]
+        t, band = 0, bands[k]
+        if not adds:
+            if band >= 2:
+                _begin_by_two(first, second, rows, stride, own)
+                t = 2
+            else:
+                first[:] = 0
+                second[:] = 0
+        while t + 6 <= band:
+            _add_six(first, second, rows[t * stride :], stride, own[:, t:])
+            t += 6
+        while t + 2 <= band:
+            _add_two(first, second, rows[t * stride :], stride, own[:, t:])
+            t += 2
+        if t < band:
+            _add_one(first, second, rows[t * stride :], own[:, t:])

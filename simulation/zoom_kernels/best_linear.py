@@ -66,11 +66,12 @@ def lmmse_terms(
         return None
     along_y = _Windows.along(grid.rows_px, solver.taps_y, shape[0])
     along_x = _Windows.along(grid.cols_px, solver.taps_x, shape[1])
-    table = solver.table((along_y.taps, along_x.taps), along_y.table_px, along_x.table_px)
+    which = (along_y.taps, along_x.taps), along_y.table_px, along_x.table_px
+    table, short = solver.table(*which), solver.short_table(*which)
     return tuple(
         zip(
-            along_y.matrices(table.along_y, lambda y_px: solver.rows_at_the_border(table, y_px)),
-            along_x.matrices(table.along_x, lambda x_px: solver.columns_at_the_border(table, x_px)),
+            along_y.matrices(short.along_y, lambda y_px: solver.rows_at_the_border(table, y_px)),
+            along_x.matrices(short.along_x, lambda x_px: solver.columns_at_the_border(table, x_px)),
             strict=True,
         )
     )

@@ -4,6 +4,7 @@ In the band that the pixels hold, the far image is the near one times ``H(z f) /
 a quintic spline, whose coefficients these kernels give.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from simulation.arrays import FloatArray
+from simulation.kept_kernels import kept
 from simulation.psf import GaussianPsf, Psf
 from simulation.resampling import (
     BandedMatrix,
@@ -109,19 +111,29 @@ def _short_rows(
     psf: Psf, zoom_y: float, zoom_x: float
 ) -> tuple[tuple[_ShortRows, _ShortRows], ...]:
     """Terms along y and x, the same for all images and grids: crops equal the whole."""
+    rows = [
+        _ShortRows(weights)
+        for weights in kept(
+            "rows", (psf, zoom_y, zoom_x), lambda: tuple(_row_weights(psf, zoom_y, zoom_x))
+        )
+    ]
+    return tuple(zip(rows[::2], rows[1::2], strict=True))
+
+
+def _row_weights(psf: Psf, zoom_y: float, zoom_x: float) -> Iterator[FloatArray]:
+    """Weights of the first term along y and along x, then those of the others."""
     zero: FloatArray = np.zeros(1)
     kernels = spline_prefilter(psf, zoom_y, zoom_x)
+    count = len(kernels)
     widest = max(len(taps) for kernel in kernels for taps in (kernel.along_y, kernel.along_x))
     lags = 2 * _reach_px(widest)
     covariance_y = ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq), lags)
     covariance_x = ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero), lags)
-    terms = []
     for kernel in kernels:
         y = _LongRows.of(kernel.along_y, covariance_y)
         x = _LongRows.of(kernel.along_x, covariance_x)
-        count = len(kernels)
-        terms.append((y.shortened(count * x.variance), x.shortened(count * y.variance)))
-    return tuple(terms)
+        yield y.shortened(count * x.variance)
+        yield x.shortened(count * y.variance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,9 +150,9 @@ class _LongRows:
         weights = spline_sampling(reach - 1 + _POSITIONS_PX, kernel, 2 * reach).dense()
         return cls(weights, covariance, largest_variance(weights, covariance))
 
-    def shortened(self, share: float) -> _ShortRows:
+    def shortened(self, share: float) -> FloatArray:
         """Fit rows as short as possible; ``share`` of the error counts."""
-        return _ShortRows(shortest(self.weights, self.covariance, share))
+        return shortest(self.weights, self.covariance, share)
 
 
 def _reach_px(taps: int) -> int:

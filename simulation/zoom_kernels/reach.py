@@ -53,7 +53,7 @@ def window_radius_px(
     None if even the largest window would lose too much.
     """
     far = scene.across(zoom, zoom)
-    ideal = _ideal_error(scene, far, noise_variance)
+    ideal = ideal_error(scene, far, noise_variance)
     allowed = _ALLOWED_OF_IDEAL * ideal + _ALLOWED_LEAST
     excesses: list[float] = []
     largest = _RADIUS_MAX_MIRRORED_PX if scene.is_mirrored else _RADIUS_MAX_PX
@@ -104,7 +104,7 @@ def _centred(count: int) -> FloatArray:
     return np.arange(count, dtype=np.float64) - (count - 1) / 2
 
 
-def _ideal_error(scene: SeenScene, far: CrossCovariance, noise_variance: float) -> float:
+def ideal_error(scene: SeenScene, far: CrossCovariance, noise_variance: float) -> float:
     """Return the error with all reference pixels, mean of the same positions."""
     period = scene.period_px
     seen = np.maximum(np.fft.fft2(scene.covariance).real + noise_variance, 1e-15)

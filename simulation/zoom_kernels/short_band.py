@@ -47,9 +47,9 @@ class ImageCovariance:
 
     @classmethod
     def seen_through(
-        cls, transfer: Callable[[FloatArray], FloatArray], lags: int
+        cls, transfer: Callable[[FloatArray], FloatArray], lags: int, noise_ratio: float = 0.0
     ) -> "ImageCovariance":
-        """Covariance of a first-order scene seen through a transfer function."""
+        """Covariance of a first-order scene seen through a transfer function, and of its noise."""
         count = max(_STEPS_PER_CYCLE, 2 * lags)
         freq = np.arange(-_ALIASES * count, _ALIASES * count) / count
         angular = 2 * np.pi * _SCENE_CORRELATION_PX * freq
@@ -57,14 +57,16 @@ class ImageCovariance:
         total = float(power.sum())
         aliased = 1 - float(power[np.abs(freq) <= 0.5].sum()) / total
         values = np.fft.fft(power.reshape(-1, count).sum(axis=0)).real[: count // 2] / total
-        values[0] += _NOISE
+        values[0] += max(_NOISE, noise_ratio)
         return cls(np.asarray(values), max(_TOLERANCE, _TOLERANCE_OF_ALIASES * aliased))
 
 
-def shortest(rows: FloatArray, covariance: ImageCovariance, share: float) -> FloatArray:
+def shortest(
+    rows: FloatArray, covariance: ImageCovariance, share: float, *, keeps_ramp: bool = True
+) -> FloatArray:
     """Fit rows by the fewest weights that change the images of a camera by next to nothing.
 
-    The response to a constant and to a ramp stays the same.
+    The response to a constant stays the same.
 
     Parameters
     ----------
@@ -74,14 +76,17 @@ def shortest(rows: FloatArray, covariance: ImageCovariance, share: float) -> Flo
         Of the columns' pixels.
     share
         Part of the difference that counts: the other axis leaves that much of an image's variance.
+    keeps_ramp
+        Whether the response to a ramp stays the same, too. No product of rows and columns
+        responds to one, if the other's weights sum to 0.
 
     Returns
     -------
     ndarray of shape (n, taps)
         Weights of the middle columns.
     """
-    for taps in range(_TAPS_MIN, rows.shape[1], 2):
-        weights, difference = _fitted(rows, taps, covariance)
+    for taps in range(_TAPS_MIN if keeps_ramp else 2, rows.shape[1], 2):
+        weights, difference = _fitted(rows, taps, covariance, keeps_ramp)
         if float(difference.max()) * share <= covariance.tolerance:
             return weights
     return rows
@@ -93,7 +98,7 @@ def largest_variance(rows: FloatArray, covariance: ImageCovariance) -> float:
 
 
 def _fitted(
-    rows: FloatArray, taps: int, covariance: ImageCovariance
+    rows: FloatArray, taps: int, covariance: ImageCovariance, keeps_ramp: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return weights of the middle columns, and the variance of the difference, row by row."""
     count = rows.shape[1]
@@ -102,10 +107,11 @@ def _fitted(
     wanted = rows @ covariance.values[np.abs(np.subtract.outer(column, near))]
     system = toeplitz(covariance.values[:taps])
     middle = (count - 1) / 2
-    drift = np.stack([np.ones(taps), near - middle])
-    moments = np.stack([rows.sum(axis=1), rows @ (column - middle)])
+    kept = 2 if keeps_ramp else 1
+    drift = np.stack([np.ones(taps), near - middle])[:kept]
+    moments = np.stack([rows.sum(axis=1), rows @ (column - middle)])[:kept]
     solved = np.linalg.solve(system, np.concatenate([wanted, drift]).T).T
-    bare, drifts = solved[:-2], solved[-2:]
+    bare, drifts = solved[:-kept], solved[-kept:]
     factors = np.linalg.solve(drift @ drifts.T, moments - drift @ bare.T)
     weights = bare + factors.T @ drifts
     change = _variances(rows, covariance) - 2 * np.einsum("rn,rn->r", weights, wanted)

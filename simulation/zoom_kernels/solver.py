@@ -2,16 +2,18 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil
+from math import ceil, inf
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from simulation.arrays import FloatArray, IntArray
+from simulation.kept_kernels import kept
 from simulation.psf import Psf
 from simulation.zoom_kernels.kernel_table import AxisKernels, KernelTable, window_kernels
-from simulation.zoom_kernels.reach import window_radius_px
+from simulation.zoom_kernels.reach import ideal_error, window_radius_px
 from simulation.zoom_kernels.scene import CrossCovariance, SeenScene
+from simulation.zoom_kernels.short_band import ImageCovariance, largest_variance, shortest
 from simulation.zoom_kernels.window import FiniteWindow
 
 _PERIOD_PX = 192
@@ -32,6 +34,15 @@ _RIDGE_BORDER = 5e-4
 """The same for windows that do not lie around their pixel, and extrapolate: with 1e-4 and a
 noise of 0.5 DN the ring of a Gaussian of 1.2 px at zoom 3 is 5.8 DN off instead of 3.7."""
 
+_RIDGE_SHORT = 1e-4
+"""Least noise that shorter kernels must not amplify: 0.6 DN where the image has 60 DN rms."""
+
+_MISSED_OF_IDEAL = 0.02
+"""Part of the ideal error by which shorter kernels along either axis may exceed it ..."""
+
+_MISSED_LEAST = 0.02 * 0.01 / 60**2
+"""... and the same part of 0.01 DN^2 in images of 60 DN rms, relative to the image's variance."""
+
 _BORDER_STEPS = 6
 """Positions of a table a far pixel, at the border: a cubic spline between them is right to 1e-3."""
 
@@ -41,29 +52,46 @@ TABLE_POSITIONS_PX: FloatArray = np.arange(-5, 6) / 8
 """Subpixel positions of a table: a cubic spline between eighths of a pixel is right to 1e-4."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class KernelSolver:
     """What all grids of one PSF, zoom and noise share.
 
     Parameters
     ----------
-    scene, far
-        The scene as either camera sees it.
+    psf
+        Total PSF of the camera.
     zoom_y, zoom_x
         Distance of the far pixels in reference pixels, at least 1.
+    noise_ratio
+        Variance of a reference pixel's noise over that of the scene.
+    scene_correlation_px
+        Correlation length of the scene.
     taps_y, taps_x
         Reference pixels of a window.
-    ridge
-        Noise, relative to the variance of a reference pixel.
     """
 
-    scene: SeenScene
-    far: CrossCovariance
+    psf: Psf
     zoom_y: float
     zoom_x: float
+    noise_ratio: float
+    scene_correlation_px: float
     taps_y: int
     taps_x: int
-    ridge: float
+
+    @property
+    def scene(self) -> SeenScene:
+        """The scene as the near camera sees it."""
+        return _scene(self.psf, self.scene_correlation_px)
+
+    @property
+    def far(self) -> CrossCovariance:
+        """The scene as the far camera sees it."""
+        return _far(self.psf, self.scene_correlation_px, self.zoom_y, self.zoom_x)
+
+    @property
+    def ridge(self) -> float:
+        """Noise that is reckoned with, relative to the variance of a reference pixel."""
+        return max(self.noise_ratio, _RIDGE * (1 - 1 / (self.zoom_y * self.zoom_x)), _RIDGE_MIN)
 
     @property
     def is_diagonal(self) -> bool:
@@ -74,34 +102,58 @@ class KernelSolver:
         self, taps: tuple[int, int], y_px: tuple[float, ...], x_px: tuple[float, ...]
     ) -> KernelTable:
         """Kernels of windows around their pixel, at positions from the windows' centre."""
-        return _table(self, taps, y_px, x_px)
+        return _tables(self, taps, y_px, x_px)[0]
+
+    def short_table(
+        self, taps: tuple[int, int], y_px: tuple[float, ...], x_px: tuple[float, ...]
+    ) -> KernelTable:
+        """Return the table with 0 for pixels far off, as far as nobody would miss them."""
+        return _tables(self, taps, y_px, x_px)[1]
 
     def rows_at_the_border(self, table: KernelTable, y_px: FloatArray) -> FloatArray:
         """Weights along y of windows that do not lie around their pixel.
 
         Shape ``(terms, len(y_px), taps)``; the positions count from the windows' centre.
         """
-        return _interpolated(_at_the_border(self, table, False), y_px)
+        return _borders(self, table)[0].at(y_px)
 
     def columns_at_the_border(self, table: KernelTable, x_px: FloatArray) -> FloatArray:
         """Weights along x of windows that do not lie around their pixel."""
-        return _interpolated(_at_the_border(self, table, True), x_px)
+        return _borders(self, table)[1].at(x_px)
 
 
-def _interpolated(sides: tuple[AxisKernels, AxisKernels], positions_px: FloatArray) -> FloatArray:
-    terms, _, taps = sides[0].weights.shape
-    weights = np.empty((terms, len(positions_px), taps))
-    for side, is_there in zip(sides, (positions_px < 0, positions_px >= 0), strict=True):
-        spline = CubicSpline(side.positions_px, side.weights, axis=1)
-        weights[:, is_there] = spline(positions_px[is_there])
-    return weights
-
-
-@lru_cache(maxsize=64)
-def _at_the_border(
-    solver: KernelSolver, table: KernelTable, is_along_x: bool
-) -> tuple[AxisKernels, AxisKernels]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Border:
     """Kernels along one axis of windows shifted towards its start, and towards its end."""
+
+    before: AxisKernels
+    after: AxisKernels
+
+    def at(self, positions_px: FloatArray) -> FloatArray:
+        terms, _, taps = self.before.weights.shape
+        weights = np.empty((terms, len(positions_px), taps))
+        for side, is_there in ((self.before, positions_px < 0), (self.after, positions_px >= 0)):
+            spline = CubicSpline(side.positions_px, side.weights, axis=1)
+            weights[:, is_there] = spline(positions_px[is_there])
+        return weights
+
+
+@lru_cache(maxsize=32)
+def _borders(solver: KernelSolver, table: KernelTable) -> tuple[_Border, _Border]:
+    """Kernels along y and along x; whoever needs the ones needs the others."""
+    positions_px = table.along_y.positions_px, table.along_x.positions_px
+
+    def design() -> tuple[FloatArray, ...]:
+        axes = _border(solver, table, False), _border(solver, table, True)
+        sides = [side for axis in axes for side in (axis.before, axis.after)]
+        return tuple(array for side in sides for array in (side.positions_px, side.weights))
+
+    arrays = kept("border", (solver, table.taps, positions_px), design)
+    sides = [AxisKernels(*arrays[first : first + 2]) for first in range(0, len(arrays), 2)]
+    return _Border(*sides[:2]), _Border(*sides[2:])
+
+
+def _border(solver: KernelSolver, table: KernelTable, is_along_x: bool) -> _Border:
     own, zoom = (table.turned(), solver.zoom_x) if is_along_x else (table, solver.zoom_y)
     sampled = _sampled(own.along_x)
     other_px = tuple(own.along_x.positions_px[sampled].tolist())
@@ -112,9 +164,9 @@ def _at_the_border(
     before = own.rows_of(kernels, np.array(lower), sampled)
     if solver.scene.is_mirrored:
         # What a window knows of a pixel on one side, its mirror knows on the other.
-        return before, AxisKernels(np.array(upper), before.weights[:, ::-1, ::-1])
+        return _Border(before, AxisKernels(np.array(upper), before.weights[:, ::-1, ::-1]))
     kernels = _border_kernels(solver, own.taps, upper, other_px, is_along_x)
-    return before, own.rows_of(kernels, np.array(upper), sampled)
+    return _Border(before, own.rows_of(kernels, np.array(upper), sampled))
 
 
 @lru_cache(maxsize=1)
@@ -162,6 +214,21 @@ def kernel_solver(
     psf: Psf, zoom_y: float, zoom_x: float, noise_ratio: float, scene_correlation_px: float
 ) -> KernelSolver | None:
     """Solver of one PSF, zoom (at least 1) and noise; None if no window is large enough."""
+    (radii,) = kept(
+        "radii",
+        (psf, zoom_y, zoom_x, noise_ratio, scene_correlation_px),
+        lambda: (_radii_px(psf, (zoom_y, zoom_x), noise_ratio, scene_correlation_px),),
+    )
+    if not np.isfinite(radii).all():
+        return None
+    taps_y, taps_x = (2 * int(radius) for radius in radii)
+    return KernelSolver(psf, zoom_y, zoom_x, noise_ratio, scene_correlation_px, taps_y, taps_x)
+
+
+def _radii_px(
+    psf: Psf, zooms: tuple[float, float], noise_ratio: float, scene_correlation_px: float
+) -> FloatArray:
+    """Halves of the windows' sides along y and x, infinite where none is large enough."""
     scene = _scene(psf, scene_correlation_px)
     at_reach = max(noise_ratio, _RIDGE_REACH)
     radii = {
@@ -171,19 +238,19 @@ def kernel_solver(
             lambda taps_y, taps_x: FiniteWindow.of(scene, taps_y, taps_x, at_reach),
             at_reach * scene.variance,
         )
-        for zoom in (zoom_y, zoom_x)
+        for zoom in set(zooms)
     }
-    radius_y, radius_x = radii[zoom_y], radii[zoom_x]
-    if radius_y is None or radius_x is None:
-        return None
-    ridge = max(noise_ratio, _RIDGE * (1 - 1 / (zoom_y * zoom_x)), _RIDGE_MIN)
-    far = scene.across(zoom_y, zoom_x)
-    return KernelSolver(scene, far, zoom_y, zoom_x, 2 * radius_y, 2 * radius_x, ridge)
+    return np.array([inf if radii[zoom] is None else radii[zoom] for zoom in zooms])
 
 
 @lru_cache(maxsize=4)
 def _scene(psf: Psf, correlation_px: float) -> SeenScene:
     return SeenScene.through(psf, _PERIOD_PX, correlation_px)
+
+
+@lru_cache(maxsize=16)
+def _far(psf: Psf, correlation_px: float, zoom_y: float, zoom_x: float) -> CrossCovariance:
+    return _scene(psf, correlation_px).across(zoom_y, zoom_x)
 
 
 @lru_cache(maxsize=4)
@@ -192,12 +259,78 @@ def _window(scene: SeenScene, taps_y: int, taps_x: int, ridge: float) -> FiniteW
 
 
 @lru_cache(maxsize=64)
-def _table(
+def _tables(
     solver: KernelSolver,
     taps: tuple[int, int],
     y_px: tuple[float, ...],
     x_px: tuple[float, ...],
-) -> KernelTable:
-    window = _window(solver.scene, *taps, solver.ridge)
+) -> tuple[KernelTable, KernelTable]:
+    """Kernels of the products that matter, over the whole window and shortened."""
     y, x = np.array(y_px), np.array(x_px)
-    return KernelTable.of(window_kernels(window, solver.far, y, x), y, x)
+
+    def design() -> tuple[FloatArray, ...]:
+        window = _window(solver.scene, *taps, solver.ridge)
+        table = KernelTable.of(window_kernels(window, solver.far, y, x), y, x)
+        return _shortened(solver, table.along_y.weights, table.along_x.weights)
+
+    weights = kept("table", (solver, taps, y, x), design)
+    whole, short = (
+        KernelTable(AxisKernels(y, along_y), AxisKernels(x, along_x))
+        for along_y, along_x in (weights[:2], weights[2:])
+    )
+    return whole, short
+
+
+def _shortened(
+    solver: KernelSolver, along_y: FloatArray, along_x: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Leave out what would hardly be missed: products, then the far ends of those that stay.
+
+    Another estimate than the best linear one is worse by the variance of their difference.
+    """
+    scene, terms = solver.scene, len(along_y)
+    noise_ratio = max(solver.noise_ratio, _RIDGE_SHORT)
+    reckoned = max(solver.noise_ratio, _RIDGE_REACH) * scene.variance
+    ideal = ideal_error(scene, solver.far, reckoned) / scene.variance
+    allowed = _MISSED_OF_IDEAL * ideal + _MISSED_LEAST
+    power = np.fft.fft2(scene.covariance).real / scene.variance + noise_ratio
+    seen_y = [_seen_through(rows, power.T, allowed / terms) for rows in along_x]
+    seen_x = [_seen_through(rows, power, allowed / terms) for rows in along_y]
+    matters = np.array(
+        [
+            largest_variance(rows, seen) > seen.tolerance
+            for rows, seen in zip(along_y, seen_y, strict=True)
+        ]
+    )
+    matters[0] = True
+    kept_terms = np.flatnonzero(matters)
+    along_y, along_x = along_y[kept_terms], along_x[kept_terms]
+    return (
+        along_y,
+        along_x,
+        _ends_off(along_y, [seen_y[term] for term in kept_terms]),
+        _ends_off(along_x, [seen_x[term] for term in kept_terms]),
+    )
+
+
+def _seen_through(rows: FloatArray, power: FloatArray, tolerance: float) -> ImageCovariance:
+    """Covariance along the columns of an image whose rows are combined by weights.
+
+    ``power`` is the image's, by the frequencies along and across the rows; the mean of the rows'.
+    """
+    passed = np.mean(np.abs(np.fft.fft(rows, len(power))) ** 2, axis=0)
+    values = np.fft.ifft(passed @ power).real / len(power)
+    return ImageCovariance(values, tolerance)
+
+
+def _ends_off(terms: FloatArray, seen: list[ImageCovariance]) -> FloatArray:
+    taps = terms.shape[2]
+    if taps % 2:
+        return terms  # of an image smaller than a window
+    made = np.zeros_like(terms)
+    for number, (rows, covariance) in enumerate(zip(terms, seen, strict=True)):
+        # The first product alone acts on a ramp.
+        short = shortest(rows, covariance, 1.0, keeps_ramp=number == 0)
+        first = (taps - short.shape[1]) // 2
+        made[number, :, first : first + short.shape[1]] = short
+    return made

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from acquisition.printable import on_one_line
 from acquisition.session import Session
+from analysis.design_cache import keep_designs_on_disk
 from calibration.provenance import Provenance
 from standoff.compile_notice import announce_compiling
 from standoff.library.caller import caller
@@ -66,6 +67,7 @@ class Call:
         files: Iterable[object] = (),
     ) -> None:
         announce_compiling()
+        keep_designs_on_disk()
         self._function = function
         self._progress = progress or Silent()
         self._notes: dict[str, None] = {}
