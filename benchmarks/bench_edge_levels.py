@@ -15,8 +15,9 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.bench_edge_fit import exact_edge
+from benchmarks.edge_scenes import Rectangle, pixel_means
 from benchmarks.harness import Recorder, bench_parser
-from calibration.edge_fit import JpegCompression, fit_edge
+from calibration.edge_fit import EdgeFit, JpegCompression, fit_edge
 from calibration.edge_search import EdgeSegment, find_edges
 from simulation.arrays import FloatArray
 
@@ -32,6 +33,14 @@ class Tally:
     scaled: list[float] = field(default_factory=list)
     relative: list[float] = field(default_factory=list)
     missed: int = 0
+
+    def add(self, fit: EdgeFit | None, sigma_px: float) -> None:
+        """Count a fit of an edge of known width, or that there is none."""
+        if fit is None or fit.optical_sigma_px is None or fit.optical_sigma_err_px is None:
+            self.missed += 1
+            return
+        self.scaled.append((fit.optical_sigma_px - sigma_px) / fit.optical_sigma_err_px)
+        self.relative.append(fit.optical_sigma_px / sigma_px - 1)
 
     def line(self) -> str:
         """Write RMS, largest, coverage, RMS and worst in %, and what was missed."""
@@ -51,6 +60,18 @@ class Tally:
     def coverage(self) -> float:
         """Share of the 95 % intervals that hold the truth, in %."""
         return 100 * float(np.mean(np.abs(self.scaled) <= HELD))
+
+
+def decoded(
+    image: FloatArray, quality: int
+) -> tuple[FloatArray, JpegCompression | None, list[EdgeSegment]]:
+    """What a file of 8 bits gives back, a JPEG where there is a quality, and the edges in it."""
+    if not quality:
+        rounded = np.rint(image)
+        return rounded, None, find_edges(rounded, cell_px=1000.0)
+    levels, compression = compressed(image, quality)
+    artefacts = compression.artefacts
+    return levels, compression, find_edges(levels, cell_px=1000.0, artefacts=artefacts)
 
 
 def compressed(image: FloatArray, quality: int) -> tuple[FloatArray, JpegCompression]:
@@ -78,21 +99,38 @@ def level_errors(
         truth = np.array(
             [rng.uniform(0, 2 * np.pi), rng.uniform(-3, 3), 0, np.log(sigma), low, low + contrast]
         )
-        image = np.rint(exact_edge(truth, x, y) + noise * rng.standard_normal(x.shape))
-        compression = None
-        if quality:
-            image, compression = compressed(image, quality)
-        artefacts = None if compression is None else compression.artefacts
-        segments = find_edges(image, cell_px=1000.0, artefacts=artefacts)
-        fit = None
-        if segments:
-            longest: EdgeSegment = max(segments, key=lambda e: e.length_px)
-            fit = fit_edge(image, longest, compression=compression)
-        if fit is None or fit.optical_sigma_px is None or fit.optical_sigma_err_px is None:
-            tally.missed += 1
-            continue
-        tally.scaled.append((fit.optical_sigma_px - sigma) / fit.optical_sigma_err_px)
-        tally.relative.append(fit.optical_sigma_px / sigma - 1)
+        image = exact_edge(truth, x, y) + noise * rng.standard_normal(x.shape)
+        image, compression, segments = decoded(image, quality)
+        longest = max(segments, key=lambda e: e.length_px, default=None)
+        fit = None if longest is None else fit_edge(image, longest, compression=compression)
+        tally.add(fit, sigma)
+    return tally
+
+
+def side_errors(squares: int, side_px: int, noise_dn: Range, seed: int, quality: int = 0) -> Tally:
+    """Fit the sides of dark squares, at any angle, place, contrast and width of the lens."""
+    rng = np.random.default_rng(seed)
+    tally = Tally()
+    size = int(np.ceil(1.5 * side_px)) + 32
+    y, x = (axis.astype(np.float64) for axis in np.mgrid[:size, :size])
+    for _ in range(squares):
+        sigma = float(np.exp(rng.uniform(*np.log((0.7, 1.5)))))
+        contrast, noise = rng.uniform(40, 200), rng.uniform(*noise_dn)
+        white = rng.uniform(15, 235 - contrast) + contrast
+        middle = size / 2 + rng.uniform(-0.5, 0.5, 2)
+        square = Rectangle(
+            x_px=middle[0],
+            y_px=middle[1],
+            half_px=(side_px / 2, side_px / 2),
+            angle_rad=rng.uniform(0, np.pi / 2),
+            level_dn=white - contrast,
+        )
+        light = white - contrast * pixel_means(lambda x, y: square.share(sigma, x, y), x, y)  # noqa: B023
+        image = light + noise * rng.standard_normal(light.shape)
+        image, compression, segments = decoded(image, quality)
+        for segment in segments:
+            tally.add(fit_edge(image, segment, compression=compression), sigma)
+        tally.missed += max(4 - len(segments), 0)
     return tally
 
 
@@ -122,6 +160,20 @@ def jpegs(record: Recorder, edges: int) -> None:
         record.say(f"  {quality:7d} {tally.line()}")
 
 
+def squares(record: Recorder, sides: int) -> None:
+    record.say(f"\nsides of squares, contrast 40 to 200, sigma 0.7 to 1.5 px, {sides} a line")
+    record.say("  side   noise       quality    rms   most  in 95 %  rms %  worst %  missed")
+    for side_px in (60, 100):
+        for noise, quality in (((0.5, 1.0), 0), ((0.5, 1.0), 95), ((0.0, 0.4), 95)):
+            tally = side_errors(sides // 4, side_px, noise, seed=3, quality=quality)
+            name = f"squares of {side_px} px, noise {noise}, " + (
+                f"JPEG {quality}" if quality else "8 bits"
+            )
+            record.figure(f"RMS of error over stated, {name}", tally.rms, "stated errors")
+            record.figure(f"worst error, {name}", 100 * max(map(abs, tally.relative)), "%")
+            record.say(f"  {side_px:4d}   {noise!s:11} {quality:5d} {tally.line()}")
+
+
 def main() -> None:
     parser = bench_parser(__doc__)
     parser.add_argument("--edges", type=int, help="edges a line, 1000 by default")
@@ -131,6 +183,7 @@ def main() -> None:
         edges = given.edges or record.pick(1000, 50)
         eight_bits(record, edges)
         jpegs(record, edges)
+        squares(record, record.pick(480, 24))
 
 
 if __name__ == "__main__":
