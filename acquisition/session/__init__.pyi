@@ -4,7 +4,7 @@ from .capture_file import (
     read_capture as read_capture,
 )
 from .capture_files import file_sha256 as file_sha256
-from .durable_write import atomic_write as atomic_write, fsync_directory as fsync_directory
+from .durable_write import atomic_write as atomic_write
 from .journal import SYSTEM_STAMPS as SYSTEM_STAMPS, Stamps as Stamps
 from .journal_event import EventKind as EventKind, JournalEvent as JournalEvent
 from .manifest import (

@@ -50,13 +50,17 @@ class SweepItem:
     @property
     def hash(self) -> int:
         """First bits of the SHA-256 of the path, from 0 to 2^64 - 1: which shard it is in."""
-        digest = hashlib.sha256(os.fsencode(self.path)).digest()
-        return int.from_bytes(digest[: HASH_BITS // 8], "big")
+        return _first_bits(os.fsencode(self.path))
 
     @property
     def state(self) -> str:
         """The item as one line of ASCII text, the same only for the same path, size and time."""
         return json.dumps([os.fspath(self.path), self.size_bytes, self.mtime_ns])
+
+    @property
+    def digest(self) -> int:
+        """First bits of the SHA-256 of the state, from 0 to 2^64 - 1."""
+        return _first_bits(self.state.encode("ascii"))
 
 
 class Manifest:
@@ -111,6 +115,10 @@ class Manifest:
         for line in self._file:
             path, size_bytes, mtime_ns = json.loads(line[HASH_BITS // 4 :])
             yield SweepItem(path=Path(path), size_bytes=size_bytes, mtime_ns=mtime_ns)
+
+
+def _first_bits(data: bytes) -> int:
+    return int.from_bytes(hashlib.sha256(data).digest()[: HASH_BITS // 8], "big")
 
 
 def _line(path: Path) -> bytes:

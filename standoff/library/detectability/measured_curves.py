@@ -232,7 +232,7 @@ def _measured(
         if summary.images == 0:
             raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be measured")
         sums = SweepSums(manifest, work)
-        sums.drop_others(state)
+        sums.tidy()
         some = _some_photographs(sums, manifest, inputs.options)
     list_inputs(inputs, sums.images, sums.photographs(), state)
     copies = sums.list_copies(state / _COPIES_NAME)

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from acquisition.session import atomic_write
+from acquisition.shared_files import write_shared
 from analysis.float_tiff import tiff_bytes
 from simulation.arrays import BoolArray, Float32Array
 from standoff.errors import ApplicationError, ImageFileError
@@ -77,6 +77,6 @@ def write_mask(path: Path, mask: BoolArray) -> None:
 
 def _write(path: Path, data: bytes) -> None:
     try:
-        atomic_write(path, data)
+        write_shared(path, data)
     except OSError as error:
         raise ImageFileError(f"cannot write {path}: {error.strerror}") from error

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from acquisition.session import MANIFEST_NAME, atomic_write, fsync_directory
+from acquisition.session import MANIFEST_NAME
+from acquisition.shared_files import clear_parts, fsync_directory, part_of, write_shared
 from standoff.errors import ApplicationError
 
 RESULTS_FOLDER = "results"
@@ -77,7 +78,7 @@ def write_file(path: Path, data: bytes) -> None:
         If the file cannot be written.
     """
     try:
-        atomic_write(path, data)
+        write_shared(path, data)
     except OSError as error:
         raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
 
@@ -100,9 +101,9 @@ def written_together(document: Path) -> Iterator[Path]:
     ApplicationError
         If a file cannot be moved to its place.
     """
-    part = document.with_name(f".{document.name}.part")
+    part = part_of(document.with_name(f".{document.name}"))
     try:
-        shutil.rmtree(part, ignore_errors=True)  # of a run that was killed
+        clear_parts(document.parent, f".{document.name}")
         make_folder(part)
         yield part
         document.unlink(missing_ok=True)
