@@ -34,6 +34,8 @@ class SweepOptions:
         ``(k, n)``: only the k-th of n parts, for queues of jobs that share the state.
     strict
         Whether the first refused photograph ends the sweep.
+    workers_gone_s
+        Longest time without any worker.
 
     Raises
     ------
@@ -45,6 +47,7 @@ class SweepOptions:
     scheduler: str | None = None
     part: tuple[int, int] = (1, 1)
     strict: bool = False
+    workers_gone_s: float = 300.0
 
     def __post_init__(self) -> None:
         if self.workers < 1:
@@ -165,10 +168,12 @@ def _executor(options: SweepOptions) -> Iterator[Executor]:
     from analysis.sweep.cluster import done_by_workers, local_workers
 
     if options.scheduler is not None:
-        yield partial(done_by_workers, scheduler=options.scheduler)
+        yield partial(
+            done_by_workers, scheduler=options.scheduler, gone_s=options.workers_gone_s
+        )
         return
     with local_workers(options.workers) as scheduler:
-        yield partial(done_by_workers, scheduler=scheduler)
+        yield partial(done_by_workers, scheduler=scheduler, gone_s=options.workers_gone_s)
 
 
 def _done_here(shards: Iterator[Shard], work: ShardWork) -> Iterator[tuple[Shard, ShardDone]]:
