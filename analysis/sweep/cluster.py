@@ -18,6 +18,7 @@ from distributed import Client, KilledWorker, LocalCluster, as_completed
 from distributed.client import FutureCancelledError
 from distributed.scheduler import NoWorkerError
 
+from acquisition.remote_files import is_own_memory, is_url
 from analysis.errors import SweepError
 from analysis.sweep.shards import Shard, ShardDone, ShardWork
 
@@ -100,6 +101,7 @@ def done_by_workers(
         several were killed over one shard.
     """
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    logging.getLogger("asyncio").addFilter(_is_no_leftover)
     try:
         client: Dask = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
@@ -194,10 +196,15 @@ class _Workers:
             self._seen_s = self._threads_asked_s
 
     def _submitted(self, shard: Shard, *, is_looked_for: bool = True) -> Dask:
+        if any(is_own_memory(item.path) for item in shard.items):
+            raise SweepError(
+                "memory:// is this process's own, and other processes see none of it; work "
+                "without --workers and --scheduler"
+            )
         there = [
             (os.fspath(item.path), item.size_bytes)
             for item in shard.items
-            if item.is_there and is_looked_for
+            if item.is_there and is_looked_for and not is_url(item.path)
         ]
         future = self._client.submit(
             self._task,
@@ -258,6 +265,11 @@ class _Workers:
         if time.monotonic() - self._threads_asked_s >= _THREADS_ASKED_EVERY_S:
             self._ask_for_threads()
         return _SHARDS_A_THREAD * max(self._threads, 1)
+
+
+def _is_no_leftover(record: logging.LogRecord) -> bool:
+    """Whether it is something else than what Dask leaves of a wait that was broken off."""
+    return record.exc_info is None or getattr(record.exc_info[0], "__name__", "") != "AllExit"
 
 
 def _marked(marker: Path) -> str:

@@ -168,9 +168,7 @@ def _executor(options: SweepOptions) -> Iterator[Executor]:
     from analysis.sweep.cluster import done_by_workers, local_workers
 
     if options.scheduler is not None:
-        yield partial(
-            done_by_workers, scheduler=options.scheduler, gone_s=options.workers_gone_s
-        )
+        yield partial(done_by_workers, scheduler=options.scheduler, gone_s=options.workers_gone_s)
         return
     with local_workers(options.workers) as scheduler:
         yield partial(done_by_workers, scheduler=scheduler, gone_s=options.workers_gone_s)

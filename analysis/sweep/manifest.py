@@ -11,6 +11,7 @@ from tempfile import TemporaryFile
 from types import TracebackType
 from typing import Self
 
+from acquisition.remote_files import is_url, remote_status
 from analysis.errors import ResultsFileError
 from analysis.sweep.sorting import sorted_lines
 
@@ -22,8 +23,9 @@ HASH_BITS = 64
 class SweepItem:
     """A photograph as it was on disk when the sweep began.
 
-    ``path`` is absolute, as workers may have other working folders. ``size_bytes`` and
-    ``mtime_ns`` are -1 for one that is missing or must not be read.
+    ``path`` is absolute, as workers may have other working folders, or stands for a URL, whose
+    version is in ``mtime_ns``. ``size_bytes`` and ``mtime_ns`` are -1 for one that is missing or
+    must not be read.
     """
 
     path: Path
@@ -33,6 +35,8 @@ class SweepItem:
     @classmethod
     def on_disk(cls, path: Path) -> Self:
         """Look at a file."""
+        if is_url(path):
+            return cls._of_url(path)
         absolute = Path(os.path.abspath(path))  # noqa: PTH100  resolve() follows links
         try:
             found = absolute.stat()
@@ -41,6 +45,14 @@ class SweepItem:
         if not os.access(absolute, os.R_OK):
             return cls(path=absolute, size_bytes=-1, mtime_ns=-1)
         return cls(path=absolute, size_bytes=found.st_size, mtime_ns=found.st_mtime_ns)
+
+    @classmethod
+    def _of_url(cls, path: Path) -> Self:
+        try:
+            found = remote_status(path)
+        except OSError:
+            return cls(path=path, size_bytes=-1, mtime_ns=-1)
+        return cls(path=path, size_bytes=found.size_bytes, mtime_ns=found.version)
 
     @property
     def is_there(self) -> bool:

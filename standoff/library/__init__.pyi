@@ -50,6 +50,7 @@ from .detectability import (
     judge_homography as judge_homography,
     measure_curves as measure_curves,
     pose_limits as pose_limits,
+    state_of_curves as state_of_curves,
 )
 from .evaluation import (
     ChangePairs as ChangePairs,

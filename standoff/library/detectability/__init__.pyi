@@ -15,4 +15,5 @@ from .measured_curves import (
     curve_figure_paths as curve_figure_paths,
     curves_made_by as curves_made_by,
     measure_curves as measure_curves,
+    state_of_curves as state_of_curves,
 )

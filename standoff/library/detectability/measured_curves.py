@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.printable import on_one_line
+from acquisition.remote_files import is_url
 from analysis.detectability import (
     MOST_SCENES,
     ArtefactWork,
@@ -263,10 +264,16 @@ def _some_photographs(
 def curves_made_by(path: Path) -> str | None:
     """Return what made the curves of a curves.json; None if there are none, or nobody knows."""
     try:
-        stored = read_curves(path).provenance if path.is_file() else None
+        stored = read_curves(path).provenance if not is_url(path) and path.is_file() else None
     except ResultsFileError:
         return None
     return None if stored is None else stored.command
+
+
+def state_of_curves(out: FilePath) -> Path:
+    """Folder for what is measured, beside the curves; of a URL in the working folder."""
+    path = path_of(out, "out")
+    return (Path(path.name) if is_url(path) else path).with_suffix(".sweep")
 
 
 def curve_figure_paths(out: Path) -> list[Path]:

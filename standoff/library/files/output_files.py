@@ -6,8 +6,11 @@ Apart from the reports, whose plots and templates take half a second to load.
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from os.path import lexists
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from acquisition.remote_files import is_url, remote_status, url_of, write_remote
 from acquisition.session import MANIFEST_NAME
 from acquisition.shared_files import clear_parts, fsync_directory, part_of, write_shared
 from standoff.errors import ApplicationError
@@ -27,6 +30,9 @@ def require_writable(paths: Iterable[Path | None]) -> None:
     for path in paths:
         if path is None:
             continue
+        if is_url(path):
+            is_there(path)
+            continue
         if path.parent.name == RESULTS_FOLDER and (path.parent.parent / MANIFEST_NAME).is_file():
             make_results_folder(path.parent.parent)
         if not path.parent.is_dir():
@@ -35,6 +41,25 @@ def require_writable(paths: Iterable[Path | None]) -> None:
             raise ApplicationError(f"cannot write {path}: it is a folder")
         if path.suffix.lower() == ".pdf":
             require_pdf()
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is a file, or whatever else, at a path or URL.
+
+    Raises
+    ------
+    ApplicationError
+        If nobody can say: of a URL of an unknown kind, or whose server does not answer.
+    """
+    if not is_url(path):
+        return lexists(path)
+    try:
+        remote_status(path)
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        raise ApplicationError(f"cannot write {url_of(path)}: {error.strerror}") from error
+    return True
 
 
 def make_folder(path: Path) -> Path:
@@ -78,9 +103,12 @@ def write_file(path: Path, data: bytes) -> None:
         If the file cannot be written.
     """
     try:
-        write_shared(path, data)
+        if is_url(path):
+            write_remote(path, data)
+        else:
+            write_shared(path, data)
     except OSError as error:
-        raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
+        raise ApplicationError(f"cannot write {url_of(path)}: {error.strerror}") from error
 
 
 @contextmanager
@@ -101,19 +129,29 @@ def written_together(document: Path) -> Iterator[Path]:
     ApplicationError
         If a file cannot be moved to its place.
     """
+    if is_url(document):
+        with TemporaryDirectory() as folder:
+            yield Path(folder)
+            for file in _with_document_last(Path(folder), document):
+                write_file(document.with_name(file.name), file.read_bytes())
+        return
     part = part_of(document.with_name(f".{document.name}"))
     try:
         clear_parts(document.parent, f".{document.name}")
         make_folder(part)
         yield part
         document.unlink(missing_ok=True)
-        for file in sorted(part.iterdir(), key=lambda file: (file.name == document.name, file)):
+        for file in _with_document_last(part, document):
             file.replace(document.with_name(file.name))
         fsync_directory(document.parent)
     except OSError as error:
         raise ApplicationError(f"cannot write {document}: {error.strerror}") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def _with_document_last(folder: Path, document: Path) -> list[Path]:
+    return sorted(folder.iterdir(), key=lambda file: (file.name == document.name, file))
 
 
 def require_pdf() -> None:
