@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import to_json
 
 from acquisition.regular_files import read_regular_file
-from acquisition.shared_files import write_shared
+from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
 from calibration.errors import DocumentError
 

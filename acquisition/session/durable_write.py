@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
-from acquisition.shared_files import PART_SUFFIX as PART_SUFFIX, fsync_directory
+from acquisition.session.shared_files import PART_SUFFIX as PART_SUFFIX, fsync_directory
 
 FileParts = tuple[bytes | memoryview, ...]
 """Bytes of a file, in order; they are written from where they lie."""
@@ -27,7 +27,7 @@ _NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 def atomic_write(path: Path, data: bytes | memoryview) -> None:
     """Write ``data`` to ``path`` through ``path.part``: fsync, rename, fsync of the directory.
 
-    For a file with one writer; `acquisition.shared_files` has what several may write.
+    For a file with one writer; `acquisition.session.shared_files` has what several may write.
 
     Raises
     ------

@@ -29,7 +29,7 @@ from acquisition.session.journal_chain import (
 from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.journal_reading import JournalReading, read_journal_file
 from acquisition.session.record import utc_text
-from acquisition.shared_files import fsync_directory
+from acquisition.session.shared_files import fsync_directory
 
 _QUOTED_BYTES = LARGEST_LINE_BYTES // 8
 """Of a torn tail: the text of a byte takes up to six in JSON."""

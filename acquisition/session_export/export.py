@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from acquisition.errors import ExportError
-from acquisition.session import Session
+from acquisition.session import Session, fsync_directory
 from acquisition.session_export.choices import ExportFormat
 from acquisition.session_export.source import ExportSource
-from acquisition.shared_files import fsync_directory
 
 _LIBRARIES: dict[ExportFormat, tuple[str, str] | None] = {
     "ome-tiff": None,

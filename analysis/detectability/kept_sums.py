@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquisition.shared_files import clear_parts, commit_file
+from acquisition.session import clear_parts, commit_file
 from analysis.detectability.artefact import ArtefactTiles
 from analysis.detectability.sums import (
     ArtefactSums,

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.printable import on_one_line
-from acquisition.shared_files import commit_file
+from acquisition.session import commit_file
 from analysis.detectability.compared import scene_residual
 from analysis.detectability.dprime import scene_artefact
 from analysis.detectability.kept_sums import KeptSums, joined, sums_path

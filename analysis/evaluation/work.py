@@ -12,7 +12,7 @@ from time import monotonic
 import numpy as np
 
 from acquisition.printable import on_one_line
-from acquisition.shared_files import commit_file
+from acquisition.session import commit_file
 from analysis.detectability import SceneImage
 from analysis.detectors import CheckedDetector, DetectorSpec, open_detector
 from analysis.errors import AnalysisError, DetectorError, RefusedPhotographError, SweepError

@@ -8,7 +8,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
-from acquisition.shared_files import whole_file
+from acquisition.session import whole_file
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument
 from calibration.documents import json_object

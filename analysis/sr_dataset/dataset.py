@@ -11,7 +11,7 @@ from uuid import uuid4
 
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
-from acquisition.shared_files import whole_file
+from acquisition.session import whole_file
 from acquisition.untrusted import parse_json
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset.copies import copies_in

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from acquisition.shared_files import clear_parts, part_of, whole_file
+from acquisition.session import clear_parts, part_of, whole_file
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from analysis.sr_dataset.settings import SPLITS, Split

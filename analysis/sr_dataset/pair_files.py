@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
 
-from acquisition.shared_files import whole_file
+from acquisition.session import whole_file
 from analysis.sr_dataset.encoded_pairs import EncodedPair
 from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord, TarRecord
 from analysis.sr_dataset.settings import SPLITS, Split

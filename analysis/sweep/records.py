@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
-from acquisition.shared_files import commit_file
+from acquisition.session import commit_file
 from acquisition.untrusted import parse_json
 
 

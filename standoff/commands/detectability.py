@@ -76,6 +76,7 @@ def detectability(
         float | None,
         Option(min=0, help="Standard deviation of a pair's registration error in px, each axis."),
     ] = None,
+    parquet: terminal.AsParquet = False,
     workers: terminal.Workers = 1,
     scheduler: terminal.Scheduler = None,
     shard: terminal.PartOfShards = "1/1",
@@ -100,8 +101,12 @@ def detectability(
     replaces = force or is_part or terminal.is_same_command(library.curves_made_by(out))
     terminal.refuse_overwriting([out], [*images, psf, signal], force=replaces)
     from analysis.detectability import DetectionTask, GaussianSignal
+    from analysis.parquet_table import require_parquet
 
-    terminal.refuse_overwriting(library.curve_figure_paths(out), force=replaces)
+    tables = [library.curve_table_path(out)] if parquet else []
+    if parquet:
+        require_parquet()
+    terminal.refuse_overwriting([*library.curve_figure_paths(out), *tables], force=replaces)
     library.require_writable([out])
     try:
         measured = library.measure_curves(
@@ -134,7 +139,8 @@ def detectability(
     if found is None:
         terminal.say_part_of_curves(shard, done, "measured", json=json)
     else:
-        _show_curves(out, measured.write(out), found, json=json)
+        written = [*measured.write(out, parquet=parquet), *tables]
+        _show_curves(out, written, found, json=json)
     terminal.end_refused(
         done,
         "the curves are of the others"

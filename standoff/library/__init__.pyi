@@ -44,6 +44,7 @@ from .detectability import (
     JudgedHomography as JudgedHomography,
     MeasuredCurves as MeasuredCurves,
     curve_figure_paths as curve_figure_paths,
+    curve_table_path as curve_table_path,
     curves_made_by as curves_made_by,
     d_prime_curves as d_prime_curves,
     given_curve as given_curve,

@@ -12,7 +12,7 @@ import numpy as np
 
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
-from acquisition.shared_files import commit_file
+from acquisition.session import commit_file
 from analysis.detectors.followup_view import followup_view
 from analysis.errors import DetectorError, ResultsFileError
 from simulation.arrays import Float32Array, FloatArray

@@ -11,7 +11,7 @@ from typing import Literal
 from pydantic import BaseModel
 
 from acquisition.printable import on_one_line
-from acquisition.shared_files import commit_file
+from acquisition.session import commit_file
 from analysis.detectability import SceneImage
 from analysis.errors import RefusedPhotographError
 from analysis.evaluation.change_pairs.pair_file import pairs_bytes

@@ -24,6 +24,7 @@ from analysis.detectability import (
     read_curves,
 )
 from analysis.errors import ResultsFileError
+from analysis.parquet_table import write_parquet
 from analysis.reports import plot_detectability
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep
@@ -49,6 +50,11 @@ from standoff.photographs import ReadOptions
 
 _COPIES_NAME = "copies.txt"
 
+_TEXT = ("model", "observer")
+_NUMBERS = ("noise_dn", "contrast_dn", "signal_sigma_px", "zoom")
+_FOUND = ("dprime", "dprime_low", "dprime_high", "auc")
+_COLUMNS = dict.fromkeys(_TEXT, str) | dict.fromkeys((*_NUMBERS, *_FOUND), float)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredCurves:
@@ -64,8 +70,10 @@ class MeasuredCurves:
     copies_list: Path | None = None
     notes: tuple[str, ...] = ()
 
-    def write(self, path: FilePath) -> list[Path]:
+    def write(self, path: FilePath, *, parquet: bool = False) -> list[Path]:
         """Write curves.json, and the figures beside it, all or none; return the figures' paths.
+
+        With ``parquet`` the curves are also written as a table, a line for each curve and zoom.
 
         Raises
         ------
@@ -80,6 +88,8 @@ class MeasuredCurves:
         with written_together(out) as folder:
             write_results(folder / out.name, found)
             write_curve_figures(folder / out.name, found.curves, found.curves[0].contrast_dn)
+            if parquet:
+                write_parquet(folder / curve_table_path(out).name, _COLUMNS, found.rows())
         return curve_figure_paths(out)
 
 
@@ -274,6 +284,11 @@ def state_of_curves(out: FilePath) -> Path:
     """Folder for what is measured, beside the curves; of a URL in the working folder."""
     path = path_of(out, "out")
     return (Path(path.name) if is_url(path) else path).with_suffix(".sweep")
+
+
+def curve_table_path(out: Path) -> Path:
+    """Path of the table beside the curves ``out``."""
+    return out.with_suffix(".parquet")
 
 
 def curve_figure_paths(out: Path) -> list[Path]:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from acquisition.remote_files import is_url, remote_files_in, remote_status, url_of
-from acquisition.shared_files import write_shared
+from acquisition.session import write_shared
 from analysis.float_tiff import tiff_bytes
 from simulation.arrays import BoolArray, Float32Array
 from standoff.errors import ApplicationError, ImageFileError

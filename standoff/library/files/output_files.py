@@ -11,8 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from acquisition.remote_files import is_url, remote_status, url_of, write_remote
-from acquisition.session import MANIFEST_NAME
-from acquisition.shared_files import clear_parts, fsync_directory, part_of, write_shared
+from acquisition.session import MANIFEST_NAME, clear_parts, fsync_directory, part_of, write_shared
 from standoff.errors import ApplicationError
 
 RESULTS_FOLDER = "results"

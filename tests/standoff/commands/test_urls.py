@@ -39,8 +39,18 @@ def memory(local: Path) -> Iterator[fsspec.AbstractFileSystem]:
     system.rm("/lab", recursive=True)
 
 
-CURVES = ("--model", "bicubic", "--zooms", "1,1.5", "--noise", "2", "--window", "9")
-CURVES = (*CURVES, "--signal-sigma", "1")
+CURVES = (
+    "--model",
+    "bicubic",
+    "--zooms",
+    "1,1.5",
+    "--noise",
+    "2",
+    "--window",
+    "9",
+    "--signal-sigma",
+    "1",
+)
 
 
 def without_provenance(text: bytes) -> object:
@@ -72,8 +82,8 @@ def test_curves_by_url_are_those_of_the_folder(
 def test_pairs_by_url_are_those_of_the_folder(
     command: Command, local: Path, memory: fsspec.AbstractFileSystem, layout: str
 ) -> None:
-    words = ("--psf", "psf.json", "--zoom", 2, "--crop", 32, "--test-fraction", 0)
-    words = (*words, "--format", layout)
+    settings = ("--zoom", 2, "--crop", 32, "--test-fraction", 0, "--format", layout)
+    words = ("--psf", "psf.json", *settings)
     assert command("sr-pairs", local, *words, "--out", "here").status == 0
     asked = ("sr-pairs", f"{LAB}/photographs", *words, "--out", f"{LAB}/far")
     done = command(*asked)
@@ -118,3 +128,20 @@ def test_workers_do_not_see_the_memory_of_the_command_and_it_says_so(
     assert done.status == 1
     assert "memory:// is this process's own" in done.err
     assert done.err.count("\n") == 1
+
+
+def test_a_table_of_the_curves_is_written_beside_them(
+    command: Command, local: Path, memory: fsspec.AbstractFileSystem
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    words = ("detectability", local, *CURVES, "--parquet", "--out")
+    assert command(*words, "curves.json").status == 0
+    curves = json.loads(Path("curves.json").read_text())["curves"]
+    table = parquet.read_table("curves.parquet").to_pylist()
+    assert [(one["observer"], one["zoom"], one["dprime"]) for one in table] == [
+        (curve["observer"], zoom, d_prime)
+        for curve in curves
+        for zoom, d_prime in zip(curve["zoom"], curve["dprime"], strict=True)
+    ]
+    assert command(*words, f"{LAB}/curves.json").status == 0
+    assert memory.cat_file("/lab/curves.parquet") == Path("curves.parquet").read_bytes()

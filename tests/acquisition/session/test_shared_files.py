@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.shared_files import clear_parts, part_of, whole_file
+from acquisition.session.shared_files import clear_parts, part_of, whole_file
 
 LETTERS = "0123456789abcdef" * 2
 
