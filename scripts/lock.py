@@ -61,7 +61,7 @@ TARGETS = [
 ABOUT = {
     "build": "What builds standoff and the packages that come as source",
     "core": "What standoff needs",
-    "full": "What all extras need beside core.txt",
+    "full": "What all extras but s3 and gs need beside core.txt",
     "gobject": "PyGObject, which is built with what build.txt and full.txt hold",
     "torch-cpu": "torch, the build for the processor alone, where pip finds it",
     "torch": "torch, the builds of the package index, for where pip finds no other",
