@@ -4,6 +4,8 @@ import errno
 import stat
 from pathlib import Path
 
+from acquisition.remote_files import is_url, read_remote
+
 LARGEST_DOCUMENT_BYTES = 64 << 20
 """Of JSON and TOML; the psf.json of 20,000 edges takes half."""
 
@@ -22,7 +24,7 @@ _KINDS = (
 
 
 def read_regular_file(path: Path, most_bytes: int = LARGEST_DOCUMENT_BYTES) -> bytes:
-    """Read a regular file of at most ``most_bytes``.
+    """Read a regular file, or that of a URL, of at most ``most_bytes``.
 
     Opening a device may set it going, opening a pipe waits for its writer, and some devices never
     end.
@@ -32,6 +34,8 @@ def read_regular_file(path: Path, most_bytes: int = LARGEST_DOCUMENT_BYTES) -> b
     OSError
         If it cannot be read, is something else than a file, or larger; ``strerror`` says which.
     """
+    if is_url(path):
+        return read_remote(path, most_bytes)
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         kind = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "something else")

@@ -54,6 +54,7 @@ def main() -> None:
     with Recorder.of(options, "sweep", packages=("numpy", "distributed")) as record:
         by_images(record)
         by_size(record)
+        by_growth(record)
 
 
 def by_images(record: Recorder) -> None:
@@ -99,6 +100,23 @@ def by_size(record: Recorder) -> None:
         record.say(f"256 x 256 px, {models} models: {took_ms:.2f} ms/image")
         record.figure(f"an image of 256 x 256 px, {models} models", took_ms, "ms")
         record.figure(f"state, {models} models", run["state_bytes"] / MB, "MB")
+
+
+def by_growth(record: Recorder) -> None:
+    """Photographs that are measured when some came to those of an earlier run."""
+    pairs = ((127, 129), (1000, 1030), (4095, 4097), (8191, 8200))
+    for before, after in record.pick(pairs, pairs[:2]):
+        with TemporaryDirectory() as name:
+            folder = Path(name)
+            scene_files(folder / "photographs", after, 64)
+            paths = sorted((folder / "photographs").iterdir())
+            work = ArtefactWork(plan=PLAN, load=load_scene, folder=folder / "state")
+            for some in (paths[:before], paths):
+                with Manifest(some, work.state) as manifest:
+                    summary = run_sweep(manifest, work)
+        measured = summary.images - summary.found_done
+        record.say(f"{before} photographs become {after}: {measured} are measured")
+        record.figure(f"measured when {before} photographs become {after}", measured, "photographs")
 
 
 def started(count: int, side_px: int, models: int, workers: int) -> Run:

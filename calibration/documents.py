@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import to_json
 
 from acquisition.regular_files import read_regular_file
-from acquisition.session import atomic_write
+from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
 from calibration.errors import DocumentError
 
@@ -39,7 +39,7 @@ def write_document(path: Path, document: BaseModel, failure: type[DocumentError]
     content = json_object(document)
     json.dumps(content, allow_nan=False)  # refuses numbers that are none; indented, it is slow
     try:
-        atomic_write(path, to_json(content, indent=1) + b"\n")
+        write_shared(path, to_json(content, indent=1) + b"\n")
     except OSError as error:
         raise failure(f"cannot write {path}: {error.strerror}", source=str(path)) from error
 

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +38,9 @@ GOBJECT = "pygobject"
 
 TORCH = "torch"
 
+# Extras that are not locked: what s3fs and gcsfs ask for holds back packages of others.
+NOT_LOCKED = frozenset({"s3", "gs"})
+
 # Interpreters and machines that the lock is for. 3.11.2 is Debian 12's.
 TARGETS = [
     {
@@ -57,12 +61,18 @@ TARGETS = [
 ABOUT = {
     "build": "What builds standoff and the packages that come as source",
     "core": "What standoff needs",
-    "full": "What all extras need beside core.txt",
+    "full": "What all extras but s3 and gs need beside core.txt",
     "gobject": "PyGObject, which is built with what build.txt and full.txt hold",
     "torch-cpu": "torch, the build for the processor alone, where pip finds it",
     "torch": "torch, the builds of the package index, for where pip finds no other",
     "cuda": "What a build of torch for NVIDIA's GPUs needs; its builds for the processor do not",
 }
+
+
+def locked_extras() -> list[str]:
+    """Names of the extras that the lock is for."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return [name for name in project["optional-dependencies"] if name not in NOT_LOCKED]
 
 
 def resolved(output: Path, *arguments: str) -> list[Locked]:
@@ -123,7 +133,8 @@ def lock(upgrade: list[str]) -> dict[str, list[Locked]]:
     with tempfile.TemporaryDirectory() as folder:
         everything = Path(folder) / "all.txt"
         everything.write_text("".join(f"{one.requirement}\n" for one in pins), encoding="utf-8")
-        found = resolved(everything, "pyproject.toml", "--all-extras", "--group", "build", *upgrade)
+        extras = (word for name in locked_extras() for word in ("--extra", name))
+        found = resolved(everything, "pyproject.toml", *extras, "--group", "build", *upgrade)
         same = ("--constraint", str(everything))
         core = resolved(Path(folder) / "core.txt", "pyproject.toml", *same)
         build = resolved(Path(folder) / "build.txt", "--group", "build", *same)

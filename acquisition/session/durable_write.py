@@ -15,8 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
-PART_SUFFIX = ".part"
-"""Suffix of a file that is still being written; a leftover one is worthless."""
+from acquisition.session.shared_files import PART_SUFFIX as PART_SUFFIX, fsync_directory
 
 FileParts = tuple[bytes | memoryview, ...]
 """Bytes of a file, in order; they are written from where they lie."""
@@ -27,6 +26,8 @@ _NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 
 def atomic_write(path: Path, data: bytes | memoryview) -> None:
     """Write ``data`` to ``path`` through ``path.part``: fsync, rename, fsync of the directory.
+
+    For a file with one writer; `acquisition.session.shared_files` has what several may write.
 
     Raises
     ------
@@ -55,17 +56,6 @@ def atomic_write_hashed(path: Path, parts: FileParts) -> str:
 def helper_thread() -> ThreadPoolExecutor:
     """The thread that works beside a writer: starting one each time takes as long as an fsync."""
     return _helper_thread_of(os.getpid())
-
-
-def fsync_directory(path: Path) -> None:
-    """Make the names in a directory durable, where the system offers that (Windows does not)."""
-    if os.name == "nt":
-        return
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def open_part(path: Path) -> BinaryIO:

@@ -14,7 +14,6 @@ from acquisition.errors import SessionError
 from acquisition.regular_files import size_text
 from acquisition.session.durable_write import (
     PART_SUFFIX,
-    fsync_directory,
     helper_thread,
     open_own,
     open_part,
@@ -30,6 +29,7 @@ from acquisition.session.journal_chain import (
 from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.journal_reading import JournalReading, read_journal_file
 from acquisition.session.record import utc_text
+from acquisition.session.shared_files import fsync_directory
 
 _QUOTED_BYTES = LARGEST_LINE_BYTES // 8
 """Of a torn tail: the text of a byte takes up to six in JSON."""

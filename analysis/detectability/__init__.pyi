@@ -31,6 +31,7 @@ from .error_sources import (
     focus_spread as focus_spread,
     student_factor as student_factor,
 )
+from .kept_sums import SweepSums as SweepSums
 from .local import LocalChange as LocalChange, local_changes as local_changes
 from .observers import (
     auc_of as auc_of,
@@ -60,7 +61,6 @@ from .sweep import (
     ArtefactWork as ArtefactWork,
     SceneImage as SceneImage,
     SweepPlan as SweepPlan,
-    SweepSums as SweepSums,
     scene_sums as scene_sums,
     tiles_per_side as tiles_per_side,
 )

@@ -1,8 +1,9 @@
 """curves.json: curves of d' against zoom, how to interpolate and how to select them."""
 
+from collections.abc import Iterator
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -319,13 +320,15 @@ class DetectabilityCurves(ResultsDocument):
         --------
         >>> curves.to_dataframe().pivot_table("dprime", "zoom", ["model", "noise_dn"])
         """
+        return dataframe(self.rows())
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Yield the lines of the table, one for each curve and zoom."""
         each = ("zoom", *_ALONG_ZOOM)
-        left_out = {*each, *_SEEN, *_SCENE, "uncertainty"}
-        return dataframe(
-            {**curve.model_dump(exclude=left_out), **dict(zip(each, values, strict=True))}
-            for curve in self.curves
-            for values in zip(*(getattr(curve, name) for name in each), strict=True)
-        )
+        for curve in self.curves:
+            shared = curve.model_dump(exclude={*each, *_SEEN, *_SCENE, "uncertainty"})
+            for values in zip(*(getattr(curve, name) for name in each), strict=True):
+                yield {**shared, **dict(zip(each, values, strict=True))}
 
     def plot(self) -> "Figure":
         """Return a figure of d' against zoom by noise (Figure 4), else by contrast (Figure 5)."""

@@ -1,26 +1,25 @@
 """Sums of the artefact over photographs: what a sweep keeps of them, and its files.
 
 A file holds the SHA-256 of all that follows, one line of JSON, the sums model by model as float64,
-and a line for each photograph. It is read one model at a time.
+and a line for each photograph. It is read one model at a time. Sums are exact: those of any files
+together are the same bits, however the photographs were shared out among them.
 """
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from math import prod
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
 from acquisition.untrusted import parse_json
 from analysis.detectability.artefact import ArtefactTiles
-from analysis.sweep import ShardDone
+from analysis.sweep import ExactSum, on_own_grid
 from simulation.arrays import FloatArray
 
-_SCHEMA = "standoff.artefact-sums/1"
+_SCHEMA = "standoff.artefact-sums/2"
 _NUMBER = np.dtype("<f8")
 
 
@@ -35,12 +34,6 @@ class ArtefactSums:
     products_dn2: FloatArray
     pixels: FloatArray
 
-    def plus(self, other: Self) -> "ArtefactSums":
-        """Sum over the photographs of both; the order of a sum of three decides its last bit."""
-        return ArtefactSums(
-            products_dn2=self.products_dn2 + other.products_dn2, pixels=self.pixels + other.pixels
-        )
-
     def artefact(self, model: int, zoom: int) -> ArtefactTiles:
         """Artefact for the plan's model and zoom with these indices."""
         half = self.products_dn2[model, zoom]
@@ -51,31 +44,116 @@ class ArtefactSums:
         )
 
 
+class SummedPhotographs:
+    """Sums over photographs that are exact, so that no order of them matters.
+
+    Of one alone they are its own. Those of several are sums of products that were rounded to the
+    last bits of the largest, which costs less than working them out did.
+    """
+
+    def __init__(self) -> None:
+        self.images = 0
+        self._alone: ArtefactSums | None = None
+        self._products_dn2 = ExactSum()
+        self._pixels: FloatArray | float = 0.0
+
+    def add(self, own: ArtefactSums) -> None:
+        """Add a photograph."""
+        self._add(1, [own.products_dn2], own.pixels)
+
+    def add_file(self, file: "SumsFile", model: int | None = None) -> None:
+        """Add a file: one model of it, or all."""
+        if file.images:
+            self._add(file.images, *file.sums(model))
+
+    def terms(self) -> tuple[FloatArray, FloatArray]:
+        """Products, of shape (models, terms, ...) whose terms add up to the sums, and pixels."""
+        if self._alone is not None:
+            return self._alone.products_dn2[:, None], self._alone.pixels
+        return np.stack(self._products_dn2.terms(), axis=1), np.asarray(self._pixels)
+
+    def rounded(self) -> ArtefactSums | None:
+        """Return the sums as nearest numbers; None if there is no photograph."""
+        if self.images == 0 or self._alone is not None:
+            return self._alone
+        return ArtefactSums(
+            products_dn2=self._products_dn2.rounded(), pixels=np.asarray(self._pixels)
+        )
+
+    def _add(self, images: int, terms: Sequence[FloatArray], pixels: FloatArray) -> None:
+        before, self._alone = self._alone, None
+        if self.images + images == 1:
+            self._alone = ArtefactSums(products_dn2=terms[0], pixels=pixels)
+        else:
+            for term in () if before is None else (before.products_dn2,):
+                self._products_dn2.add(on_own_grid(term))
+            for term in map(on_own_grid, terms) if images == 1 else terms:
+                self._products_dn2.add(term)
+        self._pixels = self._pixels + pixels
+        self.images += images
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredPhotograph:
-    """What is kept of each photograph by name."""
+    """What is kept of each photograph by name; ``item`` is the digest of it as it was on disk."""
 
     path: str
     sha256: str
     encoding: str
     mean_dn: float
+    item: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeptPhotographs:
+    """The photographs of a file of sums.
+
+    ``refused`` has, by their digests, the lines of those that gave nothing, ``notes`` what is
+    worth saying of the others.
+    """
+
+    work: str
+    group: int
+    measured: Sequence[MeasuredPhotograph] = ()
+    refused: Mapping[int, str] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def items(self) -> list[int]:
+        """Digests of all."""
+        return [*(one.item for one in self.measured), *self.refused]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SumsFile:
-    """The file of a shard, or of a block of shards: what is in it and where.
+    """A file of sums: what is in it and where.
 
-    ``images`` is the number of photographs that the sums are over.
+    Parameters
+    ----------
+    path
+        The file.
+    work
+        Hash of what was measured.
+    group
+        Of the photographs.
+    images
+        The number of photographs that the sums are over.
+    shape
+        Of the products: models, terms, zooms, tiles, n, 2 n - 1.
+    first_byte
+        Where the products begin.
     """
 
     path: Path
+    work: str
+    group: int
     images: int
     shape: tuple[int, ...]
     first_byte: int
 
     @classmethod
     def found(cls, path: Path) -> "SumsFile | None":
-        """Look for a file; a damaged one counts as none.
+        """Look for a file; a damaged one, or one of an earlier form, counts as none.
 
         Raises
         ------
@@ -83,40 +161,51 @@ class SumsFile:
             If it is there and cannot be read.
         """
         try:
-            status = path.stat()
+            with path.open("rb") as file:
+                digest = file.readline()
+                whole = file.read()
         except FileNotFoundError:
             return None
-        return _checked(path, status.st_size, status.st_mtime_ns)
+        if digest != _digest(whole):
+            return None
+        line = whole.partition(b"\n")[0]
+        header = parse_json(line)
+        if header["schema"] != _SCHEMA:
+            return None
+        return cls(
+            path=path,
+            work=header["work"],
+            group=header["group"],
+            images=header["images"],
+            shape=tuple(header["shape"]),
+            first_byte=len(digest) + len(line) + 1,
+        )
 
-    def shards(self) -> dict[int, ShardDone]:
-        """Read what its shards gave, by their numbers."""
+    def sums(self, model: int | None = None) -> tuple[list[FloatArray], FloatArray]:
+        """Read the terms of the products, and the pixels, of one model or of all."""
+        models, _, *rest = self.shape
+        first, count = (0, models) if model is None else (model, 1)
+        products = self._floats(first * prod(self.shape[1:]), (count, *self.shape[1:]))
+        after = prod(self.shape) + first * prod(rest[:2])
+        terms = [products[:, number] for number in range(self.shape[1])]
+        return terms, self._floats(after, (count, *rest[:2]))
+
+    def photographs(self) -> KeptPhotographs:
+        """Read what is kept of each photograph."""
+        measured, refused = [], {}
         with self.path.open("rb") as file:
             file.readline()
-            header = json.loads(file.readline())
-        return {
-            int(number): ShardDone(
-                images=one["images"], refused=tuple(one["refused"]), notes=one["notes"]
-            )
-            for number, one in header["shards"].items()
-        }
-
-    def sums(self, model: int | None = None) -> ArtefactSums | None:
-        """Read the sums of one model, or of all; None where every photograph was refused."""
-        if self.images == 0:
-            return None
-        models = self.shape[0]
-        first, count = (0, models) if model is None else (model, 1)
-        shape = (count, *self.shape[1:])
-        products = self._floats(first * prod(self.shape[1:]), shape)
-        after = prod(self.shape) + first * prod(self.shape[1:3])
-        return ArtefactSums(products_dn2=products, pixels=self._floats(after, shape[:3]))
-
-    def photographs(self) -> Iterator[MeasuredPhotograph]:
-        """Read what is kept of each photograph."""
-        with self.path.open("rb") as file:
+            notes = json.loads(file.readline())["notes"]
             file.seek(self.first_byte + _sums_bytes(self.shape))
             for line in file:
-                yield MeasuredPhotograph(**json.loads(line))
+                told = json.loads(line)
+                if "refused" in told:
+                    refused[told["item"]] = told["refused"]
+                else:
+                    measured.append(MeasuredPhotograph(**told))
+        return KeptPhotographs(
+            work=self.work, group=self.group, measured=measured, refused=refused, notes=notes
+        )
 
     def _floats(self, first: int, shape: tuple[int, ...]) -> FloatArray:
         offset = self.first_byte + first * _NUMBER.itemsize
@@ -124,65 +213,46 @@ class SumsFile:
         return np.asarray(found.reshape(shape), np.float64)
 
 
-def sums_bytes(
-    shards: Mapping[int, ShardDone],
-    sums: ArtefactSums | None,
-    photographs: Iterable[MeasuredPhotograph],
-) -> bytes:
-    """Return the file of one or more shards."""
-    body = b"" if sums is None else _stored(sums.products_dn2) + _stored(sums.pixels)
-    body += b"".join(json.dumps(asdict(one)).encode("ascii") + b"\n" for one in photographs)
+def sums_bytes(sums: SummedPhotographs, kept: KeptPhotographs) -> bytes:
+    """Return a file of sums."""
+    body, shape = b"", (0,) * 6
+    if sums.images:
+        products_dn2, pixels = sums.terms()
+        body, shape = _stored(products_dn2) + _stored(pixels), products_dn2.shape
+    told = [
+        *map(asdict, kept.measured),
+        *({"item": item, "refused": line} for item, line in kept.refused.items()),
+    ]
+    body += b"".join(json.dumps(one).encode("ascii") + b"\n" for one in told)
     header = {
         "schema": _SCHEMA,
-        "images": sum(done.images for done in shards.values()),
-        "shape": [0] * 5 if sums is None else sums.products_dn2.shape,
-        "shards": {
-            str(number): {
-                "images": done.images,
-                "refused": done.refused,
-                "notes": dict(done.notes),
-            }
-            for number, done in shards.items()
-        },
+        "work": kept.work,
+        "group": kept.group,
+        "images": sums.images,
+        "shape": shape,
+        "notes": dict(kept.notes),
     }
     whole = json.dumps(header).encode("ascii") + b"\n" + body
     return _digest(whole) + whole
 
 
 def joined_files(files: Sequence[SumsFile]) -> bytes:
-    """Return the file of several files together, summed in their order."""
+    """Return the file of several files of one group together."""
+    sums, kept = SummedPhotographs(), [file.photographs() for file in files]
+    for file in files:
+        sums.add_file(file)
+    notes: dict[str, str] = {}
+    for one in kept:
+        notes |= {kind: min(text, notes.get(kind, text)) for kind, text in one.notes.items()}
     return sums_bytes(
-        {number: done for file in files for number, done in file.shards().items()},
-        added(file.sums() for file in files),
-        (one for file in files for one in file.photographs()),
-    )
-
-
-def added(parts: Iterable[ArtefactSums | None]) -> ArtefactSums | None:
-    """Sum from the first to the last; None if there is none."""
-    whole = None
-    for part in parts:
-        if part is not None:
-            whole = part if whole is None else whole.plus(part)
-    return whole
-
-
-@lru_cache(maxsize=1)  # a block's file is asked for by each of its shards
-def _checked(path: Path, size_bytes: int, mtime_ns: int) -> SumsFile | None:
-    with path.open("rb") as file:
-        digest = file.readline()
-        whole = file.read()
-    if digest != _digest(whole):
-        return None
-    line = whole.partition(b"\n")[0]
-    header = parse_json(line)
-    if header["schema"] != _SCHEMA:
-        return None
-    return SumsFile(
-        path=path,
-        images=header["images"],
-        shape=tuple(header["shape"]),
-        first_byte=len(digest) + len(line) + 1,
+        sums,
+        KeptPhotographs(
+            work=files[0].work,
+            group=files[0].group,
+            measured=[each for one in kept for each in one.measured],
+            refused={item: line for one in kept for item, line in one.refused.items()},
+            notes=notes,
+        ),
     )
 
 
@@ -195,4 +265,4 @@ def _stored(values: FloatArray) -> bytes:
 
 
 def _sums_bytes(shape: Sequence[int]) -> int:
-    return (prod(shape) + prod(shape[:3])) * _NUMBER.itemsize
+    return (prod(shape) + shape[0] * prod(shape[2:4])) * _NUMBER.itemsize

@@ -1,44 +1,34 @@
 """Artefact statistics of very many photographs, as sums: one file a block of a thousand.
 
-A photograph draws no random number and sums are made in the order of the shards, so that the
-results are the same bits for any number of workers, and after any interruption.
+A photograph draws no random number and sums are exact, so that the results are the same bits for
+any number of workers, after any interruption, and for photographs that came one after the other.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from itertools import groupby, product
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from math import ceil, sqrt
 from pathlib import Path
 
 import numpy as np
 
 from acquisition.printable import on_one_line
-from acquisition.session import atomic_write
-from analysis.detectability.artefact import ArtefactTiles
+from acquisition.session import commit_file
 from analysis.detectability.compared import scene_residual
 from analysis.detectability.dprime import scene_artefact
+from analysis.detectability.kept_sums import KeptSums, joined, sums_path
 from analysis.detectability.scenario import Scenario
 from analysis.detectability.sums import (
     ArtefactSums,
+    KeptPhotographs,
     MeasuredPhotograph,
+    SummedPhotographs,
     SumsFile,
-    added,
-    joined_files,
     sums_bytes,
 )
-from analysis.errors import AnalysisError, RefusedPhotographError
-from analysis.sweep import (
-    Manifest,
-    Shard,
-    ShardDone,
-    ShardWork,
-    blocks_of,
-    commit_file,
-    is_few,
-    refusal_line,
-    sorted_lines,
-)
+from analysis.errors import RefusedPhotographError
+from analysis.sweep import Finder, Manifest, Shard, ShardDone, ShardWork, refusal_line, shard_key
 from simulation import Model
 from simulation.arrays import FloatArray
 
@@ -47,9 +37,6 @@ _VERSION = 5
 
 _TILES_WANTED = 16
 """Tiles in all that a bootstrap can draw from; sixteen photographs need no tiles."""
-
-_SUFFIX = ".sums"
-_KEY_LETTERS = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,137 +146,70 @@ class ArtefactWork(ShardWork):
         """See `ShardWork.state`."""
         return self.folder
 
+    @property
+    def key_hash(self) -> str:
+        """Hash of the key, which files of sums state."""
+        return shard_key((), self.key)
+
     def found(self, shard: Shard) -> ShardDone | None:
-        """See `ShardWork.found`."""
-        file = SumsFile.found(self._file(shard.block_key)) or SumsFile.found(self._file(shard.key))
-        return None if file is None else file.shards().get(shard.number)
+        """See `ShardWork.found`; `finder` is asked in its place, as files may hold a part of it."""
+        return None
+
+    def finder(self, manifest: Manifest) -> Finder:
+        """See `ShardWork.finder`: whatever files of sums hold, however they were cut."""
+        kept = KeptSums(manifest, self.folder, self.key_hash)
+
+        def find(shard: Shard) -> tuple[ShardDone | None, Shard | None]:
+            done, left = kept.of(shard)
+            if len(left) == len(shard.items):
+                return None, shard
+            if not left:
+                return done, None
+            return done, replace(shard, items=left, key=shard_key(left, self.key))
+
+        return find
 
     def __call__(self, shard: Shard) -> ShardDone:
         """See `ShardWork.__call__`."""
-        sums: ArtefactSums | None = None
-        photographs: list[MeasuredPhotograph] = []
+        sums = SummedPhotographs()
+        measured: list[MeasuredPhotograph] = []
+        refused: dict[int, str] = {}
         given: list[tuple[str | None, Mapping[str, str]]] = []
         for item in shard.items:
             try:
                 scene = self.load(item.path)
                 own = scene_sums(scene.grey_dn, self.plan)
             except (RefusedPhotographError, ValueError) as error:
-                given.append((refusal_line(item.path, str(error)), {}))
+                refused[item.digest] = refusal_line(item.path, str(error))
+                given.append((refused[item.digest], {}))
                 continue
-            sums = added((sums, own))
+            sums.add(own)
             given.append((None, scene.notes))
-            photographs.append(
+            measured.append(
                 MeasuredPhotograph(
                     path=on_one_line(item.path),
                     sha256=scene.sha256,
                     encoding=scene.encoding,
                     mean_dn=float(scene.grey_dn.mean()),
+                    item=item.digest,
                 )
             )
         done = ShardDone.of(given)
-        commit_file(self._file(shard.key), sums_bytes({shard.number: done}, sums, photographs))
+        kept = KeptPhotographs(
+            work=self.key_hash,
+            group=shard.group,
+            measured=measured,
+            refused=refused,
+            notes=done.notes,
+        )
+        commit_file(self._file(shard.key), sums_bytes(sums, kept))
         return done
 
-    def commit_block(self, shards: Sequence[Shard]) -> None:
-        """See `ShardWork.commit_block`."""
-        if len(shards) == 1:
-            return
-        block = self._file(shards[0].block_key)
-        if SumsFile.found(block) is None:
-            atomic_write(block, joined_files([self._committed(shard.key) for shard in shards]))
-        for shard in shards:
-            self._file(shard.key).unlink(missing_ok=True)
-
-    def file_of(self, block: Sequence[Shard]) -> SumsFile:
-        """Return the sums of a block that is done."""
-        only = len(block) == 1
-        return self._committed(block[0].key if only else block[0].block_key)
-
-    def _committed(self, key: str) -> SumsFile:
-        path = self._file(key)
-        file = SumsFile.found(path)
-        if file is None:
-            raise AnalysisError(f"{path} vanished or was damaged; run the same command again")
-        return file
+    def commit_block(self, shards: Sequence[Shard], fresh: Sequence[Shard]) -> None:
+        """See `ShardWork.commit_block`: join what was measured; below 128 each stays alone."""
+        if len(shards) > 1 and len(fresh) > 1:
+            files = [SumsFile.found(self._file(shard.key)) for shard in fresh]
+            joined(self.folder, [file for file in files if file is not None])
 
     def _file(self, key: str) -> Path:
-        return self.folder / (key[:_KEY_LETTERS] + _SUFFIX)
-
-
-class SweepSums:
-    """The sums of a finished sweep: tiles of each of few photographs, 64 groups of many.
-
-    Parameters
-    ----------
-    manifest, work
-        As in the sweep.
-
-    Raises
-    ------
-    AnalysisError
-        If every photograph was refused.
-    """
-
-    def __init__(self, manifest: Manifest, work: ArtefactWork) -> None:
-        self._groups: list[list[SumsFile]] = []
-        blocks = blocks_of(manifest, work.key)
-        if is_few(len(manifest)):
-            # As they are listed in a folder; their shards are in no order that one knows.
-            alone = sorted(blocks, key=lambda block: block[0].items[0].path)
-            self._groups = [[work.file_of(block)] for block in alone]
-        else:
-            for _, group in groupby(blocks, lambda block: block[0].group):
-                self._groups.append([work.file_of(block) for block in group])
-        self.images = sum(file.images for file in self._files())
-        if self.images == 0:
-            raise AnalysisError("no photograph could be measured")
-
-    def artefacts(self, model: int) -> list[ArtefactTiles]:
-        """Artefact of a model of the plan at each zoom: tiles in a fixed order.
-
-        Beyond the models come the residuals of their comparisons.
-        """
-        groups = [
-            sums
-            for files in self._groups
-            if (sums := added(file.sums(model) for file in files)) is not None
-        ]
-        zooms = groups[0].pixels.shape[1]
-        return [
-            ArtefactTiles.joined([sums.artefact(0, zoom) for sums in groups])
-            for zoom in range(zooms)
-        ]
-
-    def photographs(self) -> Iterator[MeasuredPhotograph]:
-        """Read what is kept of each photograph, in a fixed order."""
-        for file in self._files():
-            yield from file.photographs()
-
-    def list_copies(self, path: Path) -> int:
-        """List the photographs with the content of another one; return how many are too many.
-
-        There is no list of none. Each counts as often as it comes.
-        """
-        lines = (f"{one.sha256}  {one.path}\n".encode() for one in self.photographs())
-        copies = 0
-        with path.open("wb") as file:
-            by_content = groupby(sorted_lines(lines, path.parent), lambda line: line.split(b" ")[0])
-            for _, same in by_content:
-                found = list(same)
-                if len(found) > 1:
-                    copies += len(found) - 1
-                    file.writelines(found)
-        if copies == 0:
-            path.unlink()
-        return copies
-
-    def drop_others(self, folder: Path) -> None:
-        """Delete sums of photographs or settings that are not in the sweep, and broken writes."""
-        own = {file.path for file in self._files()}
-        for path in folder.iterdir():
-            if path.suffix in {_SUFFIX, ".part"} and path not in own:
-                path.unlink(missing_ok=True)
-
-    def _files(self) -> Iterator[SumsFile]:
-        for files in self._groups:
-            yield from files
+        return sums_path(self.folder, key)

@@ -118,13 +118,13 @@ def scores_bytes(key: str, photographs: Sequence[PhotographScores], about: objec
 
 
 def read_scores(path: Path, key: str) -> tuple[list[PhotographScores], object] | None:
-    """Read a file of scores; None if it is not there, damaged, or of another key."""
+    """Read a file of scores; None if it is not there, damaged, or its key begins otherwise."""
     try:
         with np.load(
             BytesIO(read_regular_file(path, LARGEST_IMAGE_BYTES)), allow_pickle=False
         ) as stored:
             head = json.loads(stored["head"].tobytes())
-            if head["key"] != key:
+            if not head["key"].startswith(key):
                 return None
             photographs = [
                 PhotographScores(
@@ -135,5 +135,5 @@ def read_scores(path: Path, key: str) -> tuple[list[PhotographScores], object] |
                 for number, told in enumerate(head["photographs"])
             ]
             return photographs, head["about"]
-    except (OSError, ValueError, KeyError, TypeError, EOFError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError):
         return None

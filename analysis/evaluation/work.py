@@ -4,7 +4,7 @@ import atexit
 import json
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from time import monotonic
@@ -12,6 +12,7 @@ from time import monotonic
 import numpy as np
 
 from acquisition.printable import on_one_line
+from acquisition.session import commit_file
 from analysis.detectability import SceneImage
 from analysis.detectors import CheckedDetector, DetectorSpec, open_detector
 from analysis.errors import AnalysisError, DetectorError, RefusedPhotographError, SweepError
@@ -25,12 +26,12 @@ from analysis.evaluation.scores import (
     scores_bytes,
 )
 from analysis.evaluation.task import EvaluationTask
-from analysis.sweep import Shard, ShardDone, ShardWork, commit_file, refusal_line
+from analysis.sweep import Shard, ShardDone, ShardWork, refusal_line, shard_key
 from simulation import Psf
 from simulation.arrays import Float32Array
 
 _SUFFIX, _PARTIAL = ".scores.npz", ".partial.npz"
-_KEY_LETTERS = 32
+_KEY_LETTERS = 16
 _SAVED_EVERY_S = 20.0
 _MOST_FAILURES = 25
 """Pairs without a score, one after the other and none before with one, that end the work."""
@@ -82,7 +83,7 @@ class EvaluationWork(ShardWork):
 
     def found(self, shard: Shard) -> ShardDone | None:
         """See `ShardWork.found`; a shard with pairs without a score is tried again."""
-        stored = read_scores(self._file(shard), shard.key)
+        stored = read_scores(self._file(shard), self._key(shard))
         if stored is None or any(one.failed for one in stored[0]):
             return None
         told = json.loads(str(stored[1]))
@@ -92,10 +93,12 @@ class EvaluationWork(ShardWork):
         """See `ShardWork.__call__`."""
         photographs: list[PhotographScores] = []
         given: list[tuple[str | None, dict[str, str]]] = []
+        found_done = 0
         for number, item in enumerate(shard.items):
             try:
                 scene = self.load(item.path)
                 kept = self._kept(shard, number, item.path, scene)
+                found_done += bool(kept.is_done.all())
                 self._complete(kept, scene, item.path, partial(self._save, shard, number))
                 photographs.append(kept)
             except (RefusedPhotographError, ValueError) as error:
@@ -104,10 +107,11 @@ class EvaluationWork(ShardWork):
                 given.append((None, dict(scene.notes)))
         done = ShardDone.of(given)
         told = {"images": done.images, "refused": done.refused, "notes": dict(done.notes)}
-        commit_file(self._file(shard), scores_bytes(shard.key, photographs, json.dumps(told)))
+        content = scores_bytes(self._key(shard), photographs, json.dumps(told))
+        commit_file(self._file(shard), content)
         for number in range(len(shard.items)):
             self._file(shard, number).unlink(missing_ok=True)
-        return done
+        return replace(done, found_done=found_done)
 
     def scores(self, shard: Shard) -> list[PhotographScores]:
         """Read what a finished shard gave.
@@ -117,7 +121,7 @@ class EvaluationWork(ShardWork):
         AnalysisError
             If it is gone.
         """
-        stored = read_scores(self._file(shard), shard.key)
+        stored = read_scores(self._file(shard), self._key(shard))
         if stored is None:
             raise AnalysisError(
                 f"{self._file(shard)} vanished or was damaged; run the same command again"
@@ -134,21 +138,34 @@ class EvaluationWork(ShardWork):
         """Where the scores of a shard are kept."""
         return self._file(shard)
 
+    def _key(self, shard: Shard) -> str:
+        return f"{self._settings_hash} {shard.key}"
+
+    @property
+    def _settings_hash(self) -> str:
+        return shard_key((), self.key)
+
+    @property
+    def _suffix(self) -> str:
+        return f".{self._settings_hash[:_KEY_LETTERS]}{_SUFFIX}"
+
     def _file(self, shard: Shard, photograph: int | None = None) -> Path:
-        name = shard.key[:_KEY_LETTERS]
-        if photograph is None:
-            return self.folder / f"{name}{_SUFFIX}"
-        return self.folder / f"{name}-{photograph}{_PARTIAL}"
+        name = f"{shard.name}{self._suffix}"
+        if photograph is not None:
+            name = name.removesuffix(_SUFFIX) + f"-{photograph}{_PARTIAL}"
+        return self.folder / name
 
     def _save(self, shard: Shard, photograph: int, kept: PhotographScores) -> None:
-        commit_file(self._file(shard, photograph), scores_bytes(shard.key, [kept], ""))
+        commit_file(self._file(shard, photograph), scores_bytes(self._key(shard), [kept], ""))
 
     def _kept(
         self, shard: Shard, photograph: int, path: Path, scene: SceneImage
     ) -> PhotographScores:
-        """Scores that an earlier run gave; pairs that failed in one are tried again."""
-        for file in (self._file(shard, photograph), self._file(shard)):
-            stored = read_scores(file, shard.key)
+        """Scores that an earlier run gave, however it was cut; failed pairs are tried again."""
+        names = (file.name.partition(".")[0] for file in self.folder.glob(f"*{self._suffix}"))
+        others = (self.folder / f"{name}{self._suffix}" for name in shard.others(names))
+        for file in (self._file(shard, photograph), self._file(shard), *others):
+            stored = read_scores(file, self._settings_hash)
             for one in () if stored is None else stored[0]:
                 if one.sha256 == scene.sha256 and one.path == on_one_line(path):
                     one.failed.clear()

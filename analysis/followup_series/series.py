@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 from analysis.followup_series.rows import CommittedRows, Row, is_refused
 from analysis.followup_series.tables import write_csv, write_summary
 from analysis.followup_series.work import FollowupWork
+from analysis.parquet_table import column_kinds, require_parquet, write_parquet
 from analysis.results_file import ResultsDocument, StoredValues
 from analysis.sweep import Manifest, SweepCall, SweepOptions, SweepSummary, announced_sweep
 
@@ -54,16 +55,18 @@ class SeriesResult(Generic[Document, Listed]):
 class SeriesTables(Generic[Document, Listed]):
     """How a series is told: table, order of the worst lines, document, other files and writer.
 
-    ``out`` is the folder that they are written to.
+    ``out`` is the folder that they are written to. The table has a column for each value of
+    a line but those ``left_out``; with ``has_parquet`` it is written as Parquet as well.
     """
 
     out: Path
     table: str
-    columns: tuple[str, ...]
     listed: Callable[[Row], Listed]
     badness: Callable[[Row], float]
     document: Callable[[CommittedRows], Document]
+    left_out: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    has_parquet: bool = False
     finish: Callable[[CommittedRows, Document], None] = lambda rows, document: None
 
 
@@ -85,7 +88,10 @@ def run_series(
     """
     out = tables.out
     summary = out / SUMMARY_NAME
-    for path in (summary, out / tables.table, *map(out.joinpath, tables.others)):
+    if tables.has_parquet:
+        require_parquet()
+    parquet = (out / tables.table).with_suffix(".parquet")
+    for path in (summary, out / tables.table, parquet, *map(out.joinpath, tables.others)):
         path.unlink(missing_ok=True)  # of before: there is none until all are done
     sweep = announced_sweep(call, "follow-ups", manifest, work, options)
     with CommittedRows(work, manifest) as rows:
@@ -93,7 +99,11 @@ def run_series(
             return SeriesResult(sweep=sweep, summary=summary)
         document = tables.document(rows)
         tables.finish(rows, document)
-        write_csv(out / tables.table, tables.columns, rows)
+        columns = [name for name in work.listed.model_fields if name not in tables.left_out]
+        write_csv(out / tables.table, columns, rows)
+        if tables.has_parquet:
+            kinds = column_kinds(work.listed, columns)
+            write_parquet(parquet, kinds, rows)
         write_summary(summary, document, rows)
         first, worst = list(islice(rows, _SHOWN_WHOLE + 1)), []
         if len(first) > _SHOWN_WHOLE:

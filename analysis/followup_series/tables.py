@@ -8,9 +8,9 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
+from acquisition.session import whole_file
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument
-from analysis.sweep import whole_file
 from calibration.documents import json_object
 
 LIST_KEY = "followups"

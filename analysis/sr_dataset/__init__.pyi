@@ -1,4 +1,9 @@
-from .dataset import SrDatasetSummary as SrDatasetSummary, write_sr_dataset as write_sr_dataset
+from .dataset import (
+    DATASET_NAME as DATASET_NAME,
+    SrDatasetSummary as SrDatasetSummary,
+    pair_files_in as pair_files_in,
+    write_sr_dataset as write_sr_dataset,
+)
 from .photograph import PairPhotograph as PairPhotograph
 from .record import (
     ImageRecord as ImageRecord,

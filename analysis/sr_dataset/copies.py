@@ -12,6 +12,8 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
+from acquisition.remote_files import is_url
 from analysis.sweep import Manifest, SweepItem, sorted_lines
 
 _SAMPLE_BYTES = 4096
@@ -78,6 +80,8 @@ def _path_of(line: bytes) -> Path:
 
 
 def _sample_of(path: Path, size_bytes: int) -> bytes:
+    if is_url(path):
+        return _digest_of(path)
     # Opening a device may set it going, and opening a pipe waits for its writer.
     if not stat.S_ISREG(path.stat().st_mode):
         raise OSError(f"{path} is no file")
@@ -90,5 +94,7 @@ def _sample_of(path: Path, size_bytes: int) -> bytes:
 
 
 def _digest_of(path: Path) -> bytes:
+    if is_url(path):
+        return hashlib.sha256(read_regular_file(path, LARGEST_IMAGE_BYTES)).digest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()

@@ -11,10 +11,11 @@ from uuid import uuid4
 
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
+from acquisition.session import whole_file
 from acquisition.untrusted import parse_json
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset.copies import copies_in
-from analysis.sr_dataset.listing import COMMITTED_NAMES, Listing, list_pairs
+from analysis.sr_dataset.listing import COMMITTED_NAMES, MANIFEST_NAME, Listing, list_pairs
 from analysis.sr_dataset.photograph import PairReader
 from analysis.sr_dataset.settings import SPLITS, SrDatasetSettings
 from analysis.sr_dataset.shard_work import STATE_NAME, PairShards
@@ -25,7 +26,6 @@ from analysis.sweep import (
     SweepOptions,
     SweepSummary,
     announced_sweep,
-    whole_file,
 )
 from calibration.provenance import Provenance
 
@@ -107,6 +107,14 @@ def write_sr_dataset(
     finally:
         with suppress(OSError):
             committed.unlink(missing_ok=True)
+
+
+def pair_files_in(out: Path) -> Iterator[Path]:
+    """Yield the files of a dataset that its readers need, but for dataset.json."""
+    yield out / MANIFEST_NAME
+    for split in SPLITS:
+        yield from out.glob(f"{split}-*.tar")
+        yield from (out / split).glob("*/*")
 
 
 def _summary(images: int, copies: int, done: SweepSummary, listing: Listing) -> SrDatasetSummary:

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
+from acquisition.session import clear_parts, part_of, whole_file
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from analysis.sr_dataset.settings import SPLITS, Split
-from analysis.sr_dataset.shard_work import record_path
-from analysis.sweep import PART_SUFFIX, sorted_lines, whole_file
+from analysis.sr_dataset.shard_work import RECORD_SUFFIX, record_path
+from analysis.sweep import overlaps, sorted_lines
 from calibration.provenance import InputFile, Provenance
 
 MANIFEST_NAME = "manifest.jsonl"
@@ -83,7 +83,7 @@ def list_pairs(out: Path, state: Path, committed: Path, *, is_whole: bool) -> Li
     out, state
         Folders of the dataset, and of its shards.
     committed
-        The numbers of the sweep's shards, one a line, in any order.
+        The names of the sweep's shards, one a line, in any order.
     is_whole
         Whether all parts of the sweep are done.
 
@@ -104,7 +104,9 @@ def list_pairs(out: Path, state: Path, committed: Path, *, is_whole: bool) -> Li
         for line in sorted_lines(lines, state):
             file.write(line.split(b"\t", 2)[2])
     _name_tars(out, state, listing.tars)
-    for killed in (*state.glob(f"*{PART_SUFFIX}"), *state.glob(COMMITTED_NAMES)):
+    _drop_superseded(state, _names(committed))
+    clear_parts(state)
+    for killed in state.glob(COMMITTED_NAMES):
         if killed != committed:
             killed.unlink(missing_ok=True)
     return listing
@@ -125,13 +127,31 @@ def _line(image: ImageRecord, pair: PairRecord, tar: str | None) -> dict[str, An
 
 
 def _records(state: Path, committed: Path) -> Iterator[ShardRecord]:
-    numbers = committed.read_text("ascii").split() if committed.is_file() else []
-    for number in sorted({int(text, 16) for text in numbers}):
-        path = record_path(state, number)
+    for name in _names(committed):
+        path = record_path(state, name)
         record = ShardRecord.read(path)
         if record is None:
             raise SrDatasetError(f"{path} vanished; run the same command again")
         yield record
+
+
+def _names(committed: Path) -> list[str]:
+    return sorted(set(committed.read_text("ascii").split())) if committed.is_file() else []
+
+
+def _drop_superseded(state: Path, names: list[str]) -> None:
+    """Delete earlier commits all of whose photographs are in those of the sweep."""
+    others = sorted({path.stem for path in state.glob(f"*{RECORD_SUFFIX}")}.difference(names))
+    for name, overlapping in overlaps(others, names):
+        record = ShardRecord.read(record_path(state, name))
+        if record is None or not overlapping:
+            continue
+        found = (ShardRecord.read(record_path(state, one)) for one in overlapping)
+        kept = {image.item for one in found if one is not None for image in one.images}
+        if kept.issuperset(image.item for image in record.images):
+            record_path(state, name).unlink(missing_ok=True)
+            for tar in record.tars:
+                (state / tar.name).unlink(missing_ok=True)
 
 
 def _name_tars(out: Path, state: Path, tars: dict[str, str]) -> None:
@@ -144,7 +164,7 @@ def _name_tars(out: Path, state: Path, tars: dict[str, str]) -> None:
         path, target = out / name, state / of_shard
         if path.exists() and path.samefile(target):
             continue
-        part = out / f"{name}.{uuid4().hex}{PART_SUFFIX}"
+        part = part_of(path)
         try:
             part.hardlink_to(target)
         except OSError:  # a file system without hard links

@@ -8,10 +8,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
 
+from acquisition.session import whole_file
 from analysis.sr_dataset.encoded_pairs import EncodedPair
-from analysis.sr_dataset.record import PairRecord, TarRecord
+from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord, TarRecord
 from analysis.sr_dataset.settings import SPLITS, Split
-from analysis.sweep import whole_file
 
 
 class PairFiles(Protocol):
@@ -19,6 +19,10 @@ class PairFiles(Protocol):
 
     def add(self, split: Split, pair: EncodedPair, facts: dict[str, Any]) -> PairRecord:
         """Write a pair; ``facts`` is what the dataset's manifest says of it, but for its files."""
+        ...
+
+    def copy(self, image: ImageRecord, record: ShardRecord) -> None:
+        """Take the pairs of a photograph over from an earlier commit that has them."""
         ...
 
     def finished(self) -> tuple[TarRecord, ...]:
@@ -51,6 +55,9 @@ class ImageFiles(PairFiles):
         (self._out / low).write_bytes(pair.low)
         return _record(pair, high, low)
 
+    def copy(self, image: ImageRecord, record: ShardRecord) -> None:
+        """Leave them where they are."""
+
     def finished(self) -> tuple[TarRecord, ...]:
         """Return no tar file."""
         return ()
@@ -69,9 +76,10 @@ class TarFiles(PairFiles):
     neither time nor owner, so that the same pairs are the same bytes.
     """
 
-    def __init__(self, folder: Path, number: int) -> None:
+    def __init__(self, folder: Path, name: str) -> None:
         self._folder = folder
-        self._names: dict[Split, str] = {split: f"{number:016x}-{split}.tar" for split in SPLITS}
+        self._names: dict[Split, str] = {split: f"{name}-{split}.tar" for split in SPLITS}
+        self._sources: dict[str, tarfile.TarFile] = {}
         self._open: dict[Split, tarfile.TarFile] = {}
         self._files = ExitStack()
 
@@ -80,21 +88,34 @@ class TarFiles(PairFiles):
         # What follows the first dot of a member's name is its extension.
         key = pair.key.replace(".", "_")
         high, low = (f"{key}.{side}{pair.suffix}" for side in ("high", "low"))
+        self._append(split, high, pair.high)
+        self._append(split, f"{key}.json", json.dumps(facts).encode("ascii"))
+        self._append(split, low, pair.low)
+        return _record(pair, high, low)
+
+    def copy(self, image: ImageRecord, record: ShardRecord) -> None:
+        """Append the members of its pairs as the earlier tar file has them."""
+        (name,) = (tar.name for tar in record.tars if tar.split == image.split)
+        if name not in self._sources:
+            opened = tarfile.TarFile.open(self._folder / name, mode="r:")
+            self._sources[name] = self._files.enter_context(opened)
+        source = self._sources[name]
+        for pair in image.pairs:
+            key = pair.high.partition(".")[0]
+            for member in (pair.high, f"{key}.json", pair.low):
+                stored = source.extractfile(member)
+                assert stored is not None  # a file, as `add` wrote it
+                self._append(image.split, member, stored.read())
+
+    def _append(self, split: Split, name: str, data: bytes) -> None:
         if split not in self._open:
             file = self._files.enter_context(whole_file(self._folder / self._names[split]))
             self._open[split] = self._files.enter_context(
                 tarfile.TarFile(fileobj=file, mode="w", format=tarfile.GNU_FORMAT)
             )
-        tar = self._open[split]
-        for name, data in (
-            (high, pair.high),
-            (f"{key}.json", json.dumps(facts).encode("ascii")),
-            (low, pair.low),
-        ):
-            member = tarfile.TarInfo(name)
-            member.size = len(data)
-            tar.addfile(member, BytesIO(data))
-        return _record(pair, high, low)
+        member = tarfile.TarInfo(name)
+        member.size = len(data)
+        self._open[split].addfile(member, BytesIO(data))
 
     def finished(self) -> tuple[TarRecord, ...]:
         """Return the tar files."""

@@ -4,7 +4,8 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from analysis.sr_dataset.settings import Split, SrDatasetSettings, split_of
 from analysis.sweep import Shard, ShardDone, ShardWork, SweepItem, refusal_line, size_of
 
 STATE_NAME = "shards"
+RECORD_SUFFIX = ".json"
 
 
 @dataclass(frozen=True)
@@ -51,56 +53,69 @@ class PairShards(ShardWork):
 
     def found(self, shard: Shard) -> ShardDone | None:
         """What was committed, if its files are still there and every photograph could be read."""
-        record = ShardRecord.read(record_path(self.state, shard.number))
+        record = ShardRecord.read(record_path(self.state, shard.name))
         if record is None or record.key != shard.key:
             return None
         if any(image.is_unread for image in record.images):
             return None
-        tars_are_there = all(
-            size_of(self.state / tar.name) == tar.size_bytes for tar in record.tars
-        )
-        if not tars_are_there or not all(map(self._files_are_there, record.images)):
+        if not tars_are_there(self.state, record):
+            return None
+        if not all(map(self._files_are_there, record.images)):
             return None
         return record.done
 
     def __call__(self, shard: Shard) -> ShardDone:
-        """Make all pairs; of a shard with further photographs those that it lacks."""
-        path = record_path(self.state, shard.number)
-        earlier = self._earlier(path)
-        with self._files(shard.number) as files:
-            images = tuple(
-                earlier[item.state] if item.state in earlier else self._image(item, files)
-                for item in shard.items
-            )
+        """Make the pairs that no earlier commit has, however that was cut."""
+        earlier = self._earlier(shard)
+        found_done = 0
+        with self._files(shard.name) as files:
+            images = []
+            for item in shard.items:
+                kept = earlier.get(item.state)
+                if kept is None:
+                    images.append(self._image(item, files))
+                else:
+                    files.copy(*kept)
+                    images.append(kept[0])
+                    found_done += 1
             tars = files.finished()
-        record = ShardRecord(key=shard.key, settings=self._settings_hash, images=images, tars=tars)
-        record.write(path)
-        return record.done
+        record = ShardRecord(
+            key=shard.key, settings=self._settings_hash, images=tuple(images), tars=tars
+        )
+        record.write(record_path(self.state, shard.name))
+        return replace(record.done, found_done=found_done)
 
-    def commit_block(self, shards: Sequence[Shard]) -> None:
+    def commit_block(self, shards: Sequence[Shard], fresh: Sequence[Shard]) -> None:
         """List the shards of the sweep; their records stay."""
         with self.committed.open("a", encoding="ascii") as file:
-            file.writelines(f"{shard.number:016x}\n" for shard in shards)
+            file.writelines(f"{shard.name}\n" for shard in shards)
 
     @property
     def _settings_hash(self) -> str:
         return hashlib.sha256(self.key.encode()).hexdigest()
 
-    def _files(self, number: int) -> PairFiles:
+    def _files(self, name: str) -> PairFiles:
         if self.settings.format == "webdataset":
-            return TarFiles(self.state, number)
+            return TarFiles(self.state, name)
         return ImageFiles(self.out)
 
-    def _earlier(self, path: Path) -> dict[str, ImageRecord]:
-        """Photographs of the shard that an earlier run did; of tar files none can be kept."""
-        record = ShardRecord.read(path)
-        if record is None or record.settings != self._settings_hash or record.tars:
-            return {}
-        return {
-            image.item: image
-            for image in record.images
-            if image.pairs and self._files_are_there(image)
-        }
+    def _earlier(self, shard: Shard) -> dict[str, tuple[ImageRecord, ShardRecord]]:
+        """Photographs that earlier runs did, by their states, each with the record that it is in.
+
+        Commits of the same photographs cut in another way have other names.
+        """
+        wanted = {item.state for item in shard.items}
+        found = {}
+        for name in (*shard.others(_names_in(self.state, self.committed)), shard.name):
+            record = ShardRecord.read(record_path(self.state, name))
+            if record is None or record.settings != self._settings_hash:
+                continue
+            if not tars_are_there(self.state, record):
+                continue
+            for image in record.images:
+                if image.item in wanted and image.pairs and self._files_are_there(image):
+                    found[image.item] = image, record
+        return found
 
     def _files_are_there(self, image: ImageRecord) -> bool:
         if self.settings.format == "webdataset":
@@ -163,6 +178,17 @@ class PairShards(ShardWork):
         return {"field": sentence}
 
 
-def record_path(state: Path, number: int) -> Path:
-    """Path of the record of the shard with this number."""
-    return state / f"{number:016x}.json"
+def record_path(state: Path, name: str) -> Path:
+    """Path of the record of the shard with this name."""
+    return state / f"{name}{RECORD_SUFFIX}"
+
+
+def tars_are_there(state: Path, record: ShardRecord) -> bool:
+    """Whether the tar files of a record are as they were written."""
+    return all(size_of(state / tar.name) == tar.size_bytes for tar in record.tars)
+
+
+@lru_cache(maxsize=1)
+def _names_in(state: Path, run: Path) -> tuple[str, ...]:
+    """Names of the shards that were there when this process began with the run."""
+    return tuple(path.stem for path in state.glob(f"*{RECORD_SUFFIX}"))

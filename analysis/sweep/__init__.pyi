@@ -1,8 +1,3 @@
-from .commits import (
-    PART_SUFFIX as PART_SUFFIX,
-    commit_file as commit_file,
-    whole_file as whole_file,
-)
 from .engine import (
     SweepCall as SweepCall,
     SweepOptions as SweepOptions,
@@ -10,6 +5,8 @@ from .engine import (
     announced_sweep as announced_sweep,
     run_sweep as run_sweep,
 )
+from .exact_sum import ExactSum as ExactSum, on_own_grid as on_own_grid
+from .kept_items import KeptItems as KeptItems, digests_of as digests_of
 from .manifest import Manifest as Manifest, SweepItem as SweepItem
 from .records import (
     CommittedRecord as CommittedRecord,
@@ -17,10 +14,13 @@ from .records import (
     size_of as size_of,
 )
 from .shards import (
+    Finder as Finder,
     Shard as Shard,
     ShardDone as ShardDone,
     ShardWork as ShardWork,
     blocks_of as blocks_of,
     is_few as is_few,
+    overlaps as overlaps,
+    shard_key as shard_key,
 )
 from .sorting import sorted_lines as sorted_lines

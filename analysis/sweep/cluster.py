@@ -5,7 +5,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
@@ -18,6 +18,7 @@ from distributed import Client, KilledWorker, LocalCluster, as_completed
 from distributed.client import FutureCancelledError
 from distributed.scheduler import NoWorkerError
 
+from acquisition.remote_files import is_own_memory, is_url
 from analysis.errors import SweepError
 from analysis.sweep.shards import Shard, ShardDone, ShardWork
 
@@ -28,6 +29,9 @@ _SHARDS_A_THREAD = 2
 
 _COLLECTED_EVERY = 50
 """Shards, 10 kB each, that Dask leaves in circles of references until they are collected."""
+
+_RESULT_S = 10.0
+"""Longest wait for a result before the workers are looked for."""
 
 _MARKER = "sweep.id"
 
@@ -42,9 +46,8 @@ _CONFIG = {
     "distributed.diagnostics.computations.max-history": 1,
     "distributed.worker.profile.enabled": False,
     # A worker that is killed starts again, which on a busy machine takes longer than the 15 s after
-    # which Dask gives it up for good. If none comes back, the sweep ends; Dask would wait for ever.
+    # which Dask gives it up for good. If none comes back, the sweep ends by its own clock.
     "distributed.deploy.lost-worker-timeout": "1 hour",
-    "distributed.scheduler.no-workers-timeout": "5 minutes",
     # The result of a worker that was killed meanwhile is asked for in vain so long, by default
     # 30 s; a worker that lives is reached at once, however busy.
     "distributed.comm.timeouts.connect": "5 s",
@@ -75,12 +78,21 @@ def local_workers(count: int) -> Iterator[str]:
 
 
 def done_by_workers(
-    shards: Iterator[Shard], work: ShardWork, scheduler: str
+    shards: Iterator[Shard], work: ShardWork, scheduler: str, gone_s: float
 ) -> Iterator[tuple[Shard, ShardDone]]:
     """Yield each shard when a worker has done it, in any order; few are under way at a time.
 
     Every worker is asked, before every shard, for its versions and whether it sees the folder of
     the state and the photographs: workers may join at any time.
+
+    Parameters
+    ----------
+    shards, work
+        What is to be done.
+    scheduler
+        Address of a Dask scheduler.
+    gone_s
+        Longest time without any worker.
 
     Raises
     ------
@@ -89,6 +101,7 @@ def done_by_workers(
         several were killed over one shard.
     """
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    logging.getLogger("asyncio").addFilter(_is_no_leftover)
     try:
         client: Dask = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
@@ -101,16 +114,18 @@ def done_by_workers(
                 f"the Dask scheduler at {scheduler} has no workers after {_CONNECT_S} s; start "
                 f"some: dask worker {scheduler}"
             ) from error
-        yield from _Workers(client, scheduler, work).done(shards)
+        yield from _Workers(client, scheduler, work, gone_s).done(shards)
 
 
 class _Workers:
     """The workers of one scheduler, and the shards that are under way."""
 
-    def __init__(self, client: Dask, scheduler: str, work: ShardWork) -> None:
+    def __init__(self, client: Dask, scheduler: str, work: ShardWork, gone_s: float) -> None:
         self._client = client
         self._scheduler = scheduler
         self._work = work
+        self._gone_s = gone_s
+        self._seen_s = time.monotonic()
         self._run = f"standoff-shard-{uuid4().hex}"
         self._task = _shard_task()
         self._asked = {
@@ -128,7 +143,7 @@ class _Workers:
         suspects = []
         for shard in islice(shards, self._window()):
             under_way.add(self._submitted(shard))
-        for number, future in enumerate(under_way, 1):
+        for number, future in enumerate(self._completed(under_way), 1):
             if number % _COLLECTED_EVERY == 0:
                 gc.collect()
             shard = self._sent.pop(future.key)
@@ -152,11 +167,44 @@ class _Workers:
                     f"{shard.items[0].path} on: too little memory?"
                 ) from error
 
+    def _completed(self, under_way: Dask) -> Iterator[Dask]:
+        """Yield shards as they end; Dask alone would wait for ever for a worker."""
+        while not under_way.is_empty():
+            while not under_way.has_ready():
+                with under_way.thread_condition:
+                    under_way.thread_condition.wait(0.1)
+                self._require_workers()
+            yield next(under_way)
+
+    def _require_workers(self) -> None:
+        """End the sweep if there has been no worker for too long."""
+        now_s = time.monotonic()
+        if now_s - self._threads_asked_s >= _THREADS_ASKED_EVERY_S:
+            with suppress(OSError):  # a scheduler that is gone cancels what is under way
+                self._ask_for_threads()
+        if now_s - self._seen_s > self._gone_s:
+            raise SweepError(
+                "the workers are gone and none came back within "
+                f"{self._gone_s:.0f} s: too little memory? What they did is kept; run the same "
+                "command again, with fewer workers or others"
+            )
+
+    def _ask_for_threads(self) -> None:
+        self._threads = sum(self._client.nthreads().values())
+        self._threads_asked_s = time.monotonic()
+        if self._threads:
+            self._seen_s = self._threads_asked_s
+
     def _submitted(self, shard: Shard, *, is_looked_for: bool = True) -> Dask:
+        if any(is_own_memory(item.path) for item in shard.items):
+            raise SweepError(
+                "memory:// is this process's own, and other processes see none of it; work "
+                "without --workers and --scheduler"
+            )
         there = [
             (os.fspath(item.path), item.size_bytes)
             for item in shard.items
-            if item.is_there and is_looked_for
+            if item.is_there and is_looked_for and not is_url(item.path)
         ]
         future = self._client.submit(
             self._task,
@@ -170,7 +218,7 @@ class _Workers:
 
     def _result(self, future: Dask, shard: Shard) -> ShardDone:
         try:
-            kind, value = future.result()
+            kind, value = self._outcome(future)
         except FutureCancelledError as error:
             raise SweepError(
                 f"the Dask scheduler at {self._scheduler} ended; run the same command again"
@@ -189,6 +237,18 @@ class _Workers:
         done: ShardDone = value
         return done
 
+    def _outcome(self, future: Dask) -> tuple[str, Any]:
+        """Wait for what a worker says; one may have died before it handed that over."""
+        while True:
+            try:
+                outcome: tuple[str, Any] = future.result(timeout=min(_RESULT_S, self._gone_s))
+            except TimeoutError:
+                if future.status == "error":  # of the work itself
+                    raise
+                self._require_workers()
+            else:
+                return outcome
+
     def _require_unseen_here(self, unseen: tuple[str, int, str]) -> None:
         path, size_bytes, worker = unseen
         try:
@@ -202,11 +262,14 @@ class _Workers:
             )
 
     def _window(self) -> int:
-        now_s = time.monotonic()
-        if now_s - self._threads_asked_s >= _THREADS_ASKED_EVERY_S:
-            self._threads = sum(self._client.nthreads().values())
-            self._threads_asked_s = now_s
+        if time.monotonic() - self._threads_asked_s >= _THREADS_ASKED_EVERY_S:
+            self._ask_for_threads()
         return _SHARDS_A_THREAD * max(self._threads, 1)
+
+
+def _is_no_leftover(record: logging.LogRecord) -> bool:
+    """Whether it is something else than what Dask leaves of a wait that was broken off."""
+    return record.exc_info is None or getattr(record.exc_info[0], "__name__", "") != "AllExit"
 
 
 def _marked(marker: Path) -> str:

@@ -34,6 +34,8 @@ class SweepOptions:
         ``(k, n)``: only the k-th of n parts, for queues of jobs that share the state.
     strict
         Whether the first refused photograph ends the sweep.
+    workers_gone_s
+        Longest time without any worker.
 
     Raises
     ------
@@ -45,6 +47,7 @@ class SweepOptions:
     scheduler: str | None = None
     part: tuple[int, int] = (1, 1)
     strict: bool = False
+    workers_gone_s: float = 300.0
 
     def __post_init__(self) -> None:
         if self.workers < 1:
@@ -66,7 +69,7 @@ class SweepSummary:
     refused
         Photographs that gave nothing.
     refused_lines
-        The first ten of them, a line each, in the order of the shards.
+        The first ten of them by name, a line each.
     refused_list
         File that lists them all; None if there are none.
     notes
@@ -165,15 +168,24 @@ def _executor(options: SweepOptions) -> Iterator[Executor]:
     from analysis.sweep.cluster import done_by_workers, local_workers
 
     if options.scheduler is not None:
-        yield partial(done_by_workers, scheduler=options.scheduler)
+        yield partial(done_by_workers, scheduler=options.scheduler, gone_s=options.workers_gone_s)
         return
     with local_workers(options.workers) as scheduler:
-        yield partial(done_by_workers, scheduler=scheduler)
+        yield partial(done_by_workers, scheduler=scheduler, gone_s=options.workers_gone_s)
 
 
 def _done_here(shards: Iterator[Shard], work: ShardWork) -> Iterator[tuple[Shard, ShardDone]]:
     for shard in shards:
         yield shard, work(shard)
+
+
+@dataclass(slots=True)
+class _OpenBlock:
+    """A block of shards, what was left of it to do, and the numbers of what still is."""
+
+    shards: Sequence[Shard]
+    fresh: Sequence[Shard]
+    under_way: set[int]
 
 
 class _Sweep:
@@ -192,35 +204,38 @@ class _Sweep:
         self._work = work
         self._options = options
         self._progress = progress
-        self._open_blocks: dict[str, tuple[Sequence[Shard], set[int]]] = {}
-        self._notes: dict[str, tuple[int, str]] = {}
+        self._open_blocks: dict[str, _OpenBlock] = {}
+        self._notes: dict[str, str] = {}
         self._images = self._found_done = self._refused = 0
 
     def missing(self) -> Iterator[Shard]:
         """Yield the shards that are left to do, in the order of their numbers."""
+        find = self._work.finder(self._manifest)
         for block in blocks_of(self._manifest, self._work.key, self._options.part):
             left = []
             for shard in block:
-                done = self._work.found(shard)
-                if done is None:
-                    left.append(shard)
-                else:
-                    self._found_done += len(shard.items)
-                    self._count(shard, done)
+                done, rest = find(shard)
+                if done is not None:
+                    self._found_done += done.images + len(done.refused)
+                    self._count(done)
+                if rest is not None:
+                    left.append(rest)
             if left:
-                self._open_blocks[left[0].block_key] = block, {shard.number for shard in left}
+                numbers = {shard.number for shard in left}
+                self._open_blocks[block[0].block_key] = _OpenBlock(block, left, numbers)
                 yield from left
             else:
-                self._work.commit_block(block)
+                self._work.commit_block(block, ())
 
     def take(self, shard: Shard, done: ShardDone) -> None:
         """Count a shard that was done."""
-        self._count(shard, done)
-        block, left = self._open_blocks[shard.block_key]
-        left.discard(shard.number)
-        if not left:
+        self._found_done += done.found_done
+        self._count(done)
+        block = self._open_blocks[shard.block_key]
+        block.under_way.discard(shard.number)
+        if not block.under_way:
             del self._open_blocks[shard.block_key]
-            self._work.commit_block(block)
+            self._work.commit_block(block.shards, block.fresh)
 
     def summary(self) -> SweepSummary:
         """List the refused in a file, and count."""
@@ -237,18 +252,15 @@ class _Sweep:
             refused=self._refused,
             refused_lines=tuple(shown),
             refused_list=path if shown else None,
-            notes=tuple(sentence for _, sentence in sorted(self._notes.values())),
+            notes=tuple(sorted(self._notes.values())),
         )
 
-    def _count(self, shard: Shard, done: ShardDone) -> None:
+    def _count(self, done: ShardDone) -> None:
         if done.refused and self._options.strict:
             raise SweepError(done.refused[0])
-        for index, line in enumerate(done.refused):
-            text = f"{shard.number:016x}{index:08x}{on_one_line(line)}\n"
-            self._refused_lines.write(text.encode())
+        self._refused_lines.writelines(f"{on_one_line(line)}\n".encode() for line in done.refused)
         for kind, sentence in done.notes.items():
-            candidate = shard.number, sentence
-            self._notes[kind] = min(self._notes.get(kind, candidate), candidate)
+            self._notes[kind] = min(self._notes.get(kind, sentence), sentence)
         self._images += done.images
         self._refused += len(done.refused)
         self._progress(self._images + self._refused)
@@ -258,8 +270,7 @@ class _Sweep:
         shown: list[str] = []
         with path.open("wb") as file:
             for line in sorted_lines(self._refused_lines, self._work.state):
-                text = line[24:]
-                file.write(text)
+                file.write(line)
                 if len(shown) < _LINES_SHOWN:
-                    shown.append(text.decode().rstrip("\n"))
+                    shown.append(line.decode().rstrip("\n"))
         return shown

@@ -11,6 +11,7 @@ from tempfile import TemporaryFile
 from types import TracebackType
 from typing import Self
 
+from acquisition.remote_files import is_url, remote_status
 from analysis.errors import ResultsFileError
 from analysis.sweep.sorting import sorted_lines
 
@@ -22,8 +23,9 @@ HASH_BITS = 64
 class SweepItem:
     """A photograph as it was on disk when the sweep began.
 
-    ``path`` is absolute, as workers may have other working folders. ``size_bytes`` and
-    ``mtime_ns`` are -1 for one that is missing or must not be read.
+    ``path`` is absolute, as workers may have other working folders, or stands for a URL, whose
+    version is in ``mtime_ns``. ``size_bytes`` and ``mtime_ns`` are -1 for one that is missing or
+    must not be read.
     """
 
     path: Path
@@ -33,6 +35,8 @@ class SweepItem:
     @classmethod
     def on_disk(cls, path: Path) -> Self:
         """Look at a file."""
+        if is_url(path):
+            return cls._of_url(path)
         absolute = Path(os.path.abspath(path))  # noqa: PTH100  resolve() follows links
         try:
             found = absolute.stat()
@@ -42,6 +46,14 @@ class SweepItem:
             return cls(path=absolute, size_bytes=-1, mtime_ns=-1)
         return cls(path=absolute, size_bytes=found.st_size, mtime_ns=found.st_mtime_ns)
 
+    @classmethod
+    def _of_url(cls, path: Path) -> Self:
+        try:
+            found = remote_status(path)
+        except OSError:
+            return cls(path=path, size_bytes=-1, mtime_ns=-1)
+        return cls(path=path, size_bytes=found.size_bytes, mtime_ns=found.version)
+
     @property
     def is_there(self) -> bool:
         """Whether the file could be read when the sweep began."""
@@ -50,13 +62,17 @@ class SweepItem:
     @property
     def hash(self) -> int:
         """First bits of the SHA-256 of the path, from 0 to 2^64 - 1: which shard it is in."""
-        digest = hashlib.sha256(os.fsencode(self.path)).digest()
-        return int.from_bytes(digest[: HASH_BITS // 8], "big")
+        return _first_bits(os.fsencode(self.path))
 
     @property
     def state(self) -> str:
         """The item as one line of ASCII text, the same only for the same path, size and time."""
         return json.dumps([os.fspath(self.path), self.size_bytes, self.mtime_ns])
+
+    @property
+    def digest(self) -> int:
+        """First bits of the SHA-256 of the state, from 0 to 2^64 - 1."""
+        return _first_bits(self.state.encode("ascii"))
 
 
 class Manifest:
@@ -111,6 +127,10 @@ class Manifest:
         for line in self._file:
             path, size_bytes, mtime_ns = json.loads(line[HASH_BITS // 4 :])
             yield SweepItem(path=Path(path), size_bytes=size_bytes, mtime_ns=mtime_ns)
+
+
+def _first_bits(data: bytes) -> int:
+    return int.from_bytes(hashlib.sha256(data).digest()[: HASH_BITS // 8], "big")
 
 
 def _line(path: Path) -> bytes:

@@ -8,8 +8,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
+from acquisition.session import commit_file
 from acquisition.untrusted import parse_json
-from analysis.sweep.commits import commit_file
 
 
 class CommittedRecord(BaseModel):

@@ -1,7 +1,8 @@
 """Shards: which photographs are done together, by their names alone, and what does them."""
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from math import ceil, log2
@@ -30,9 +31,8 @@ class Shard:
     number
         Leading bits of the hashes of its photographs' paths: the same, whatever else is in the
         sweep.
-    group
-        0 to 63: the shards of a group are a random sixty-fourth of the photographs. Equal to
-        ``number`` where each photograph is a shard of its own, below 128 photographs.
+    bits
+        How many bits; 64 where each photograph is a shard of its own, below 128 photographs.
     items
         In the order of the hashes.
     key
@@ -42,10 +42,26 @@ class Shard:
     """
 
     number: int
-    group: int
+    bits: int
     items: tuple[SweepItem, ...]
     key: str
     block_key: str
+
+    @property
+    def group(self) -> int:
+        """0 to 63: the shards of a group are a random sixty-fourth of the photographs."""
+        return self.items[0].hash >> (HASH_BITS - _GROUP_BITS)
+
+    @property
+    def name(self) -> str:
+        """Name for the files of its commit: another one for each way to cut a sweep."""
+        if self.bits == HASH_BITS:
+            return f"{self.number:016x}"
+        return f"{self.number << (HASH_BITS - self.bits):016x}-{self.bits}"
+
+    def others(self, names: Iterable[str]) -> list[str]:
+        """Those of the names of shards that share hashes with this one, cut in another way."""
+        return [name for name in names if name != self.name and _overlap(name, self.name)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,11 +76,14 @@ class ShardDone:
         A line for each photograph that gave nothing, that names it and says why.
     notes
         What is worth saying once in a sweep, by kind: how a kind of file was read.
+    found_done
+        Photographs among all of them that were taken from earlier commits.
     """
 
     images: int
     refused: tuple[str, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
+    found_done: int = 0
 
     @classmethod
     def of(cls, photographs: Iterable[tuple[str | None, Mapping[str, str]]]) -> Self:
@@ -73,12 +92,16 @@ class ShardDone:
         notes: dict[str, str] = {}
         images = 0
         for refusal, own in photographs:
-            notes = {**own, **notes}
+            notes |= {kind: min(text, notes.get(kind, text)) for kind, text in own.items()}
             if refusal is None:
                 images += 1
             else:
                 refused.append(refusal)
         return cls(images=images, refused=tuple(refused), notes=notes)
+
+
+Finder = Callable[[Shard], tuple[ShardDone | None, Shard | None]]
+"""Finds what earlier runs did of a shard, and the part of it that is left to do."""
 
 
 class ShardWork(Protocol):
@@ -111,10 +134,19 @@ class ShardWork(Protocol):
         """Do the shard and commit it. A photograph that gives nothing is refused, not raised."""
         ...
 
-    def commit_block(self, shards: Sequence[Shard]) -> None:
-        """Replace the commits of a block, all of whose shards are done; called in the client.
+    def finder(self, manifest: Manifest) -> Finder:
+        """Look for what earlier runs did; called in the client. By default it is whole shards."""
 
-        Also called for blocks that were replaced in an earlier run. By default they stay.
+        def find(shard: Shard) -> tuple[ShardDone | None, Shard | None]:
+            done = self.found(shard)
+            return done, (shard if done is None else None)
+
+        return find
+
+    def commit_block(self, shards: Sequence[Shard], fresh: Sequence[Shard]) -> None:
+        """Take note of a block all of whose shards are done; called in the client.
+
+        ``fresh`` are those that this run did, with what was left to do.
         """
         return
 
@@ -171,11 +203,10 @@ def _block(items: Sequence[SweepItem], layout: Layout, work_key: str) -> tuple[S
     }
     keys = {number: shard_key(run, work_key) for number, run in by_number.items()}
     block_key = _hash_of(keys.values())
-    unused_bits = 0 if layout.shard_bits == HASH_BITS else layout.shard_bits - _GROUP_BITS
     return tuple(
         Shard(
             number=number,
-            group=number >> unused_bits,
+            bits=layout.shard_bits,
             items=run,
             key=keys[number],
             block_key=block_key,
@@ -187,6 +218,30 @@ def _block(items: Sequence[SweepItem], layout: Layout, work_key: str) -> tuple[S
 def shard_key(items: Sequence[SweepItem], work_key: str) -> str:
     """Hash of what is done with which photographs."""
     return _hash_of([work_key, *(item.state for item in items)])
+
+
+def overlaps(names: Iterable[str], others: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield names of shards, each with those of other, sorted names that share hashes with it."""
+    for name in names:
+        last = _span(name)[1]
+        before = max(bisect_right(others, name) - 1, 0)
+        after = bisect_right(others, f"{last:016x}~")
+        yield name, [one for one in others[before:after] if _overlap(one, name)]
+
+
+def _overlap(one: str, other: str) -> bool:
+    (first, last), (other_first, other_last) = _span(one), _span(other)
+    return max(first, other_first) <= min(last, other_last)
+
+
+def _span(name: str) -> tuple[int, int]:
+    """The least and the largest hash of a shard, by its name; of another file's name none."""
+    first, _, bits = name.partition("-")
+    try:
+        low = int(first, 16)
+        return low, low + (1 << (HASH_BITS - int(bits or HASH_BITS))) - 1
+    except ValueError:
+        return 1, 0
 
 
 def _hash_of(texts: Iterable[str]) -> str:

@@ -137,6 +137,7 @@ def changes(
             help="Also write the report here (HTML or PDF); report.html is always in the folder.",
         ),
     ] = None,
+    parquet: terminal.AsParquet = False,
     workers: terminal.Workers = 1,
     scheduler: terminal.Scheduler = None,
     shard: terminal.PartOfShards = "1/1",
@@ -187,11 +188,11 @@ def changes(
             results = [out / name for name in library.FILES_OF_SERIES]
             terminal.refuse_overwriting(results, force=force)
         series = library.find_changes_of_series(
-            reference, followup, out, psf, **how, report=report, sweep=sweep
+            reference, followup, out, psf, **how, report=report, parquet=parquet, sweep=sweep
         )
         _show_series(out, series, sweep, json=json)
         return
-    terminal.refuse_sweep_of_one(sweep)
+    terminal.refuse_sweep_of_one(sweep, parquet=parquet)
     results = [out / name for name in library.CHANGE_FILES]
     terminal.refuse_overwriting(results, inputs_given, force=force)
     found = library.find_changes(reference, followup[0], psf, **how)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from typer import Argument, BadParameter, Option
 
+from acquisition.remote_files import url_of
 from analysis.choices import ALL_OBSERVERS, OBSERVERS, REFERENCE_ZOOM, WINDOW_PX
 from simulation.choices import MODELS, Model
 from standoff import library, terminal
@@ -32,11 +33,14 @@ def _odd(window: int) -> int:
 def detectability(
     images: Annotated[
         list[Path],
-        Argument(help="Photographs of the scene, or folders of them.", show_default=False),
+        Argument(
+            help="Photographs of the scene, or folders of them; URLs as well.", show_default=False
+        ),
     ],
     *,
     out: Annotated[
-        Path, Option(help="Where to write curves.json; the figures are written beside it.")
+        Path,
+        Option(help="Where to write curves.json, a URL as well; figures come beside it."),
     ],
     psf: Annotated[Path | None, Option(help="psf.json of the camera.")] = None,
     transfer: terminal.TransferForm = "best",
@@ -72,6 +76,7 @@ def detectability(
         float | None,
         Option(min=0, help="Standard deviation of a pair's registration error in px, each axis."),
     ] = None,
+    parquet: terminal.AsParquet = False,
     workers: terminal.Workers = 1,
     scheduler: terminal.Scheduler = None,
     shard: terminal.PartOfShards = "1/1",
@@ -96,13 +101,17 @@ def detectability(
     replaces = force or is_part or terminal.is_same_command(library.curves_made_by(out))
     terminal.refuse_overwriting([out], [*images, psf, signal], force=replaces)
     from analysis.detectability import DetectionTask, GaussianSignal
+    from analysis.parquet_table import require_parquet
 
-    terminal.refuse_overwriting(library.curve_figure_paths(out), force=replaces)
+    tables = [library.curve_table_path(out)] if parquet else []
+    if parquet:
+        require_parquet()
+    terminal.refuse_overwriting([*library.curve_figure_paths(out), *tables], force=replaces)
     library.require_writable([out])
     try:
         measured = library.measure_curves(
             images,
-            out.with_suffix(".sweep"),
+            library.state_of_curves(out),
             psf,
             DetectionTask(
                 signal=GaussianSignal(sigma_px=signal_sigma),
@@ -130,7 +139,8 @@ def detectability(
     if found is None:
         terminal.say_part_of_curves(shard, done, "measured", json=json)
     else:
-        _show_curves(out, measured.write(out), found, json=json)
+        written = [*measured.write(out, parquet=parquet), *tables]
+        _show_curves(out, written, found, json=json)
     terminal.end_refused(
         done,
         "the curves are of the others"
@@ -142,11 +152,11 @@ def detectability(
 
 def _show_curves(out: Path, figures: list[Path], found: DetectabilityCurves, *, json: bool) -> None:
     """Show the curves of the first contrast."""
-    files = [str(path) for path in figures]
+    files = [url_of(path) for path in figures]
     if json:
         from calibration.documents import json_object
 
-        terminal.print_json({"out": str(out), "figures": files, **json_object(found)})
+        terminal.print_json({"out": url_of(out), "figures": files, **json_object(found)})
         return
     shown = [one for one in found.curves if one.contrast_dn == found.curves[0].contrast_dn]
     terminal.print_table(
@@ -157,7 +167,7 @@ def _show_curves(out: Path, figures: list[Path], found: DetectabilityCurves, *, 
     terminal.say(
         "d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it",
         *filter(None, (found.too_few_sentence, found.unknown_sentence)),
-        f"wrote {out} and {', '.join(files)}",
+        f"wrote {url_of(out)} and {', '.join(files)}",
     )
 
 

@@ -58,6 +58,7 @@ def pose(
     out: Annotated[
         Path | None, Option(help="Folder for the results of several follow-ups; it is resumed.")
     ] = None,
+    parquet: terminal.AsParquet = False,
     workers: terminal.Workers = 1,
     scheduler: terminal.Scheduler = None,
     shard: terminal.PartOfShards = "1/1",
@@ -120,12 +121,12 @@ def pose(
             results = [out / name for name in library.FILES_OF_POSE_SERIES]
             terminal.refuse_overwriting(results, inputs_given, force=force)
         series = library.judge_poses(
-            reference, followups, out, curves, min_dprime, sweep=sweep, **how
+            reference, followups, out, curves, min_dprime, parquet=parquet, sweep=sweep, **how
         )
         _show_series(out, series, sweep, json=json)
         return
     if followups:
-        terminal.refuse_sweep_of_one(sweep)
+        terminal.refuse_sweep_of_one(sweep, parquet=parquet)
         found = library.judge_pose(reference, followups[0], curves, min_dprime, **how)
         if picture is not None:
             found.write_picture(picture)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, BadParameter, Option
 
+from acquisition.remote_files import url_of
 from simulation.choices import DEFAULT_MODEL, Model
 from standoff import library, terminal
 from standoff.errors import ApplicationError
@@ -22,7 +23,8 @@ def _checked_fraction(fraction: float) -> float:
 
 def sr_pairs(
     images: Annotated[
-        list[Path], Argument(help="Photographs, or folders of them.", show_default=False)
+        list[Path],
+        Argument(help="Photographs, or folders of them; URLs as well.", show_default=False),
     ],
     *,
     psf: Annotated[Path, Option(help="psf.json of the camera.")],
@@ -30,7 +32,9 @@ def sr_pairs(
     zoom: Annotated[
         float, Option(help="Distance ratio, at least 1.", callback=terminal.checked_zoom)
     ],
-    out: Annotated[Path, Option(help="Folder for the pairs; an existing one is resumed.")],
+    out: Annotated[
+        Path, Option(help="Folder for the pairs, or a URL; an existing one is resumed.")
+    ],
     model: Annotated[Model, Option(help="Capture model.")] = DEFAULT_MODEL,
     crop: Annotated[int, Option(min=8, help="Side of the high-resolution crops in px.")] = 192,
     stride: Annotated[
@@ -85,10 +89,10 @@ def sr_pairs(
     if summary.refused_images > 1:
         terminal.note(*summary.refused)
     if json:
-        terminal.print_json({"out": str(out), **summary.to_json()})
+        terminal.print_json({"out": url_of(out), **summary.to_json()})
     else:
         terminal.say(
-            f"{out}: {summary.train} pairs for training, {summary.test} for testing, "
+            f"{url_of(out)}: {summary.train} pairs for training, {summary.test} for testing, "
             f"from {summary.images} images ({summary.images_found_done} already done)"
         )
         if sweep.part[1] > 1:

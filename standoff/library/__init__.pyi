@@ -44,12 +44,14 @@ from .detectability import (
     JudgedHomography as JudgedHomography,
     MeasuredCurves as MeasuredCurves,
     curve_figure_paths as curve_figure_paths,
+    curve_table_path as curve_table_path,
     curves_made_by as curves_made_by,
     d_prime_curves as d_prime_curves,
     given_curve as given_curve,
     judge_homography as judge_homography,
     measure_curves as measure_curves,
     pose_limits as pose_limits,
+    state_of_curves as state_of_curves,
 )
 from .evaluation import (
     ChangePairs as ChangePairs,

@@ -5,12 +5,15 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from acquisition.remote_files import url_of
 from analysis.choices import PairFormat
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset import (
+    DATASET_NAME,
     PairPhotograph,
     SrDatasetSettings,
     SrDatasetSummary as SrDatasetSummary,
+    pair_files_in,
     write_sr_dataset,
 )
 from analysis.sweep import SweepOptions as SweepOptions
@@ -20,6 +23,7 @@ from standoff.library.call import Call, Progress
 from standoff.library.files import each_image
 from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
 from standoff.library.psf import psf_and_field
+from standoff.library.remote_folder import copied, made_in
 from standoff.library.swept_photographs import refusing
 from standoff.photographs import ReadOptions, marked_png, read_image
 
@@ -51,9 +55,10 @@ def training_pairs(
     Parameters
     ----------
     images
-        Photographs, or folders of them.
+        Photographs, or folders of them; URLs as well.
     out
-        Folder for the pairs.
+        Folder for the pairs. Of a URL, such as ``s3://bucket/pairs``, they are made in the folder
+        ``pairs`` here, and what the URL lacks is copied there when all are done.
     psf
         Of the camera.
     zoom
@@ -116,10 +121,15 @@ def training_pairs(
     )
     paths = each_image(listed_paths(images, "images"))
     source = partial(pair_photograph, options)
+    target = path_of(out, "out")
+    folder = made_in(target)
     try:
-        found = write_sr_dataset(call, path_of(out, "out"), paths, settings, source, sweep)
+        found = write_sr_dataset(call, folder, paths, settings, source, sweep)
     except SrDatasetError as error:
         raise ApplicationError(str(error)) from error
+    if folder != target and (sweep or SweepOptions()).part[1] == 1:
+        count = copied(folder, target, pair_files_in(folder), folder / DATASET_NAME)
+        call.announce(f"{count} files were copied from {folder} to {url_of(target)}")
     return replace(found, notes=call.notes)
 
 

@@ -26,6 +26,7 @@ from .option_rules import (
 )
 from .options import (
     HINT_RULES as HINT_RULES,
+    AsParquet as AsParquet,
     BenchFile as BenchFile,
     BenchKeys as BenchKeys,
     CurveContrast as CurveContrast,

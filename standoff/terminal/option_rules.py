@@ -8,7 +8,9 @@ from typing import Literal
 
 from typer import BadParameter, Context
 
+from acquisition.remote_files import is_url, url_of
 from standoff.errors import ApplicationError
+from standoff.library.files import is_there
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +129,12 @@ def refuse_overwriting(
             raise BadParameter(f"{path} is already an input or output; name another file")
         taken.add(realpath(path))
     for path in results:
+        if is_url(path):
+            if not force and is_there(path):
+                raise ApplicationError(
+                    f"{url_of(path)} exists already; --force replaces it, or name another"
+                )
+            continue
         if path.is_dir():
             raise ApplicationError(f"cannot write {path}: it is a folder")
         if path.exists() and not path.is_file():

@@ -200,6 +200,12 @@ Strict = Annotated[
 ]
 
 
+AsParquet = Annotated[
+    bool,
+    Option("--parquet", help="Also write the table as Parquet; needs the extra parquet."),
+]
+
+
 def sweep_options(
     workers: int, scheduler: str | None, shard: str, *, is_strict: bool
 ) -> SweepOptions:

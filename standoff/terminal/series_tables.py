@@ -19,9 +19,13 @@ if TYPE_CHECKING:
 Listed = TypeVar("Listed", bound="StoredValues")
 
 
-def refuse_sweep_of_one(options: SweepOptions) -> None:
+def refuse_sweep_of_one(options: SweepOptions, *, parquet: bool) -> None:
     """Refuse options that have no meaning for one photograph; one worker does for it."""
-    given = {"--scheduler": options.scheduler is not None, "--shard": options.part != (1, 1)}
+    given = {
+        "--scheduler": options.scheduler is not None,
+        "--shard": options.part != (1, 1),
+        "--parquet": parquet,
+    }
     for option in (name for name, is_given in given.items() if is_given):
         raise BadParameter(f"{option} needs several follow-ups, or a folder of them")
 

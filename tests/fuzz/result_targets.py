@@ -12,11 +12,16 @@ import tifffile
 from analysis.change_series.time_line import read_time_line
 from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
-from analysis.detectability.sums import ArtefactSums, SumsFile, sums_bytes
+from analysis.detectability.sums import (
+    ArtefactSums,
+    KeptPhotographs,
+    SummedPhotographs,
+    SumsFile,
+    sums_bytes,
+)
 from analysis.errors import ResultsFileError
 from analysis.pose.quality import read_pose
 from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
-from analysis.sweep import ShardDone
 from analysis.validation.document import read_validation
 from analysis.validation.kernel_cache import KernelCache
 from calibration.documents import json_object
@@ -198,10 +203,11 @@ VALIDATION: dict[str, Any] = {
     "excluded": [{"capture": 2, "target": "leaves", "height_mm": 150.0, "reason": "shaken"}],
     "remarks": ["dim"],
 }
+_SUMS = SummedPhotographs()
+_SUMS.add(ArtefactSums(products_dn2=np.ones((1, 2, 1, 2, 3)), pixels=np.ones((1, 2, 1))))
 SUMS = sums_bytes(
-    {3: ShardDone(images=1, refused=("a: no image",), notes={"kind": "sentence"})},
-    ArtefactSums(products_dn2=np.ones((1, 2, 1, 2, 3)), pixels=np.ones((1, 2, 1))),
-    (),
+    _SUMS,
+    KeptPhotographs(work="w", group=3, refused={4: "a: no image"}, notes={"kind": "sentence"}),
 )
 _PAIR = PairRecord(high="h.png", low="l.png", high_bytes=9, low_bytes=8, top_px=0, left_px=4)
 _IMAGE = ImageRecord(order="a", item="b", name="c.png", sha256="d", pairs=(_PAIR,))
@@ -235,7 +241,7 @@ def damaged_map(data: bytes) -> object:
 
 def read_sums(path: Path) -> object:
     file = SumsFile.found(path)
-    return None if file is None else (file.sums(), list(file.photographs()))
+    return None if file is None else (file.sums(), file.photographs())
 
 
 def read_kernel(data: bytes) -> object:

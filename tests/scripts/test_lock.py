@@ -14,13 +14,13 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from scripts.lock import GOBJECT, TARGETS
+from scripts.lock import GOBJECT, TARGETS, locked_extras
 from scripts.requirements_file import FOLDER, STEPS, Locked, parse, read, read_all
 from scripts.torch_build import needs_cuda, step_for
 
 ROOT = Path(__file__).parent.parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-OPTIONAL = PYPROJECT["project"]["optional-dependencies"]
+OPTIONAL = {name: PYPROJECT["project"]["optional-dependencies"][name] for name in locked_extras()}
 
 LINUX = [target for target in TARGETS if target["sys_platform"] == "linux"]
 named = pytest.mark.parametrize(

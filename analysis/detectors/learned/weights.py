@@ -12,9 +12,9 @@ import numpy as np
 
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
+from acquisition.session import commit_file
 from analysis.detectors.followup_view import followup_view
 from analysis.errors import DetectorError, ResultsFileError
-from analysis.sweep import commit_file
 from simulation.arrays import Float32Array, FloatArray
 
 if TYPE_CHECKING:

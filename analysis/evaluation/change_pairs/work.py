@@ -4,13 +4,14 @@ import hashlib
 import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel
 
 from acquisition.printable import on_one_line
+from acquisition.session import commit_file
 from analysis.detectability import SceneImage
 from analysis.errors import RefusedPhotographError
 from analysis.evaluation.change_pairs.pair_file import pairs_bytes
@@ -22,7 +23,6 @@ from analysis.sweep import (
     ShardDone,
     ShardWork,
     SweepItem,
-    commit_file,
     refusal_line,
     size_of,
 )
@@ -37,10 +37,12 @@ _VERSION = 1
 class PairsOfPhotograph(BaseModel, frozen=True, extra="forbid"):
     """What was made of one photograph; ``order`` sorts photographs by their paths.
 
-    ``refused`` says why there are no pairs; ``is_unread`` that this may be another time.
+    ``item`` is the photograph as it was on disk. ``refused`` says why there are no pairs;
+    ``is_unread`` that this may be another time.
     """
 
     order: str
+    item: str = ""
     name: str
     sha256: str = ""
     encoding: str = "linear"
@@ -54,10 +56,11 @@ class PairsOfPhotograph(BaseModel, frozen=True, extra="forbid"):
 
 
 class PairsRecord(CommittedRecord):
-    """The commit of a shard."""
+    """The commit of a shard; ``settings`` is the hash of the work's key."""
 
     format: Literal["standoff.change-pairs-shard/1"] = "standoff.change-pairs-shard/1"
     key: str
+    settings: str = ""
     photographs: tuple[PairsOfPhotograph, ...]
 
     @property
@@ -108,19 +111,39 @@ class ChangePairsWork(ShardWork):
         record = self.record(shard)
         if record is None or any(one.is_unread for one in record.photographs):
             return None
-        files = [one for one in record.photographs if one.file is not None]
-        is_there = all(size_of(self.out / str(one.file)) == one.size_bytes for one in files)
-        return record.done if is_there else None
+        return record.done if all(map(self._is_there, record.photographs)) else None
 
     def __call__(self, shard: Shard) -> ShardDone:
-        """See `ShardWork.__call__`."""
-        photographs = tuple(self._photograph(item) for item in shard.items)
-        record = PairsRecord(key=shard.key, photographs=photographs)
+        """See `ShardWork.__call__`; what an earlier commit has, however cut, is taken from it."""
+        earlier = self._earlier(shard)
+        photographs = tuple(
+            earlier.get(item.state) or self._photograph(item) for item in shard.items
+        )
+        record = PairsRecord(key=shard.key, settings=self._settings_hash, photographs=photographs)
         record.write(self._path(shard))
-        return record.done
+        return replace(record.done, found_done=len(earlier))
+
+    @property
+    def _settings_hash(self) -> str:
+        return hashlib.sha256(self.key.encode()).hexdigest()
+
+    def _earlier(self, shard: Shard) -> dict[str, PairsOfPhotograph]:
+        wanted = {item.state for item in shard.items}
+        names = (path.stem for path in self.state.glob("*.json"))
+        found = {}
+        for name in (*shard.others(names), shard.name):
+            record = PairsRecord.read(self.state / f"{name}.json")
+            if record is not None and record.settings == self._settings_hash:
+                for one in record.photographs:
+                    if one.item in wanted and one.file is not None and self._is_there(one):
+                        found[one.item] = one
+        return found
+
+    def _is_there(self, one: PairsOfPhotograph) -> bool:
+        return one.file is None or size_of(self.out / one.file) == one.size_bytes
 
     def _path(self, shard: Shard) -> Path:
-        return self.state / f"{shard.number:016x}.json"
+        return self.state / f"{shard.name}.json"
 
     def _photograph(self, item: SweepItem) -> PairsOfPhotograph:
         order, name = json.dumps(os.fspath(item.path)), on_one_line(item.path.name)
@@ -131,18 +154,19 @@ class ChangePairsWork(ShardWork):
             is_unread = isinstance(error, RefusedPhotographError) and error.is_unread
             return PairsOfPhotograph(
                 order=order,
+                item=item.state,
                 name=name,
                 refused=refusal_line(item.path, str(error)),
                 is_unread=is_unread and item.is_there,
             )
         split = split_of(scene.sha256, self.task.seed, self.task.test_fraction)
         # Copies of a photograph share its file.
-        settings = hashlib.sha256(self.key.encode()).hexdigest()[:8]
-        file = f"{split}/{scene.sha256[:_NAME_LETTERS]}-{settings}.npz"
+        file = f"{split}/{scene.sha256[:_NAME_LETTERS]}-{self._settings_hash[:8]}.npz"
         content = pairs_bytes(made)
         commit_file(self.out / file, content)
         return PairsOfPhotograph(
             order=order,
+            item=item.state,
             name=name,
             sha256=scene.sha256,
             encoding=scene.encoding,

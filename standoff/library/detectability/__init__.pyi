@@ -13,6 +13,8 @@ from .limits import (
 from .measured_curves import (
     MeasuredCurves as MeasuredCurves,
     curve_figure_paths as curve_figure_paths,
+    curve_table_path as curve_table_path,
     curves_made_by as curves_made_by,
     measure_curves as measure_curves,
+    state_of_curves as state_of_curves,
 )

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.printable import on_one_line
+from acquisition.remote_files import is_url
 from analysis.detectability import (
     MOST_SCENES,
     ArtefactWork,
@@ -23,6 +24,7 @@ from analysis.detectability import (
     read_curves,
 )
 from analysis.errors import ResultsFileError
+from analysis.parquet_table import write_parquet
 from analysis.reports import plot_detectability
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep
@@ -48,6 +50,11 @@ from standoff.photographs import ReadOptions
 
 _COPIES_NAME = "copies.txt"
 
+_TEXT = ("model", "observer")
+_NUMBERS = ("noise_dn", "contrast_dn", "signal_sigma_px", "zoom")
+_FOUND = ("dprime", "dprime_low", "dprime_high", "auc")
+_COLUMNS = dict.fromkeys(_TEXT, str) | dict.fromkeys((*_NUMBERS, *_FOUND), float)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredCurves:
@@ -63,8 +70,10 @@ class MeasuredCurves:
     copies_list: Path | None = None
     notes: tuple[str, ...] = ()
 
-    def write(self, path: FilePath) -> list[Path]:
+    def write(self, path: FilePath, *, parquet: bool = False) -> list[Path]:
         """Write curves.json, and the figures beside it, all or none; return the figures' paths.
+
+        With ``parquet`` the curves are also written as a table, a line for each curve and zoom.
 
         Raises
         ------
@@ -79,6 +88,8 @@ class MeasuredCurves:
         with written_together(out) as folder:
             write_results(folder / out.name, found)
             write_curve_figures(folder / out.name, found.curves, found.curves[0].contrast_dn)
+            if parquet:
+                write_parquet(folder / curve_table_path(out).name, _COLUMNS, found.rows())
         return curve_figure_paths(out)
 
 
@@ -232,7 +243,7 @@ def _measured(
         if summary.images == 0:
             raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be measured")
         sums = SweepSums(manifest, work)
-        sums.drop_others(state)
+        sums.tidy()
         some = _some_photographs(sums, manifest, inputs.options)
     list_inputs(inputs, sums.images, sums.photographs(), state)
     copies = sums.list_copies(state / _COPIES_NAME)
@@ -263,10 +274,21 @@ def _some_photographs(
 def curves_made_by(path: Path) -> str | None:
     """Return what made the curves of a curves.json; None if there are none, or nobody knows."""
     try:
-        stored = read_curves(path).provenance if path.is_file() else None
+        stored = read_curves(path).provenance if not is_url(path) and path.is_file() else None
     except ResultsFileError:
         return None
     return None if stored is None else stored.command
+
+
+def state_of_curves(out: FilePath) -> Path:
+    """Folder for what is measured, beside the curves; of a URL in the working folder."""
+    path = path_of(out, "out")
+    return (Path(path.name) if is_url(path) else path).with_suffix(".sweep")
+
+
+def curve_table_path(out: Path) -> Path:
+    """Path of the table beside the curves ``out``."""
+    return out.with_suffix(".parquet")
 
 
 def curve_figure_paths(out: Path) -> list[Path]:

@@ -6,6 +6,7 @@ from .image_files import (
 )
 from .output_files import (
     RESULTS_FOLDER as RESULTS_FOLDER,
+    is_there as is_there,
     make_folder as make_folder,
     make_results_folder as make_results_folder,
     require_writable as require_writable,

@@ -7,7 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from acquisition.session import atomic_write
+from acquisition.remote_files import is_url, remote_files_in, remote_status, url_of
+from acquisition.session import write_shared
 from analysis.float_tiff import tiff_bytes
 from simulation.arrays import BoolArray, Float32Array
 from standoff.errors import ApplicationError, ImageFileError
@@ -23,6 +24,9 @@ def each_image(paths: Iterable[Path]) -> Iterator[Path]:
         If a folder holds no image, or cannot be read.
     """
     for path in paths:
+        if is_url(path):
+            yield from _images_of_url(path)
+            continue
         if not path.is_dir():
             yield path
             continue
@@ -37,6 +41,23 @@ def each_image(paths: Iterable[Path]) -> Iterator[Path]:
             raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
         if is_empty:
             raise ApplicationError(f"{path}: the folder holds no image")
+
+
+def _images_of_url(path: Path) -> Iterator[Path]:
+    url = url_of(path)
+    try:
+        if not remote_status(path).is_folder:
+            yield path
+            return
+        is_empty = True
+        for file in remote_files_in(path):
+            if file.suffix.lower() in IMAGE_SUFFIXES:
+                is_empty = False
+                yield file
+    except OSError as error:
+        raise ApplicationError(f"cannot read {url}: {error.strerror}") from error
+    if is_empty:
+        raise ApplicationError(f"{url}: the folder holds no image")
 
 
 def image_files_in(folder: Path) -> list[Path]:
@@ -77,6 +98,6 @@ def write_mask(path: Path, mask: BoolArray) -> None:
 
 def _write(path: Path, data: bytes) -> None:
     try:
-        atomic_write(path, data)
+        write_shared(path, data)
     except OSError as error:
         raise ImageFileError(f"cannot write {path}: {error.strerror}") from error

@@ -6,9 +6,12 @@ Apart from the reports, whose plots and templates take half a second to load.
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from os.path import lexists
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from acquisition.session import MANIFEST_NAME, atomic_write, fsync_directory
+from acquisition.remote_files import is_url, remote_status, url_of, write_remote
+from acquisition.session import MANIFEST_NAME, clear_parts, fsync_directory, part_of, write_shared
 from standoff.errors import ApplicationError
 
 RESULTS_FOLDER = "results"
@@ -26,6 +29,9 @@ def require_writable(paths: Iterable[Path | None]) -> None:
     for path in paths:
         if path is None:
             continue
+        if is_url(path):
+            is_there(path)
+            continue
         if path.parent.name == RESULTS_FOLDER and (path.parent.parent / MANIFEST_NAME).is_file():
             make_results_folder(path.parent.parent)
         if not path.parent.is_dir():
@@ -34,6 +40,25 @@ def require_writable(paths: Iterable[Path | None]) -> None:
             raise ApplicationError(f"cannot write {path}: it is a folder")
         if path.suffix.lower() == ".pdf":
             require_pdf()
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is a file, or whatever else, at a path or URL.
+
+    Raises
+    ------
+    ApplicationError
+        If nobody can say: of a URL of an unknown kind, or whose server does not answer.
+    """
+    if not is_url(path):
+        return lexists(path)
+    try:
+        remote_status(path)
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        raise ApplicationError(f"cannot write {url_of(path)}: {error.strerror}") from error
+    return True
 
 
 def make_folder(path: Path) -> Path:
@@ -77,9 +102,12 @@ def write_file(path: Path, data: bytes) -> None:
         If the file cannot be written.
     """
     try:
-        atomic_write(path, data)
+        if is_url(path):
+            write_remote(path, data)
+        else:
+            write_shared(path, data)
     except OSError as error:
-        raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
+        raise ApplicationError(f"cannot write {url_of(path)}: {error.strerror}") from error
 
 
 @contextmanager
@@ -100,19 +128,29 @@ def written_together(document: Path) -> Iterator[Path]:
     ApplicationError
         If a file cannot be moved to its place.
     """
-    part = document.with_name(f".{document.name}.part")
+    if is_url(document):
+        with TemporaryDirectory() as folder:
+            yield Path(folder)
+            for file in _with_document_last(Path(folder), document):
+                write_file(document.with_name(file.name), file.read_bytes())
+        return
+    part = part_of(document.with_name(f".{document.name}"))
     try:
-        shutil.rmtree(part, ignore_errors=True)  # of a run that was killed
+        clear_parts(document.parent, f".{document.name}")
         make_folder(part)
         yield part
         document.unlink(missing_ok=True)
-        for file in sorted(part.iterdir(), key=lambda file: (file.name == document.name, file)):
+        for file in _with_document_last(part, document):
             file.replace(document.with_name(file.name))
         fsync_directory(document.parent)
     except OSError as error:
         raise ApplicationError(f"cannot write {document}: {error.strerror}") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def _with_document_last(folder: Path, document: Path) -> list[Path]:
+    return sorted(folder.iterdir(), key=lambda file: (file.name == document.name, file))
 
 
 def require_pdf() -> None:

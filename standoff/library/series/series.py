@@ -104,6 +104,7 @@ def find_changes_of_series(
     limit: DetectionLimitOptions | None = None,
     count_moved: bool = False,
     report: FilePath | None = None,
+    parquet: bool = False,
     sweep: SweepOptions | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
@@ -125,6 +126,8 @@ def find_changes_of_series(
         As in ``find_changes``.
     report
         Where the page goes, besides the folder.
+    parquet
+        Whether the table is also written as Parquet, which needs pyarrow.
     sweep
         Who works, and on what part; by default this process, on all.
     reading, progress
@@ -199,10 +202,10 @@ def find_changes_of_series(
         tables = SeriesTables(
             out=folder,
             table=CHANGES_TABLE,
-            columns=tuple(ComparedFollowup.model_fields),
             listed=ComparedFollowup.model_validate,
             badness=lambda row: row["changed_px"],
             document=document,
+            has_parquet=parquet,
             others=(TIME_LINE_NAME, PAGE_NAME),
             finish=lambda rows, document: _write_pages(
                 call, (folder, page), document, rows, None if shared is None else shared.grey_dn
@@ -223,6 +226,7 @@ def judge_poses(
     psf: PsfLike | None = None,
     hints: AlignmentHints | RegistrationHints | None = None,
     focus_scatter_px2: float | None = None,
+    parquet: bool = False,
     sweep: SweepOptions | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
@@ -239,6 +243,8 @@ def judge_poses(
         Folder for the results.
     curve, min_d_prime, choice, criterion, psf, hints, focus_scatter_px2
         As in ``judge_pose``.
+    parquet
+        Whether the table is also written as Parquet, which needs pyarrow.
     sweep
         Who works, and on what part; by default this process, on all.
     reading, progress
@@ -295,10 +301,11 @@ def judge_poses(
         tables = SeriesTables(
             out=folder,
             table=POSES_TABLE,
-            columns=tuple(name for name in JudgedFollowup.model_fields if name != "homography"),
+            left_out=("homography",),
             listed=JudgedFollowup.model_validate,
             badness=lambda row: -row["dprime_decisive"],
             document=document,
+            has_parquet=parquet,
         )
         return replace(run_series(call, work, manifest, tables, sweep), notes=call.notes)
 

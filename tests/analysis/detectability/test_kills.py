@@ -77,6 +77,6 @@ def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
     summary, found = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=state))
     assert summary.found_done > 0
     assert bits(found) == bits(expected)
-    found.drop_others(state)
+    found.tidy()
     again, _ = swept(paths, ArtefactWork(plan=PLAN, load=never, folder=state))
     assert again.found_done == 300

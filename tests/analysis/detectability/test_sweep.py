@@ -7,23 +7,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.session import atomic_write
 from analysis.detectability.artefact import ArtefactTiles
 from analysis.detectability.dprime import d_primes, scene_artefact
+from analysis.detectability.kept_sums import SweepSums
 from analysis.detectability.local import local_changes
 from analysis.detectability.scenario import Scenario
 from analysis.detectability.signal import GaussianSignal
-from analysis.detectability.sums import ArtefactSums, SumsFile, added, sums_bytes
+from analysis.detectability.sums import (
+    ArtefactSums,
+    KeptPhotographs,
+    MeasuredPhotograph,
+    SummedPhotographs,
+    SumsFile,
+    sums_bytes,
+)
 from analysis.detectability.sweep import (
     ArtefactWork,
     SceneImage,
     SweepPlan,
-    SweepSums,
     scene_sums,
     tiles_per_side,
 )
 from analysis.errors import AnalysisError, RefusedPhotographError, ResultsFileError
-from analysis.sweep import Manifest, ShardDone, SweepOptions, SweepSummary, run_sweep
+from analysis.sweep import Manifest, SweepOptions, SweepSummary, run_sweep
 from analysis.sweep.shards import blocks_of
 from simulation import GaussianPsf
 
@@ -115,17 +121,19 @@ def test_many_photographs_are_64_groups_whose_sum_is_theirs(
 ) -> None:
     summary, sums = swept(many, work_in(tmp_path / "state"))
     assert summary.images == sums.images == 300
-    whole = added(scene_sums(load(path).grey_dn, PLAN) for path in many)
-    assert whole is not None
+    own = [scene_sums(load(path).grey_dn, PLAN) for path in many]
     for model in range(2):
         for zoom, tiles in enumerate(sums.artefacts(model)):
             assert 60 <= len(tiles.pixels) <= 64  # of 64, e^-4.7 are empty
-            one = whole.artefact(model, zoom)
+            each = [one.artefact(model, zoom) for one in own]
             # 300 additions in another order.
             np.testing.assert_allclose(
-                tiles.products_dn2.sum(axis=0), one.products_dn2[0], rtol=1e-10, atol=1e-6
+                tiles.products_dn2.sum(axis=0),
+                sum(one.products_dn2[0] for one in each),
+                rtol=1e-10,
+                atol=1e-6,
             )
-            assert tiles.pixels.sum() == pytest.approx(one.pixels.sum(), rel=1e-12)
+            assert tiles.pixels.sum() == sum(one.pixels.sum() for one in each)
 
 
 @pytest.mark.slow
@@ -155,7 +163,7 @@ def test_what_is_done_is_found_and_takes_one_file_a_block(
     summary, sums = swept(many, work_in(tmp_path / "state", never))
     assert summary.found_done == 300
     assert bits(sums) == expected
-    sums.drop_others(tmp_path / "state")
+    sums.tidy()
     assert sorted((tmp_path / "state").glob("*.sums")) == sorted(files)
 
 
@@ -186,13 +194,38 @@ def test_a_merge_that_was_killed_before_it_deleted_is_ended_by_the_next_run(
         for shard in shards:
             work(shard)
         before = {path: path.read_bytes() for path in work.folder.glob("*.sums")}
-        work.commit_block(shards)
+        work.commit_block(shards, shards)
         for path, data in before.items():
             path.write_bytes(data)
     summary, sums = swept(many, work)
     assert summary.found_done == sum(len(shard.items) for shard in shards)
     assert bits(sums) == expected
+    sums.tidy()
     assert not any(path.exists() for path in before)
+    assert bits(sums) == expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("before", [127, 128, 250, 298])
+def test_only_what_is_new_is_measured_however_many_there_were(
+    many: list[Path], expected: list[bytes], tmp_path: Path, before: int
+) -> None:
+    swept(many[:before], work_in(tmp_path / "state"))
+    opened: list[Path] = []
+
+    def noted(path: Path) -> SceneImage:
+        opened.append(path)
+        return load(path)
+
+    summary, sums = swept(many, work_in(tmp_path / "state", noted))
+    assert sorted(opened) == many[before:]
+    assert (summary.images, summary.found_done) == (300, before)
+    assert bits(sums) == expected
+    sums.tidy()
+    assert len(list((tmp_path / "state").glob("*.sums"))) <= 64
+    again, sums = swept(many, work_in(tmp_path / "state", never))
+    assert again.found_done == 300
+    assert bits(sums) == expected
 
 
 @pytest.mark.slow
@@ -239,7 +272,7 @@ def test_another_plan_is_measured_anew_and_what_is_no_longer_used_deleted(
     summary, sums = swept(few, other)
     assert summary.found_done == 0
     assert len(list(work.folder.glob("*.sums"))) == 10
-    sums.drop_others(work.folder)
+    sums.tidy()
     assert len(list(work.folder.glob("*.sums"))) == 5
 
 
@@ -252,17 +285,21 @@ def test_a_file_gives_back_each_model_as_it_was(tmp_path: Path) -> None:
     sums = ArtefactSums(
         products_dn2=rng.normal(size=(3, 2, 4, 5, 9)), pixels=rng.uniform(size=(3, 2, 4))
     )
-    done = ShardDone(images=1, refused=("a: no image",), notes={"kind": "sentence"})
+    one = MeasuredPhotograph(path="b", sha256="0", encoding="linear", mean_dn=0.1, item=2**63 + 1)
+    kept = KeptPhotographs(
+        work="w", group=5, measured=[one], refused={7: "a: no image"}, notes={"kind": "sentence"}
+    )
+    whole = SummedPhotographs()
+    whole.add(sums)
     path = tmp_path / "one.sums"
-    atomic_write(path, sums_bytes({7: done}, sums, []))
+    path.write_bytes(sums_bytes(whole, kept))
     file = SumsFile.found(path)
     assert file is not None
-    assert file.shards() == {7: done}
+    assert file.photographs() == kept
     for model in range(3):
-        one = file.sums(model)
-        assert one is not None
-        np.testing.assert_array_equal(one.products_dn2[0], sums.products_dn2[model])
-        np.testing.assert_array_equal(one.pixels[0], sums.pixels[model])
+        [products], pixels = file.sums(model)
+        np.testing.assert_array_equal(products[0], sums.products_dn2[model])
+        np.testing.assert_array_equal(pixels[0], sums.pixels[model])
     assert SumsFile.found(tmp_path / "none.sums") is None
 
 

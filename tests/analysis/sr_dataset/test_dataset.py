@@ -206,6 +206,39 @@ def test_a_further_photograph_leaves_the_pairs_of_its_shard_as_they_are(
     assert len(manifest_of(out)) == 151 * 4
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", ["folder", "webdataset"])
+@pytest.mark.parametrize("before", [127, 140])
+def test_photographs_that_came_later_end_as_one_run_and_only_they_are_read(
+    photographs: Path,
+    tmp_path: Path,
+    layout: str,
+    before: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own, grown, whole = (tmp_path / name for name in ("photographs", "grown", "whole"))
+    own.mkdir()
+    named = sorted(photographs.iterdir())
+    for path in named[:before]:
+        shutil.copy2(path, own)
+    write(grown, own, format=layout)
+    for path in named[before:]:
+        shutil.copy2(path, own)
+    opened: list[str] = []
+
+    def noted(path: Path, options: ReadOptions) -> object:
+        opened.append(path.name)
+        return read_image(path, options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("standoff.library.sr_pairs.read_image", noted)
+        done = write(grown, own, format=layout)
+    assert sorted(opened) == [path.name for path in named[before:]]
+    assert done.images_found_done == before
+    write(whole, own, format=layout)
+    assert files_of(grown) == files_of(whole)
+
+
 def test_of_photographs_with_the_same_content_one_is_cut(photographs: Path, tmp_path: Path) -> None:
     own, out = tmp_path / "photographs", tmp_path / "pairs"
     call = Call("training_pairs")

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.sweep.commits import commit_file
+from acquisition.session import commit_file
 from analysis.sweep.shards import Shard, ShardDone, ShardWork
 
 

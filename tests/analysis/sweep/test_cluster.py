@@ -1,6 +1,8 @@
 import os
 import signal
 import socket
+import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -208,10 +210,7 @@ def test_when_no_worker_comes_back_the_sweep_ends_and_keeps_what_was_done(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    shorter = {
-        "distributed.deploy.lost-worker-timeout": "1 ms",
-        "distributed.scheduler.no-workers-timeout": "1 s",
-    }
+    shorter = {"distributed.deploy.lost-worker-timeout": "1 ms"}
     assert shorter.keys() <= cluster._CONFIG.keys()
     monkeypatch.setattr(cluster, "_CONFIG", cluster._CONFIG | shorter)
     state = tmp_path / "state"
@@ -219,10 +218,36 @@ def test_when_no_worker_comes_back_the_sweep_ends_and_keeps_what_was_done(
     work = KillsTwice(state)
     with Manifest(paths, state) as manifest:
         with pytest.raises(SweepError) as gone:
-            run_sweep(manifest, work, SweepOptions(workers=2))
+            run_sweep(manifest, work, SweepOptions(workers=2, workers_gone_s=1))
         kept = {path: path.stat().st_mtime_ns for path in state.glob("*.shard")}
         assert run_sweep(manifest, work).images == 200
     assert "the workers are gone and none came back within 1 s" in str(gone.value)
     assert 0 < len(kept) < len(expected)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert work.committed() == expected
+
+
+def test_a_cluster_of_others_whose_workers_are_all_gone_is_not_waited_for(
+    paths: list[Path], expected: dict[str, bytes], tmp_path: Path
+) -> None:
+    """Such a scheduler knows none of our settings, and keeps what waits for a worker for ever."""
+    work = work_in(tmp_path / "state", delay_s=0.05)
+    with (
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+        ) as other,
+        Manifest(paths, work.state) as manifest,
+    ):
+
+        def send_home() -> None:
+            while not work.committed():
+                time.sleep(0.01)
+            other.scale(0)
+
+        sending = threading.Thread(target=send_home)
+        sending.start()
+        options = SweepOptions(scheduler=other.scheduler_address, workers_gone_s=1)
+        with pytest.raises(SweepError, match="none came back within 1 s"):
+            run_sweep(manifest, work, options)
+        sending.join()
+        assert 0 < len(work.committed()) < len(expected)

@@ -13,6 +13,7 @@ import tifffile
 import standoff
 from analysis.errors import ResultsFileError
 from analysis.evaluation.change_pairs import labelled_pairs, read_change_pairs, work as pairs_work
+from analysis.sweep import shards
 from standoff.errors import ApplicationError
 
 TASK = standoff.ChangePairsTask(pairs=2, crop_px=48, zooms=(1.0, 1.5), model="matched", seed=3)
@@ -59,6 +60,30 @@ def test_interrupted_and_resumed_it_is_the_same_bits_as_in_one_go(
     assert resumed.dataset.files == whole.dataset.files
     again = standoff.change_pairs(photographs, tmp_path / "resumed", PSF, TASK)
     assert again.photographs.found_done == 9
+
+
+@pytest.mark.slow
+def test_only_new_photographs_are_cut_however_the_others_were_put_together(
+    photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, cut = labelled_pairs, []
+
+    def noted(*given: Any) -> Any:
+        cut.append(given[1])
+        return real(*given)
+
+    monkeypatch.setattr(pairs_work, "labelled_pairs", noted)
+    monkeypatch.setattr(shards, "is_few", lambda images: images < 6)
+    monkeypatch.setattr(shards, "GROUPS", 1)
+    monkeypatch.setattr(shards, "_GROUP_BITS", 0)
+    files = [photographs / f"{number}.tif" for number in range(6)]
+    standoff.change_pairs(files[:4], tmp_path / "grown", PSF, TASK)
+    grown = standoff.change_pairs(files, tmp_path / "grown", PSF, TASK)
+    assert grown.photographs.found_done == 4
+    assert len(cut) == len(set(cut)) == 6
+    whole = standoff.change_pairs(files, tmp_path / "whole", PSF, TASK)
+    assert contents(tmp_path / "grown") == contents(tmp_path / "whole")
+    assert grown.dataset.files == whole.dataset.files
 
 
 @pytest.mark.slow(minutes=0.3)

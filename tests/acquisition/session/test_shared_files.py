@@ -1,0 +1,49 @@
+import os
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from acquisition.session.shared_files import clear_parts, part_of, whole_file
+
+LETTERS = "0123456789abcdef" * 2
+
+
+def test_writers_of_one_file_have_parts_of_their_own_and_the_last_wins(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    with whole_file(path) as one, whole_file(path) as other:
+        one.write(b"first")
+        other.write(b"second")
+        assert len(list(tmp_path.iterdir())) == 2
+    assert path.read_bytes() == b"first"  # its block ended last
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_parts_of_those_that_write_stay_and_of_those_that_were_killed_go(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    here, elsewhere = socket.gethostname(), f"not-{socket.gethostname()}.lab"
+    living = part_of(tmp_path / "mine.tar")
+    dead = tmp_path / f"killed.tar.{here}.{ended.pid}.{LETTERS}.part"
+    foreign = tmp_path / f"a.tar.{elsewhere}.{ended.pid}.{LETTERS}.part"
+    abandoned = tmp_path / f"b.tar.{elsewhere}.{os.getpid()}.{LETTERS}.part"
+    unsigned = tmp_path / "c.tar.0a1b.part"
+    for part in (living, dead, foreign, abandoned, unsigned):
+        part.touch()
+    two_hours_ago_s = time.time() - 7200
+    for part in (living, abandoned):
+        os.utime(part, (two_hours_ago_s, two_hours_ago_s))
+    clear_parts(tmp_path)
+    assert set(tmp_path.iterdir()) == {living, foreign}
+
+
+def test_an_error_leaves_the_file_as_it_was_and_no_part(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_bytes(b"before")
+    with pytest.raises(TypeError), whole_file(path) as file:
+        file.writelines([b"half", "no bytes"])  # type: ignore[list-item]
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
