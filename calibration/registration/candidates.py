@@ -155,7 +155,7 @@ def judged(
     than ``least_evidence`` at the coarse resolution is not looked at any closer.
     """
     start = pair.directed(pair.pose_of(hypothesis.matrix))
-    factor = comparison_factor(start.target.shape)
+    factor = comparison_factor(start.pose)
     coarse_to_fine = _coarse_to_fine(start.target, factor)
     zoom = start.pose.zoom
     if not (zoom * coarse_to_fine[0] < min(start.source.shape)):

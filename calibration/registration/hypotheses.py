@@ -34,8 +34,8 @@ _ZOOM_TOLERANCE = 0.3
 
 _SCALE_TOLERANCE = 0.7
 _ZOOM_RANGE = (1 / 8, 8.0)
-_ANISOTROPY_MAX = 4.0
-"""Ratio of the largest to the smallest local zoom: a tilt by 75 degrees."""
+_ANISOTROPY_MAX = 8.0
+"""Ratio of the largest to the smallest local zoom: one by 75 degrees against one by 60 across."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

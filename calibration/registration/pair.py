@@ -26,6 +26,7 @@ from calibration.registration.hints import RegistrationHints
 from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
 from calibration.registration.reference import RegistrationReference
 from calibration.registration.search import searched_poses
+from calibration.registration.tilted_views import tilted_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
 
@@ -155,6 +156,8 @@ def _hypotheses(
         far = features_of(followup.levels, followup.usable, is_closer_look=is_closer_look)
         yield from feature_poses(near, far, zoom)
     yield from searched_poses(pair.reference, pair.followup, zoom)
+    plain = reference.features(is_closer_look=False), features_of(followup.levels, followup.usable)
+    yield from tilted_poses((pair.reference, followup), plain, zoom)
 
 
 def _refuse_without_detail(pair: PhotographPair) -> None:

@@ -101,7 +101,7 @@ def refined_pose(
     is_one_camera
         Whether both are whole frames of one camera, whose distortion may be fitted.
     """
-    factor = 2 * comparison_factor(photographs[1].shape)
+    factor = 2 * comparison_factor(start)
     best: RefinedPose | None = None
     pose = start
     while factor > 1:
