@@ -89,7 +89,7 @@ def _of_reference(found: PoseHypothesis, view: FloatArray) -> PoseHypothesis:
     matches = found.matches
     if matches is not None:
         matches = FeatureMatches(matches.followup_px, _moved(view, matches.reference_px))
-    return PoseHypothesis(matrix=view @ found.matrix, matches=matches)
+    return PoseHypothesis(matrix=view @ found.matrix, matches=matches, is_tilted=True)
 
 
 def _of_followup(found: PoseHypothesis, view: FloatArray) -> PoseHypothesis:
@@ -97,7 +97,8 @@ def _of_followup(found: PoseHypothesis, view: FloatArray) -> PoseHypothesis:
     matches = found.matches
     if matches is not None:
         matches = FeatureMatches(_moved(view, matches.followup_px), matches.reference_px)
-    return PoseHypothesis(matrix=found.matrix @ np.linalg.inv(view), matches=matches)
+    matrix = np.asarray(found.matrix @ np.linalg.inv(view))
+    return PoseHypothesis(matrix=matrix, matches=matches, is_tilted=True)
 
 
 def _moved(matrix: FloatArray, points_px: FloatArray) -> FloatArray:

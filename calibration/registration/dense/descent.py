@@ -110,6 +110,8 @@ def refined_pose(
         found = _best_fit(level, pose, is_one_camera=is_one_camera)
         if found is None or strays(found.pose, start, matches):
             continue
+        if not found.pose.zoom * factor < min(photographs[0].shape):
+            continue  # went astray: one pixel of the target covers the source; or no number
         if _is_worse(photographs, found.pose, pose, factor):
             continue
         # Noise alone makes a finer resolution tell less; a scene that is not planar need not
