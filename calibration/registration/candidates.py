@@ -31,8 +31,8 @@ _CLEAR_SIGNIFICANCE = 10.0
 
 _TILTED_CORRELATION = 0.5
 """What is foreshortened a lot agrees by chance in stripes, and then at other shifts as well: two
-wrong poses had .41 and .47 with rivals of .8 and .67 of that, the true ones .61 and more with rivals
-of .3 at most."""
+wrong poses had .41 and .47 with rivals of .8 and .67 of that, true ones .61 and more with rivals of
+.3 at most."""
 
 _OPEN_SIGNIFICANCE = 3.5
 _OPEN_MATCHES = 12
@@ -117,16 +117,22 @@ class Candidate:
     @property
     def is_significant(self) -> bool:
         """Whether chance does not explain the agreement."""
-        found = self.agreement
-        if self.hypothesis.is_tilted:
-            return (
-                found.significance >= _CLEAR_SIGNIFICANCE
-                and found.correlation >= _TILTED_CORRELATION
-                and found.rival_correlation < _RIVAL_CORRELATION * found.correlation
-            )
-        return (
-            found.significance >= SIGNIFICANCE_MIN and found.correlation >= _CORRELATION_MIN
-        )
+        return not self.missing
+
+    @property
+    def missing(self) -> str:
+        """What the agreement lacks, in words; empty where chance does not explain it."""
+        found, is_tilted = self.agreement, self.hypothesis.is_tilted
+        needed = _CLEAR_SIGNIFICANCE if is_tilted else SIGNIFICANCE_MIN
+        least = _TILTED_CORRELATION if is_tilted else _CORRELATION_MIN
+        if not found.significance >= needed:
+            sigmas = f"{found.significance:.1f} standard deviations above chance"
+            return f"{sigmas}, {needed:g} are needed"
+        if not found.correlation >= least:
+            return f"{least:g} is needed"
+        if is_tilted and not found.rival_correlation < _RIVAL_CORRELATION * found.correlation:
+            return f"{found.rival_correlation:.2f} at another shift"
+        return ""
 
     @property
     def rank(self) -> tuple[bool, float]:

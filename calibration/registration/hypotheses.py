@@ -43,8 +43,8 @@ class PoseHypothesis:
     """A homography from the follow-up to the reference and the matches that speak for it.
 
     ``is_given`` by the operator; ``is_expected`` where the expected zoom about the middle of both
-    frames puts it: of several periods of a scene, that one. ``is_tilted`` where it is of a view from
-    aside: of many, so that more is asked of it.
+    frames puts it: of several periods of a scene, that one. ``is_tilted`` where it is of a view
+    from aside: of many, so that more is asked of it.
     """
 
     matrix: FloatArray

@@ -12,7 +12,6 @@ import numpy as np
 
 from calibration.errors import RegistrationError
 from calibration.registration.candidates import (
-    SIGNIFICANCE_MIN,
     Candidate,
     Choice,
     DirectedPose,
@@ -187,8 +186,7 @@ def _not_found(choice: Choice | None) -> RegistrationError:
     agreement = choice.best.agreement
     return RegistrationError(
         f"no pose was found at which the photographs agree (best correlation "
-        f"{agreement.correlation:.2f}, {agreement.significance:.1f} standard deviations above "
-        f"chance, {SIGNIFICANCE_MIN:g} are needed); {_REMEDIES}",
+        f"{agreement.correlation:.2f}, {choice.best.missing}); {_REMEDIES}",
         reason="low_correlation",
         correlation=agreement.correlation,
     )

@@ -109,9 +109,7 @@ def _views(photograph: AlignedPhotograph) -> Iterator[_TiltedView]:
     rows, cols = photograph.shape
     factor = max(round(sqrt(rows * cols / _WORKED_ON_PX)), 1)
     small = photograph.reduced(factor)
-    whole = np.array(
-        [[factor, 0, (factor - 1) / 2], [0, factor, (factor - 1) / 2], [0, 0, 1.0]]
-    )
+    whole = np.array([[factor, 0, (factor - 1) / 2], [0, factor, (factor - 1) / 2], [0, 0, 1.0]])
     for tilt, turns in _VIEWS:
         for number in range(turns):
             view = _seen_aside(small, tilt, number * pi / turns)

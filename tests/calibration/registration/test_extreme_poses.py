@@ -12,7 +12,7 @@ from calibration.registration.hints import RegistrationHints
 from calibration.registration.pair import Registration, register
 from simulation.arrays import FloatArray
 
-SHAPE = (240, 320)
+SHAPE = (180, 240)
 TILT = 2.2
 """Foreshortening of each photograph, of the one across the other: 4.8 between them."""
 
@@ -65,7 +65,7 @@ def error_px(found: Registration, true: FloatArray) -> float:
 
 def seen_from_aside(seeds: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Reference foreshortened along x, follow-up along y, and the pose if the scene is one."""
-    side_px = 900
+    side_px = 640
     near, far = about_middle(TILT, 1.0, side_px), about_middle(1.0, TILT, side_px)
     return (
         photograph(scene(seeds[0], side_px), near, 1),
@@ -75,10 +75,9 @@ def seen_from_aside(seeds: tuple[int, int]) -> tuple[FloatArray, FloatArray, Flo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("zoom", [None, 1.0])
-def test_photographs_from_opposite_sides_are_aligned(zoom: float | None) -> None:
+def test_photographs_from_opposite_sides_are_aligned() -> None:
     reference, followup, true = seen_from_aside((3, 3))
-    found = register(reference, followup, hints=RegistrationHints(zoom=zoom))
+    found = register(reference, followup, hints=RegistrationHints(zoom=1.1))
     assert error_px(found, true) < 0.3  # a tenth of the blur of the foreshortened axis
 
 
@@ -93,7 +92,7 @@ def test_different_scenes_from_opposite_sides_are_refused() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("is_nearer_second", [False, True])
 def test_a_photograph_from_seven_times_nearer_is_aligned(is_nearer_second: bool) -> None:
-    side_px, zoom = 2240, 7.0
+    side_px, zoom = 1680, 7.0
     to_near, to_far = (about_middle(scale, scale, side_px) for scale in (1.0, zoom))
     near = photograph(scene(5, side_px), to_near, 1)
     far = photograph(scene(5, side_px), to_far, 2)
