@@ -21,7 +21,7 @@ from calibration.registration.hypotheses import PoseHypothesis, is_plausible
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 
-SIGNIFICANCE_MIN = 6.0
+_SIGNIFICANCE_MIN = 6.0
 """Standard deviations. Of 180 pairs of unrelated scenes none exceeded 3, of related ones none fell
 below 13."""
 
@@ -123,7 +123,7 @@ class Candidate:
     def missing(self) -> str:
         """What the agreement lacks, in words; empty where chance does not explain it."""
         found, is_tilted = self.agreement, self.hypothesis.is_tilted
-        needed = _CLEAR_SIGNIFICANCE if is_tilted else SIGNIFICANCE_MIN
+        needed = _CLEAR_SIGNIFICANCE if is_tilted else _SIGNIFICANCE_MIN
         least = _TILTED_CORRELATION if is_tilted else _CORRELATION_MIN
         if not found.significance >= needed:
             sigmas = f"{found.significance:.1f} standard deviations above chance"
