@@ -4,7 +4,8 @@ Pairs at zooms of 0.5 to 2.5, tilted by up to 15 degrees, turned by any angle, s
 30 %, with at least a third in common; contrasts of 5 to 60 DN, 8 and 12 bit, noise up to 3 DN. The
 error is the rms over the overlap of reference positions, in px; ``bound`` is the Cramer-Rao bound
 from the slopes of the noise-free follow-up, for a homography, gain and offset. The peer is
-OpenCV's SIFT and MAGSAC alone.
+OpenCV's SIFT and MAGSAC alone. Then pairs of which one is 6.5 times nearer, either way, and such
+pairs of two scenes, none of which may be aligned.
 
     python -m benchmarks.bench_alignment [--pairs 200] [--width-px 780] [--seed 5000] [--hints 5]
 """
@@ -36,6 +37,8 @@ BORDER_PX = 3
 POINT_ERROR_PX = 1.5
 RATIO = 0.8
 TOLERANCE_PX = 3.0
+EXTREME_ZOOM = 6.5
+EXTREME_FRAME = (400, 600)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -208,6 +211,45 @@ def main() -> None:
         frame = (round(given.width_px * 580 / 780), given.width_px)
         cases = (case(number, frame, given.seed) for number in range(given.pairs))
         judge(record, cases, given.hints)
+        judge_extremes(record, record.pick(tuple(SCENES), ("text",)))
+
+
+def judge_extremes(record: Recorder, kinds: tuple[str, ...]) -> None:
+    """Print what becomes of pairs that have a fortieth of one photograph in common, or nothing."""
+    aligned, wrong = 0, 0
+    kinds = tuple(kind for kind in kinds if kind != "tiled")
+    for number, kind in enumerate(kinds):
+        pose = PairPose(zoom=EXTREME_ZOOM, turn_deg=2.0, shift=(0.03, -0.02))
+        one, other = (
+            pair_of(scene(kind, EXTREME_FRAME, seed, contrast_dn=30.0), EXTREME_FRAME, pose)
+            for seed in (number, 100 + number)
+        )
+        how = Development(noise_dn=1.5, bits=8)
+        near, far = one.developed(how, how, number)
+        for reference, followup, is_nearer_second in ((near, far, False), (far, near, True)):
+            try:
+                found = register(reference, followup)
+            except RegistrationError:
+                record.say(f"zoom {EXTREME_ZOOM:g}, {kind}: refused")
+                continue
+            turned = found.pose.inverse() if is_nearer_second else found.pose
+            y, x = turned.followup_places_px()
+            error_px = one.error_px(x, y) / EXTREME_ZOOM
+            # The further photograph is wider than the scene is until it repeats.
+            is_warned = any("repeats" in text for text in found.warnings)
+            aligned += error_px < 0.5
+            wrong += error_px >= 0.5 and not is_warned
+            remark = ", warned that the scene repeats" if is_warned else ""
+            record.say(f"zoom {EXTREME_ZOOM:g}, {kind}: {error_px:.3f} px of the further{remark}")
+        try:
+            register(near, other.developed(how, how, number)[1])
+        except RegistrationError:
+            continue
+        wrong += 1
+        record.say(f"zoom {EXTREME_ZOOM:g}, {kind}: another scene is aligned")
+    record.figure(f"pairs aligned at a zoom of {EXTREME_ZOOM:g}, of {2 * len(kinds)}", aligned, "")
+    if wrong:
+        sys.exit(f"{wrong} extreme pairs are silently wrong")
 
 
 def judge(record: Recorder, cases: Iterable[Case], hinted_each: int) -> None:

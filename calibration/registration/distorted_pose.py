@@ -8,10 +8,11 @@ import numpy as np
 
 from calibration.registration.displacement import SmoothDisplacement
 from calibration.registration.feature_matches import FeatureMatches
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 from simulation.pose import lens_of, warped
 
 _GRID = 21
+_OVERLAP_GRID = 48
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -52,6 +53,21 @@ class DistortedPose:
         """Reference pixels that a step along a row or column passes there; of the two, the more."""
         ax, ay, dx, dy = self._steps_px
         return float(max(np.hypot(ax, ay), np.hypot(dx, dy)))
+
+    @property
+    def overlap(self) -> float:
+        """Share of the follow-up that the reference shows, to about a thousandth."""
+        rows, cols = self.followup_shape
+        y, x = np.meshgrid(
+            np.linspace(0.0, rows - 1.0, _OVERLAP_GRID), np.linspace(0.0, cols - 1.0, _OVERLAP_GRID)
+        )
+        return float(np.mean(self.shows(*self.to_reference_px(y, x), margin=0.0)))
+
+    def shows(self, y_px: FloatArray, x_px: FloatArray, margin: float) -> BoolArray:
+        """Whether positions lie in the reference, or within a share of its size around it."""
+        rows, cols = self.reference_shape
+        inside = (y_px >= -margin * rows) & (y_px <= rows - 1 + margin * rows)
+        return inside & (x_px >= -margin * cols) & (x_px <= cols - 1 + margin * cols)
 
     @property
     def _steps_px(self) -> tuple[float, float, float, float]:

@@ -34,8 +34,8 @@ _ZOOM_TOLERANCE = 0.3
 
 _SCALE_TOLERANCE = 0.7
 _ZOOM_RANGE = (1 / 8, 8.0)
-_ANISOTROPY_MAX = 4.0
-"""Ratio of the largest to the smallest local zoom: a tilt by 75 degrees."""
+_ANISOTROPY_MAX = 8.0
+"""Ratio of the largest to the smallest local zoom: one by 75 degrees against one by 60 across."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -43,13 +43,15 @@ class PoseHypothesis:
     """A homography from the follow-up to the reference and the matches that speak for it.
 
     ``is_given`` by the operator; ``is_expected`` where the expected zoom about the middle of both
-    frames puts it: of several periods of a scene, that one.
+    frames puts it: of several periods of a scene, that one. ``is_tilted`` where it is of a view
+    from aside: of many, so that more is asked of it.
     """
 
     matrix: FloatArray
     matches: FeatureMatches | None = field(default=None, repr=False)
     is_given: bool = False
     is_expected: bool = False
+    is_tilted: bool = False
 
 
 def given_poses(hints: RegistrationHints) -> Iterator[PoseHypothesis]:

@@ -12,7 +12,6 @@ import numpy as np
 
 from calibration.errors import RegistrationError
 from calibration.registration.candidates import (
-    SIGNIFICANCE_MIN,
     Candidate,
     Choice,
     DirectedPose,
@@ -26,6 +25,7 @@ from calibration.registration.hints import RegistrationHints
 from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
 from calibration.registration.reference import RegistrationReference
 from calibration.registration.search import searched_poses
+from calibration.registration.tilted_views import tilted_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
 
@@ -155,6 +155,8 @@ def _hypotheses(
         far = features_of(followup.levels, followup.usable, is_closer_look=is_closer_look)
         yield from feature_poses(near, far, zoom)
     yield from searched_poses(pair.reference, pair.followup, zoom)
+    plain = reference.features(is_closer_look=False), features_of(followup.levels, followup.usable)
+    yield from tilted_poses((pair.reference, followup), plain, zoom)
 
 
 def _refuse_without_detail(pair: PhotographPair) -> None:
@@ -184,8 +186,7 @@ def _not_found(choice: Choice | None) -> RegistrationError:
     agreement = choice.best.agreement
     return RegistrationError(
         f"no pose was found at which the photographs agree (best correlation "
-        f"{agreement.correlation:.2f}, {agreement.significance:.1f} standard deviations above "
-        f"chance, {SIGNIFICANCE_MIN:g} are needed); {_REMEDIES}",
+        f"{agreement.correlation:.2f}, {choice.best.missing}); {_REMEDIES}",
         reason="low_correlation",
         correlation=agreement.correlation,
     )

@@ -19,6 +19,11 @@ from simulation.arrays import BoolArray, Float32Array, FloatArray
 _LONG_SIDE_PX = 192
 """Of the coarser photograph, reduced: what a scene has in common is told at this size."""
 
+_OVERLAP_PX = 2000
+_FINER_MOST = 4
+"""An overlap of fewer pixels is compared at up to four times the resolution: of a photograph from
+six times nearer, the whole frame's resolution leaves 30 x 20 pixels, of which none can be told."""
+
 _WINDOW_PX = 21
 _SHARED_LEAST = 0.35
 """Share of the overlap that a shift must keep to be compared."""
@@ -62,11 +67,15 @@ class Agreement:
         return -0.5 * self.overlap * log(1 - square)
 
 
-def comparison_factor(shape: tuple[int, int]) -> int:
-    """Power of two by which a photograph is reduced to be judged."""
+def comparison_factor(pose: DistortedPose) -> int:
+    """Power of two by which the target is reduced to be judged at a pose, target to source."""
+    rows, cols = pose.followup_shape
     factor = 1
-    while max(shape) / factor > 1.5 * _LONG_SIDE_PX:
+    while max(rows, cols) / factor > 1.5 * _LONG_SIDE_PX:
         factor *= 2
+    shared_px, least = pose.overlap * rows * cols, max(factor // _FINER_MOST, 1)
+    while factor > least and shared_px < _OVERLAP_PX * factor**2:
+        factor //= 2
     return factor
 
 

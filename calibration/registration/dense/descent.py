@@ -101,7 +101,7 @@ def refined_pose(
     is_one_camera
         Whether both are whole frames of one camera, whose distortion may be fitted.
     """
-    factor = 2 * comparison_factor(photographs[1].shape)
+    factor = 2 * comparison_factor(start)
     best: RefinedPose | None = None
     pose = start
     while factor > 1:
@@ -110,6 +110,8 @@ def refined_pose(
         found = _best_fit(level, pose, is_one_camera=is_one_camera)
         if found is None or strays(found.pose, start, matches):
             continue
+        if not found.pose.zoom * factor < min(photographs[0].shape):
+            continue  # went astray: one pixel of the target covers the source; or no number
         if _is_worse(photographs, found.pose, pose, factor):
             continue
         # Noise alone makes a finer resolution tell less; a scene that is not planar need not

@@ -22,6 +22,12 @@ _SMOOTHING_PX = 1.0
 """Of both photographs, in pixels of the coarser one: it suppresses what the coarser one aliases."""
 
 _BORDER_PX = 3.0
+_STRIDE_PX = 6.0
+"""Pixels to a sample, beyond which a small overlap is sampled more closely: correlated noise leaves
+about 4 pi smoothing^2 pixels to one that is independent, and detail more."""
+
+_AROUND = 0.25
+"""Of the source's size: how far outside it samples may lie, as the pose is approximate."""
 
 
 class LevelPair:
@@ -58,7 +64,10 @@ class LevelPair:
         near = near.smoothed(*_missing_blur_px(pose, psf, factor, self._source_factor))
         self._coefficients = spline_filter(near.levels, order=3, output=np.float32, mode="reflect")
         self._near_usable = near.usable
-        y, x = _samples(far, samples)
+        y, x = _samples(far, samples, pose.overlap)
+        places = ((at.astype(np.float64) + 0.5) * factor - 0.5 for at in (y, x))
+        near_source = pose.shows(*pose.to_reference_px(*places), margin=_AROUND)
+        y, x = y[near_source], x[near_source]
         self.measured = far.levels[y, x].astype(np.float64)
         self.slope_y, self.slope_x = (_slopes(far.levels, axis)[y, x] / factor for axis in (0, 1))
         self.y_px, self.x_px = ((at.astype(np.float64) + 0.5) * factor - 0.5 for at in (y, x))
@@ -125,10 +134,11 @@ class LevelPair:
         return columns.T
 
 
-def _samples(far: AlignedPhotograph, most: int) -> tuple[IntArray, IntArray]:
-    """Rows and columns of usable pixels, evenly over the frame."""
+def _samples(far: AlignedPhotograph, most: int, overlap: float) -> tuple[IntArray, IntArray]:
+    """Rows and columns of usable pixels, evenly over the frame; more where less is in common."""
     rows, cols = far.shape
     stride = max(rows * cols / most, 1.0)
+    stride = max(stride * overlap, min(stride, _STRIDE_PX))
     # Every so many pixels in reading order; a stride that is no divisor of the width spreads them.
     chosen = np.floor(np.arange(int(rows * cols / stride)) * stride).astype(np.int64)
     y, x = np.divmod(chosen, cols)
