@@ -2,10 +2,29 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 
-class DeviceError(Exception):
+class KeepsFacts:
+    """Mixin of errors whose details go with them to another process.
+
+    Python makes an error anew of its message alone, which those that need details refuse.
+    """
+
+    args: tuple[Any, ...]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _with_facts, (type(self), self.args, dict(vars(self)))
+
+
+def _with_facts(kind: type[Exception], args: tuple[Any, ...], facts: dict[str, Any]) -> Exception:
+    error = kind.__new__(kind)
+    error.args = args
+    vars(error).update(facts)
+    return error
+
+
+class DeviceError(KeepsFacts, Exception):
     """A camera or stage did not do what it was asked to."""
 
 
@@ -49,7 +68,7 @@ class StageNotStoppedError(DeviceError):
     """A stage was told to stop, and nothing says that it did."""
 
 
-class ExportError(Exception):
+class ExportError(KeepsFacts, Exception):
     """A session cannot be written in another format."""
 
 
@@ -152,7 +171,7 @@ SessionFault = Literal[
 ]
 
 
-class SessionError(Exception):
+class SessionError(KeepsFacts, Exception):
     """A session directory cannot be opened, trusted or written.
 
     Parameters

@@ -3,13 +3,14 @@
 from functools import partial
 from typing import Any, Literal
 
+from acquisition.errors import KeepsFacts
 from calibration.errors import DocumentError
 
 DetectorFault = Literal["crashed", "hung", "not_finite", "shape", "missing", "output"]
 """How a detector of changes can fail; an exception that it raises counts as ``crashed``."""
 
 
-class AnalysisError(Exception):
+class AnalysisError(KeepsFacts, Exception):
     """The captures or results do not allow the analysis that was asked for."""
 
 

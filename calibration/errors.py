@@ -2,6 +2,8 @@
 
 from typing import Literal
 
+from acquisition.errors import KeepsFacts
+
 GeometryReason = Literal[
     "no_captures", "several_sizes", "one_height", "not_matched", "heights_reversed", "nothing_left"
 ]
@@ -22,7 +24,7 @@ RegistrationReason = Literal[
 ]
 
 
-class CalibrationError(Exception):
+class CalibrationError(KeepsFacts, Exception):
     """The photographs or files do not allow the measurement that was asked for."""
 
 

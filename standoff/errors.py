@@ -1,11 +1,11 @@
 """Errors of the application itself, and those that every command turns into exit status 1."""
 
-from acquisition.errors import DeviceError, ExportError, SessionError
+from acquisition.errors import DeviceError, ExportError, KeepsFacts, SessionError
 from analysis.errors import AnalysisError
 from calibration.errors import CalibrationError
 
 
-class ApplicationError(Exception):
+class ApplicationError(KeepsFacts, Exception):
     """A command cannot do its work with the files it was given."""
 
 
