@@ -82,7 +82,9 @@ def _covariance(pair: LevelPair, motions: PoseMotions, found: Residuals) -> Floa
 
 def _bounded_inverse(slope: FloatArray, normal: FloatArray) -> FloatArray:
     """Inverse of ``slope``, in no direction more than some times that of ``normal``."""
-    scale = 1 / np.sqrt(np.diag(normal) + 1e-300)
+    known = np.diag(normal)
+    # What no detail tells, such as a shift along stripes, is uncertain beyond any use.
+    scale = 1 / np.sqrt(np.maximum(known, 1e-20 * known.max()))
     root = np.linalg.cholesky(normal * np.outer(scale, scale) + 1e-9 * np.eye(len(normal)))
     whiten = np.linalg.inv(root) * scale
     values, vectors = np.linalg.eigh(whiten @ slope @ whiten.T)

@@ -99,6 +99,15 @@ def test_a_given_pose_without_overlap_is_refused() -> None:
 
 
 @pytest.mark.slow
+def test_detail_on_a_rim_alone_that_tells_no_pose_is_refused() -> None:
+    drawn = np.random.default_rng(0).normal(size=(120, 160)).cumsum(axis=1)
+    rim = np.where(np.arange(160) < 150, 100.0, np.clip(128 + 5 * drawn, 0, 255))
+    with pytest.raises(RegistrationError) as refused:
+        register(rim, rim.copy())
+    assert refused.value.reason == "uncertain"
+
+
+@pytest.mark.slow
 def test_a_tiled_scene_is_warned_of() -> None:
     tile = texture((60, 60), 5)
     scene = np.tile(tile, (6, 7))
