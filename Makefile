@@ -47,7 +47,7 @@ docs: $(FULL)  ## The documentation as a site, in build/site/index.html.
 	$(BIN)/sphinx-build -q -W --keep-going -c docs -b html . build/site
 
 bench: $(FULL)  ## Speed and accuracy beside their peers, as ratios.
-	$(BIN)/python -m benchmarks --page docs/benchmarks.md
+	$(BIN)/python -m benchmarks --jobs 2 --page docs/benchmarks.md
 
 MINUTES ?= 10
 fuzz: $(FULL)  ## Search with new input for what crashes a reader or breaks a property, by the clock.
