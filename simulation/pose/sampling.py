@@ -173,4 +173,4 @@ def _sample_row(
     for j in range(len(out)):
         if not outside[j]:
             down = v0[j], v1[j], v2[j], v3[j], v4[j], v5[j]
-            out[j] = weighted_six_by_six(pixels, corners[j], stride, down, table, part_x[j])
+            out[j] = weighted_six_by_six(pixels, (corners[j], stride), down, table, part_x[j])

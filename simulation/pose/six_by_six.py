@@ -5,8 +5,9 @@ weights are read as one vector of eight, the last two weights being 0. That take
 time of single multiplications, as ``benchmarks/bench_pose.py`` shows.
 """
 
+from collections.abc import Callable
 from math import comb
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from llvmlite import ir
@@ -45,31 +46,34 @@ def weight_table(pieces: FloatArray) -> FloatArray:
     return table
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba has no types
-def weighted_six_by_six(
+@intrinsic
+def _weighted_six_by_six(
     _context: Any,  # noqa: ANN401
     pixels: Any,  # noqa: ANN401
-    first: Any,  # noqa: ANN401
-    stride: Any,  # noqa: ANN401
+    start: Any,  # noqa: ANN401
     down: Any,  # noqa: ANN401
     table: Any,  # noqa: ANN401
     part: Any,  # noqa: ANN401
 ) -> tuple[Any, Any]:
-    """Sum of six rows of ``pixels`` from ``first`` on, each ``stride`` after the last.
-
-    ``down`` are the rows' weights, a tuple; those of the columns are by `weight_table` for the
-    position ``part`` px after the third of them. All have the pixels' dtype.
-    """
-    signature = pixels.dtype(pixels, types.intp, types.intp, down, table, part)
+    indices = types.UniTuple(types.intp, 2)  # type: ignore[no-untyped-call]
+    signature = pixels.dtype(pixels, indices, down, table, part)
     return signature, _emit
+
+
+weighted_six_by_six = cast("Callable[..., float]", _weighted_six_by_six)
+"""Sum of six rows of pixels: ``(pixels, start, down, table, part)``.
+
+``start`` is the first pixel's index and the rows' stride, ``down`` a tuple of the rows' weights;
+those of the columns are by `weight_table` for the position ``part`` px after the third of them. All
+have the pixels' dtype."""
 
 
 def _emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401
     element = context.get_data_type(signature.return_type)
     vector, size = ir.VectorType(element, READ_PX), context.get_abi_sizeof(element)
-    pixels, index, stride, down, table, part = arguments
+    pixels, start, down, table, part = arguments
     pixels = context.make_array(signature.args[0])(context, builder, pixels).data
-    table = context.make_array(signature.args[4])(context, builder, table).data
+    table = context.make_array(signature.args[3])(context, builder, table).data
 
     def repeated(value: Any) -> Any:  # noqa: ANN401
         unset, lanes = ir.Constant(vector, ir.Undefined), ir.VectorType(ir.IntType(32), READ_PX)
@@ -87,12 +91,13 @@ def _emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  #
     part, along = repeated(part), powers[5]
     for power in powers[4::-1]:
         along = plus_product(power, along, part)
+    index, stride = builder.extract_value(start, 0), builder.extract_value(start, 1)
     total = ir.Constant(vector, [0.0] * READ_PX)
     for row in range(6):
         weight = repeated(builder.extract_value(down, row))
         total = plus_product(total, weight, read(pixels, index))
         index = builder.add(index, stride)
-    summed = cgutils.get_or_insert_function(
+    summed = cgutils.get_or_insert_function(  # type: ignore[no-untyped-call]
         builder.module,
         ir.FunctionType(element, [element, vector]),
         f"llvm.vector.reduce.fadd.v{READ_PX}f{8 * size}",
