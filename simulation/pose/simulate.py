@@ -165,7 +165,7 @@ def _window(
         max(top - before, 0) : bottom + after + 1, max(left - before, 0) : right + after + 1
     ]
     window = cv2.copyMakeBorder(
-        inside.astype(table.dtype),
+        np.ascontiguousarray(inside, table.dtype),
         max(before - top, 0),
         max(bottom + after + 1 - rows, 0),
         max(before - left, 0),

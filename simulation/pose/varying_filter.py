@@ -28,6 +28,10 @@ _WORTH_REFINING = 9.0
 """What refinement has been seen to remove of the missed energy, at most."""
 
 _REFINEMENTS = 8
+
+_FOLDING = 4
+"""Terms from which rows at equal distances from the middle are added before they are weighted."""
+
 _PIVOT = 1e-12
 
 
@@ -312,7 +316,9 @@ def _filter(
     values, node, part = weights
     stride, pixels = window.shape[1], window.reshape(-1)
     terms, radius = len(along_y), along_y.shape[1] // 2
-    halves = along_y[:, radius:].copy()
+    # Adding rows above and below the middle first is worth it for several terms.
+    folds = terms >= _FOLDING
+    taps = along_y[:, radius:].copy() if folds else along_y
     sums = np.empty((radius + 1, stride), window.dtype)
     differences = np.zeros((radius + 1 if even < terms else 0, stride), window.dtype)
     columns = np.empty((2, stride), window.dtype)
@@ -321,18 +327,21 @@ def _filter(
         target = out[i]
         target[:] = 0
         share = part[i]
-        _fold_rows(pixels, i * stride, stride, sums, differences)
+        if folds:
+            _fold_rows(pixels, i * stride, stride, sums, differences)
         for t in range(terms):
-            folded = (sums if t < even else differences).reshape(-1)
+            rows = (
+                (sums if t < even else differences).reshape(-1) if folds else pixels[i * stride :]
+            )
             # Two terms of one parity read the same rows.
             second = (t if t < even else t - even) % 2
             if second == 0:
                 if t + 1 == even or t + 1 == terms:
-                    _begin(columns[0], folded, stride, halves[t])
+                    _begin(columns[0], rows, stride, taps[t])
                 else:
-                    _begin_two(columns[0], columns[1], folded, stride, halves[t : t + 2])
+                    _begin_two(columns[0], columns[1], rows, stride, taps[t : t + 2])
             column = columns[second]
-            _add_others(column, folded, stride, halves[t])
+            _add_others(column, rows, stride, taps[t])
             _begin(row, column, 1, along_x[t])
             _add_others(row, column, 1, along_x[t])
             above, below = values[t, node[i]], values[t, min(node[i] + 1, values.shape[1] - 1)]
