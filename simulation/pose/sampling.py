@@ -73,7 +73,7 @@ def render(
     """
     coefficients, origin, size, table = window
     image = np.zeros(shape, coefficients.dtype)
-    nearer, outside = np.zeros(shape, np.bool_), np.ones(shape, np.bool_)
+    nearer, outside = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
     places = np.empty((3, shape[1]))
     room = np.empty((8, shape[1]), coefficients.dtype)
     corners = np.empty(shape[1], np.int64)
@@ -81,12 +81,19 @@ def render(
     right, bottom = size[1] - 1 + BORDER_PX, size[0] - 1 + BORDER_PX
     for i in range(shape[0]):
         _place_row(view, first[0] + i, first[1], places)
-        start, stop = shape[1], 0
+        gone, near = outside[i], nearer[i]
         for j in range(shape[1]):
-            if -BORDER_PX <= x[j] <= right and -BORDER_PX <= y[j] <= bottom:
-                outside[i, j] = False
-                nearer[i, j] = least[j] < -NEARER_TOLERANCE_PX2
-                start, stop = min(start, j), j + 1
+            # Without short cuts, which would keep it from being done in vectors.
+            is_inside = (
+                (x[j] >= -BORDER_PX) & (x[j] <= right) & (y[j] >= -BORDER_PX) & (y[j] <= bottom)
+            )
+            gone[j] = not is_inside
+            near[j] = is_inside & (least[j] < -NEARER_TOLERANCE_PX2)
+        start, stop = 0, shape[1]
+        while start < stop and gone[start]:
+            start += 1
+        while start < stop and gone[stop - 1]:
+            stop -= 1
         if start < stop:
             _sample_row(
                 coefficients,
