@@ -51,8 +51,11 @@ class CoefficientWindow(NamedTuple):
     table: FloatImage
 
 
-class Tile(NamedTuple):
-    """A part of the follow-up; where it looks past the reference, 0 and not nearer."""
+class Canvas(NamedTuple):
+    """One plane of the follow-up to write to, and its masks, all of one shape.
+
+    Where the follow-up looks past the reference, its image is left as it was; it is not nearer.
+    """
 
     image: FloatImage
     nearer: BoolArray
@@ -65,23 +68,28 @@ _FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 
 @compiled(**_FREE_ORDER)
 def render(
-    view: BlurredWarp, window: CoefficientWindow, first: tuple[int, int], shape: tuple[int, int]
-) -> Tile:
-    """Tile of the follow-up whose first pixel is ``first``, both as (row, col).
+    view: BlurredWarp,
+    window: CoefficientWindow,
+    canvas: Canvas,
+    first: tuple[int, int],
+    shape: tuple[int, int],
+) -> None:
+    """Write a tile of the follow-up, whose first pixel is ``first``; both as (row, col).
 
     A missing variance below ``-NEARER_TOLERANCE_PX2`` marks it ``nearer``.
     """
     coefficients, origin, size, table = window
-    image = np.zeros(shape, coefficients.dtype)
-    nearer, outside = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
+    image, nearer, outside = canvas
+    left = first[1]
     places = np.empty((3, shape[1]))
     room = np.empty((8, shape[1]), coefficients.dtype)
     corners = np.empty(shape[1], np.int64)
     x, y, least = places[0], places[1], places[2]  # unpacked, they would count as strided
     right, bottom = size[1] - 1 + BORDER_PX, size[0] - 1 + BORDER_PX
     for i in range(shape[0]):
-        _place_row(view, first[0] + i, first[1], places)
-        gone, near = outside[i], nearer[i]
+        row = first[0] + i
+        _place_row(view, row, left, places)
+        gone, near = outside[row, left : left + shape[1]], nearer[row, left : left + shape[1]]
         for j in range(shape[1]):
             # Without short cuts, which would keep it from being done in vectors.
             is_inside = (
@@ -99,10 +107,9 @@ def render(
                 coefficients,
                 (x[start:stop], origin[1], y[start:stop], origin[0]),
                 (room[:, : stop - start], corners[: stop - start], table),
-                outside[i, start:stop],
-                image[i, start:stop],
+                gone[start:stop],
+                image[row, left + start : left + stop],
             )
-    return Tile(image, nearer, outside)
 
 
 @compiled_part(**_FREE_ORDER)

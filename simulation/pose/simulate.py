@@ -26,6 +26,7 @@ from simulation.pose.sampling import (
     BORDER_PX,
     REACH_AFTER_PX,
     REACH_BEFORE_PX,
+    Canvas,
     CoefficientWindow,
     render,
 )
@@ -133,8 +134,7 @@ def simulate_pose(
             return
         for channel in range(planes.shape[2]):
             window = _window(planes[:, :, channel], seen, filtered, table)
-            made = render(view.warp, window, first, shape)
-            result[channel][tile], nearer[tile], outside[tile] = made
+            render(view.warp, window, Canvas(result[channel], nearer, outside), first, shape)
 
     if options.threads == 1:
         for tile in _tiles(height, width):
