@@ -84,19 +84,11 @@ def render(
     places = np.empty((3, shape[1]))
     room = np.empty((8, shape[1]), coefficients.dtype)
     corners = np.empty(shape[1], np.int64)
-    x, y, least = places[0], places[1], places[2]  # unpacked, they would count as strided
-    right, bottom = size[1] - 1 + BORDER_PX, size[0] - 1 + BORDER_PX
+    x, y = places[0], places[1]  # unpacked, they would count as strided
     for i in range(shape[0]):
         row = first[0] + i
-        _place_row(view, row, left, places)
         gone, near = outside[row, left : left + shape[1]], nearer[row, left : left + shape[1]]
-        for j in range(shape[1]):
-            # Without short cuts, which would keep it from being done in vectors.
-            is_inside = (
-                (x[j] >= -BORDER_PX) & (x[j] <= right) & (y[j] >= -BORDER_PX) & (y[j] <= bottom)
-            )
-            gone[j] = not is_inside
-            near[j] = is_inside & (least[j] < -NEARER_TOLERANCE_PX2)
+        _mark_row(view, (row, left), size, places, (gone, near))
         start, stop = 0, shape[1]
         while start < stop and gone[start]:
             start += 1
@@ -110,6 +102,43 @@ def render(
                 gone[start:stop],
                 image[row, left + start : left + stop],
             )
+
+
+@compiled(**_FREE_ORDER)
+def mark(
+    view: BlurredWarp,
+    size: tuple[int, int],
+    canvas: Canvas,
+    first: tuple[int, int],
+    shape: tuple[int, int],
+) -> None:
+    """Write the masks of a tile as `render` does; ``size`` is the whole reference's."""
+    _, nearer, outside = canvas
+    left = first[1]
+    places = np.empty((3, shape[1]))
+    for row in range(first[0], first[0] + shape[0]):
+        gone, near = outside[row, left : left + shape[1]], nearer[row, left : left + shape[1]]
+        _mark_row(view, (row, left), size, places, (gone, near))
+
+
+@compiled_part(**_FREE_ORDER)
+def _mark_row(
+    view: BlurredWarp,
+    first: tuple[int, int],
+    size: tuple[int, int],
+    places: FloatArray,
+    masks: tuple[BoolArray, BoolArray],
+) -> None:
+    """Fill in the places of a row's pixels, and where they are outside and nearer."""
+    _place_row(view, first[0], first[1], places)
+    gone, near = masks
+    x, y, least = places[0], places[1], places[2]  # unpacked, they would count as strided
+    right, bottom = size[1] - 1 + BORDER_PX, size[0] - 1 + BORDER_PX
+    for j in range(len(x)):
+        # Without short cuts, which would keep it from being done in vectors.
+        is_inside = (x[j] >= -BORDER_PX) & (x[j] <= right) & (y[j] >= -BORDER_PX) & (y[j] <= bottom)
+        gone[j] = not is_inside
+        near[j] = is_inside & (least[j] < -NEARER_TOLERANCE_PX2)
 
 
 @compiled_part(**_FREE_ORDER)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulation.arrays import AnyArray, BoolArray, FloatImage
+from simulation.pose.aligned import keeps_axes, render_aligned
 from simulation.pose.options import DEFAULT_OPTIONS, PoseOptions
 from simulation.pose.sampling import (
     BORDER_PX,
@@ -126,6 +127,7 @@ def simulate_pose(
     table = weight_table(np.array(SAMPLING_KERNELS[model].pieces)).astype(dtype)
     nearer = np.zeros((height, width), dtype=np.bool_)
     outside = np.ones((height, width), dtype=np.bool_)
+    is_aligned = keeps_axes(view)
 
     def make(tile: tuple[slice, slice]) -> None:
         first, shape = (tile[0].start, tile[1].start), nearer[tile].shape
@@ -134,7 +136,11 @@ def simulate_pose(
             return
         for channel in range(planes.shape[2]):
             window = _window(planes[:, :, channel], seen, filtered, table)
-            render(view.warp, window, Canvas(result[channel], nearer, outside), first, shape)
+            canvas = Canvas(result[channel], nearer, outside)
+            if is_aligned:
+                render_aligned(view, window, canvas, first, shape)
+            else:
+                render(view.warp, window, canvas, first, shape)
 
     if options.threads == 1:
         for tile in _tiles(height, width):
