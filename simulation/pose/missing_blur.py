@@ -40,7 +40,7 @@ class BlurredWarp(NamedTuple):
     frame: FloatArray
 
 
-@compiled_part(nogil=True)
+@compiled_part(nogil=True, forceinline=True)
 def _covariance(
     psf: FloatArray, frame: FloatArray, x_px: float, y_px: float
 ) -> tuple[float, float, float]:
@@ -52,7 +52,11 @@ def _covariance(
     xx = xy = yy = 0.0
     total = power = 0
     for k in range(count):
-        monomial = u ** (total - power) * v**power
+        monomial = 1.0
+        for _ in range(total - power):
+            monomial *= u
+        for _ in range(power):
+            monomial *= v
         xx += psf[0, k] * monomial
         xy += psf[1, k] * monomial
         yy += psf[2, k] * monomial
@@ -62,7 +66,7 @@ def _covariance(
     return xx, xy, yy
 
 
-@compiled_part(nogil=True)
+@compiled_part(nogil=True, forceinline=True)
 def _missing_blur(
     matrix: FloatArray,
     lens: FloatArray,
@@ -86,7 +90,7 @@ def _missing_blur(
     )
 
 
-@compiled_part(nogil=True)
+@compiled_part(nogil=True, forceinline=True)
 def surveyed(
     matrix: FloatArray,
     lens: FloatArray,

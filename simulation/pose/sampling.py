@@ -13,12 +13,14 @@ import numpy as np
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 from simulation.compiled import compiled, compiled_part
 from simulation.pose.missing_blur import NEARER_TOLERANCE_PX2, BlurredWarp, surveyed
+from simulation.pose.six_by_six import READ_PX, weighted_six_by_six
 
 BORDER_PX = 0.5 + 1e-6
 """How far outside the outermost pixel centres a position still counts as inside."""
 
-KERNEL_REACH_PX = 3
-"""Coefficients on either side of a position."""
+REACH_BEFORE_PX, REACH_AFTER_PX = 3, READ_PX - 3
+"""Coefficients on either side of a position that are read: before it 3, after it 3 that have a
+weight and those that are read with them."""
 
 _BLOCK_PX = 32
 """Longest piece of a row that is interpolated; it is halved until its cubic is nearly straight."""
@@ -39,18 +41,21 @@ class CoefficientWindow(NamedTuple):
     """A part of the filtered reference, including what is beyond its border.
 
     Element (0, 0) of ``coefficients`` belongs to the reference pixel ``origin`` (row, col);
-    ``size`` are the rows and columns of the whole reference, ``pieces`` those of the sampling
-    kernel in the dtype of the coefficients, shape (3, 6).
+    ``size`` are the rows and columns of the whole reference, ``table`` the weights of the sampling
+    kernel by `weight_table`, in the dtype of the coefficients.
     """
 
     coefficients: FloatImage
     origin: tuple[int, int]
     size: tuple[int, int]
-    pieces: FloatImage
+    table: FloatImage
 
 
-class Tile(NamedTuple):
-    """A part of the follow-up; where it looks past the reference, 0 and not nearer."""
+class Canvas(NamedTuple):
+    """One plane of the follow-up to write to, and its masks, all of one shape.
+
+    Where the follow-up looks past the reference, its image is left as it was; it is not nearer.
+    """
 
     image: FloatImage
     nearer: BoolArray
@@ -63,37 +68,77 @@ _FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 
 @compiled(**_FREE_ORDER)
 def render(
-    view: BlurredWarp, window: CoefficientWindow, first: tuple[int, int], shape: tuple[int, int]
-) -> Tile:
-    """Tile of the follow-up whose first pixel is ``first``, both as (row, col).
+    view: BlurredWarp,
+    window: CoefficientWindow,
+    canvas: Canvas,
+    first: tuple[int, int],
+    shape: tuple[int, int],
+) -> None:
+    """Write a tile of the follow-up, whose first pixel is ``first``; both as (row, col).
 
     A missing variance below ``-NEARER_TOLERANCE_PX2`` marks it ``nearer``.
     """
-    coefficients, origin, size, pieces = window
-    image = np.zeros(shape, coefficients.dtype)
-    nearer, outside = np.zeros(shape, np.bool_), np.ones(shape, np.bool_)
+    coefficients, origin, size, table = window
+    image, nearer, outside = canvas
+    left = first[1]
     places = np.empty((3, shape[1]))
-    weights = np.empty((12, shape[1]), coefficients.dtype)
+    room = np.empty((8, shape[1]), coefficients.dtype)
     corners = np.empty(shape[1], np.int64)
-    x, y, least = places[0], places[1], places[2]  # unpacked, they would count as strided
-    right, bottom = size[1] - 1 + BORDER_PX, size[0] - 1 + BORDER_PX
+    x, y = places[0], places[1]  # unpacked, they would count as strided
     for i in range(shape[0]):
-        _place_row(view, first[0] + i, first[1], places)
-        start, stop = shape[1], 0
-        for j in range(shape[1]):
-            if -BORDER_PX <= x[j] <= right and -BORDER_PX <= y[j] <= bottom:
-                outside[i, j] = False
-                nearer[i, j] = least[j] < -NEARER_TOLERANCE_PX2
-                start, stop = min(start, j), j + 1
+        row = first[0] + i
+        gone, near = outside[row, left : left + shape[1]], nearer[row, left : left + shape[1]]
+        _mark_row(view, (row, left), size, places, (gone, near))
+        start, stop = 0, shape[1]
+        while start < stop and gone[start]:
+            start += 1
+        while start < stop and gone[stop - 1]:
+            stop -= 1
         if start < stop:
             _sample_row(
                 coefficients,
                 (x[start:stop], origin[1], y[start:stop], origin[0]),
-                (weights[:, : stop - start], corners[: stop - start], pieces),
-                outside[i, start:stop],
-                image[i, start:stop],
+                (room[:, : stop - start], corners[: stop - start], table),
+                gone[start:stop],
+                image[row, left + start : left + stop],
             )
-    return Tile(image, nearer, outside)
+
+
+@compiled(**_FREE_ORDER)
+def mark(
+    view: BlurredWarp,
+    size: tuple[int, int],
+    canvas: Canvas,
+    first: tuple[int, int],
+    shape: tuple[int, int],
+) -> None:
+    """Write the masks of a tile as `render` does; ``size`` is the whole reference's."""
+    _, nearer, outside = canvas
+    left = first[1]
+    places = np.empty((3, shape[1]))
+    for row in range(first[0], first[0] + shape[0]):
+        gone, near = outside[row, left : left + shape[1]], nearer[row, left : left + shape[1]]
+        _mark_row(view, (row, left), size, places, (gone, near))
+
+
+@compiled_part(**_FREE_ORDER)
+def _mark_row(
+    view: BlurredWarp,
+    first: tuple[int, int],
+    size: tuple[int, int],
+    places: FloatArray,
+    masks: tuple[BoolArray, BoolArray],
+) -> None:
+    """Fill in the places of a row's pixels, and where they are outside and nearer."""
+    _place_row(view, first[0], first[1], places)
+    gone, near = masks
+    x, y, least = places[0], places[1], places[2]  # unpacked, they would count as strided
+    right, bottom = size[1] - 1 + BORDER_PX, size[0] - 1 + BORDER_PX
+    for j in range(len(x)):
+        # Without short cuts, which would keep it from being done in vectors.
+        is_inside = (x[j] >= -BORDER_PX) & (x[j] <= right) & (y[j] >= -BORDER_PX) & (y[j] <= bottom)
+        gone[j] = not is_inside
+        near[j] = is_inside & (least[j] < -NEARER_TOLERANCE_PX2)
 
 
 @compiled_part(**_FREE_ORDER)
@@ -134,25 +179,15 @@ def _place_row(view: BlurredWarp, row: int, first: int, places: FloatArray) -> N
 
 
 @compiled_part(**_FREE_ORDER)
-def _put_weights(fraction: FloatImage, pieces: FloatImage, out: FloatImage) -> None:
-    """Sampling kernel at ``t + 2 ... t - 3`` for every t from 0 to 1, shape (6, n)."""
-    a0, a1, a2 = pieces[2, 0], pieces[2, 1], pieces[2, 2]
-    a3, a4, a5 = pieces[2, 3], pieces[2, 4], pieces[2, 5]
-    b0, b1, b2 = pieces[1, 0], pieces[1, 1], pieces[1, 2]
-    b3, b4, b5 = pieces[1, 3], pieces[1, 4], pieces[1, 5]
-    one = fraction.dtype.type(1)
-    w0, w1, w2, w3, w4, w5 = out[0], out[1], out[2], out[3], out[4], out[5]
-    for j in range(len(fraction)):
-        t = fraction[j]
-        s = one - t
-        first = a0 + t * (a1 + t * (a2 + t * (a3 + t * (a4 + t * a5))))
-        second = b0 + t * (b1 + t * (b2 + t * (b3 + t * (b4 + t * b5))))
-        fifth = b0 + s * (b1 + s * (b2 + s * (b3 + s * (b4 + s * b5))))
-        last = a0 + s * (a1 + s * (a2 + s * (a3 + s * (a4 + s * a5))))
-        # The middle two make constants and ramps exact.
-        fourth = t + (first + first + second) - (fifth + fifth) - (last + last + last)
-        w0[j], w1[j], w4[j], w5[j] = first, second, fifth, last
-        w2[j], w3[j] = one - (first + second) - (fifth + last) - fourth, fourth
+def _put_weights(part: FloatImage, table: FloatImage, out: FloatImage) -> None:
+    """Weights of the six rows around every position, shape (6, n)."""
+    for m in range(6):
+        c0, c1, c2 = table[0, m], table[1, m], table[2, m]
+        c3, c4, c5 = table[3, m], table[4, m], table[5, m]
+        weight = out[m]
+        for j in range(len(part)):
+            t = part[j]
+            weight[j] = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
 
 
 @compiled_part(**_FREE_ORDER)
@@ -165,51 +200,20 @@ def _sample_row(
 ) -> None:
     """Write the image at reference positions, except where they are outside.
 
-    ``places`` are x and y, each with the origin of the coefficients; ``scratch`` has room for 12
-    weights and an index for every position, and the sampling kernel's pieces.
+    ``places`` are x and y, each with the origin of the coefficients; ``scratch`` has room for 8
+    numbers and an index for every position, and the table of weights.
     """
     x, left, y, top = places
-    weights, corners, pieces = scratch
+    room, corners, table = scratch
     stride, pixels = coefficients.shape[1], coefficients.reshape(-1)
-    # The fractions are written where the last weights will be.
-    part_x, part_y = weights[5], weights[11]
+    part_x, part_y = room[6], room[7]
     for j in range(len(out)):
         col, row = np.floor(x[j]), np.floor(y[j])
         corners[j] = (int(row) - 2 - top) * stride + int(col) - 2 - left
         part_x[j], part_y[j] = x[j] - col, y[j] - row
-    _put_weights(part_x, pieces, weights[:6])
-    _put_weights(part_y, pieces, weights[6:])
-    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
-    v0, v1, v2, v3, v4, v5 = (
-        weights[6],
-        weights[7],
-        weights[8],
-        weights[9],
-        weights[10],
-        weights[11],
-    )
+    _put_weights(part_y, table, room)
+    v0, v1, v2, v3, v4, v5 = room[0], room[1], room[2], room[3], room[4], room[5]
     for j in range(len(out)):
-        if outside[j]:
-            continue
-        along = w0[j], w1[j], w2[j], w3[j], w4[j], w5[j]
-        i = corners[j]
-        upper = v0[j] * _dot(pixels, i, along)
-        middle = v1[j] * _dot(pixels, i + stride, along)
-        lower = v2[j] * _dot(pixels, i + 2 * stride, along)
-        upper += v3[j] * _dot(pixels, i + 3 * stride, along)
-        middle += v4[j] * _dot(pixels, i + 4 * stride, along)
-        lower += v5[j] * _dot(pixels, i + 5 * stride, along)
-        out[j] = upper + middle + lower
-
-
-@compiled_part(**_FREE_ORDER, forceinline=True)
-def _dot(
-    pixels: FloatImage, i: int, along: tuple[float, float, float, float, float, float]
-) -> float:
-    a0, a1, a2, a3, a4, a5 = along
-    value: float = (
-        (pixels[i] * a0 + pixels[i + 1] * a1)
-        + (pixels[i + 2] * a2 + pixels[i + 3] * a3)
-        + (pixels[i + 4] * a4 + pixels[i + 5] * a5)
-    )
-    return value
+        if not outside[j]:
+            down = v0[j], v1[j], v2[j], v3[j], v4[j], v5[j]
+            out[j] = weighted_six_by_six(pixels, (corners[j], stride), down, table, part_x[j])

@@ -21,9 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulation.arrays import AnyArray, BoolArray, FloatImage
+from simulation.pose.aligned import keeps_axes, render_aligned
 from simulation.pose.options import DEFAULT_OPTIONS, PoseOptions
-from simulation.pose.sampling import BORDER_PX, KERNEL_REACH_PX, CoefficientWindow, render
+from simulation.pose.sampling import (
+    BORDER_PX,
+    REACH_AFTER_PX,
+    REACH_BEFORE_PX,
+    Canvas,
+    CoefficientWindow,
+    render,
+)
 from simulation.pose.sampling_kernel import SAMPLING_KERNELS
+from simulation.pose.six_by_six import weight_table
 from simulation.pose.varying_filter import VaryingFilter
 from simulation.pose.view import PoseView
 from simulation.pose.view_filter import view_filter
@@ -115,9 +124,10 @@ def simulate_pose(
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     planes = image[:, :, None] if image.ndim == 2 else image
     result = np.zeros((planes.shape[2], height, width), dtype=dtype)
-    pieces = np.array(SAMPLING_KERNELS[model].pieces, dtype)
+    table = weight_table(np.array(SAMPLING_KERNELS[model].pieces)).astype(dtype)
     nearer = np.zeros((height, width), dtype=np.bool_)
     outside = np.ones((height, width), dtype=np.bool_)
+    is_aligned = keeps_axes(view)
 
     def make(tile: tuple[slice, slice]) -> None:
         first, shape = (tile[0].start, tile[1].start), nearer[tile].shape
@@ -125,9 +135,12 @@ def simulate_pose(
         if seen is None:
             return
         for channel in range(planes.shape[2]):
-            window = _window(planes[:, :, channel], seen, filtered, pieces)
-            made = render(view.warp, window, first, shape)
-            result[channel][tile], nearer[tile], outside[tile] = made
+            window = _window(planes[:, :, channel], seen, filtered, table)
+            canvas = Canvas(result[channel], nearer, outside)
+            if is_aligned:
+                render_aligned(view, window, canvas, first, shape)
+            else:
+                render(view.warp, window, canvas, first, shape)
 
     if options.threads == 1:
         for tile in _tiles(height, width):
@@ -148,26 +161,26 @@ def _tiles(height: int, width: int) -> Iterator[tuple[slice, slice]]:
 
 
 def _window(
-    image: AnyArray, seen: tuple[int, int, int, int], filtered: VaryingFilter, pieces: FloatImage
+    image: AnyArray, seen: tuple[int, int, int, int], filtered: VaryingFilter, table: FloatImage
 ) -> CoefficientWindow:
     """Coefficients around a window, its ends included; mirrored at the image's edge."""
     top, bottom, left, right = seen
-    margin = KERNEL_REACH_PX + filtered.radius
+    before, after = REACH_BEFORE_PX + filtered.radius, REACH_AFTER_PX + filtered.radius
     rows, cols = image.shape
     inside = image[
-        max(top - margin, 0) : bottom + margin + 1, max(left - margin, 0) : right + margin + 1
+        max(top - before, 0) : bottom + after + 1, max(left - before, 0) : right + after + 1
     ]
     window = cv2.copyMakeBorder(
-        inside.astype(pieces.dtype),
-        max(margin - top, 0),
-        max(bottom + margin + 1 - rows, 0),
-        max(margin - left, 0),
-        max(right + margin + 1 - cols, 0),
+        np.ascontiguousarray(inside, table.dtype),
+        max(before - top, 0),
+        max(bottom + after + 1 - rows, 0),
+        max(before - left, 0),
+        max(right + after + 1 - cols, 0),
         cv2.BORDER_REFLECT,
     )
-    origin = (top - KERNEL_REACH_PX, left - KERNEL_REACH_PX)
+    origin = (top - REACH_BEFORE_PX, left - REACH_BEFORE_PX)
     coefficients = filtered.apply(np.asarray(window), origin)
-    return CoefficientWindow(coefficients, origin, image.shape[:2], pieces)
+    return CoefficientWindow(coefficients, origin, image.shape[:2], table)
 
 
 def _seen(

@@ -11,7 +11,7 @@ from math import sqrt
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
+from simulation.arrays import FloatArray, FloatImage, IntArray
 from simulation.compiled import compiled, compiled_part
 
 _CORRELATION_PX = 30.0
@@ -28,6 +28,10 @@ _WORTH_REFINING = 9.0
 """What refinement has been seen to remove of the missed energy, at most."""
 
 _REFINEMENTS = 8
+
+_FOLDING = 4
+"""Terms from which rows at equal distances from the middle are added before they are weighted."""
+
 _PIVOT = 1e-12
 
 
@@ -38,7 +42,7 @@ class VaryingFilter:
     Parameters
     ----------
     along_y, along_x
-        Shape ``(terms, 2 radius + 1)``.
+        Shape ``(terms, 2 radius + 1)``; the radius is a multiple of 4, at least 8.
     weights
         Shape ``(terms, rows, cols)`` of the lattice; at every node the kernels' weighted sum is 1.
     rows_px, cols_px
@@ -83,12 +87,14 @@ class VaryingFilter:
         used = slice(int(node.min()), int(node.max()) + 2)
         weights = _interpolated(self.weights[:, used], self.cols_px, origin[1] + np.arange(cols))
         out = np.empty((rows, cols), window.dtype)
+        is_odd = (self.along_y * self.along_y[:, ::-1]).sum(axis=1) < 0
+        order = np.argsort(is_odd, kind="stable")
         along_y, along_x, values = (
-            np.ascontiguousarray(a, window.dtype) for a in (self.along_y, self.along_x, weights)
+            a[order].astype(window.dtype) for a in (self.along_y, self.along_x, weights)
         )
-        is_odd = (along_y * along_y[:, ::-1]).sum(axis=1) < 0
         lines = values, node - used.start, part.astype(window.dtype)
-        _filter(np.ascontiguousarray(window), along_y, along_x, is_odd, lines, out)
+        even = int(np.count_nonzero(~is_odd))
+        _filter(np.ascontiguousarray(window), along_y, along_x, even, lines, out)
         return out
 
 
@@ -207,19 +213,52 @@ _FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 
 
 @compiled_part(**_FREE_ORDER)
-def _add_rows(
-    pixels: FloatImage, first: int, stride: int, taps: FloatImage, out: FloatImage
+def _begin_two(
+    first: FloatImage, second: FloatImage, rows: FloatImage, stride: int, taps: FloatImage
 ) -> None:
-    """Write the weighted sum of rows that begin every ``stride`` elements from ``first`` on."""
-    n = len(out)
-    r0, a0 = pixels[first:][:n], taps[0]
+    """Write the sums of nine rows that begin every ``stride`` elements, by two sets of taps."""
+    n = len(first)
+    a0, a1, a2, a3, a4 = taps[0, 0], taps[0, 1], taps[0, 2], taps[0, 3], taps[0, 4]
+    a5, a6, a7, a8 = taps[0, 5], taps[0, 6], taps[0, 7], taps[0, 8]
+    b0, b1, b2, b3, b4 = taps[1, 0], taps[1, 1], taps[1, 2], taps[1, 3], taps[1, 4]
+    b5, b6, b7, b8 = taps[1, 5], taps[1, 6], taps[1, 7], taps[1, 8]
+    r0, r1, r2 = rows[:n], rows[stride:][:n], rows[2 * stride :][:n]
+    r3, r4, r5 = rows[3 * stride :][:n], rows[4 * stride :][:n], rows[5 * stride :][:n]
+    r6, r7, r8 = rows[6 * stride :][:n], rows[7 * stride :][:n], rows[8 * stride :][:n]
     for j in range(n):
-        out[j] = a0 * r0[j]
-    last = 1
-    while last + 8 <= len(taps):
-        a0, a1, a2, a3 = taps[last], taps[last + 1], taps[last + 2], taps[last + 3]
-        a4, a5, a6, a7 = taps[last + 4], taps[last + 5], taps[last + 6], taps[last + 7]
-        r = pixels[first + last * stride :]
+        x0, x1, x2, x3, x4 = r0[j], r1[j], r2[j], r3[j], r4[j]
+        x5, x6, x7, x8 = r5[j], r6[j], r7[j], r8[j]
+        first[j] = ((a0 * x0 + a1 * x1) + (a2 * x2 + a3 * x3)) + (
+            (a4 * x4 + a5 * x5) + (a6 * x6 + a7 * x7) + a8 * x8
+        )
+        second[j] = ((b0 * x0 + b1 * x1) + (b2 * x2 + b3 * x3)) + (
+            (b4 * x4 + b5 * x5) + (b6 * x6 + b7 * x7) + b8 * x8
+        )
+
+
+@compiled_part(**_FREE_ORDER)
+def _begin(out: FloatImage, rows: FloatImage, stride: int, taps: FloatImage) -> None:
+    """Write the sum of nine rows that begin every ``stride`` elements."""
+    n = len(out)
+    a0, a1, a2, a3, a4 = taps[0], taps[1], taps[2], taps[3], taps[4]
+    a5, a6, a7, a8 = taps[5], taps[6], taps[7], taps[8]
+    r0, r1, r2 = rows[:n], rows[stride:][:n], rows[2 * stride :][:n]
+    r3, r4, r5 = rows[3 * stride :][:n], rows[4 * stride :][:n], rows[5 * stride :][:n]
+    r6, r7, r8 = rows[6 * stride :][:n], rows[7 * stride :][:n], rows[8 * stride :][:n]
+    for j in range(n):
+        out[j] = ((a0 * r0[j] + a1 * r1[j]) + (a2 * r2[j] + a3 * r3[j])) + (
+            (a4 * r4[j] + a5 * r5[j]) + (a6 * r6[j] + a7 * r7[j]) + a8 * r8[j]
+        )
+
+
+@compiled_part(**_FREE_ORDER)
+def _add_others(out: FloatImage, rows: FloatImage, stride: int, taps: FloatImage) -> None:
+    """Add the sum of the rows after the ninth; they are a multiple of four."""
+    n, t = len(out), 9
+    while t + 8 <= len(taps):
+        a0, a1, a2, a3 = taps[t], taps[t + 1], taps[t + 2], taps[t + 3]
+        a4, a5, a6, a7 = taps[t + 4], taps[t + 5], taps[t + 6], taps[t + 7]
+        r = rows[t * stride :]
         r0, r1, r2, r3 = r[:n], r[stride:][:n], r[2 * stride :][:n], r[3 * stride :][:n]
         r = r[4 * stride :]
         r4, r5, r6, r7 = r[:n], r[stride:][:n], r[2 * stride :][:n], r[3 * stride :][:n]
@@ -227,18 +266,13 @@ def _add_rows(
             out[j] += ((a0 * r0[j] + a1 * r1[j]) + (a2 * r2[j] + a3 * r3[j])) + (
                 (a4 * r4[j] + a5 * r5[j]) + (a6 * r6[j] + a7 * r7[j])
             )
-        last += 8
-    while last + 4 <= len(taps):
-        a0, a1, a2, a3 = taps[last], taps[last + 1], taps[last + 2], taps[last + 3]
-        r = pixels[first + last * stride :]
+        t += 8
+    if t < len(taps):
+        a0, a1, a2, a3 = taps[t], taps[t + 1], taps[t + 2], taps[t + 3]
+        r = rows[t * stride :]
         r0, r1, r2, r3 = r[:n], r[stride:][:n], r[2 * stride :][:n], r[3 * stride :][:n]
         for j in range(n):
             out[j] += (a0 * r0[j] + a1 * r1[j]) + (a2 * r2[j] + a3 * r3[j])
-        last += 4
-    for t in range(last, len(taps)):
-        a0, r0 = taps[t], pixels[first + t * stride :][:n]
-        for j in range(n):
-            out[j] += a0 * r0[j]
 
 
 @compiled_part(**_FREE_ORDER)
@@ -269,31 +303,47 @@ def _filter(
     window: FloatImage,
     along_y: FloatImage,
     along_x: FloatImage,
-    is_odd: BoolArray,
+    even: int,
     weights: tuple[FloatImage, IntArray, FloatImage],
     out: FloatImage,
 ) -> None:
     """Write the filtered window to ``out``.
 
-    ``weights`` are the terms' values at the lattice's rows, shape ``(terms, rows, cols)``, and for
-    every row of ``out`` the lattice's row before it and the part of the way to the next.
+    The first ``even`` terms are even along y, the others odd. ``weights`` are the terms' values at
+    the lattice's rows, shape ``(terms, rows, cols)``, and for every row of ``out`` the lattice's
+    row before it and the part of the way to the next.
     """
     values, node, part = weights
     stride, pixels = window.shape[1], window.reshape(-1)
-    radius = along_y.shape[1] // 2
+    terms, radius = len(along_y), along_y.shape[1] // 2
+    # Adding rows above and below the middle first is worth it for several terms.
+    folds = terms >= _FOLDING
+    taps = along_y[:, radius:].copy() if folds else along_y
     sums = np.empty((radius + 1, stride), window.dtype)
-    differences = np.zeros((radius + 1 if is_odd.any() else 0, stride), window.dtype)
-    column = np.empty(stride, window.dtype)
+    differences = np.zeros((radius + 1 if even < terms else 0, stride), window.dtype)
+    columns = np.empty((2, stride), window.dtype)
     row = np.empty(out.shape[1], window.dtype)
     for i in range(out.shape[0]):
         target = out[i]
         target[:] = 0
         share = part[i]
-        _fold_rows(pixels, i * stride, stride, sums, differences)
-        for t in range(len(along_y)):
-            folded = differences if is_odd[t] else sums
-            _add_rows(folded.reshape(-1), 0, stride, along_y[t, radius:], column)
-            _add_rows(column, 0, 1, along_x[t], row)
+        if folds:
+            _fold_rows(pixels, i * stride, stride, sums, differences)
+        for t in range(terms):
+            rows = (
+                (sums if t < even else differences).reshape(-1) if folds else pixels[i * stride :]
+            )
+            # Two terms of one parity read the same rows.
+            second = (t if t < even else t - even) % 2
+            if second == 0:
+                if t + 1 == even or t + 1 == terms:
+                    _begin(columns[0], rows, stride, taps[t])
+                else:
+                    _begin_two(columns[0], columns[1], rows, stride, taps[t : t + 2])
+            column = columns[second]
+            _add_others(column, rows, stride, taps[t])
+            _begin(row, column, 1, along_x[t])
+            _add_others(row, column, 1, along_x[t])
             above, below = values[t, node[i]], values[t, min(node[i] + 1, values.shape[1] - 1)]
             for j in range(len(row)):
                 target[j] += (above[j] + share * (below[j] - above[j])) * row[j]

@@ -10,7 +10,6 @@ from typer import BadParameter, Context
 
 from acquisition.remote_files import is_url, url_of
 from standoff.errors import ApplicationError
-from standoff.library.files import is_there
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +129,8 @@ def refuse_overwriting(
         taken.add(realpath(path))
     for path in results:
         if is_url(path):
+            from standoff.library.files import is_there  # with what computes
+
             if not force and is_there(path):
                 raise ApplicationError(
                     f"{url_of(path)} exists already; --force replaces it, or name another"

@@ -17,8 +17,10 @@ def excess_variance(
     while True:
         weight = 1.0 / (err**2 + variance)
         surplus = float(np.sum(squares * weight)) - freedom
+        if surplus <= 0:
+            return variance
         # Newton's steps on a convex curve that falls: all of them are upwards, but for rounding.
         step = surplus / float(np.sum(squares * weight**2))
+        variance += step
         if step <= 1e-12 * variance:
             return variance
-        variance += step
