@@ -85,13 +85,15 @@ class VaryingFilter:
         rows, cols = (size - 2 * self.radius for size in window.shape)
         node, part = _cells(self.rows_px, origin[0] + np.arange(rows))
         used = slice(int(node.min()), int(node.max()) + 2)
-        weights = _interpolated(self.weights[:, used], self.cols_px, origin[1] + np.arange(cols))
-        out = np.empty((rows, cols), window.dtype)
         is_odd = (self.along_y * self.along_y[:, ::-1]).sum(axis=1) < 0
         order = np.argsort(is_odd, kind="stable")
-        along_y, along_x, values = (
-            a[order].astype(window.dtype) for a in (self.along_y, self.along_x, weights)
+        # Rounded before they are many: fresh memory costs more than the interpolation.
+        along_y, along_x, weights = (
+            a[order].astype(window.dtype)
+            for a in (self.along_y, self.along_x, self.weights[:, used])
         )
+        values = _interpolated(weights, self.cols_px, origin[1] + np.arange(cols))
+        out = np.empty((rows, cols), window.dtype)
         lines = values, node - used.start, part.astype(window.dtype)
         even = int(np.count_nonzero(~is_odd))
         _filter(np.ascontiguousarray(window), along_y, along_x, even, lines, out)
@@ -197,11 +199,11 @@ def _cells(nodes_px: FloatArray, at_px: IntArray | FloatArray) -> tuple[IntArray
 
 
 def _interpolated(
-    weights: FloatArray, nodes_px: FloatArray, at_px: IntArray | FloatArray
-) -> FloatArray:
-    """Interpolate along the last axis."""
+    weights: FloatImage, nodes_px: FloatArray, at_px: IntArray | FloatArray
+) -> FloatImage:
+    """Interpolate along the last axis, in the dtype of the weights."""
     node, part = _cells(nodes_px, at_px)
-    hats = np.zeros((len(nodes_px), len(at_px)))
+    hats = np.zeros((len(nodes_px), len(at_px)), weights.dtype)
     index = np.arange(len(at_px))
     hats[node, index] = 1 - part
     hats[np.minimum(node + 1, len(nodes_px) - 1), index] += part
