@@ -51,7 +51,8 @@ def _is_being_written(name: str, age_s: float) -> bool:
     writer = _WRITER.search(name)
     if writer is None:
         return False
-    if name[: writer.start()].endswith(f".{socket.gethostname()}"):
+    # A signal of 0 asks whether a process runs, but on Windows interrupts it.
+    if os.name != "nt" and name[: writer.start()].endswith(f".{socket.gethostname()}"):
         return _is_running(int(writer[1]))
     return age_s < _ABANDONED_S
 
@@ -61,8 +62,8 @@ def _is_running(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except OSError:  # of somebody else
-        return True
+    except PermissionError:  # of somebody else
+        pass
     return True
 
 

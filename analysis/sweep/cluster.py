@@ -178,18 +178,16 @@ class _Workers:
 
     def _require_workers(self) -> None:
         """End the sweep if there has been no worker for too long."""
-        now_s = time.monotonic()
-        if now_s - self._threads_asked_s >= _THREADS_ASKED_EVERY_S:
-            with suppress(OSError):  # a scheduler that is gone cancels what is under way
-                self._ask_for_threads()
-        if now_s - self._seen_s > self._gone_s:
-            raise SweepError(
-                "the workers are gone and none came back within "
-                f"{self._gone_s:.0f} s: too little memory? What they did is kept; run the same "
-                "command again, with fewer workers or others"
-            )
+        with suppress(OSError):  # a scheduler that is gone cancels what is under way
+            self._look_for_workers()
+        if time.monotonic() - self._seen_s > self._gone_s:
+            raise _workers_gone(self._gone_s)
 
-    def _ask_for_threads(self) -> None:
+    def _look_for_workers(self) -> None:
+        """Count the workers' threads, once in a while."""
+        now_s = time.monotonic()
+        if now_s - self._threads_asked_s < _THREADS_ASKED_EVERY_S:
+            return
         self._threads = sum(self._client.nthreads().values())
         self._threads_asked_s = time.monotonic()
         if self._threads:
@@ -224,10 +222,7 @@ class _Workers:
                 f"the Dask scheduler at {self._scheduler} ended; run the same command again"
             ) from error
         except NoWorkerError as error:
-            raise SweepError(
-                f"the workers are gone and none came back within {error.timeout:.0f} s: too little "
-                "memory? What they did is kept; run the same command again, with fewer workers"
-            ) from error
+            raise _workers_gone(error.timeout) from error
         if kind == "unfit":
             raise SweepError(value)
         if kind == "unseen":
@@ -262,9 +257,15 @@ class _Workers:
             )
 
     def _window(self) -> int:
-        if time.monotonic() - self._threads_asked_s >= _THREADS_ASKED_EVERY_S:
-            self._ask_for_threads()
+        self._look_for_workers()
         return _SHARDS_A_THREAD * max(self._threads, 1)
+
+
+def _workers_gone(after_s: float) -> SweepError:
+    return SweepError(
+        f"the workers are gone and none came back within {after_s:.0f} s: too little memory? "
+        "What they did is kept; run the same command again, with fewer workers or others"
+    )
 
 
 def _is_no_leftover(record: logging.LogRecord) -> bool:

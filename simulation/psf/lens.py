@@ -137,12 +137,12 @@ class _Table(NamedTuple):
         place = angle_rad * steps_per_rad
         left = np.minimum(place.astype(np.intp), len(self.values) - 2)
         t = (place - left)[..., None]
-        start, end = self.values[left], self.slopes[left]
+        start, slope, slope_after = self.values[left], self.slopes[left], self.slopes[left + 1]
         rise = self.values[left + 1] - start
-        bend = 3 * rise - 2 * end - self.slopes[left + 1]
-        twist = end + self.slopes[left + 1] - 2 * rise
-        values = start + t * (end + t * (bend + t * twist))
-        return values, steps_per_rad * (end + t * (2 * bend + t * 3 * twist))
+        bend = 3 * rise - 2 * slope - slope_after
+        twist = slope + slope_after - 2 * rise
+        values = start + t * (slope + t * (bend + t * twist))
+        return values, steps_per_rad * (slope + t * (2 * bend + t * 3 * twist))
 
 
 @lru_cache(maxsize=8)

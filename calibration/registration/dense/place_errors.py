@@ -84,7 +84,7 @@ def _bounded_inverse(slope: FloatArray, normal: FloatArray) -> FloatArray:
     """Inverse of ``slope``, in no direction more than some times that of ``normal``."""
     known = np.diag(normal)
     # What no detail tells, such as a shift along stripes, is uncertain beyond any use.
-    scale = 1 / np.sqrt(np.maximum(known, 1e-20 * known.max()))
+    scale = 1 / np.sqrt(np.maximum(known, 1e-20 * known.max() + 1e-300))
     root = np.linalg.cholesky(normal * np.outer(scale, scale) + 1e-9 * np.eye(len(normal)))
     whiten = np.linalg.inv(root) * scale
     values, vectors = np.linalg.eigh(whiten @ slope @ whiten.T)
