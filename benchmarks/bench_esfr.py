@@ -10,6 +10,8 @@ imported. Speed: one edge, samples at hand, single-threaded.
 import importlib
 import time
 from collections.abc import Callable
+from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -122,6 +124,7 @@ def main() -> None:
         rng = np.random.default_rng(1)
         compare_errors(record, peers, rng)
         every_angle(record)
+        shading(record)
         intervals(record)
         clean = edge_image(0.8, 5.0, has_pixel=True)
         image = clean + rng.normal(size=clean.shape) * NOISE_DN
@@ -159,6 +162,42 @@ def every_angle(record: Recorder) -> None:
     record.say(f"\nevery angle, no noise: worst {100 * worst:.4f} %, none for {missing} of {count}")
     record.figure("MTF50 at every angle, no noise, worst", 100 * worst, "%")
     record.figure("MTF50 at every angle, missing", 100 * missing / count, "%")
+
+
+def shading(record: Recorder) -> None:
+    """Print what light that falls off costs sigma and MTF50, by its kind and the image's width."""
+    record.say(
+        "\nlight that falls off, no noise: largest error of the lens's sigma and of MTF50 / %"
+    )
+    kinds = {
+        f"gradient of {100 * slope:g} %": partial(_gradient, slope) for slope in (0.15, 0.35)
+    } | {"vignetting of 30 %": _vignetting}
+    for kind, lit in kinds.items():
+        for width_px in (100, 200, 400):
+            shape = (width_px, width_px)
+            sigma_error, mtf50_error = 0.0, 0.0
+            for sigma, normal_deg in product((0.5, 0.8, 1.5), (5.0, 35.0, 95.0)):
+                image = edge_image(sigma, normal_deg, has_pixel=True, shape=shape) * lit(shape)
+                edges = measure_edges(EdgeImage(name="", image_dn=image))
+                edge = max(edges, key=lambda e: e.length_px)
+                assert edge.optical_sigma_px is not None
+                assert edge.esfr_mtf50_cy_per_px is not None
+                sigma_error = max(sigma_error, abs(edge.optical_sigma_px / sigma - 1))
+                truth = pixel_mtf50(sigma, float(np.deg2rad(normal_deg)))
+                mtf50_error = max(mtf50_error, abs(edge.esfr_mtf50_cy_per_px / truth - 1))
+            name = f"{kind}, image of {width_px} px"
+            record.say(f"  {name:36s} {100 * sigma_error:8.4f} {100 * mtf50_error:8.4f}")
+            record.figure(f"sigma, {name}, worst", 100 * sigma_error, "%")
+            record.figure(f"MTF50, {name}, worst", 100 * mtf50_error, "%")
+
+
+def _gradient(slope: float, shape: tuple[int, int]) -> FloatArray:
+    return np.broadcast_to(1 + slope * np.linspace(-0.5, 0.5, shape[1]), shape)
+
+
+def _vignetting(shape: tuple[int, int]) -> FloatArray:
+    y, x = (np.linspace(-1, 1, count) for count in shape)
+    return np.asarray(1 - 0.3 * (x[None, :] ** 2 + y[:, None] ** 2) / 2)
 
 
 def intervals(record: Recorder) -> None:
