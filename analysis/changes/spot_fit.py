@@ -317,7 +317,8 @@ def _variances(normal: FloatArray) -> FloatArray:
     variance = np.full(len(own), np.inf)
     scaled = normal[np.ix_(told, told)] / own[told] / own[told][:, None]
     scaled[np.diag_indices_from(scaled)] += _LEAST_TOLD
-    variance[told] = np.diag(np.linalg.inv(scaled)) / own[told] ** 2
+    with np.errstate(over="ignore", divide="ignore"):
+        variance[told] = np.diag(np.linalg.inv(scaled)) / own[told] ** 2
     return variance
 
 
