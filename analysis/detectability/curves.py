@@ -68,7 +68,14 @@ class AmbiguousCurveError(AnalysisError, ValueError):
 
 
 class CurveChoice(StoredValues):
-    """Which curve of a file to use; None leaves a value open."""
+    """Which curve of a file to use; None leaves a value open.
+
+    Examples
+    --------
+    >>> choice = standoff.CurveChoice(observer="hotelling")
+    >>> standoff.judge_homography("H.json", "curves.json", 2.0, choice=choice).is_accepted
+    True
+    """
 
     model: Model | None = None
     observer: CurveObserver | None = None
@@ -318,7 +325,10 @@ class DetectabilityCurves(ResultsDocument):
 
         Examples
         --------
-        >>> curves.to_dataframe().pivot_table("dprime", "zoom", ["model", "noise_dn"])
+        >>> task = standoff.DetectionTask(zooms=(1.0, 1.5), models=("bicubic",), noises_dn=(12.0,))
+        >>> curves = standoff.d_prime_curves("before.tif", task=task)
+        >>> curves.to_dataframe().pivot_table("dprime", "zoom", "observer").shape
+        (2, 3)
         """
         return dataframe(self.rows())
 
