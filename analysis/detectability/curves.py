@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-
 CURVES_SCHEMA: Final = "standoff.detectability/1"
 
 _ENOUGH = 0.1
@@ -72,9 +71,7 @@ class CurveChoice(StoredValues):
 
     Examples
     --------
-    >>> choice = standoff.CurveChoice(observer="hotelling")
-    >>> standoff.judge_homography("H.json", "curves.json", 2.0, choice=choice).is_accepted
-    True
+    >>> choice = standoff.CurveChoice(observer="hotelling", noise_dn=12.0)
     """
 
     model: Model | None = None
@@ -322,13 +319,6 @@ class DetectabilityCurves(ResultsDocument):
         ------
         PandasMissingError
             If pandas is not installed.
-
-        Examples
-        --------
-        >>> task = standoff.DetectionTask(zooms=(1.0, 1.5), models=("bicubic",), noises_dn=(12.0,))
-        >>> curves = standoff.d_prime_curves("before.tif", task=task)
-        >>> curves.to_dataframe().pivot_table("dprime", "zoom", "observer").shape
-        (2, 3)
         """
         return dataframe(self.rows())
 
