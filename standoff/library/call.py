@@ -27,6 +27,7 @@ class Progress(Protocol):
     ...     def bar(self, task, total):
     ...         print(task)
     ...         yield lambda done: None
+    ...
     ...     def note(self, text):
     ...         print(text)
     >>> geometry = standoff.calibrate_geometry("board", progress=Counted())
