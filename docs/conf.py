@@ -5,20 +5,29 @@ contents, is read from docs/index.md.
 """
 
 import re
+import sys
 from pathlib import Path
 
 from sphinx.application import Sphinx
 
+sys.path.insert(0, str(Path(__file__).parent / "site"))
+
 project = "standoff"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "mathml"]
 include_patterns = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "docs/**.md"]
 exclude_patterns = [".*", "build", "*-output"]
 root_doc = "README"
 myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
+myst_dmath_allow_space = False
+myst_dmath_allow_digits = False
+html_math_renderer = "mathml"
 smartquotes = False
 highlight_language = "none"
 html_theme = "furo"
 html_title = project
+html_static_path = ["site/static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
 html_show_copyright = False

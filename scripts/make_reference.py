@@ -1,4 +1,4 @@
-"""Writes docs/reference: commands from the command line, configs and files from their models.
+"""Writes docs/reference: commands, configs and files from their models, functions from the library.
 
 Run with ``python -m scripts.make_reference`` from the checkout; a test says when it is stale.
 """
@@ -71,6 +71,7 @@ from calibration.psf import (
     Transfer2d,
 )
 from calibration.sharpness import LimitVerdict, SharpnessLimits, SharpnessVerdict
+from scripts.library_reference import library_pages
 from standoff.terminal import EXAMPLES, application
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
@@ -344,11 +345,12 @@ def _cell(text: str) -> str:
 
 
 PAGES = {"commands.md": commands_page, "configs.md": configs_page, "files.md": files_page}
+PAGES |= library_pages(MADE)
 
 
 def main() -> None:
     """Write all pages."""
-    REFERENCE.mkdir(parents=True, exist_ok=True)
+    (REFERENCE / "library").mkdir(parents=True, exist_ok=True)
     for name, page in PAGES.items():
         (REFERENCE / name).write_text(page(), encoding="utf-8")
 

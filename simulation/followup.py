@@ -21,6 +21,11 @@ class CaptureOptions:
 
     ``exposure`` is relative to the reference, ``vignetting`` the relative loss of light at the
     corner, ``sharpening`` an amount and a width in px; ``seed`` is that of noise and training.
+
+    Examples
+    --------
+    >>> dim = standoff.CaptureOptions(exposure=0.8, vignetting=0.1)
+    >>> far = standoff.simulate("before.tif", zoom=1.5, psf="psf.json", camera=dim)
     """
 
     exposure: float = 1.0

@@ -13,6 +13,14 @@ class ArgumentError(ValueError):
     """An argument of a public function that cannot be, or does not go with the others.
 
     ``argument`` names it, where the message leaves that to whoever shows it.
+
+    Examples
+    --------
+    >>> try:
+    ...     standoff.reading("sunlight")
+    ... except standoff.ArgumentError as error:
+    ...     print(error)
+    expected auto, linear, srgb or gamma:G such as gamma:2.2, got 'sunlight'
     """
 
     def __init__(self, text: str, *, argument: str | None = None) -> None:

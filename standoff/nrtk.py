@@ -59,8 +59,12 @@ class FollowupPerturber:
 
     Examples
     --------
+    >>> from standoff.nrtk import FollowupPerturber
+    >>> image = standoff.read_image("before.tif").grey_dn
     >>> perturber = FollowupPerturber("psf.json", zoom=1.5, noise="noise.json")
-    >>> image, boxes = perturber(image=image, boxes=boxes)
+    >>> smaller, boxes = perturber(image=image, boxes=None)
+    >>> smaller.shape, boxes
+    ((160, 213), None)
     """
 
     def __init__(

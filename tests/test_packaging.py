@@ -1,6 +1,7 @@
 """What an installation holds: our names are ours, the extras and entry points are there."""
 
 import importlib
+import re
 import tomllib
 from importlib.metadata import distribution, packages_distributions
 from pathlib import Path
@@ -62,6 +63,17 @@ def test_the_extras_are_those_of_the_guide() -> None:
         "dev",
     }
     assert "Private :: Do Not Upload" in project["classifiers"]
+
+
+def test_the_citation_is_of_this_version() -> None:
+    # Checked against the schema of version 1.2.0 with cffconvert.
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    told = dict(re.findall(r"^([a-z-]+): (.+)$", text, re.MULTILINE))
+    assert told["cff-version"] == "1.2.0"
+    assert told["version"] == standoff.__version__
+    assert told["license"] == "MIT"
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (\S+)$", changes, re.MULTILINE)[0] == standoff.__version__
 
 
 def test_newer_pygobject_is_kept_out() -> None:

@@ -65,6 +65,12 @@ class Session:
     ------
     SessionError
         If it is not a session, or its session.json or journal is damaged.
+
+    Examples
+    --------
+    >>> session = standoff.Session("session")
+    >>> session.plan.name, len(session.records), session.is_complete
+    ('edges and coins', 6, True)
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:
@@ -143,7 +149,9 @@ class Session:
 
         Examples
         --------
-        >>> session.to_dataframe().plot.scatter("height_mm", "focus_value")
+        >>> table = standoff.Session("session").to_dataframe()
+        >>> table[["target", "height_mm"]].tail(3).values.tolist()
+        [['coins', 200.0], ['coins', 240.0], ['coins', 300.0]]
         """
         return dataframe(
             {

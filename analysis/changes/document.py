@@ -155,7 +155,9 @@ class ChangeSummary(ResultsDocument):
 
         Examples
         --------
-        >>> found.summary.to_dataframe().query("significance > 8")
+        >>> found = standoff.find_changes("before.tif", "after.tif", "psf.json")
+        >>> len(found.summary.to_dataframe().query("significance > 8"))
+        1
         """
         return dataframe(change.model_dump() for change in self.changes)
 

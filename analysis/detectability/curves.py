@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-
 CURVES_SCHEMA: Final = "standoff.detectability/1"
 
 _ENOUGH = 0.1
@@ -68,7 +67,12 @@ class AmbiguousCurveError(AnalysisError, ValueError):
 
 
 class CurveChoice(StoredValues):
-    """Which curve of a file to use; None leaves a value open."""
+    """Which curve of a file to use; None leaves a value open.
+
+    Examples
+    --------
+    >>> choice = standoff.CurveChoice(observer="hotelling", noise_dn=12.0)
+    """
 
     model: Model | None = None
     observer: CurveObserver | None = None
@@ -315,10 +319,6 @@ class DetectabilityCurves(ResultsDocument):
         ------
         PandasMissingError
             If pandas is not installed.
-
-        Examples
-        --------
-        >>> curves.to_dataframe().pivot_table("dprime", "zoom", ["model", "noise_dn"])
         """
         return dataframe(self.rows())
 

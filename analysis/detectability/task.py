@@ -64,6 +64,12 @@ class DetectionTask:
     ------
     ValueError
         If the zooms do not rise from 1 or more.
+
+    Examples
+    --------
+    >>> task = standoff.DetectionTask(zooms=(1.0, 1.5), models=("bicubic",), observers=("npw",))
+    >>> len(standoff.d_prime_curves("before.tif", task=task).curves)
+    3
     """
 
     signal: ChangeSignal = field(default_factory=GaussianSignal)

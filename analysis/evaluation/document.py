@@ -209,7 +209,10 @@ class Evaluation(ResultsDocument):
 
         Examples
         --------
-        >>> evaluation.to_dataframe().pivot_table("auc", "zoom", "tilt_deg")
+        >>> task = standoff.EvaluationTask(zooms=(1.0, 1.5), crop_px=64, crops=4)
+        >>> found = standoff.evaluate("absolute-difference", "photographs", "psf.json", task)
+        >>> found.evaluation.to_dataframe().pivot_table("auc", "zoom", "tilt_deg").shape
+        (2, 1)
         """
         each = ("zoom", *_LISTS)
         return dataframe(

@@ -53,6 +53,11 @@ class Spot(GaussianSignal):
     ------
     ValueError
         If the width is not positive.
+
+    Examples
+    --------
+    >>> standoff.EvaluationTask(change=standoff.Spot(sigma_px=3.0)).change.sigma_px
+    3.0
     """
 
     @property

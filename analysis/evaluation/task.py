@@ -78,6 +78,12 @@ class EvaluationTask:
     ValueError
         If a value is out of range, a tilt has no focal length or no model, or a follow-up would
         be smaller than 16 px.
+
+    Examples
+    --------
+    >>> task = standoff.EvaluationTask(zooms=(1.0, 1.5), noises_dn=(2.0, 4.0), contrasts_dn=(12.0,))
+    >>> len(task.conditions)
+    4
     """
 
     zooms: tuple[float, ...] = (1.0, 1.1, 1.25, 1.5, 2.0, 2.5)

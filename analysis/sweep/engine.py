@@ -41,6 +41,13 @@ class SweepOptions:
     ------
     ValueError
         If there is no such part, or no worker.
+
+    Examples
+    --------
+    >>> half = standoff.SweepOptions(part=(1, 2))
+    >>> found = standoff.find_changes_of_series("before.tif", "after", "changes", sweep=half)
+    >>> found.document is None
+    True
     """
 
     workers: int = 1

@@ -240,7 +240,9 @@ class Validation(ResultsDocument):
 
         Examples
         --------
-        >>> validation.to_dataframe().groupby(["model", "zoom"])["agreement.mse_dn2"].mean()
+        >>> tables = standoff.validate("session", "psf.json", "validation", models=["matched"])
+        >>> tables.to_dataframe().groupby(["target", "model"])["agreement.mse_dn2"].mean().shape
+        (1,)
         """
         left_out = {"models", "captured_curves", "homography", "chi2_reduced"}
         return dataframe(

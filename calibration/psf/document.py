@@ -259,7 +259,9 @@ class PsfCalibration(PsfWidths, _PsfDocument):
 
         Examples
         --------
-        >>> psf.to_dataframe().groupby("orientation").sigma_px.median()
+        >>> psf = standoff.read_psf("psf.json")
+        >>> psf.to_dataframe().groupby("orientation").sigma_px.median().round(2).to_dict()
+        {'diagonal': 0.72, 'horizontal': 0.67, 'vertical': 0.76}
         """
         return dataframe({**edge.model_dump(), "is_used": edge.is_used} for edge in self.edges)
 

@@ -11,7 +11,19 @@ from simulation.pose import project
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureMatches:
-    """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference."""
+    """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> followup_px = np.array([[20.0, 20.0], [300.0, 20.0], [300.0, 220.0], [20.0, 220.0]])
+    >>> pose = standoff.register("before.tif", "after.tif")
+    >>> seen = np.c_[followup_px, np.ones(4)] @ pose.matrix.T
+    >>> points = standoff.FeatureMatches(followup_px, seen[:, :2] / seen[:, 2:])
+    >>> hints = standoff.RegistrationHints(points=points)
+    >>> round(standoff.register("before.tif", "after.tif", hints=hints).zoom, 2)
+    1.19
+    """
 
     followup_px: FloatArray
     reference_px: FloatArray

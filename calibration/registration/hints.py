@@ -32,6 +32,12 @@ class RegistrationHints:
     ------
     ValueError
         If a value is not of its kind or range.
+
+    Examples
+    --------
+    >>> hints = standoff.RegistrationHints(zoom=1.2)
+    >>> round(standoff.register("before.tif", "after.tif", hints=hints).zoom, 2)
+    1.19
     """
 
     zoom: float | None = None

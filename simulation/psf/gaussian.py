@@ -32,9 +32,9 @@ class GaussianPsf:
 
     Examples
     --------
-    >>> GaussianPsf(0.8, 0.7)
+    >>> standoff.GaussianPsf(0.8, 0.7)
     GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.7, rho=0.0)
-    >>> GaussianPsf(sigma_px=0.8)
+    >>> standoff.GaussianPsf(sigma_px=0.8)
     GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8, rho=0.0)
     """
 

@@ -17,7 +17,23 @@ from standoff.photographs import Inputs, Photograph, ReadOptions
 
 
 class Progress(Protocol):
-    """Shows how far a call is; ``docs/library.md`` fits it to tqdm and to rich."""
+    """Shows how far a call is; ``docs/library.md`` fits it to tqdm and to rich.
+
+    Examples
+    --------
+    >>> from contextlib import contextmanager
+    >>> class Counted:
+    ...     @contextmanager
+    ...     def bar(self, task, total):
+    ...         print(task)
+    ...         yield lambda done: None
+    ...
+    ...     def note(self, text):
+    ...         print(text)
+    >>> geometry = standoff.calibrate_geometry("board", progress=Counted())
+    matching captures
+    the scale comes from the board 11x8:12:9:4X4_50; --board names another
+    """
 
     def bar(self, task: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
         """Give a block a function that is called with the number of pieces done, of ``total``."""

@@ -60,8 +60,9 @@ def calibrate_geometry(
 
     Examples
     --------
-    >>> geometry = standoff.calibrate_geometry("session")
-    >>> geometry.zoom(250, 400)
+    >>> geometry = standoff.calibrate_geometry("board")
+    >>> round(geometry.zoom(160, 300), 3)
+    1.812
     """
     for name, value in (("scale_px_per_mm", scale_px_per_mm), ("focal_length_px", focal_length_px)):
         if value is not None and not 0 < value < float("inf"):
@@ -109,6 +110,6 @@ def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
 
     Examples
     --------
-    >>> standoff.write_geometry("geometry.json", standoff.calibrate_geometry("session"))
+    >>> standoff.write_geometry("board.json", standoff.calibrate_geometry("board"))
     """
     write_geometry_file(path_of(path, "path"), geometry)

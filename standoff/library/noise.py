@@ -44,8 +44,9 @@ def measure_noise(
 
     Examples
     --------
-    >>> noise = standoff.measure_noise("session")
-    >>> standoff.write_noise("noise.json", noise)
+    >>> noise = standoff.measure_noise("flats")
+    >>> round(noise.transfer.gain_e_per_dn, 1)
+    5.0
     """
     call = Call("measure_noise", progress)
     opened = opened_session(session)
@@ -83,7 +84,9 @@ def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
 
     Examples
     --------
-    >>> standoff.write_noise("noise.json", standoff.measure_noise("session"))
+    >>> document = standoff.write_noise("flats.json", standoff.measure_noise("flats"))
+    >>> round(document.read_noise_e)
+    12
     """
     out = path_of(path, "path")
     with written_together(out) as folder:

@@ -30,7 +30,9 @@ def reading(encoding: str = "auto", *, page: int | None = None, mean: bool = Fal
 
     Examples
     --------
-    >>> psf = standoff.calibrate_psf("edges.tif", reading=standoff.reading("srgb", page=2))
+    >>> second = standoff.reading("linear", page=2)
+    >>> standoff.simulate("stack.tif", zoom=2, psf="psf.json", reading=second).image.shape
+    (120, 160)
     """
     try:
         known = None if encoding == "auto" else Encoding(name=encoding)
@@ -72,7 +74,8 @@ def read_image(
 
     Examples
     --------
-    >>> photograph = standoff.read_image("near.jpg")
-    >>> photograph.encoding, photograph.grey_dn.mean()
+    >>> photograph = standoff.read_image("before.tif")
+    >>> photograph.encoding.name, photograph.grey_dn.shape
+    ('linear', (240, 320))
     """
     return read(path_of(path, "path"), reading(encoding, page=page, mean=mean))

@@ -54,7 +54,12 @@ class PoseWatch:
     Examples
     --------
     >>> watch = standoff.PoseWatch("before.tif", "curves.json", 2)
-    >>> watch.run(watch.folder("captures"), lambda name, verdict: print(name, verdict.reason))
+    >>> frames = watch.folder("after")
+    >>> summary = watch.run(frames, lambda name, verdict: print(name, verdict.accepted))
+    day-1.tif True
+    day-2.tif True
+    >>> summary.frames
+    2
     """
 
     def __init__(

@@ -96,7 +96,11 @@ def training_pairs(
 
     Examples
     --------
-    >>> standoff.training_pairs("photographs", "pairs", psf="psf.json", zoom=2).train
+    >>> made = standoff.training_pairs(
+    ...     "photographs", "sr-pairs", psf="psf.json", zoom=2, crop_px=96, test_fraction=0
+    ... )
+    >>> made.train
+    24
     """
     call = Call("training_pairs", progress, reading, (psf,))
     known, field = psf_and_field(call, psf, model, transfer)

@@ -61,6 +61,11 @@ class TrainingOptions:
     ------
     ValueError
         If one is out of range.
+
+    Examples
+    --------
+    >>> standoff.TrainingOptions(epochs=4).batch
+    8
     """
 
     epochs: int = 8
@@ -107,8 +112,11 @@ def train_detector(
 
     Examples
     --------
-    >>> made = standoff.change_pairs("photographs", "pairs", "psf.json")
-    >>> standoff.train_detector(made.dataset.pairs("train")).save("detector.pt")
+    >>> task = standoff.ChangePairsTask(zooms=(1, 1.5), crop_px=64, pairs=2, test_fraction=0)
+    >>> made = standoff.change_pairs("photographs", "pairs", "psf.json", task)
+    >>> few = standoff.TrainingOptions(epochs=1, batch=4)
+    >>> detector = standoff.train_detector(made.dataset.pairs("train"), few)
+    >>> detector.save("detector.pt")
     """
     require_torch()
     import torch

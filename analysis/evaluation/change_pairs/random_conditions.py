@@ -66,6 +66,12 @@ class ChangePairsTask(BaseModel):
     ------
     ValueError
         If a value is out of range, or pairs at the ends of the ranges are not possible.
+
+    Examples
+    --------
+    >>> task = standoff.ChangePairsTask(zooms=(1, 2), noises_dn=(1, 3))
+    >>> task.zooms, task.pairs
+    ((1.0, 2.0), 20)
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

@@ -54,10 +54,12 @@ class Bench(MovableBench):
     Examples
     --------
     >>> with standoff.Bench("bench.toml") as bench:
-    ...     bench.home()
-    ...     bench.focus()
+    ...     _ = bench.home()
     ...     near = bench.capture()
-    ...     session = bench.sweep([200, 250, 300], "session", target="coins", kind="texture")
+    ...     height_mm = bench.move(250.0)
+    ...     series = bench.sweep([200, 250, 300], "coins", target="coins", kind="texture")
+    >>> round(height_mm, 2), len(series.records)
+    (250.0, 3)
     """
 
     def focus(

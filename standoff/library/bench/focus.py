@@ -177,7 +177,12 @@ def watch_focus(
 
     Examples
     --------
-    >>> standoff.watch_focus("bench.toml", lambda reading, _: print(reading.value), readings=100)
+    >>> values = []
+    >>> def show(reading, time_s):
+    ...     values.append(reading.value)
+    >>> last = standoff.watch_focus("bench.toml", show, readings=3, target="coins")
+    >>> len(values)
+    3
     """
     call, config = Call("watch_focus", progress), bench_config(bench, settings)
     options = _options(measure, region, noise)
@@ -246,8 +251,12 @@ def find_focus(
 
     Examples
     --------
-    >>> found = standoff.find_focus("bench.toml", (250, 340), ends_at_peak=True)
-    >>> found.peak.height_mm, found.half_interval_mm
+    >>> deep = {"simulated.focus_distance_mm": 300, "simulated.f_number": 1.0}
+    >>> found = standoff.find_focus(
+    ...     "bench.toml", (260, 320), settings=deep, steps=9, frames=2, target="coins"
+    ... )
+    >>> round(found.peak.height_mm)
+    291
     """
     if heights_mm is not None and not heights_mm[0] < heights_mm[1]:
         raise ArgumentError(f"heights_mm: expected the lower one first, got {heights_mm}")

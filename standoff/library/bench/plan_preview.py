@@ -41,7 +41,9 @@ def preview_plan(
 
     Examples
     --------
-    >>> standoff.preview_plan("plan.toml", "bench.toml").estimate.seconds
+    >>> preview = standoff.preview_plan("plan.toml", "bench.toml")
+    >>> len(preview.entries), preview.estimate.seconds < 60
+    (2, True)
     """
     config, folder = bench_config(bench, settings), None if out is None else Path(out)
     return PlanPreview.of(given_plan(plan), config, folder)

@@ -101,7 +101,8 @@ def capture_session(
 
     Examples
     --------
-    >>> standoff.capture_session("plan.toml", "bench.toml", "session").captured
+    >>> standoff.capture_session("plan.toml", "bench.toml", "coins").captured
+    2
     """
     call, path = Call("capture_session", progress), path_of(out, "out")
     config, planned = bench_config(bench, settings), given_plan(plan)

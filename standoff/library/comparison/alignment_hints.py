@@ -156,8 +156,10 @@ def alignment_hints(
 
     Examples
     --------
-    >>> hints = standoff.alignment_hints(2.1, mask="moving-parts.png")
-    >>> standoff.find_changes("before.tif", "after.tif", hints=hints)
+    >>> hints = standoff.alignment_hints(1.2, mask="moving-parts.png")
+    >>> summary = standoff.find_changes("before.tif", "after.tif", hints=hints).summary
+    >>> len(summary.changes), summary.compared_px < summary.frame_px
+    (1, True)
     """
     given = HintFiles(
         zoom=zoom,

@@ -219,8 +219,9 @@ def find_changes(
 
     Examples
     --------
-    >>> found = standoff.find_changes("before.tif", "after.tif")
-    >>> [(one.x_px, one.y_px, one.amplitude_dn) for one in found.summary.changes]
+    >>> found = standoff.find_changes("before.tif", "after.tif", "psf.json")
+    >>> [(round(one.x_px), round(one.y_px)) for one in found.summary.changes]
+    [(200, 90)]
     """
     files = psf, noise, *limit_files(limit), *hint_files(hints)
     call = Call("find_changes", progress, reading, files)

@@ -43,6 +43,14 @@ class DetectionLimitOptions:
     ------
     ArgumentError
         If a size is not above 0, or two arguments contradict one another.
+
+    Examples
+    --------
+    >>> spots = standoff.DetectionLimitOptions(spot_sigma_px=2.0, pixel_size_mm=0.5)
+    >>> found = standoff.find_changes("before.tif", "after.tif", "psf.json", limit=spots)
+    >>> limit = found.summary.detection_limit
+    >>> limit.map_spot_sigma_px, 0 < limit.mapped.p95_dn < 900
+    (2.0, True)
     """
 
     spot_sigma_px: float = SPOT_SIGMA_PX

@@ -49,7 +49,9 @@ def register(
 
     Examples
     --------
-    >>> standoff.register("before.tif", "after.tif", "psf.json").zoom
+    >>> pose = standoff.register("before.tif", "after.tif", "psf.json")
+    >>> round(pose.zoom, 3)
+    1.188
     """
     near, far = grey_image(reference, "reference"), grey_image(followup, "followup")
     return registered(

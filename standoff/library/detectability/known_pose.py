@@ -145,6 +145,7 @@ def judge_homography(
     Examples
     --------
     >>> standoff.judge_homography("H.json", "curves.json", 2.0).is_accepted
+    True
     """
     is_file = isinstance(homography, str | PathLike)
     if size is None and not (is_file or isinstance(homography, Homography)):

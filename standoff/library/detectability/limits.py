@@ -73,8 +73,10 @@ def d_prime_curves(
 
     Examples
     --------
-    >>> curves = standoff.d_prime_curves(["scene.tif"], "psf.json")
-    >>> curves.plot()
+    >>> task = standoff.DetectionTask(zooms=(1.0, 1.5), models=("matched",), noises_dn=(12.0,))
+    >>> curves = standoff.d_prime_curves(["before.tif"], "psf.json", task)
+    >>> [curve.observer for curve in curves.curves]
+    ['npw', 'hotelling', 'cho']
     """
     known = known_errors(psf)
     task = task or DetectionTask()
@@ -204,7 +206,8 @@ def pose_limits(
     Examples
     --------
     >>> limits = standoff.pose_limits("curves.json", 2, geometry="geometry.json")
-    >>> limits.zoom, limits.tilt_deg
+    >>> limits.zoom > 1, limits.tilt_deg > 0
+    (True, True)
     """
     camera = viewing_camera(geometry, focal_length_px, image_size)
     found = given_curve(curve, min_d_prime, choice, focus_scatter_px2)

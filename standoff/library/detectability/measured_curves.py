@@ -179,8 +179,12 @@ def measure_curves(
 
     Examples
     --------
-    >>> measured = standoff.measure_curves("photographs", "curves.sweep", "psf.json")
-    >>> measured.write("curves.json")
+    >>> task = standoff.DetectionTask(
+    ...     zooms=(1.0, 1.5), models=("matched",), observers=("npw",), noises_dn=(12.0,)
+    ... )
+    >>> measured = standoff.measure_curves("photographs", "sweep", "psf.json", task)
+    >>> len(measured.curves.curves)
+    1
     """
     call = Call("measure_curves", progress, reading, (psf, noise))
     asked = _Asked(

@@ -90,9 +90,10 @@ def change_pairs(
 
     Examples
     --------
-    >>> task = standoff.ChangePairsTask(zooms=(1, 2), noises_dn=(1, 3))
+    >>> task = standoff.ChangePairsTask(zooms=(1, 1.5), crop_px=64, pairs=2, test_fraction=0)
     >>> made = standoff.change_pairs("photographs", "pairs", "psf.json", task)
     >>> len(list(made.dataset.pairs("train")))
+    8
     """
     call = Call("change_pairs", progress, reading, (psf,))
     task = task or ChangePairsTask()
@@ -137,6 +138,10 @@ def read_change_pairs(folder: FilePath) -> ChangePairsDataset:
 
     Examples
     --------
+    >>> task = standoff.ChangePairsTask(zooms=(1, 1.5), crop_px=64, pairs=2, test_fraction=0)
+    >>> made = standoff.change_pairs("photographs", "pairs", "psf.json", task)
     >>> pairs = list(standoff.read_change_pairs("pairs").pairs("train"))
+    >>> len(pairs)
+    8
     """
     return _read(path_of(folder, "folder"))

@@ -44,7 +44,8 @@ def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
 
     Examples
     --------
-    >>> standoff.EvaluationTask(change=standoff.patch_of("crack.png"), contrasts_dn=(1.0,))
+    >>> crack = standoff.patch_of("crack.png")
+    >>> task = standoff.EvaluationTask(change=crack, contrasts_dn=(1.0,))
     """
     file = Path(path)
     levels = read_image(file, reading or ReadOptions()).grey_dn

@@ -169,8 +169,10 @@ def evaluate(
 
     Examples
     --------
-    >>> found = standoff.evaluate("my_module:detector", "photographs", "psf.json")
-    >>> found.plot()
+    >>> task = standoff.EvaluationTask(zooms=(1.0, 1.5), crop_px=64, crops=4, contrasts_dn=(900.0,))
+    >>> found = standoff.evaluate("my_module:detector", "photographs", "psf.json", task)
+    >>> found.evaluation.curves[0].zoom
+    [1.0, 1.5]
     """
     call = Call("evaluate", progress, reading, (psf,))
     task = task or EvaluationTask()

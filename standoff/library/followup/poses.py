@@ -57,7 +57,11 @@ def zoom_out(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> near = np.full((120, 160), 700.0)
     >>> far = standoff.zoom_out(near, 2.0, standoff.GaussianPsf(sigma_px=0.8))
+    >>> far.shape, round(float(far.mean()), 3)
+    ((60, 80), 700.0)
     """
     if model not in MODELS:
         raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
@@ -105,8 +109,9 @@ def simulate_pose(
 
     Examples
     --------
-    >>> far = standoff.simulate_pose("near.tif", "H.json", "psf.json")
-    >>> far.image[far.outside] = 0
+    >>> far = standoff.simulate_pose("before.tif", "H.json", "psf.json")
+    >>> far.image.shape, round(float(far.outside.mean()), 2)
+    ((240, 320), 0.29)
     """
     planes = colour_planes(image)
     frame = planes.shape[1], planes.shape[0]

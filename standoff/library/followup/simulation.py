@@ -127,7 +127,9 @@ def simulate(
 
     Examples
     --------
-    >>> far = standoff.simulate("near.tif", zoom=2, psf="psf.json")
+    >>> far = standoff.simulate("before.tif", zoom=2, psf="psf.json")
+    >>> far.image.shape
+    (120, 160)
     >>> far.write("far.tif")
     """
     _refuse_together(zoom, homography, psf, model)

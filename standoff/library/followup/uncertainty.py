@@ -38,6 +38,13 @@ class UncertaintyOptions:
     focus_scatter_px2
         Standard deviation, from capture to capture, of the PSF's variance; by default that of the
         calibration.
+
+    Examples
+    --------
+    >>> known = standoff.UncertaintyOptions(reference_noise=12.0, focus_scatter_px2=0.05)
+    >>> far = standoff.simulate("before.tif", zoom=1.5, psf="psf.json", uncertainty=known)
+    >>> far.uncertainty.err.shape
+    (160, 213)
     """
 
     reference_noise: NoiseLike | float | None = None

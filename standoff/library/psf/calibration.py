@@ -137,7 +137,10 @@ def calibrate_psf(
     Examples
     --------
     >>> psf = standoff.calibrate_psf(["vertical.tif", "horizontal.tif"])
-    >>> standoff.write_psf("psf.json", psf)
+    >>> round(psf.sigma_x_px, 2), round(psf.sigma_y_px, 2)
+    (0.94, 0.94)
+    >>> psf.sigma_x_err_px < 0.02
+    True
     """
     call = Call("calibrate_psf", progress, reading, (noise, correct, limits))
     request = _Request(

@@ -72,7 +72,9 @@ def compare_psfs(
 
     Examples
     --------
-    >>> print(standoff.compare_psfs("before.json", "after.json").verdict)
+    >>> found = standoff.compare_psfs("psf.json", "lens-files/psf-vertical.json")
+    >>> found.verdict.split(":")[0]
+    'the PSF has changed'
     """
     names = tuple(
         "psf" if isinstance(one, PsfCalibration) else str(path_of(one, "psf"))
@@ -151,7 +153,8 @@ def psf_history(
 
     Examples
     --------
-    >>> standoff.psf_history("lens-files").write_report("history.html")
+    >>> history = standoff.psf_history("lens-files")
+    >>> history.write_report("history.html")
     """
     call = Call("psf_history", progress)
     paths = [Path(one) for one in ([files] if isinstance(files, str | PathLike) else files)]

@@ -188,6 +188,7 @@ def judge_pose(
     Examples
     --------
     >>> standoff.judge_pose("before.tif", "after.tif", "curves.json", 2).is_accepted
+    True
     """
     call = Call("judge_pose", progress, reading, (curve, psf, *hint_files(hints)))
     demand = PoseDemand(

@@ -149,8 +149,9 @@ def find_changes_of_series(
 
     Examples
     --------
-    >>> found = standoff.find_changes_of_series("before.tif", "after", "changes")
+    >>> found = standoff.find_changes_of_series("before.tif", "after", "changes", "psf.json")
     >>> found.document.changed
+    1
     """
     files = psf, noise, *limit_files(limit), *hint_files(hints)
     call = Call("find_changes_of_series", progress, reading, files)
@@ -264,7 +265,9 @@ def judge_poses(
 
     Examples
     --------
-    >>> standoff.judge_poses("before.tif", "after", "poses", "curves.json", 2).document.accepted
+    >>> judged = standoff.judge_poses("before.tif", "after", "poses", "curves.json", 2)
+    >>> judged.document.accepted
+    2
     """
     call = Call("judge_poses", progress, reading, (curve, psf, *hint_files(hints)))
     demand = PoseDemand(

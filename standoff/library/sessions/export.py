@@ -80,7 +80,9 @@ def export_session(
 
     Examples
     --------
-    >>> standoff.export_session("session", "session.ome.tif", format="ome-tiff")
+    >>> written = standoff.export_session("session", "session.ome.tif", format="ome-tiff")
+    >>> written.captures
+    6
     """
     require_exporter(format)
     path = path_of(out, "out")

@@ -93,7 +93,9 @@ def import_photographs(
 
     Examples
     --------
-    >>> standoff.import_photographs(["edge.tif"], "session", kind="edge", height_mm=250)
+    >>> paths = ["before.tif", "after.tif"]
+    >>> standoff.import_photographs(paths, "imported", kind="texture", height_mm=0).imported
+    2
     """
     if not isfinite(height_mm):
         raise ArgumentError(f"a height must be a finite number, got {height_mm}")

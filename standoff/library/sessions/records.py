@@ -105,7 +105,8 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
 
     Examples
     --------
-    >>> [one["session"] for one in standoff.list_sessions("sessions")]
+    >>> [(one["session"], one["captured"]) for one in standoff.list_sessions(".")]
+    [('board', 3), ('flats', 8), ('session', 6)]
     """
     path = path_of(folder, "folder")
     if not path.is_dir():
@@ -139,7 +140,9 @@ def show_session(session: Session | FilePath) -> dict[str, Any]:
 
     Examples
     --------
-    >>> standoff.show_session("session")["captured"]
+    >>> shown = standoff.show_session("session")
+    >>> shown["captured"]
+    6
     """
     return opened_session(session).to_json()
 
@@ -168,6 +171,8 @@ def exclude_capture(
     Examples
     --------
     >>> standoff.exclude_capture("session", 3, "a hair on the target")
+    >>> standoff.Session("session").captures[3].excluded_because
+    'a hair on the target'
     """
     _notes(session, operator).exclude(index, reason)
 
@@ -184,7 +189,10 @@ def include_capture(
 
     Examples
     --------
+    >>> standoff.exclude_capture("session", 3, "a hair on the target")
     >>> standoff.include_capture("session", 3)
+    >>> standoff.Session("session").captures[3].excluded_because is None
+    True
     """
     _notes(session, operator).include(index, reason)
 
@@ -222,7 +230,11 @@ def correct_height(
 
     Examples
     --------
-    >>> standoff.correct_height("session", [0, 1], 262.5, "measured with a tape")
+    >>> paths = ["before.tif"]
+    >>> made = standoff.import_photographs(paths, "imported", kind="texture", height_mm=250)
+    >>> lines = standoff.correct_height("imported", [0], 262.5, "measured with a tape")
+    >>> standoff.Session("imported").records[0].height_mm
+    262.5
     """
     return _notes(session, operator).correct_height(indices, height_mm, reason)
 
@@ -239,7 +251,7 @@ def add_note(session: Session | FilePath, text: str, *, operator: str | None = N
 
     Examples
     --------
-    >>> standoff.add_note("session", "the lamp was changed after capture 12")
+    >>> standoff.add_note("session", "the lamp was changed after capture 2")
     """
     _notes(session, operator).note(text)
 

@@ -79,7 +79,8 @@ def write_report(
 
     Examples
     --------
-    >>> standoff.write_report("session", "report.pdf")
+    >>> standoff.write_report("session").report.name
+    'report.html'
     """
     call, opened = Call("write_report", progress), opened_session(session)
     results = make_results_folder(opened.path)

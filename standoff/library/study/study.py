@@ -122,8 +122,9 @@ def plan_study(
 
     Examples
     --------
-    >>> study = standoff.plan_study("plan.toml", "bench.toml", "psf.json", want="sigma=0.5%")
-    >>> study.next_step
+    >>> study = standoff.plan_study("session.toml", "bench.toml", "psf.json", want="sigma=1%")
+    >>> print(study.next_step)
+    Run the plan: it gives all that is wanted.
     """
     _refuse_odd_numbers(
         {
@@ -196,7 +197,7 @@ def write_study(path: FilePath, study: PlanStudy) -> None:
 
     Examples
     --------
-    >>> study = standoff.plan_study("plan.toml", "bench.toml", "psf.json")
+    >>> study = standoff.plan_study("session.toml", "bench.toml", "psf.json")
     >>> standoff.write_study("study.json", study)
     """
     write_results(path_of(path, "path"), study)

@@ -1,0 +1,347 @@
+"""The pages on the public functions in docs/reference/library, from their docstrings.
+
+Written by ``python -m scripts.make_reference``.
+"""
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import standoff
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """A page: what stands on it, in this order, as docs/library.md names it."""
+
+    file: str
+    title: str
+    about: str
+    names: tuple[str, ...]
+
+
+GROUPS = (
+    Group(
+        file="bench",
+        title="The bench",
+        about="[Programs](../../programs.md), [capture sessions](../../capture-sessions.md), "
+        "[focus](../../focus.md).",
+        names=(
+            "Bench",
+            "preview_plan",
+            "capture_session",
+            "watch_focus",
+            "find_focus",
+            "find_cameras",
+        ),
+    ),
+    Group(
+        file="sessions",
+        title="Sessions",
+        about="[Capture sessions](../../capture-sessions.md), [validation](../../validation.md).",
+        names=(
+            "Session",
+            "verify_session",
+            "import_photographs",
+            "export_session",
+            "list_sessions",
+            "show_session",
+            "exclude_capture",
+            "include_capture",
+            "correct_height",
+            "add_note",
+            "validate",
+            "write_report",
+        ),
+    ),
+    Group(
+        file="psf",
+        title="Photographs and the PSF",
+        about="[Photographs](../../photographs.md), [calibration](../../calibration.md).",
+        names=(
+            "read_image",
+            "reading",
+            "calibrate_psf",
+            "measure_edges",
+            "compare_psfs",
+            "psf_history",
+            "read_psf",
+            "write_psf",
+            "write_edge_table",
+            "GaussianPsf",
+        ),
+    ),
+    Group(
+        file="camera",
+        title="Noise, geometry and studies",
+        about="[Noise](../../noise.md), [geometry](../../geometry.md), "
+        "[planning a study](../../plan-study.md).",
+        names=(
+            "measure_noise",
+            "write_noise",
+            "calibrate_geometry",
+            "write_geometry",
+            "plan_study",
+            "write_study",
+        ),
+    ),
+    Group(
+        file="simulation",
+        title="Simulated photographs",
+        about="[Zoom-out](../../theory-simulation.md), [general pose](../../theory-pose.md), "
+        "[training pairs](../../sr-pairs.md).",
+        names=(
+            "simulate",
+            "zoom_out",
+            "simulate_pose",
+            "CaptureOptions",
+            "UncertaintyOptions",
+            "training_pairs",
+        ),
+    ),
+    Group(
+        file="comparison",
+        title="What changed",
+        about="[What changed](../../changes.md).",
+        names=(
+            "register",
+            "alignment_hints",
+            "RegistrationHints",
+            "FeatureMatches",
+            "find_changes",
+            "DetectionLimitOptions",
+            "find_changes_of_series",
+        ),
+    ),
+    Group(
+        file="detectability",
+        title="Detectability and poses",
+        about="[How far may the camera move?](../../detectability.md), "
+        "[how sure a verdict is](../../how-sure.md).",
+        names=(
+            "d_prime_curves",
+            "measure_curves",
+            "DetectionTask",
+            "CurveChoice",
+            "pose_limits",
+            "judge_homography",
+            "judge_pose",
+            "judge_poses",
+            "PoseWatch",
+        ),
+    ),
+    Group(
+        file="detectors",
+        title="Detectors of changes",
+        about="[Your own detector](../../evaluate.md), [what a detector is](../../detectors.md).",
+        names=(
+            "evaluate",
+            "EvaluationTask",
+            "Spot",
+            "patch_of",
+            "change_pairs",
+            "ChangePairsTask",
+            "read_change_pairs",
+            "train_detector",
+            "TrainingOptions",
+        ),
+    ),
+    Group(
+        file="calls",
+        title="What calls share",
+        about="[As a library](../../library.md).",
+        names=("Progress", "SweepOptions", "ArgumentError"),
+    ),
+)
+
+_ALIASES = """
+| in a signature | takes |
+| --- | --- |
+| `FilePath` | a path, as text or as `pathlib.Path` |
+| `ImageLike` | an array linear in light, a photograph, a capture of a bench, or a path |
+| `PsfLike` | a `GaussianPsf`, a measured PSF, a calibration, or the path of a psf.json |
+| `CurveLike` | a curve, several, or the path of a curves.json |
+| `NoiseLike` | what a noise.json says, or its path |
+| `Progress` | an object with the two methods of [`Progress`](calls.md#progress) |
+"""
+_WIDTH = 92
+_CONSTANT = re.compile(r" = (?P<name>_?[A-Z][A-Z_]+)$")
+_SECTION = re.compile(r"^(?P<title>[A-Z]\w+)\n-+\n", re.MULTILINE)
+_ITEM = re.compile(r"^(?P<head>\S.*)\n(?P<text>(?:(?: {4}.*)?(?:\n|$))*)", re.MULTILINE)
+
+
+def library_pages(made: str) -> dict[str, Callable[[], str]]:
+    """The pages by their path in the reference; ``made`` says what they are made from."""
+
+    def page_of(group: Group) -> Callable[[], str]:
+        return lambda: _page(group, made)
+
+    index = {"library/index.md": lambda: _index(made)}
+    return index | {f"library/{group.file}.md": page_of(group) for group in GROUPS}
+
+
+def _index(made: str) -> str:
+    lines = [f"# Functions\n\n{made}"]
+    lines += ["What `import standoff` gives; [As a library](../../library.md) shows how it goes"]
+    lines += ["together. Examples run in a folder with the files that"]
+    lines += ["`python -m scripts.example_files FOLDER` makes in a checkout: photographs of edges,"]
+    lines += ["and photographs, sessions and calibrations of a small simulated bench."]
+    for group in GROUPS:
+        lines += [f"\n## [{group.title}]({group.file}.md)\n", "| | |", "| --- | --- |"]
+        for name in group.names:
+            first = _markdown((_docstring(name)).split("\n\n")[0].replace("\n", " "))
+            lines.append(f"| [`{name}`]({group.file}.md#{_anchor(name)}) | {_cell(first)} |")
+    return "\n".join([*lines, "\n## Types", _ALIASES.rstrip()]) + "\n"
+
+
+def _page(group: Group, made: str) -> str:
+    parts = [f"# {group.title}\n\n{made}", f"See {group.about} Files of examples and types: "]
+    parts[-1] += "[Functions](index.md)."
+    for name in group.names:
+        parts += ["", f"## {name}", "", *_entry(name)]
+    return "\n".join(parts) + "\n"
+
+
+def _entry(name: str) -> Iterator[str]:
+    found: Any = getattr(standoff, name)
+    yield from ("```python", _signature(name, found), "```", "")
+    pieces = _SECTION.split(_docstring(name))
+    yield _markdown(pieces[0].strip())
+    for title, text in zip(pieces[1::2], pieces[2::2], strict=True):
+        yield f"\n**{title}**\n"
+        if title == "Examples":
+            yield from ("```pycon", text.strip(), "```")
+        else:
+            yield from _items(text, is_typed=title in ("Returns", "Raises"))
+    if inspect.isclass(found):
+        yield from _members(found)
+
+
+def _items(text: str, *, is_typed: bool) -> Iterator[str]:
+    for item in _ITEM.finditer(text.strip("\n") + "\n"):
+        about = " ".join(textwrap.dedent(item["text"]).split())
+        head = item["head"].strip()
+        names = head if is_typed and " " in head and "," not in head else _names(head)
+        yield f"- {names}{': ' if about else ''}{_markdown(about)}"
+
+
+def _names(head: str) -> str:
+    return ", ".join(f"`{name.strip()}`" for name in head.split(","))
+
+
+def _members(found: type) -> Iterator[str]:
+    """Public methods and properties that have a docstring, inherited ones of ours as well."""
+    told: dict[str, str] = {}
+    for base in found.__mro__:
+        if base.__module__.split(".")[0] not in ("standoff", "acquisition", "simulation"):
+            continue
+        for name, member in vars(base).items():
+            about = inspect.getdoc(member.fget if isinstance(member, property) else member)
+            is_ours = isinstance(member, property) or inspect.isfunction(member)
+            if is_ours and about and not name.startswith("_"):
+                arguments = "" if isinstance(member, property) else _arguments(member)
+                first = about.split("\n\n")[0].replace("\n", " ")
+                told.setdefault(name, f"| `{name}{arguments}` | {_cell(_markdown(first))} |")
+    if told:
+        yield "\n| method or property | |\n| --- | --- |"
+        yield from (told[name] for name in sorted(told))
+
+
+def _arguments(function: Callable[..., Any]) -> str:
+    names = [name for name in inspect.signature(function).parameters if name != "self"]
+    return f"({', '.join(names)})"
+
+
+def _signature(name: str, found: Any) -> str:  # noqa: ANN401 - a function or a class
+    """As the source writes it: its annotations have names, what they stand for is long."""
+    node = ast.parse(textwrap.dedent(inspect.getsource(found))).body[0]
+    arguments, result = [], ""
+    if isinstance(node, ast.FunctionDef):
+        arguments, result = _written(node.args), f" -> {_text(node.returns)}"
+    elif isinstance(node, ast.ClassDef):
+        made = _constructor(found, node)
+        if made is None:
+            fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
+            arguments = [_field(one) for one in fields if not _text(one.target).startswith("_")]
+            arguments = ["*", *arguments] if arguments else []
+        else:
+            arguments = [one for one in _written(made.args) if one != "self"]
+    known = inspect.getmodule(found).__dict__
+    arguments = [
+        _CONSTANT.sub(lambda constant: f" = {known[constant['name']]!r}", one) for one in arguments
+    ]
+    line = f"{name}({', '.join(arguments)}){result}"
+    if len(line) <= _WIDTH:
+        return line
+    return "\n".join([f"{name}(", *(f"    {one}," for one in arguments), f"){result}"])
+
+
+def _constructor(found: type, node: ast.ClassDef) -> ast.FunctionDef | None:
+    for one in node.body:
+        if isinstance(one, ast.FunctionDef) and one.name == "__init__":
+            return one
+    for base in found.__mro__[1:]:
+        if base.__module__.split(".")[0] in ("standoff", "acquisition") and "__init__" in vars(
+            base
+        ):
+            source = textwrap.dedent(inspect.getsource(vars(base)["__init__"]))
+            made = ast.parse(source).body[0]
+            return made if isinstance(made, ast.FunctionDef) else None
+    return None
+
+
+def _written(given: ast.arguments) -> list[str]:
+    positional = [*given.posonlyargs, *given.args]
+    defaults: list[ast.expr | None] = [None] * (len(positional) - len(given.defaults))
+    found = [
+        _argument(argument, default)
+        for argument, default in zip(positional, [*defaults, *given.defaults], strict=True)
+    ]
+    if given.kwonlyargs:
+        found.append("*")
+        found += [
+            _argument(argument, default)
+            for argument, default in zip(given.kwonlyargs, given.kw_defaults, strict=True)
+        ]
+    return found
+
+
+def _argument(argument: ast.arg, default: ast.expr | None) -> str:
+    if argument.annotation is None:
+        return argument.arg
+    shown = "" if default is None else f" = {_text(default)}"
+    return f"{argument.arg}: {_text(argument.annotation)}{shown}"
+
+
+def _field(one: ast.AnnAssign) -> str:
+    shown = "" if one.value is None else f" = {_text(one.value)}"
+    if isinstance(one.value, ast.Call):
+        shown = " = ..."
+    return f"{_text(one.target)}: {_text(one.annotation)}{shown}"
+
+
+def _text(node: ast.expr | None) -> str:
+    if node is None:
+        return "None"
+    text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
+    return ast.unparse(node) if text is None else repr(text)
+
+
+def _docstring(name: str) -> str:
+    return inspect.getdoc(getattr(standoff, name)) or ""
+
+
+def _markdown(text: str) -> str:
+    return text.replace("``", "`")
+
+
+def _anchor(name: str) -> str:
+    return name.lower()
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
