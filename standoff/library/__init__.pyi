@@ -23,6 +23,11 @@ from .bench import (
     refuse_half_simulated as refuse_half_simulated,
     watch_focus as watch_focus,
 )
+from .benchmark import (
+    SCORE_FILES as SCORE_FILES,
+    ScoredBenchmark as ScoredBenchmark,
+    score_benchmark as score_benchmark,
+)
 from .call import Call as Call, Progress as Progress
 from .caller import called_as as called_as
 from .choices import ChangeSigns as ChangeSigns, PairFormat as PairFormat

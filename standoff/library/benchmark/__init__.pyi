@@ -1,0 +1,5 @@
+from .scoring import (
+    SCORE_FILES as SCORE_FILES,
+    ScoredBenchmark as ScoredBenchmark,
+    score_benchmark as score_benchmark,
+)
