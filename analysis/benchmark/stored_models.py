@@ -204,8 +204,8 @@ class TrueChanges(_Stored):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.changed != bool(self.spots):
-            raise ValueError("a pair is changed if it has spots, and only then")
+        if self.spots and not self.changed:
+            raise ValueError("a pair that is not changed has no spots")
         return self
 
 
