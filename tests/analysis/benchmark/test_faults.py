@@ -64,7 +64,10 @@ FAULTS: dict[str, tuple[Spoil, str, str]] = {
     ),
     "singular": (answer(homography_to_reference=SINGULAR), "alignment.json", "p0: homography"),
     "not finite": (
-        text("alignment.json", '{"p0": {"homography_to_reference": [[1, 0, NaN], [0, 1, 0], [0, 0, 1]]}}'),
+        text(
+            "alignment.json",
+            '{"p0": {"homography_to_reference": [[1, 0, NaN], [0, 1, 0], [0, 0, 1]]}}',
+        ),
         "alignment.json",
         "p0.homography_to_reference.0.2",
     ),
@@ -88,9 +91,9 @@ FAULTS: dict[str, tuple[Spoil, str, str]] = {
     ),
     "about": (lambda program: write_json(program, "about.json", {}), "about.json", "name"),
     "shape": (picture("changes", "c0", np.zeros((COLS, ROWS))), "c0.tif", "(60, 40)"),
-    "colour": (picture("changes", "c0", np.zeros((ROWS, COLS, 3))), "c0.tif", "(40, 60, 3)"),
+    "two planes": (picture("changes", "c0", np.zeros((2, ROWS, COLS))), "c0.tif", "expected"),
     "infinite": (picture("simulation", "s0", infinite()), "s0.tif", "write NaN"),
-    "task of no picture": (picture("simulation", "s9", np.zeros((ROWS, COLS))), "s9.tif", "no such"),
+    "no task": (picture("simulation", "s9", np.zeros((ROWS, COLS))), "s9.tif", "no such"),
     "no TIFF": (
         lambda program: (program / "simulation" / "s0.tif").write_bytes(b"II*\0"),
         "s0.tif",
@@ -114,7 +117,9 @@ FAULTS: dict[str, tuple[Spoil, str, str]] = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_an_answer_that_cannot_be_used_is_named(fault: str, tmp_path: Path) -> None:
     spoil, file, said = FAULTS[fault]
-    data, program = everything(tmp_path)
+    data, program = everything(tmp_path)[0], tmp_path / "spoilt"
+    (program / "simulation").mkdir(parents=True)
+    (program / "changes").mkdir()
     spoil(program)
     with pytest.raises(ResultsFileError) as refused:
         standoff.score_benchmark(program, data)
