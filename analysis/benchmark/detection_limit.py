@@ -16,7 +16,7 @@ from math import inf, log
 
 import numpy as np
 
-from analysis.benchmark.estimates import Estimate, percentiles
+from analysis.benchmark.estimates import Estimate, Relation, percentiles
 from simulation.arrays import BoolArray, FloatArray
 
 _STEPS = 60
@@ -74,7 +74,7 @@ def limit_estimate(amplitudes: FloatArray, limits: FloatArray) -> Estimate:
     low, high = (None if end == inf else end for end in ends)
     if value == inf:
         return Estimate(value=most, low=low, high=None, relation=">")
-    relation = "<" if value <= least * (1 + _CLOSE) else "="
+    relation: Relation = "<" if value <= least * (1 + _CLOSE) else "="
     return Estimate(value=value, low=low, high=high, relation=relation)
 
 

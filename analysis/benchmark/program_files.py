@@ -122,7 +122,9 @@ class ProgramFiles:
         ResultsFileError
             If a task is unknown, or an answer is none.
         """
-        return self._of_tasks(ALIGNMENT_NAME, _Alignments, tasks).root
+        found = document(self._document(ALIGNMENT_NAME), self.folder / ALIGNMENT_NAME, _Alignments)
+        self._check_tasks(ALIGNMENT_NAME, found.root, tasks)
+        return found.root
 
     def detections(self, tasks: Collection[str]) -> dict[str, Places] | None:
         """Read detections.json; None where there is none.
@@ -132,9 +134,12 @@ class ProgramFiles:
         ResultsFileError
             If a task is unknown, or a place is none.
         """
-        if not _is_named(self.folder / DETECTIONS_NAME):
+        path = self.folder / DETECTIONS_NAME
+        if not _is_named(path):
             return None
-        return self._of_tasks(DETECTIONS_NAME, _Detections, tasks).root
+        found = document(self._document(DETECTIONS_NAME), path, _Detections)
+        self._check_tasks(DETECTIONS_NAME, found.root, tasks)
+        return found.root
 
     def pictures(self, track: Track, tasks: Collection[str]) -> dict[str, Path]:
         """Return the pictures of a track, by task.
@@ -157,15 +162,13 @@ class ProgramFiles:
             raise _refused(odd, f"there is no such task; the files of {folder} are TASK.tif")
         return {known[path.name]: path for path in shown}
 
-    def _of_tasks(
-        self, name: str, model: type[_Alignments] | type[_Detections], tasks: Collection[str]
-    ) -> "_Alignments | _Detections":
-        path = self.folder / name
-        found = document(file_bytes(path, LARGEST_DOCUMENT_BYTES), path, model)
-        odd = next((task for task in found.root if task not in tasks), None)
+    def _document(self, name: str) -> bytes:
+        return file_bytes(self.folder / name, LARGEST_DOCUMENT_BYTES)
+
+    def _check_tasks(self, name: str, given: Collection[str], tasks: Collection[str]) -> None:
+        odd = next((task for task in given if task not in tasks), None)
         if odd is not None:
-            raise _refused(path, f"there is no task {_shown(odd)}")
-        return found
+            raise _refused(self.folder / name, f"there is no task {_shown(odd)}")
 
     def _paths(self, track: Track) -> tuple[Path, ...]:
         names = {

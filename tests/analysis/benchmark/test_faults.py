@@ -91,7 +91,13 @@ FAULTS: dict[str, tuple[Spoil, str, str]] = {
     ),
     "about": (lambda program: write_json(program, "about.json", {}), "about.json", "name"),
     "shape": (picture("changes", "c0", np.zeros((COLS, ROWS))), "c0.tif", "(60, 40)"),
-    "two planes": (picture("changes", "c0", np.zeros((2, ROWS, COLS))), "c0.tif", "expected"),
+    "colour": (
+        lambda program: tifffile.imwrite(
+            program / "changes" / "c0.tif", np.zeros((ROWS, COLS, 3), np.uint8), photometric="rgb"
+        ),
+        "c0.tif",
+        "(40, 60, 3)",
+    ),
     "infinite": (picture("simulation", "s0", infinite()), "s0.tif", "write NaN"),
     "no task": (picture("simulation", "s9", np.zeros((ROWS, COLS))), "s9.tif", "no such"),
     "no TIFF": (
