@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from io import StringIO
 from math import isfinite
+from os.path import isdir, lexists
 from pathlib import Path
 
 from pydantic import RootModel
@@ -66,7 +67,7 @@ class ProgramFiles:
     """
 
     def __init__(self, folder: Path) -> None:
-        if not folder.is_dir():
+        if not isdir(folder):
             raise ResultsFileError(
                 f"{folder} is no folder; name one with the files of a program's results",
                 source=str(folder),
@@ -75,18 +76,18 @@ class ProgramFiles:
         path = folder / ABOUT_NAME
         self.about = (
             document(file_bytes(path), path, About)
-            if _is_named(path)
+            if lexists(path)
             else About(name=on_one_line(folder.resolve().name)[:60] or "results")
         )
 
     def has(self, track: Track) -> bool:
         """Whether the program took part in a track."""
-        return any(_is_named(path) for path in self._paths(track))
+        return any(lexists(path) for path in self._paths(track))
 
     def documents(self) -> list[Path]:
         """The files of its answers that are no pictures."""
         names = (ABOUT_NAME, PSF_NAME, ALIGNMENT_NAME, DETECTIONS_NAME)
-        return [path for name in names if _is_named(path := self.folder / name)]
+        return [path for name in names if lexists(path := self.folder / name)]
 
     def edges(self, truth: PsfTruth) -> dict[tuple[str, str], GivenEdge]:
         """Read psf.csv: what is said of each chart's edges.
@@ -135,7 +136,7 @@ class ProgramFiles:
             If a task is unknown, or a place is none.
         """
         path = self.folder / DETECTIONS_NAME
-        if not _is_named(path):
+        if not lexists(path):
             return None
         found = document(self._document(DETECTIONS_NAME), path, _Detections)
         self._check_tasks(DETECTIONS_NAME, found.root, tasks)
@@ -150,7 +151,7 @@ class ProgramFiles:
             If a file in the track's folder is no task's.
         """
         folder, known = self.folder / track, {f"{task}.tif": task for task in tasks}
-        if not _is_named(folder):
+        if not lexists(folder):
             return {}
         try:
             files = sorted(folder.iterdir())
@@ -189,11 +190,6 @@ def given_levels(path: Path, shape: Shape) -> Float32Array:
         If it is damaged, or of another shape.
     """
     return grey_levels(file_bytes(path), path, shape)
-
-
-def _is_named(path: Path) -> bool:
-    """Whether something has this name, be it a broken link."""
-    return path.exists() or path.is_symlink()
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

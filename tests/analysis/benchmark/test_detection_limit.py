@@ -51,7 +51,8 @@ def test_a_limit_below_the_smallest_amplitude_is_a_bound() -> None:
     amplitudes = np.array([1.0, 2.0, 4.0])
     value = limit_of(amplitudes, np.ones(3, np.bool_), np.ones(3), 0.5)
     found = limit_estimate(amplitudes, np.array([value]))
-    assert (found.relation, found.value) == ("<", pytest.approx(1.0))
+    assert found.relation == "<"
+    assert found.value == pytest.approx(1.0)
 
 
 def test_what_finds_the_faint_and_misses_the_strong_has_no_limit() -> None:
