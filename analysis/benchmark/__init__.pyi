@@ -9,6 +9,7 @@ from .scores import (
     read_scores as read_scores,
 )
 from .scoring import scored as scored
+from .stored_models import Track as Track
 from .tables import (
     ScoreTable as ScoreTable,
     main_groups as main_groups,

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from io import StringIO
 from math import isfinite
-from os.path import isdir, lexists
+from os.path import lexists
 from pathlib import Path
 
 from pydantic import RootModel
@@ -67,7 +67,11 @@ class ProgramFiles:
     """
 
     def __init__(self, folder: Path) -> None:
-        if not isdir(folder):
+        try:
+            is_folder = folder.is_dir()
+        except OSError:  # its name is too long to be one
+            is_folder = False
+        if not is_folder:
             raise ResultsFileError(
                 f"{folder} is no folder; name one with the files of a program's results",
                 source=str(folder),

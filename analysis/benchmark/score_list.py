@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.benchmark.estimates import Estimate
-from analysis.benchmark.measures import EVERYTHING
+from analysis.benchmark.measures import EVERYTHING, MEASURES
 from analysis.benchmark.scores import Score
 from analysis.benchmark.stored_models import Track
 from simulation.arrays import IntArray
@@ -24,18 +24,24 @@ class ScoreList:
         self, group: str, measure: str, found: Estimate | None, answered: int, tasks: int
     ) -> None:
         """Add a score, unless there is no estimate."""
-        if found is not None:
-            self.scores.append(
-                Score.of(
-                    found,
-                    program=self.program,
-                    track=self.track,
-                    group=group,
-                    measure=measure,
-                    answered=answered,
-                    tasks=tasks,
-                )
+        if found is None:
+            return
+        units = {one.name: one.unit for one in MEASURES[self.track]}
+        self.scores.append(
+            Score(
+                program=self.program,
+                track=self.track,
+                group=group,
+                measure=measure,
+                unit=units[measure],
+                relation=found.relation,
+                value=found.value,
+                low=found.low,
+                high=found.high,
+                answered=answered,
+                tasks=tasks,
             )
+        )
 
 
 def groups_of(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from pydantic import Field
 
 from acquisition.dataframe import dataframe
-from analysis.benchmark.estimates import Estimate, Relation
+from analysis.benchmark.estimates import Relation
 from analysis.benchmark.measures import MEASURES, Measure
 from analysis.benchmark.stored_models import TRACKS, Track
 from analysis.errors import ResultsFileError
@@ -38,34 +38,6 @@ class Score(StoredValues):
     high: float | None
     answered: int
     tasks: int
-
-    @classmethod
-    def of(
-        cls,
-        found: Estimate,
-        *,
-        program: str,
-        track: Track,
-        group: str,
-        measure: str,
-        answered: int,
-        tasks: int,
-    ) -> "Score":
-        """The score that an estimate is."""
-        units = {one.name: one.unit for one in MEASURES[track]}
-        return cls(
-            program=program,
-            track=track,
-            group=group,
-            measure=measure,
-            unit=units[measure],
-            relation=found.relation,
-            value=found.value,
-            low=found.low,
-            high=found.high,
-            answered=answered,
-            tasks=tasks,
-        )
 
 
 class ScoredProgram(StoredValues):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
 from analysis.benchmark.alignment_track import score_alignment
-from analysis.benchmark.changes_track import score_changes
+from analysis.benchmark.changes import score_changes
 from analysis.benchmark.data_set import BenchmarkData
 from analysis.benchmark.program_files import ProgramFiles
 from analysis.benchmark.psf_track import score_psf

@@ -4,12 +4,12 @@ from analysis.benchmark import (
     TITLES,
     BenchmarkScores,
     ScoreTable,
+    Track,
     main_groups,
     parts_of,
     score_figure,
     track_tables,
 )
-from analysis.benchmark.stored_models import Track
 from analysis.reports.page import (
     Report,
     ReportFigure,

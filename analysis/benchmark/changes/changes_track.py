@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.benchmark.change_answers import (
+from analysis.benchmark.changes.change_answers import (
     FALSE_PIXELS,
     JudgedPair,
     TruePair,
@@ -13,8 +13,9 @@ from analysis.benchmark.change_answers import (
     judged,
     own_detections,
 )
+from analysis.benchmark.changes.detection_limit import limit_estimate, limits_of
+from analysis.benchmark.changes.false_places import PlaceSteps, level_exceeded_by
 from analysis.benchmark.data_set import BenchmarkData
-from analysis.benchmark.detection_limit import limit_estimate, limits_of
 from analysis.benchmark.estimates import (
     Estimate,
     certain_share,
@@ -25,7 +26,6 @@ from analysis.benchmark.estimates import (
     share,
     share_of_sums,
 )
-from analysis.benchmark.false_places import PlaceSteps, level_exceeded_by
 from analysis.benchmark.measures import ANSWERED
 from analysis.benchmark.program_files import ProgramFiles
 from analysis.benchmark.score_list import Announce, ScoreList, groups_of

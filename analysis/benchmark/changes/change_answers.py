@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import label
 
+from analysis.benchmark.changes.false_places import PlaceCounts, place_counts
 from analysis.benchmark.data_set import BenchmarkData
-from analysis.benchmark.false_places import PlaceCounts, place_counts
 from analysis.benchmark.program_files import given_levels
 from analysis.benchmark.stored_models import ChangesTask, Places, TrueChanges, TrueSpot
 from simulation.arrays import BoolArray, Float32Array, FloatArray
