@@ -11,6 +11,8 @@ from .scores import (
 from .scoring import scored as scored
 from .stored_models import Track as Track
 from .tables import (
+    CHOSEN as CHOSEN,
+    LEGEND as LEGEND,
     ScoreTable as ScoreTable,
     main_groups as main_groups,
     markdown as markdown,

@@ -7,6 +7,9 @@ from analysis.benchmark.measures import TITLES, Measure
 from analysis.benchmark.scores import BenchmarkScores, Score
 from analysis.benchmark.stored_models import Track
 
+LEGEND = "In brackets 95 % intervals over scenes; [n] says that only n tasks were answered"
+CHOSEN = "An average over what a program chose to answer is none over all tasks."
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreTable:
@@ -71,9 +74,8 @@ def markdown(scores: BenchmarkScores) -> str:
         "# Scores",
         "",
         f"Data set: size {scores.data_size}, seed {scores.data_seed}, SHA-256 "
-        f"`{scores.data_sha256}`. In brackets 95 % intervals over scenes; the best value of a row "
-        "is bold. Measures stand beside how much was answered: an average over what a program "
-        "chose to answer is no average over all.",
+        f"`{scores.data_sha256}`. {LEGEND}; the best value of a row is bold. "
+        f"{CHOSEN}",
     ]
     for one in scores.programs:
         about = " ".join(part for part in (one.version, one.note) if part)
@@ -92,15 +94,16 @@ def markdown(scores: BenchmarkScores) -> str:
 
 
 def value_text(score: Score, digits: int) -> str:
-    """A value with its interval and, where not all tasks gave one, how many did."""
+    """A value with its interval and, where not all tasks were answered, how many were."""
     bound = "" if score.relation == "=" else f"{score.relation} "
     text = f"{bound}{score.value:.{digits}f}"
+    fewer = f" [{score.answered}]" if score.answered < score.tasks else ""
     if score.low is None and score.high is None:
-        return text
+        return text + fewer
     low, high = (
         "beyond" if end is None else f"{end:.{digits}f}" for end in (score.low, score.high)
     )
-    return f"{text} ({low} to {high})"
+    return f"{text} ({low} to {high}){fewer}"
 
 
 def _table(
@@ -118,17 +121,16 @@ def _table(
             continue
         known = [one for one in found if one is not None]
         cells = ["" if one is None else value_text(one, measure.digits) for one in found]
-        tasks = max(one.answered for one in known), known[0].tasks
         best |= {
             (len(rows), 1 + column)
             for column, one in enumerate(found)
             if len(known) > 1 and one is not None and _is_best(one, known, measure)
         }
-        rows.append((label, *cells, f"{tasks[0]} of {tasks[1]}"))
+        rows.append((label, *cells, str(known[0].tasks)))
     return ScoreTable(
         track=track,
         title=title,
-        columns=("", *names, "tasks answered"),
+        columns=("", *names, "tasks"),
         rows=tuple(rows),
         best=frozenset(best),
     )

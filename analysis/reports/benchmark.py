@@ -1,6 +1,8 @@
 """The report of programs on the public benchmark: their scores side by side."""
 
 from analysis.benchmark import (
+    CHOSEN,
+    LEGEND,
     TITLES,
     BenchmarkScores,
     ScoreTable,
@@ -56,10 +58,11 @@ def _verdicts(scores: BenchmarkScores) -> tuple[Verdict, ...]:
         for row, cells in enumerate(table.rows):
             if cells[0] not in titles:
                 continue
-            best = [col for at, col in table.best if at == row] or [1]
-            value = cells[min(best)]
-            name = table.columns[min(best)] if len(scores.programs) > 1 else ""
-            found.append(Verdict(name=cells[0], value=value.split(" (")[0], remark=name))
+            best = sorted(col for at, col in table.best if at == row)
+            shown = best[0] if best else next(col for col in range(1, len(cells)) if cells[col])
+            value = cells[shown].split(" (")[0].split(" [")[0]
+            remark = ", ".join(table.columns[col] for col in best)
+            found.append(Verdict(name=cells[0], value=value, remark=remark))
     return tuple(found[:_HEADLINES_SHOWN])
 
 
@@ -77,10 +80,7 @@ def _section(scores: BenchmarkScores, track: Track) -> ReportSection:
     ]
     return ReportSection(
         title=TITLES[track],
-        text=(
-            "The best value of a row is marked by a star. Values stand beside how much was "
-            "answered: an average over what a program chose to answer is none over all.",
-        ),
+        text=(f"{LEGEND}; a star marks the best value of a row. {CHOSEN}",),
         tables=tuple(_report_table(one) for one in track_tables(scores, track)),
         figures=tuple(figures),
     )

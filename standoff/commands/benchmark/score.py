@@ -43,7 +43,7 @@ def score(
 
 
 def _print(scores: BenchmarkScores) -> None:
-    from analysis.benchmark import score_tables
+    from analysis.benchmark import LEGEND, score_tables
 
     for table in score_tables(scores):
         rows = [
@@ -51,5 +51,4 @@ def _print(scores: BenchmarkScores) -> None:
             for at, row in enumerate(table.rows)
         ]
         terminal.print_table(table.title, table.columns, rows)
-    text = "in brackets 95 % intervals over scenes"
-    terminal.say(f"{text}; * is the best of a row" if len(scores.programs) > 1 else text)
+    terminal.say(f"{LEGEND}; * is the best of a row" if len(scores.programs) > 1 else LEGEND)
