@@ -7,7 +7,7 @@ from analysis.benchmark.measures import TITLES, Measure
 from analysis.benchmark.scores import BenchmarkScores, Score
 from analysis.benchmark.stored_models import Track
 
-LEGEND = "In brackets 95 % intervals over scenes; [n] says that only n tasks were answered"
+LEGEND = "In brackets 95 % intervals over scenes; [n]: of the n tasks that were answered"
 CHOSEN = "An average over what a program chose to answer is none over all tasks."
 
 
@@ -93,15 +93,16 @@ def markdown(scores: BenchmarkScores) -> str:
     return "\n".join(lines) + "\n"
 
 
-def value_text(score: Score, digits: int) -> str:
-    """A value with its interval and, where not all tasks were answered, how many were."""
+def value_text(score: Score, measure: Measure) -> str:
+    """A value with its interval and, where it is of the tasks answered alone, their number."""
     bound = "" if score.relation == "=" else f"{score.relation} "
-    text = f"{bound}{score.value:.{digits}f}"
-    fewer = f" [{score.answered}]" if score.answered < score.tasks else ""
+    text = f"{bound}{score.value:.{measure.digits}f}"
+    is_of_fewer = score.answered < score.tasks and not measure.is_of_all
+    fewer = f" [{score.answered}]" if is_of_fewer else ""
     if score.low is None and score.high is None:
         return text + fewer
     low, high = (
-        "beyond" if end is None else f"{end:.{digits}f}" for end in (score.low, score.high)
+        "beyond" if end is None else f"{end:.{measure.digits}f}" for end in (score.low, score.high)
     )
     return f"{text} ({low} to {high}){fewer}"
 
@@ -120,7 +121,7 @@ def _table(
         if not any(found):
             continue
         known = [one for one in found if one is not None]
-        cells = ["" if one is None else value_text(one, measure.digits) for one in found]
+        cells = ["" if one is None else value_text(one, measure) for one in found]
         best |= {
             (len(rows), 1 + column)
             for column, one in enumerate(found)
