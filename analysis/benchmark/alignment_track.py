@@ -67,6 +67,11 @@ def score_alignment(data: BenchmarkData, files: ProgramFiles, program: str) -> S
             raise ResultsFileError(f"{path}: task {name}: {problem}", source=str(path)) from problem
         pairs.append(_Aligned(truth=truth.tasks[name], error_px=error))
     scores = ScoreList(program=program, track="alignment")
+    scores.remarks.extend(
+        f"{path}: the homography of {name} is singular: it counts as wrong"
+        for name in sorted(given)
+        if _is_singular(given[name])
+    )
     for group, members in groups_of([(f"kind {one.truth.kind}",) for one in pairs]):
         _score_group(scores, group, [pairs[at] for at in members])
     return scores
@@ -105,7 +110,7 @@ def _error_px(
     Raises
     ------
     ValueError
-        If the homography is singular, or there is not a place for each point.
+        If there is not a place for each point.
     """
     if given is None or given.refused:
         return None
@@ -132,15 +137,22 @@ def _places(task: AlignmentTask, given: GivenAlignment) -> FloatArray:
             )
         return _points(given.reference_points)
     matrix = np.array(given.homography_to_reference)
-    values = np.linalg.svd(matrix, compute_uv=False)
-    if not values[2] > _SINGULAR * values[0]:
-        raise ValueError("homography_to_reference is singular; leave the pair out, or refuse it")
+    if _is_singular(given):
+        return np.full_like(points, np.inf)
     x, y, w = matrix @ np.column_stack([points, np.ones(len(points))]).T
     # A homography has no sign, but points beyond its horizon are nowhere.
     is_shown = w * (1 if np.sum(w > 0) >= w.size / 2 else -1) > 0
     with np.errstate(divide="ignore", invalid="ignore"):
         found = np.column_stack([x, y]) / w[:, None]
     return np.where(is_shown[:, None], found, np.inf)
+
+
+def _is_singular(given: GivenAlignment) -> bool:
+    """Whether an answer is a homography that squeezes the frame onto a line or a point."""
+    if given.homography_to_reference is None:
+        return False
+    values = np.linalg.svd(np.array(given.homography_to_reference), compute_uv=False)
+    return bool(not values[2] > _SINGULAR * values[0])
 
 
 def _points(places: Places) -> FloatArray:

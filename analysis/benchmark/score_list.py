@@ -14,11 +14,12 @@ from simulation.arrays import IntArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreList:
-    """The scores of a program in a track, as they are found."""
+    """The scores of a program in a track, as they are found, and what there is to remark."""
 
     program: str
     track: Track
     scores: list[Score] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
     def add(
         self, group: str, measure: str, found: Estimate | None, answered: int, tasks: int

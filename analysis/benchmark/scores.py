@@ -41,12 +41,13 @@ class Score(StoredValues):
 
 
 class ScoredProgram(StoredValues):
-    """A program that took part, as its about.json names it."""
+    """A program that took part, as its about.json names it; ``remarks`` are of its answers."""
 
     name: str
     version: str = ""
     note: str = ""
     folder: str
+    remarks: list[str] = Field(default=[])
 
 
 class BenchmarkScores(ResultsDocument):

@@ -8,7 +8,7 @@ from analysis.benchmark.changes import score_changes
 from analysis.benchmark.data_set import BenchmarkData
 from analysis.benchmark.program_files import ProgramFiles
 from analysis.benchmark.psf_track import score_psf
-from analysis.benchmark.score_list import Announce
+from analysis.benchmark.score_list import Announce, ScoreList
 from analysis.benchmark.scores import BenchmarkScores, Score, ScoredProgram
 from analysis.benchmark.simulation_track import score_simulation
 from analysis.benchmark.stored_models import TRACKS, Track
@@ -36,6 +36,7 @@ def scored(
             f"two folders of results are both of {twice!r}; give them names in about.json"
         )
     scores: list[Score] = []
+    shown: list[ScoredProgram] = []
     for files in programs:
         taken = [track for track in TRACKS if data.has(track) and files.has(track)]
         if not taken:
@@ -44,27 +45,32 @@ def scored(
                 "detections.json, or folders simulation and changes",
                 source=str(files.folder),
             )
-        for track in taken:
-            scores += _scores_of(track, data, files, bar)
+        found = [_scores_of(track, data, files, bar) for track in taken]
+        scores += [score for one in found for score in one.scores]
+        shown.append(
+            ScoredProgram(
+                **files.about.model_dump(),
+                folder=str(files.folder),
+                remarks=[remark for one in found for remark in one.remarks],
+            )
+        )
     manifest = data.manifest
     return BenchmarkScores(
         data_size=manifest.size,
         data_seed=manifest.seed,
         data_sha256=manifest.sha256,
-        programs=[
-            ScoredProgram(**one.about.model_dump(), folder=str(one.folder)) for one in programs
-        ],
+        programs=shown,
         scores=scores,
         provenance=provenance,
     )
 
 
-def _scores_of(track: Track, data: BenchmarkData, files: ProgramFiles, bar: Bar) -> list[Score]:
+def _scores_of(track: Track, data: BenchmarkData, files: ProgramFiles, bar: Bar) -> ScoreList:
     name = files.about.name
     if track == "psf":
-        return score_psf(data, files, name).scores
+        return score_psf(data, files, name)
     if track == "alignment":
-        return score_alignment(data, files, name).scores
+        return score_alignment(data, files, name)
     score = score_simulation if track == "simulation" else score_changes
     with bar(f"scoring {track} of {name}", data.tasks_of(track)) as advance_to:
-        return score(data, files, name, advance_to).scores
+        return score(data, files, name, advance_to)

@@ -130,6 +130,9 @@ def score_benchmark(
     files = [root / MANIFEST_NAME, *(path for one in programs for path in one.documents())]
     call = Call("score_benchmark", progress, files=files)
     scores = scored(known, programs, call.provenance(), call.bar)
+    for one in scores.programs:
+        for remark in one.remarks:
+            call.note(remark)
     return ScoredBenchmark(scores=scores, notes=call.notes)
 
 

@@ -62,7 +62,6 @@ FAULTS: dict[str, tuple[Spoil, str, str]] = {
         "alignment.json",
         "no task 'p9'",
     ),
-    "singular": (answer(homography_to_reference=SINGULAR), "alignment.json", "p0: homography"),
     "not finite": (
         text(
             "alignment.json",
@@ -166,3 +165,14 @@ def test_a_manifest_of_another_format_is_refused(tmp_path: Path) -> None:
     (data / "manifest.json").write_text(text_.replace('"1.0"', '"2.0"', 1))
     with pytest.raises(ResultsFileError, match="version"):
         standoff.score_benchmark(program, data)
+
+
+def test_a_singular_homography_is_named_and_counts_as_wrong(tmp_path: Path) -> None:
+    data, program = everything(tmp_path)[0], tmp_path / "singular"
+    write_json(program, "alignment.json", {"p1": {"homography_to_reference": SINGULAR}})
+    found = standoff.score_benchmark(program, data)
+    path = program / "alignment.json"
+    assert found.notes == (f"{path}: the homography of p1 is singular: it counts as wrong",)
+    wrong = found.score("singular", "alignment", "wrong")
+    assert wrong is not None
+    assert wrong.value == 100 / 8
