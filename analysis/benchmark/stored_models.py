@@ -25,8 +25,15 @@ def _plain_name(name: str) -> str:
     return name
 
 
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError("holds letters that cannot be printed")
+    return text
+
+
 Name = Annotated[str, AfterValidator(_plain_name)]
-Label = Annotated[str, Field(min_length=1, max_length=60)]
+Printable = Annotated[str, AfterValidator(_printable)]
+Label = Annotated[Printable, Field(min_length=1, max_length=60)]
 Coordinate = Annotated[float, Field(ge=-_FARTHEST, le=_FARTHEST)]
 Place = tuple[Coordinate, Coordinate]
 Matrix = tuple[
@@ -54,9 +61,9 @@ class Manifest(_Stored):
 
     format: Literal["standoff benchmark"]
     version: Literal["1.0"]
-    size: str
+    size: Label
     seed: int
-    sha256: str
+    sha256: Printable = Field(max_length=200)
     files: dict[str, ManifestFile]
 
 
@@ -237,6 +244,6 @@ class GivenAlignment(_Stored):
 class About(_Stored):
     """about.json: the program that wrote a folder of results."""
 
-    name: str = Field(min_length=1, max_length=60)
-    version: str = Field(default="", max_length=60)
-    note: str = Field(default="", max_length=500)
+    name: Label
+    version: Printable = Field(default="", max_length=60)
+    note: Printable = Field(default="", max_length=500)

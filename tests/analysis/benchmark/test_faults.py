@@ -89,6 +89,11 @@ FAULTS: dict[str, tuple[Spoil, str, str]] = {
         "c0.0",
     ),
     "about": (lambda program: write_json(program, "about.json", {}), "about.json", "name"),
+    "control characters in a name": (
+        lambda program: write_json(program, "about.json", {"name": "a\0b"}),
+        "about.json",
+        "name: holds letters",
+    ),
     "shape": (picture("changes", "c0", np.zeros((COLS, ROWS))), "c0.tif", "(60, 40)"),
     "colour": (
         lambda program: tifffile.imwrite(
