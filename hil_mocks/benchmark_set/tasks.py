@@ -18,8 +18,8 @@ from hil_mocks.benchmark_set.scenes import SCENES, scene
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
-FAR_ZOOM = 3.1
-"""Zoom beyond which a scene is sampled twice as often a pixel: its detail is finer there."""
+SAMPLES_PER_PX = {2.2: 8, 3.2: 12, 5.0: 16}
+"""By the largest zoom: the detail of a scene is finer from further away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,7 +177,7 @@ class View:
             rows=shape[0],
             cols=shape[1],
             band_cy_per_px=self.lens.band_cy_per_px,
-            per_px=8 if zoom <= FAR_ZOOM else 16,
+            per_px=next(count for most, count in SAMPLES_PER_PX.items() if zoom <= most),
         )
 
     def _series(
