@@ -164,13 +164,14 @@ class View:
         """Frequencies of the follow-up."""
         return self._grid(self.pose.followup_shape, self.pose.zoom)
 
-    def followup_series(self) -> Series:
+    def series_on(self, grid: Grid) -> Series:
         """Fourier series of what the follow-up's camera looks at."""
-        return self._series(self.followup_grid(), self.pose.seen_by_followup)
+        return self._series(grid, self.pose.seen_by_followup)
 
     def followup_light(self) -> FloatArray:
         """Light on the follow-up's pixels."""
-        return pixels(self.followup_series(), self.lens, self.followup_grid())
+        grid = self.followup_grid()
+        return pixels(self.series_on(grid), self.lens, grid)
 
     def _grid(self, shape: tuple[int, int], zoom: float) -> Grid:
         return Grid(
@@ -180,9 +181,7 @@ class View:
             per_px=next(count for most, count in SAMPLES_PER_PX.items() if zoom <= most),
         )
 
-    def _series(
-        self, grid: Grid, seen: Callable[[FloatArray, FloatArray], Positions]
-    ) -> Series:
+    def _series(self, grid: Grid, seen: Callable[[FloatArray, FloatArray], Positions]) -> Series:
         known = scene(self.scene, self.pose.reference_shape, self.seed)
         return sampled(lambda x, y: known.at(*seen(x, y)), grid)
 

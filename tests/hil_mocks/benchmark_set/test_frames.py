@@ -13,7 +13,7 @@ from hil_mocks.benchmark_set.frames import Grid, pixels, sampled, spot_series
 from hil_mocks.benchmark_set.lenses import CircularPupil, round_lens
 from hil_mocks.benchmark_set.poses import Pose
 from hil_mocks.benchmark_set.scenes import SCENES, scene
-from hil_mocks.benchmark_set.tasks import SAMPLES_PER_PX, chart_light, gradient
+from hil_mocks.benchmark_set.tasks import SAMPLES_PER_PX, View, chart_light, gradient
 
 FloatArray = NDArray[np.float64]
 LENS = round_lens(0.7)
@@ -77,23 +77,19 @@ def test_a_wave_is_seen_with_the_contrast_of_lens_and_pixel() -> None:
 def test_more_samples_a_pixel_change_a_frame_by_less_than_a_ten_thousandth(kind: str) -> None:
     """By the sharpest lens, at the largest zoom of each number of samples."""
     lens, shape = CircularPupil(f_number=4.0), (48, 64)
-    known = scene(f"{kind}-1", shape, 1)
     for zoom, count in {1.0: 8, **SAMPLES_PER_PX}.items():
         pose = Pose(reference_shape=shape, followup_shape=shape, zoom=zoom, roll_deg=12.0)
-        grids = [
-            Grid(rows=48, cols=64, band_cy_per_px=lens.band_cy_per_px, per_px=n) for n in (count, 24)
-        ]
-        coarse, fine = (
-            pixels(sampled(lambda x, y: known.at(*pose.seen_by_followup(x, y)), grid), lens, grid)
-            for grid in grids
-        )
+        view = View(scene=f"{kind}-1", seed=1, lens=lens, pose=pose)
+        grid = replace(view.followup_grid(), per_px=24)
+        assert view.followup_grid().per_px == count
+        coarse, fine = view.followup_light(), pixels(view.series_on(grid), lens, grid)
         assert np.abs(coarse - fine).max() < 1e-4 * fine.max()
 
 
 @pytest.mark.slow
 def test_a_wider_margin_changes_a_frame_by_less_than_a_thousandth() -> None:
     """What lies beyond the margin is another part of the scene: a perfect lens's halo is faint."""
-    lens, shape = CircularPupil(f_number=8.0), (48, 64)
+    lens = CircularPupil(f_number=8.0)
     known = scene("rectangles-1", (96, 128), 1)
     small = Grid(rows=48, cols=64, band_cy_per_px=lens.band_cy_per_px)
     wide = replace(small, rows=48 + 160, cols=64 + 160)

@@ -113,8 +113,4 @@ def test_a_followup_of_the_simulation_track_is_within_its_reference() -> None:
 
 def test_numbers_of_documents_have_ten_digits_and_no_remains_of_rounding() -> None:
     found = document_bytes({"b": [1 / 3, 1e-17, 2], "a": True})
-    assert found.decode().split() == ["{", '"a":', "true,", '"b":', "[", "0.3333333333,", "0.0,"] + [
-        "2",
-        "]",
-        "}",
-    ]
+    assert "".join(found.decode().split()) == '{"a":true,"b":[0.3333333333,0.0,2]}'
