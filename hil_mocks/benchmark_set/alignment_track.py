@@ -54,7 +54,9 @@ class Alignment:
         condition = self._condition(rng)
         light = self._light(rng)
         other = view if self.other_scene is None else replace(view, scene=self.other_scene)
-        paths = [f"alignment/{self.name}/{of}{condition.suffix}" for of in ("reference", "followup")]
+        paths = [
+            f"alignment/{self.name}/{of}{condition.suffix}" for of in ("reference", "followup")
+        ]
         files = {
             paths[0]: condition.stored(view.reference_light(), rng),
             paths[1]: condition.stored(other.followup_light() * light, rng),

@@ -68,7 +68,10 @@ class ChangedPair:
 
     def rendered(self) -> RenderedTask:
         """See `Task.rendered`."""
-        shared, rng = stream(self.seed, self.track, self.pair), stream(self.seed, "changes", self.name)
+        shared, rng = (
+            stream(self.seed, self.track, self.pair),
+            stream(self.seed, "changes", self.name),
+        )
         pose = pose_of(shared, self.kind, self.shape, largest_zoom=2.0)
         condition = self._condition(shared)
         lit = self._light(shared)

@@ -19,6 +19,9 @@ _HALF_LENGTH = 0.25
 """Of a square's side: what the region of an edge shows along it, to either side of its middle."""
 
 _HALF_WIDTH_PX = 10.0
+_MOST_HALF_WIDTH = 0.3
+"""What it shows across the edge, to either side; the second over the side of a small square."""
+
 _LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5)
 
 
@@ -107,8 +110,9 @@ def _region(square: Square, normal_deg: float) -> list[int]:
     c, s = cos(radians(normal_deg)), sin(radians(normal_deg))
     x, y = square.x_px + c * square.side_px / 2, square.y_px + s * square.side_px / 2
     along = _HALF_LENGTH * square.side_px
-    half_x = abs(s) * along + abs(c) * _HALF_WIDTH_PX
-    half_y = abs(c) * along + abs(s) * _HALF_WIDTH_PX
+    across = min(_HALF_WIDTH_PX, _MOST_HALF_WIDTH * square.side_px)
+    half_x = abs(s) * along + abs(c) * across
+    half_y = abs(c) * along + abs(s) * across
     return [floor(x - half_x), floor(y - half_y), ceil(x + half_x) + 1, ceil(y + half_y) + 1]
 
 

@@ -52,7 +52,8 @@ class Condition:
         """Return what a task says of levels and noise."""
         gain = self.gain_e_per_dn
         noise = {
-            "variance_at_black_dn2": 1 / 12 + (0 if gain is None else (self.read_noise_e / gain) ** 2),
+            "variance_at_black_dn2": 1 / 12
+            + (0 if gain is None else (self.read_noise_e / gain) ** 2),
             "variance_per_dn": 0.0 if gain is None else 1 / gain,
         }
         if self.jpeg_quality is None:

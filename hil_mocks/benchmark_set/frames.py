@@ -93,9 +93,7 @@ def sampled(light: Light, grid: Grid) -> Series:
     return np.asarray(scipy.fft.fft(series, axis=0, norm="forward", overwrite_x=True))
 
 
-def spot_series(
-    grid: Grid, x_px: float, y_px: float, sigma_px: float, amplitude: float
-) -> Series:
+def spot_series(grid: Grid, x_px: float, y_px: float, sigma_px: float, amplitude: float) -> Series:
     """Series of a Gaussian spot."""
     rows, cols = grid.period_px
     fx, fy = grid.freq_x, grid.freq_y

@@ -111,9 +111,7 @@ class CircularPupil:
         if not any(self.zernike_waves):
             return perfect
         bearing = np.broadcast_to(np.arctan2(fy_cy_per_px, fx_cy_per_px), radius.shape)
-        return np.asarray(
-            perfect * read_pupil_table(_table(self.zernike_waves), radius, bearing)
-        )
+        return np.asarray(perfect * read_pupil_table(_table(self.zernike_waves), radius, bearing))
 
     def facts(self) -> dict[str, Any]:
         """See `Lens.facts`."""

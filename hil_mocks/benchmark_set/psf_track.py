@@ -120,7 +120,9 @@ class PhotographsWithoutEdge:
     def rendered(self) -> RenderedTask:
         """See `Task.rendered`."""
         rng, view = stream(self.seed, self.track, self.name), self.view
-        further, nearer = (f"psf/{self.name}{way}{self.condition.suffix}" for way in ("", "-nearer"))
+        further, nearer = (
+            f"psf/{self.name}{way}{self.condition.suffix}" for way in ("", "-nearer")
+        )
         truth: dict[str, Any] = {
             "kind": "photographs",
             "lens": self.lens.facts(),

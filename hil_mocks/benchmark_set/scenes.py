@@ -112,7 +112,10 @@ def _rectangles(rng: np.random.Generator, size: tuple[int, int]) -> FloatArray:
         centre, turn = rng.uniform(0, 1, 2) * (cols, rows), rng.uniform(0, pi)
         c, s = cos(turn), sin(turn)
         corners = [
-            (centre[0] + c * i * half[0] - s * j * half[1], centre[1] + s * i * half[0] + c * j * half[1])
+            (
+                centre[0] + c * i * half[0] - s * j * half[1],
+                centre[1] + s * i * half[0] + c * j * half[1],
+            )
             for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))
         ]
         outline = np.rint(np.array(corners) * 16).astype(np.int32)

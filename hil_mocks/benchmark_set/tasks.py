@@ -18,8 +18,8 @@ from hil_mocks.benchmark_set.scenes import SCENES, scene
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
-FAR_ZOOM = 3.1
-"""Zoom beyond which a scene is sampled twice as often a pixel: its detail is finer there."""
+SAMPLES_PER_PX = {2.2: 8, 3.2: 12, 5.0: 16}
+"""By the largest zoom: the detail of a scene is finer from further away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,25 +164,24 @@ class View:
         """Frequencies of the follow-up."""
         return self._grid(self.pose.followup_shape, self.pose.zoom)
 
-    def followup_series(self) -> Series:
+    def series_on(self, grid: Grid) -> Series:
         """Fourier series of what the follow-up's camera looks at."""
-        return self._series(self.followup_grid(), self.pose.seen_by_followup)
+        return self._series(grid, self.pose.seen_by_followup)
 
     def followup_light(self) -> FloatArray:
         """Light on the follow-up's pixels."""
-        return pixels(self.followup_series(), self.lens, self.followup_grid())
+        grid = self.followup_grid()
+        return pixels(self.series_on(grid), self.lens, grid)
 
     def _grid(self, shape: tuple[int, int], zoom: float) -> Grid:
         return Grid(
             rows=shape[0],
             cols=shape[1],
             band_cy_per_px=self.lens.band_cy_per_px,
-            per_px=8 if zoom <= FAR_ZOOM else 16,
+            per_px=next(count for most, count in SAMPLES_PER_PX.items() if zoom <= most),
         )
 
-    def _series(
-        self, grid: Grid, seen: Callable[[FloatArray, FloatArray], Positions]
-    ) -> Series:
+    def _series(self, grid: Grid, seen: Callable[[FloatArray, FloatArray], Positions]) -> Series:
         known = scene(self.scene, self.pose.reference_shape, self.seed)
         return sampled(lambda x, y: known.at(*seen(x, y)), grid)
 

@@ -13,7 +13,7 @@ def make(
     out: Annotated[Path, Option(help="Folder for the set; one that was begun is resumed.")],
     size: Annotated[
         library.BenchmarkSize,
-        Option(help="tiny: a few MB; small: about 100 MB; full: about 1.5 GB."),
+        Option(help="tiny: a few MB; small: about 100 MB; full: about 1 GB."),
     ] = "small",
     seed: Annotated[
         int, Option(min=0, help="Of everything random; published results are for seed 1.")

@@ -14,6 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from acquisition.remote_files import is_url, url_of
 from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
 from hil_mocks.benchmark_set import (
@@ -39,7 +40,7 @@ from standoff.library.benchmark.task_files import (
 from standoff.library.call import Call, Progress
 from standoff.library.choices import BenchmarkSize
 from standoff.library.files import make_folder
-from standoff.library.inputs import FilePath
+from standoff.library.inputs import FilePath, path_of
 
 MANIFEST_NAME = "manifest.json"
 MADE_WITH = (
@@ -113,7 +114,7 @@ def make_benchmark(
     out
         Folder for the set: a new one, an empty one, or one in which it was begun.
     size
-        ``tiny``: a few MB, for tests; ``small``: about 100 MB; ``full``: about 1.5 GB.
+        ``tiny``: a few MB, for tests; ``small``: about 100 MB; ``full``: about 1 GB.
     seed
         Of everything random. Published results are for seed 1.
     workers
@@ -143,7 +144,10 @@ def make_benchmark(
     if seed < 0 or workers < 1:
         raise ValueError(f"seed must not be negative and workers at least 1: {seed}, {workers}")
     call = Call("make_benchmark", progress)
-    folder = Path(out).absolute()
+    target = path_of(out, "out")
+    if is_url(target):
+        raise ApplicationError(f"{url_of(target)} is a URL; a set is made in a folder")
+    folder = target.absolute()
     about = _about(size, seed)
     tasks = benchmark_tasks(size, seed)
     try:
@@ -165,7 +169,7 @@ def make_benchmark(
         ) from error
     files = manifest["files"]
     return MadeBenchmark(
-        out=Path(out),
+        out=target,
         size=size,
         seed=seed,
         tasks={track: sum(task.track == track for task in tasks) for track in TRACKS},
@@ -215,7 +219,10 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
     """Take a folder that is new, or in which the same set was begun."""
     state = folder / STATE_NAME / _ABOUT_NAME
     if state.is_file():
-        begun = parse_json(state.read_bytes())
+        try:
+            begun = parse_json(state.read_bytes())
+        except ValueError:
+            begun = None
         if begun != about:
             raise ApplicationError(
                 f"{folder} holds a set begun with another size or seed, or with other versions of "

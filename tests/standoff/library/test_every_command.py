@@ -34,6 +34,7 @@ FUNCTIONS = {
     "changes": {"find_changes", "find_changes_of_series"},
     "validate": {"validate"},
     "report": {"write_report"},
+    "benchmark make": {"make_benchmark"},
     "cameras": {"find_cameras"},
     "session list": {"list_sessions"},
     "session show": {"show_session"},

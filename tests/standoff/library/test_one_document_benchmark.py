@@ -1,4 +1,4 @@
-"""Scores of the benchmark: the command prints what the function returns."""
+"""The benchmark's data set and its scores: the command prints what the function returns."""
 
 from pathlib import Path
 
@@ -17,3 +17,14 @@ def test_benchmark_score(command: Command, tmp_path: Path) -> None:
     done = command(*words, "--out", tmp_path / "scores", "--json")
     found = standoff.score_benchmark(program, data)
     assert printed(done) == without_caller(found.to_json())
+
+
+@pytest.mark.slow
+def test_benchmark_make(command: Command, tmp_path: Path) -> None:
+    made = standoff.make_benchmark(tmp_path / "set", size="tiny")
+    # A set that is there is found complete.
+    words = ("benchmark", "make", "--size", "tiny", "--out", tmp_path / "set", "--json")
+    assert printed(command(*words)) == without_caller(made.to_json()) | {"tasks_found_done": 20}
+    done = command(*words[:-1])
+    assert done.status == 0
+    assert f"sha256 {made.sha256}" in done.out
