@@ -113,7 +113,8 @@ def _table(
     title: str,
     wanted: Sequence[tuple[str, str, Measure]],
 ) -> ScoreTable:
-    names = [one.name for one in scores.programs]
+    taken = {one.program for one in scores.scores if one.track == track}
+    names = [one.name for one in scores.programs if one.name in taken]
     rows: list[tuple[str, ...]] = []
     best: set[tuple[int, int]] = set()
     for label, group, measure in wanted:
