@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 OF_THE_DEMO = (("edges",), ("profiles", "demo"))
-EVERYTHING = (("edges",), ("profiles", "demo", "pairs"))
+EVERYTHING = (("edges", "benchmark"), ("profiles", "demo", "pairs"))
 """What ``standoff.warm_up`` compiles, a process each: one compiles one function at a time."""
 
 COMPILED_PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks")

@@ -36,6 +36,7 @@ from calibration.edges import (
     without_shading,
 )
 from calibration.registration import DistortedPose, RegistrationHints, register
+from hil_mocks.benchmark_set import benchmark_tasks
 from hil_mocks.scene import PeriodicImage
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf
@@ -202,8 +203,16 @@ def _pairs(rng: np.random.Generator) -> None:
     _moved_things(rng)
 
 
+def _benchmark(_: np.random.Generator) -> None:
+    """What the public benchmark's photographs are rendered by: charts, lenses, scenes."""
+    for task in benchmark_tasks("tiny", 1):
+        if task.track == "psf":
+            task.rendered()
+
+
 _WORK: dict[str, Callable[[np.random.Generator], None]] = {
     "edges": _edges,
+    "benchmark": _benchmark,
     "profiles": _profiles,
     "demo": _demo,
     "pairs": _pairs,

@@ -23,9 +23,20 @@ from .bench import (
     refuse_half_simulated as refuse_half_simulated,
     watch_focus as watch_focus,
 )
+from .benchmark import (
+    SCORE_FILES as SCORE_FILES,
+    MadeBenchmark as MadeBenchmark,
+    ScoredBenchmark as ScoredBenchmark,
+    make_benchmark as make_benchmark,
+    score_benchmark as score_benchmark,
+)
 from .call import Call as Call, Progress as Progress
 from .caller import called_as as called_as
-from .choices import ChangeSigns as ChangeSigns, PairFormat as PairFormat
+from .choices import (
+    BenchmarkSize as BenchmarkSize,
+    ChangeSigns as ChangeSigns,
+    PairFormat as PairFormat,
+)
 from .comparison import (
     CHANGE_FILES as CHANGE_FILES,
     AlignmentHints as AlignmentHints,

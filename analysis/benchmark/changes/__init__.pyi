@@ -1,0 +1,1 @@
+from .changes_track import score_changes as score_changes
