@@ -167,7 +167,8 @@ def _seen_points(pose: Pose, points: FloatArray) -> list[list[float]]:
     u, v = pose.reference_points(points[:, 0], points[:, 1])
     rows, cols = pose.reference_shape
     inside = (u >= 0) & (u <= cols - 1) & (v >= 0) & (v <= rows - 1)
-    return np.column_stack([points, u, v])[inside].tolist()
+    seen: list[list[float]] = np.column_stack([points, u, v])[inside].tolist()
+    return seen
 
 
 def alignment_tasks(size: SetSize, seed: int) -> list[Task]:

@@ -60,7 +60,7 @@ class Chart:
 
     def edges(self) -> list[tuple[str, float, list[int]]]:
         """Name, direction of the normal in degrees, and region of every edge."""
-        found = []
+        found: list[tuple[str, float, list[int]]] = []
         for square in self.squares:
             for turn in range(4):
                 normal_deg = square.slant_deg + 90.0 * turn

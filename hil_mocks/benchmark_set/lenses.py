@@ -35,6 +35,10 @@ FloatArray = NDArray[np.float64]
 class Lens(Protocol):
     """An optical PSF that is the same all over the frame."""
 
+    def __hash__(self) -> int:
+        """Tables are kept by the lens."""
+        ...
+
     def otf(
         self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray
     ) -> FloatArray | NDArray[np.complex128]:
@@ -137,7 +141,9 @@ def system_otf(
 ) -> FloatArray | NDArray[np.complex128]:
     """Transfer function of lens and pixel; the frequencies broadcast."""
     pixel = np.sinc(fx_cy_per_px) * np.sinc(fy_cy_per_px)
-    return np.asarray(lens.otf(fx_cy_per_px, fy_cy_per_px) * pixel)
+    optics = lens.otf(fx_cy_per_px, fy_cy_per_px)
+    optics *= pixel
+    return optics
 
 
 def contrast(lens: Lens, freq_cy_per_px: float, normal_deg: float) -> float:

@@ -46,7 +46,7 @@ def pupil_table(zernike_waves: tuple[float, ...]) -> PupilTable:
     R. J. Noll, "Zernike polynomials and atmospheric turbulence", J. Opt. Soc. Am. 66 (1976),
     207-211, table I.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = (of.astype(np.float64) for of in np.polynomial.legendre.leggauss(_NODES))
     # Common parts of pupils narrow to points at the cut-off, where nothing is left to average.
     frequency = 1 - np.linspace(0.0, 1.0, _RADII) ** 2
     bearing = np.arange(_BEARINGS) * (pi / _BEARINGS)
@@ -70,7 +70,7 @@ def read_pupil_table(
 def _path_waves(waves: NDArray[np.float64], x: float, y: float) -> float:
     r2 = x * x + y * y
     coma = sqrt(8.0) * (3 * r2 - 2)
-    return (
+    path: float = (
         waves[0] * sqrt(3.0) * (2 * r2 - 1)
         + waves[1] * sqrt(6.0) * 2 * x * y
         + waves[2] * sqrt(6.0) * (x * x - y * y)
@@ -78,6 +78,7 @@ def _path_waves(waves: NDArray[np.float64], x: float, y: float) -> float:
         + waves[4] * coma * x
         + waves[5] * sqrt(5.0) * (6 * r2 * r2 - 6 * r2 + 1)
     )
+    return path
 
 
 @njit(cache=True)

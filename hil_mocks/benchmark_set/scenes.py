@@ -75,7 +75,7 @@ def _printed(name: str) -> Painter:
         finer = rng.uniform(0.75, 1.0) / pitch
         y, x = (np.arange(n) * finer for n in size)
         seen = spline_at(coefficients, *np.meshgrid(x, y))
-        return seen / seen.std() + 0.22 * _noise(rng, size, 0.9, 6.0)
+        return np.asarray(seen / seen.std() + 0.22 * _noise(rng, size, 0.9, 6.0))
 
     return painter
 
