@@ -1,5 +1,9 @@
-from .pinhole import CameraPose as CameraPose
-from .prints import PHOTOGRAPHS as PHOTOGRAPHS
+from .pinhole import (
+    CameraPose as CameraPose,
+    distort as distort,
+    undistort as undistort,
+)
+from .prints import PHOTOGRAPHS as PHOTOGRAPHS, luma as luma
 from .scenes import Edge as Edge, Placed as Placed
 from .sensor import (
     ADC_MAX_DN as ADC_MAX_DN,

@@ -81,10 +81,14 @@ def photograph(name: str) -> NDArray[np.float32]:
     KeyError
         If it is not one of `PHOTOGRAPHS`.
     """
+    return luma(name).astype(np.float32)
+
+
+def luma(name: str) -> NDArray[np.float64]:
+    """See `photograph`; the same on every processor but for the last bits."""
     with as_file(files("skimage") / "data" / PHOTOGRAPHS[name]) as path:
         pixels = np.asarray(imread(path), dtype=np.float64) / 255
-    luma = pixels @ REC_601 if pixels.ndim == 3 else pixels
-    return luma.astype(np.float32)
+    return np.asarray(pixels @ REC_601 if pixels.ndim == 3 else pixels)
 
 
 def print_photograph(name: str) -> LayeredPrint:

@@ -73,7 +73,7 @@ class Sensor:
 
     def expose(
         self,
-        electrons: NDArray[np.float32],
+        electrons: NDArray[np.float32] | NDArray[np.float64],
         gain_db: float,
         pixel_format: str,
         rng: np.random.Generator,

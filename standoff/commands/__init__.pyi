@@ -1,4 +1,5 @@
 from . import (
+    benchmark as benchmark,
     calibrate as calibrate,
     capture as capture,
     changes as changes,

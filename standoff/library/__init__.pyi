@@ -23,9 +23,14 @@ from .bench import (
     refuse_half_simulated as refuse_half_simulated,
     watch_focus as watch_focus,
 )
+from .benchmark import MadeBenchmark as MadeBenchmark, make_benchmark as make_benchmark
 from .call import Call as Call, Progress as Progress
 from .caller import called_as as called_as
-from .choices import ChangeSigns as ChangeSigns, PairFormat as PairFormat
+from .choices import (
+    BenchmarkSize as BenchmarkSize,
+    ChangeSigns as ChangeSigns,
+    PairFormat as PairFormat,
+)
 from .comparison import (
     CHANGE_FILES as CHANGE_FILES,
     AlignmentHints as AlignmentHints,

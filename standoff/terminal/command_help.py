@@ -44,6 +44,7 @@ standoff validate --session session --psf psf.json --out validation \
 --models bicubic,paper,matched,lmmse
 standoff paper --short --out paper-output
 standoff report session
+standoff benchmark make --out benchmark --size small --workers 2
 standoff console --bench bench.toml
 standoff mock --stage-protocol grbl
 standoff doctor --bench bench.toml

@@ -1,0 +1,10 @@
+from .data_card import card_files as card_files
+from .documents import (
+    FORMAT as FORMAT,
+    TRACKS as TRACKS,
+    VERSION as VERSION,
+    benchmark_tasks as benchmark_tasks,
+    document_bytes as document_bytes,
+    track_documents as track_documents,
+)
+from .tasks import SIZES as SIZES, RenderedTask as RenderedTask, Task as Task

@@ -1,0 +1,64 @@
+"""The set's JSON documents: sorted keys, numbers of ten digits, the same on every machine."""
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+from hil_mocks.benchmark_set.alignment_track import alignment_tasks
+from hil_mocks.benchmark_set.change_track import change_tasks
+from hil_mocks.benchmark_set.psf_track import psf_tasks
+from hil_mocks.benchmark_set.simulation_track import LEVELS, simulation_tasks
+from hil_mocks.benchmark_set.tasks import SIZES, Task
+
+FORMAT = "standoff benchmark"
+VERSION = "1.0"
+TRACKS = ("psf", "simulation", "alignment", "changes")
+_DIGITS = 10
+_NEGLIGIBLE = 1e-11
+"""Numbers below are what rounding left of 0."""
+
+
+def benchmark_tasks(size: str, seed: int) -> list[Task]:
+    """All tasks of a set, by the scenes that they show, so that each is painted once."""
+    known = SIZES[size]
+    tasks = [
+        *psf_tasks(known, seed),
+        *simulation_tasks(known, seed),
+        *alignment_tasks(known, seed),
+        *change_tasks(known, seed),
+    ]
+    return sorted(tasks, key=lambda task: (task.scene_name, task.track, task.name))
+
+
+def document_bytes(document: object) -> bytes:
+    """Return a document as the set holds it."""
+    return (json.dumps(_rounded(document), indent=1, sort_keys=True) + "\n").encode("ascii")
+
+
+def _rounded(value: Any) -> Any:  # noqa: ANN401 - what JSON holds
+    if isinstance(value, dict):
+        return {str(key): _rounded(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(each) for each in value]
+    if isinstance(value, float):
+        return 0.0 if abs(value) < _NEGLIGIBLE else float(f"{value:.{_DIGITS}g}")
+    return value
+
+
+def track_documents(
+    track: str, records: Iterable[tuple[str, dict[str, Any], dict[str, Any]]]
+) -> dict[str, bytes]:
+    """Files of a track that list its tasks and their truth, by path.
+
+    ``records`` has the name of each task, what it says and its truth.
+    """
+    ordered = sorted(records, key=lambda record: record[0])
+    of_tasks = {name: truth for name, _, truth in ordered}
+    key = "charts" if track == "psf" else "tasks"
+    beside = LEVELS if track == "simulation" else {}
+    return {
+        f"{track}/tasks.json": document_bytes(
+            {"track": track, "tasks": [task for _, task, _ in ordered]}
+        ),
+        f"truth/{track}.json": document_bytes({**beside, key: of_tasks}),
+    }

@@ -1,0 +1,200 @@
+"""What the tracks share: sizes of the set, a task that renders itself, photographs of scenes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from math import cos, radians, sin
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_mocks.benchmark_set.charts import Chart
+from hil_mocks.benchmark_set.exposures import Condition
+from hil_mocks.benchmark_set.frames import Grid, Series, pixels, sampled
+from hil_mocks.benchmark_set.lenses import Lens
+from hil_mocks.benchmark_set.poses import Pose, Positions
+from hil_mocks.benchmark_set.scenes import SCENES, scene
+
+FloatArray = NDArray[np.float64]
+T = TypeVar("T")
+
+FAR_ZOOM = 3.1
+"""Zoom beyond which a scene is sampled twice as often a pixel: its detail is finer there."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetSize:
+    """How large a set is.
+
+    ``frame`` and ``chart_frame`` are ``(rows, cols)`` of photographs and of the charts beside them;
+    ``variants`` is the number of scenes of a kind, ``kinds`` that of the kinds.
+    """
+
+    name: str
+    frame: tuple[int, int]
+    chart_frame: tuple[int, int]
+    kinds: int
+    variants: int
+    edge_charts: int
+    photographs: int
+    simulations: int
+    alignments: int
+    unrelated: int
+    changes: int
+
+    @property
+    def scenes(self) -> list[str]:
+        """Names of all scenes."""
+        kinds = list(SCENES)[: self.kinds]
+        return [f"{kind}-{n}" for n in range(1, self.variants + 1) for kind in kinds]
+
+
+SIZES = {
+    "tiny": SetSize(
+        name="tiny",
+        frame=(112, 144),
+        chart_frame=(112, 144),
+        kinds=3,
+        variants=1,
+        edge_charts=3,
+        photographs=1,
+        simulations=3,
+        alignments=7,
+        unrelated=1,
+        changes=6,
+    ),
+    "small": SetSize(
+        name="small",
+        frame=(240, 320),
+        chart_frame=(192, 256),
+        kinds=len(SCENES),
+        variants=2,
+        edge_charts=40,
+        photographs=24,
+        simulations=72,
+        alignments=90,
+        unrelated=12,
+        changes=96,
+    ),
+    "full": SetSize(
+        name="full",
+        frame=(384, 512),
+        chart_frame=(240, 320),
+        kinds=len(SCENES),
+        variants=6,
+        edge_charts=160,
+        photographs=96,
+        simulations=288,
+        alignments=360,
+        unrelated=48,
+        changes=384,
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RenderedTask:
+    """A task as the set holds it: its files by path, what it says, and the truth.
+
+    ``truth_files`` lie below ``truth/``.
+    """
+
+    files: dict[str, bytes] = field(repr=False)
+    task: dict[str, Any]
+    truth: dict[str, Any]
+
+
+class Task(Protocol):
+    """One task of a track; its name is unique there."""
+
+    @property
+    def track(self) -> str:
+        """Name of the track."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Name of the task."""
+        ...
+
+    @property
+    def scene_name(self) -> str:
+        """What is seen, by which tasks are ordered."""
+        ...
+
+    def rendered(self) -> RenderedTask:
+        """Render all files."""
+        ...
+
+
+def spread(rng: np.random.Generator, values: Sequence[T], count: int) -> list[T]:
+    """Values in random order, each as often as the others but for one."""
+    made: list[T] = []
+    while len(made) < count:
+        made.extend(values[index] for index in rng.permutation(len(values)).tolist())
+    return made[:count]
+
+
+def numbered(prefix: str, count: int) -> list[str]:
+    """Names of a track's tasks."""
+    return [f"{prefix}-{number:03d}" for number in range(1, count + 1)]
+
+
+def chart_light(chart: Chart, lens: Lens) -> FloatArray:
+    """Light on the pixels of a chart's photograph."""
+    grid = Grid(rows=chart.shape[0], cols=chart.shape[1], band_cy_per_px=lens.band_cy_per_px)
+    return pixels(chart.series(grid), lens, grid)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """A scene before a lens, seen from a pose; ``seed`` is that of the set."""
+
+    scene: str
+    seed: int
+    lens: Lens
+    pose: Pose
+
+    def reference_light(self) -> FloatArray:
+        """Light on the reference's pixels."""
+        grid = self._grid(self.pose.reference_shape, 1.0)
+        return pixels(self._series(grid, self.pose.seen_by_reference), self.lens, grid)
+
+    def followup_grid(self) -> Grid:
+        """Frequencies of the follow-up."""
+        return self._grid(self.pose.followup_shape, self.pose.zoom)
+
+    def followup_series(self) -> Series:
+        """Fourier series of what the follow-up's camera looks at."""
+        return self._series(self.followup_grid(), self.pose.seen_by_followup)
+
+    def followup_light(self) -> FloatArray:
+        """Light on the follow-up's pixels."""
+        return pixels(self.followup_series(), self.lens, self.followup_grid())
+
+    def _grid(self, shape: tuple[int, int], zoom: float) -> Grid:
+        return Grid(
+            rows=shape[0],
+            cols=shape[1],
+            band_cy_per_px=self.lens.band_cy_per_px,
+            per_px=8 if zoom <= FAR_ZOOM else 16,
+        )
+
+    def _series(
+        self, grid: Grid, seen: Callable[[FloatArray, FloatArray], Positions]
+    ) -> Series:
+        known = scene(self.scene, self.pose.reference_shape, self.seed)
+        return sampled(lambda x, y: known.at(*seen(x, y)), grid)
+
+
+def gradient(shape: tuple[int, int], slope: float, bearing_deg: float) -> FloatArray:
+    """Light that rises by ``slope`` over the frame's width, and is 1 at its middle."""
+    rows, cols = shape
+    y, x = np.arange(rows)[:, None] - (rows - 1) / 2, np.arange(cols)[None] - (cols - 1) / 2
+    along = cos(radians(bearing_deg)) * x + sin(radians(bearing_deg)) * y
+    return np.asarray(1 + slope / cols * along)
+
+
+NOISY = Condition(name="noise")
+CLEAN = Condition(name="clean", gain_e_per_dn=None)
+"""No noise but that of rounding."""

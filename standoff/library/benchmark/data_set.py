@@ -1,0 +1,302 @@
+"""The benchmark's data set: rendered task by task, resumable, its manifest last."""
+
+import hashlib
+import shutil
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from acquisition.session import write_shared
+from acquisition.untrusted import parse_json
+from hil_mocks.benchmark_set import (
+    FORMAT,
+    SIZES,
+    TRACKS,
+    VERSION,
+    Task,
+    benchmark_tasks,
+    card_files,
+    document_bytes,
+    track_documents,
+)
+from standoff.errors import ApplicationError
+from standoff.library.benchmark.task_files import (
+    STATE_NAME,
+    TaskRecord,
+    file_facts,
+    found_record,
+    write_below,
+    written_record,
+)
+from standoff.library.call import Call, Progress
+from standoff.library.choices import BenchmarkSize
+from standoff.library.files import make_folder
+from standoff.library.inputs import FilePath
+
+MANIFEST_NAME = "manifest.json"
+MADE_WITH = (
+    "standoff",
+    "numpy",
+    "scipy",
+    "numba",
+    "opencv-contrib-python-headless",
+    "scikit-image",
+    "Pillow",
+    "tifffile",
+)
+"""Packages whose versions may change the last digits, or the compression, of a file."""
+
+_ABOUT_NAME = "set.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MadeBenchmark:
+    """A data set that is complete.
+
+    Parameters
+    ----------
+    out
+        Its folder.
+    size, seed
+        As asked for.
+    tasks
+        Number of its tasks by track.
+    tasks_found_done
+        Those that an earlier run had rendered.
+    files, bytes
+        Their number, the manifest not counted, and their size.
+    sha256
+        Of the whole: the same wherever it is made with the same versions of packages.
+    notes
+        Remarks.
+    """
+
+    out: Path
+    size: str
+    seed: int
+    tasks: dict[str, int]
+    tasks_found_done: int
+    files: int
+    bytes: int
+    sha256: str
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what ``standoff benchmark make --json`` prints."""
+        facts = asdict(self)
+        del facts["notes"]
+        return facts | {"out": str(self.out)}
+
+
+def make_benchmark(
+    out: FilePath,
+    *,
+    size: BenchmarkSize = "small",
+    seed: int = 1,
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> MadeBenchmark:
+    """Render the public benchmark's data set: photographs with exact truth, in four tracks.
+
+    A second call renders what is missing. ``docs/benchmark-data.md`` describes the files.
+
+    Parameters
+    ----------
+    out
+        Folder for the set: a new one, an empty one, or one in which it was begun.
+    size
+        ``tiny``: a few MB, for tests; ``small``: about 100 MB; ``full``: about 1.5 GB.
+    seed
+        Of everything random. Published results are for seed 1.
+    workers
+        Processes that render; the files are the same for any number.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    MadeBenchmark
+        What the folder holds.
+
+    Raises
+    ------
+    ApplicationError
+        If ``out`` holds something else, or cannot be written.
+    ValueError
+        If there is no such size, or ``seed`` or ``workers`` is out of range.
+
+    Examples
+    --------
+    >>> standoff.make_benchmark("benchmark", size="tiny").tasks
+    {'psf': 4, 'simulation': 3, 'alignment': 7, 'changes': 6}
+    """
+    if size not in SIZES:
+        raise ValueError(f"size must be one of {', '.join(SIZES)}, got {size!r}")
+    if seed < 0 or workers < 1:
+        raise ValueError(f"seed must not be negative and workers at least 1: {seed}, {workers}")
+    call = Call("make_benchmark", progress)
+    folder = Path(out).absolute()
+    about = _about(size, seed)
+    tasks = benchmark_tasks(size, seed)
+    try:
+        manifest = _finished(folder, about)
+        found_done = len(tasks)
+        if manifest is None:
+            _begin(folder, about)
+            records, found_done = _records(call, tasks, folder, workers)
+            manifest = _finish(folder, about, tasks, records)
+    except OSError as error:
+        raise ApplicationError(
+            f"cannot write {error.filename or folder}: {error.strerror}; the same command goes on "
+            "from here"
+        ) from error
+    except BrokenProcessPool as error:
+        raise ApplicationError(
+            "a worker process ended before its work was done, perhaps for lack of memory; the same "
+            "command goes on from here, with fewer --workers if need be"
+        ) from error
+    files = manifest["files"]
+    return MadeBenchmark(
+        out=Path(out),
+        size=size,
+        seed=seed,
+        tasks={track: sum(task.track == track for task in tasks) for track in TRACKS},
+        tasks_found_done=found_done,
+        files=len(files),
+        bytes=sum(facts["bytes"] for facts in files.values()),
+        sha256=manifest["sha256"],
+        notes=call.notes,
+    )
+
+
+def _about(size: str, seed: int) -> dict[str, Any]:
+    """Return what the manifest says beside the files."""
+    made_with = {name: version(name) for name in MADE_WITH}
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "size": size,
+        "seed": seed,
+        "made_with": made_with,
+    }
+
+
+def _finished(folder: Path, about: dict[str, Any]) -> dict[str, Any] | None:
+    """Manifest of a set that is complete and as asked for; None where there is none yet."""
+    path = folder / MANIFEST_NAME
+    if not path.exists():
+        return None
+    try:
+        manifest: Any = parse_json(path.read_bytes(), has_file_names=True)
+        is_same = all(manifest[key] == about[key] for key in ("format", "version", "size", "seed"))
+        files = dict(manifest["files"])
+    except (ValueError, KeyError, TypeError):
+        is_same, files = False, {}
+    if not is_same:
+        raise ApplicationError(f"{folder} holds something else; name another --out")
+    for name, facts in files.items():
+        file = folder / name
+        if not file.is_file() or file_facts(file.read_bytes()) != facts:
+            raise ApplicationError(
+                f"{file} is missing or not as it was made; remove {path} to have it made again"
+            )
+    return dict(manifest)
+
+
+def _begin(folder: Path, about: dict[str, Any]) -> None:
+    """Take a folder that is new, or in which the same set was begun."""
+    state = folder / STATE_NAME / _ABOUT_NAME
+    if state.is_file():
+        begun = parse_json(state.read_bytes())
+        if begun != about:
+            raise ApplicationError(
+                f"{folder} holds a set begun with another size or seed, or with other versions of "
+                f"packages (see {state}); name another --out"
+            )
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ApplicationError(f"{folder} holds something else; name another --out")
+    make_folder(state.parent)
+    write_shared(state, document_bytes(about))
+
+
+def _records(
+    call: Call, tasks: list[Task], folder: Path, workers: int
+) -> tuple[dict[tuple[str, str], TaskRecord], int]:
+    """Records of all tasks, and how many were found done."""
+    found = {(task.track, task.name): found_record(task, folder) for task in tasks}
+    left = [task for task in tasks if found[task.track, task.name] is None]
+    records = {key: record for key, record in found.items() if record is not None}
+    found_done = len(records)
+    with call.bar("rendering", len(tasks)) as advance_to:
+        advance_to(found_done)
+        for task, record in _rendered(left, folder, workers):
+            records[task.track, task.name] = record
+            advance_to(len(records))
+    return records, found_done
+
+
+def _rendered(
+    tasks: list[Task], folder: Path, workers: int
+) -> Iterator[tuple[Task, TaskRecord]]:
+    if workers == 1 or len(tasks) <= 1:
+        for task in tasks:
+            yield task, written_record(task, folder)
+        return
+    executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_ignore_interrupts)
+    try:
+        with _interrupts_ignored():
+            futures = {executor.submit(written_record, task, folder): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C, which a terminal sends to all, to the process that waits for this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Start processes that ignore Ctrl-C from their first moment."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _finish(
+    folder: Path,
+    about: dict[str, Any],
+    tasks: list[Task],
+    records: dict[tuple[str, str], TaskRecord],
+) -> dict[str, Any]:
+    """Write the lists and the truth, then the manifest; return it."""
+    files = {path: facts for record in records.values() for path, facts in record.files.items()}
+    documents = card_files(about["size"], about["seed"])
+    for track in TRACKS:
+        of_track = [task.name for task in tasks if task.track == track]
+        known = [(name, records[track, name]) for name in of_track]
+        documents |= track_documents(track, [(name, r.task, r.truth) for name, r in known])
+    for path, data in documents.items():
+        write_below(folder, path, data)
+        files[path] = file_facts(data)
+    lines = "".join(f"{files[path]['sha256']}  {path}\n" for path in sorted(files))
+    manifest = {**about, "files": files, "sha256": hashlib.sha256(lines.encode()).hexdigest()}
+    write_shared(folder / MANIFEST_NAME, document_bytes(manifest))
+    shutil.rmtree(folder / STATE_NAME)
+    return manifest
