@@ -101,13 +101,15 @@ def parse_toml(text: str | bytes) -> dict[str, Any]:
         raise ValueError(_TOO_DEEP) from error
 
 
-def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
-    """Read the pages of a TIFF file, or the first one.
+def read_tiff(
+    data: bytes, *, first_alone: bool = False, shape: tuple[int, int] | None = None
+) -> TiffPages:
+    """Read the pages of a TIFF file, or the first one; with ``shape``, if they have that alone.
 
     Raises
     ------
     TiffDamageError
-        If it cannot be read, or a page is cut short.
+        If it cannot be read, or a page is cut short or of another shape.
     """
     try:
         # The reader's objects refer to each other: without closing it, they would keep the file's
@@ -115,7 +117,7 @@ def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
         with BytesIO(data) as file, tifffile.TiffFile(file) as tiff:
             info = (tiff.imagej_metadata or {}).get("Info")
             pages = [tiff.pages[0]] if first_alone else list(tiff.pages)
-            images = tuple(_pixels(page, len(data)) for page in pages)
+            images = tuple(_pixels(page, len(data), shape) for page in pages)
     except TiffDamageError:
         raise
     except TIFF_DAMAGE as error:
@@ -124,7 +126,11 @@ def read_tiff(data: bytes, *, first_alone: bool = False) -> TiffPages:
     return TiffPages(images=images, info=info if isinstance(info, str) else None)
 
 
-def _pixels(page: tifffile.TiffPage | tifffile.TiffFrame, file_bytes: int) -> NDArray[Any]:
+def _pixels(
+    page: tifffile.TiffPage | tifffile.TiffFrame, file_bytes: int, shape: tuple[int, int] | None
+) -> NDArray[Any]:
+    if shape is not None and tuple(page.shape) != shape:
+        raise TiffDamageError(f"its shape is {tuple(page.shape)}, expected {shape} (rows, columns)")
     if page.nbytes > LARGEST_RATIO * file_bytes:
         raise TiffDamageError(
             f"a page of {page.shape} pixels cannot be in a file of {file_bytes} bytes"

@@ -80,6 +80,19 @@ def read_document(
             source=source,
             key="schema",
         )
+    return fitted(document, model, failure, source)
+
+
+def fitted(
+    document: object, model: type[Document], failure: type[DocumentError], source: str
+) -> Document:
+    """Return plain lists, numbers and text as a model.
+
+    Raises
+    ------
+    DocumentError
+        As ``failure``, if they do not fit; it names ``source`` and the value at fault.
+    """
     try:
         return model.model_validate(document)
     except ValidationError as error:

@@ -7,7 +7,10 @@ from .library.bench import (
     preview_plan as preview_plan,
     watch_focus as watch_focus,
 )
-from .library.benchmark import make_benchmark as make_benchmark
+from .library.benchmark import (
+    make_benchmark as make_benchmark,
+    score_benchmark as score_benchmark,
+)
 from .library.call import Progress as Progress
 from .library.comparison import (
     DetectionLimitOptions as DetectionLimitOptions,

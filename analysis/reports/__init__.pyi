@@ -3,6 +3,7 @@ from .bench import (
     noise_section as noise_section,
     stage_section as stage_section,
 )
+from .benchmark import render_benchmark_report as render_benchmark_report
 from .calibrations import (
     render_calibration_report as render_calibration_report,
     render_geometry_report as render_geometry_report,

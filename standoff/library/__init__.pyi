@@ -23,7 +23,13 @@ from .bench import (
     refuse_half_simulated as refuse_half_simulated,
     watch_focus as watch_focus,
 )
-from .benchmark import MadeBenchmark as MadeBenchmark, make_benchmark as make_benchmark
+from .benchmark import (
+    SCORE_FILES as SCORE_FILES,
+    MadeBenchmark as MadeBenchmark,
+    ScoredBenchmark as ScoredBenchmark,
+    make_benchmark as make_benchmark,
+    score_benchmark as score_benchmark,
+)
 from .call import Call as Call, Progress as Progress
 from .caller import called_as as called_as
 from .choices import (

@@ -1,4 +1,4 @@
-"""``standoff benchmark``: the public benchmark, a command a module."""
+"""``standoff benchmark``: data sets with their truth, and the scores of programs on them."""
 
 import lazy_loader as lazy
 

@@ -1,10 +1,13 @@
-"""The group of the benchmark's commands."""
+"""The commands of ``standoff benchmark``."""
 
 from typer import Typer
 
+from standoff import terminal
 from standoff.commands.benchmark.make import make
+from standoff.commands.benchmark.score import score
 
 benchmark = Typer(
-    name="benchmark", help="The public benchmark: make its data set."
+    name="benchmark", help="The public benchmark: make its data set, score programs on it."
 )
-benchmark.command("make")(make)
+benchmark.command("make", cls=terminal.Command)(make)
+benchmark.command("score", cls=terminal.Command)(score)

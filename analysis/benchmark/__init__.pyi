@@ -1,0 +1,19 @@
+from .data_set import MANIFEST_NAME as MANIFEST_NAME, BenchmarkData as BenchmarkData
+from .measures import MEASURES as MEASURES, TITLES as TITLES, Measure as Measure
+from .plot import score_figure as score_figure
+from .program_files import ProgramFiles as ProgramFiles
+from .scores import (
+    BenchmarkScores as BenchmarkScores,
+    Score as Score,
+    ScoredProgram as ScoredProgram,
+    read_scores as read_scores,
+)
+from .scoring import scored as scored
+from .tables import (
+    ScoreTable as ScoreTable,
+    main_groups as main_groups,
+    markdown as markdown,
+    parts_of as parts_of,
+    score_tables as score_tables,
+    track_tables as track_tables,
+)

@@ -1,0 +1,222 @@
+"""What a change map says of a pair: of its spots, of its largest score, of its false places."""
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import label
+
+from analysis.benchmark.data_set import BenchmarkData
+from analysis.benchmark.false_places import PlaceCounts, place_counts
+from analysis.benchmark.program_files import given_levels
+from analysis.benchmark.stored_models import ChangesTask, Places, TrueChanges, TrueSpot
+from analysis.errors import ResultsFileError
+from simulation.arrays import BoolArray, Float32Array, FloatArray
+
+LARGEST_DN = 4095.0
+FALSE_PIXELS = 1e-4
+"""Share of unchanged pixels that may be above the threshold where pixels are counted."""
+
+_EIGHT = np.ones((3, 3), dtype=np.int64)
+_AROUND_PX = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangedSpot:
+    """A spot as the camera sees it: the peak of the difference it makes, in DN and in noises."""
+
+    truth: TrueSpot
+    amplitude_dn: float
+    noise_dn: float
+
+    @property
+    def found_px(self) -> float:
+        """Within this a score belongs to the spot."""
+        return max(2.0, 1.5 * self.truth.sigma_px)
+
+    @property
+    def away_px(self) -> float:
+        """Further away a region or a detection is false."""
+        return 3 * self.truth.sigma_px + 4
+
+    def distance_px(self, x_px: float, y_px: float) -> float:
+        """From a place to the spot's centre."""
+        return hypot(x_px - self.truth.x_px, y_px - self.truth.y_px)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TruePair:
+    """A pair and its truth; ``is_painted`` are the pixels that differ by half a spot's peak."""
+
+    name: str
+    truth: TrueChanges
+    shape: tuple[int, int]
+    spots: tuple[ChangedSpot, ...]
+    is_painted: BoolArray | None
+
+    @classmethod
+    def read(
+        cls, data: BenchmarkData, task: ChangesTask, truth: TrueChanges, scale: float
+    ) -> "TruePair":
+        """Read what is known of a pair; ``scale`` are the levels of a DN in the truth.
+
+        Raises
+        ------
+        ResultsFileError
+            If a picture of the data set cannot be used, or a spot is not in it.
+        """
+        levels_dn = _linear_dn(data, task)
+        shape = (levels_dn.shape[0], levels_dn.shape[1])
+        if not truth.changed:
+            return cls(name=task.task, truth=truth, shape=shape, spots=(), is_painted=None)
+        made_dn = np.abs(data.levels(f"truth/changes/{task.task}.tif", shape) / scale)
+        spots, is_painted = [], np.zeros(shape, np.bool_)
+        for spot in truth.spots:
+            peak = ChangedSpot(truth=spot, amplitude_dn=0.0, noise_dn=0.0)
+            near = within(shape, spot, peak.found_px)
+            amplitude_dn = float(made_dn[near].max(initial=0.0))
+            if not amplitude_dn > 0:
+                raise ResultsFileError(
+                    f"{data.folder}: task {task.task}: the truth shows no spot at "
+                    f"({spot.x_px:g}, {spot.y_px:g})"
+                )
+            above_black = max(_around(levels_dn, spot) - task.black_level, 0.0)
+            variance = task.noise.variance_at_black_dn2 + task.noise.variance_per_dn * above_black
+            spots.append(
+                ChangedSpot(truth=spot, amplitude_dn=amplitude_dn, noise_dn=sqrt(variance))
+            )
+            is_painted |= within(shape, spot, peak.away_px) & (made_dn >= amplitude_dn / 2)
+        return cls(
+            name=task.task, truth=truth, shape=shape, spots=tuple(spots), is_painted=is_painted
+        )
+
+    def is_away(self, x_px: float, y_px: float) -> bool:
+        """Whether a place is far from every spot."""
+        return all(spot.distance_px(x_px, y_px) > spot.away_px for spot in self.spots)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedPair:
+    """What a program's map says of a pair.
+
+    ``counts`` and ``top`` (its highest pixels, of ``judged_px``) are of unchanged pairs alone;
+    ``spot_scores`` and ``painted`` (the scores of painted pixels) of changed ones, -inf where the
+    map has NaN.
+    """
+
+    path: Path
+    largest: float
+    judged_px: int
+    counts: PlaceCounts | None
+    top: Float32Array
+    spot_scores: FloatArray
+    painted: Float32Array
+
+
+def judged(pair: TruePair, path: Path, frames: int, pixels: int) -> JudgedPair | None:
+    """Read a program's map of a pair; None where it judges no pixel.
+
+    Parameters
+    ----------
+    pair
+        The pair.
+    path
+        The map.
+    frames, pixels
+        Of all unchanged pairs: how many they are, and their pixels.
+
+    Raises
+    ------
+    ResultsFileError
+        If the map cannot be used.
+    """
+    scores = given_levels(path, pair.shape)
+    levels = scores[~np.isnan(scores)]
+    if not levels.size:
+        return None
+    counts, top, painted = None, levels[:0], levels[:0]
+    if pair.truth.changed:
+        painted = np.where(np.isnan(scores), -np.inf, scores)[pair.is_painted].astype(np.float32)
+    else:
+        # Scenes are drawn again: a pair may count several times, in frames that are fewer.
+        counts = place_counts(scores, 2.0 * frames + 1)
+        kept = min(int(FALSE_PIXELS * pixels) + 1, levels.size)
+        top = np.partition(levels, levels.size - kept)[levels.size - kept :]
+    return JudgedPair(
+        path=path,
+        largest=float(levels.max()),
+        judged_px=levels.size,
+        counts=counts,
+        top=top,
+        spot_scores=np.array([_score_at(scores, spot) for spot in pair.spots]),
+        painted=painted,
+    )
+
+
+def false_regions(pair: TruePair, path: Path, threshold: float) -> int:
+    """Count the regions of a map above a threshold that lie far from every spot.
+
+    Raises
+    ------
+    ResultsFileError
+        If the map cannot be used.
+    """
+    scores = given_levels(path, pair.shape)
+    regions, count = label(np.nan_to_num(scores, nan=-np.inf) > threshold, _EIGHT)
+    near = np.zeros(pair.shape, np.bool_)
+    for spot in pair.spots:
+        near |= within(pair.shape, spot.truth, spot.away_px)
+    touching = np.unique(regions[near])
+    return int(count - np.count_nonzero(touching))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnDetections:
+    """How a program's own detections fit a pair: spots found, of how many, and false places."""
+
+    found: int
+    spots: int
+    false_places: int
+
+
+def own_detections(pair: TruePair, places: Places) -> OwnDetections:
+    """Hold a program's own detections against a pair's spots."""
+    found = sum(
+        any(spot.distance_px(*place) <= spot.found_px for place in places) for spot in pair.spots
+    )
+    false_places = sum(pair.is_away(*place) for place in places)
+    return OwnDetections(found=found, spots=len(pair.spots), false_places=false_places)
+
+
+def within(shape: tuple[int, int], spot: TrueSpot, radius_px: float) -> BoolArray:
+    """Which pixels lie within a radius of a spot's centre, its rim included."""
+    y, x = np.ogrid[: shape[0], : shape[1]]
+    is_near = (x - spot.x_px) ** 2 + (y - spot.y_px) ** 2 <= radius_px**2
+    return np.asarray(is_near, np.bool_)
+
+
+def _score_at(scores: Float32Array, spot: ChangedSpot) -> float:
+    """Largest score near a spot; -inf where the map has none."""
+    near = scores[within((scores.shape[0], scores.shape[1]), spot.truth, spot.found_px)]
+    judged_ = near[~np.isnan(near)]
+    return float(judged_.max()) if judged_.size else -np.inf
+
+
+def _linear_dn(data: BenchmarkData, task: ChangesTask) -> FloatArray:
+    """Levels of the follow-up on the linear scale."""
+    if task.encoding == "linear":
+        return data.levels(task.followup).astype(np.float64)
+    encoded = data.encoded(task.followup).astype(np.float64) / task.max_level
+    low, high = encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4
+    return LARGEST_DN * np.where(encoded <= 0.04045, low, high)
+
+
+def _around(levels_dn: FloatArray, spot: TrueSpot) -> float:
+    """Median level around a spot's centre."""
+    row, col = round(spot.y_px), round(spot.x_px)
+    around = levels_dn[
+        max(row - _AROUND_PX, 0) : row + _AROUND_PX + 1,
+        max(col - _AROUND_PX, 0) : col + _AROUND_PX + 1,
+    ]
+    return float(np.median(around))

@@ -1,0 +1,266 @@
+"""Scores of changes: what is found at a rate of false places, and from which amplitude on."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.benchmark.change_answers import (
+    FALSE_PIXELS,
+    JudgedPair,
+    TruePair,
+    false_regions,
+    judged,
+    own_detections,
+)
+from analysis.benchmark.data_set import BenchmarkData
+from analysis.benchmark.detection_limit import limit_estimate, limit_of
+from analysis.benchmark.estimates import (
+    Estimate,
+    certain_share,
+    estimate,
+    percentiles,
+    scene_draws,
+    scene_numbers,
+    share,
+    share_of_sums,
+)
+from analysis.benchmark.false_places import PlaceSteps, level_exceeded_by
+from analysis.benchmark.measures import ANSWERED
+from analysis.benchmark.program_files import ProgramFiles
+from analysis.benchmark.score_list import Announce, ScoreList, groups_of
+from analysis.benchmark.stored_models import ChangesTask, ChangesTruth, Places, TaskList
+from analysis.errors import ResultsFileError
+from analysis.evaluation.roc import auc_interval
+from simulation.arrays import BoolArray, FloatArray, IntArray
+
+PLACES_A_FRAME, FEW_PLACES_A_FRAME = 1.0, 0.1
+SHARES = (50, 80)
+
+_DRAWS_OF_LIMITS = 400
+
+_Judged = tuple[TruePair, JudgedPair, int]
+"""A pair, what a program's map says of it, and the number of its scene."""
+
+_Add = Callable[[str, Estimate | None], None]
+
+
+def score_changes(
+    data: BenchmarkData, files: ProgramFiles, program: str, advance_to: Announce
+) -> ScoreList:
+    """Score a program's change maps and its own detections.
+
+    Raises
+    ------
+    ResultsFileError
+        If a file of the data set or of the program cannot be used.
+    """
+    truth = data.read("truth/changes.json", ChangesTruth)
+    tasks = data.read("changes/tasks.json", TaskList[ChangesTask]).by_name
+    paths = files.pictures("changes", truth.tasks)
+    detections = files.detections(truth.tasks)
+    missing = next((name for name in truth.tasks if name not in tasks), None)
+    if missing is not None:
+        raise ResultsFileError(f"{data.folder}: task {missing} is not in changes/tasks.json")
+    pairs = [
+        TruePair.read(data, tasks[name], truth.tasks[name], truth.levels_per_dn)
+        for name in sorted(truth.tasks)
+    ]
+    unchanged = [one for one in pairs if not one.truth.changed]
+    pixels = sum(one.shape[0] * one.shape[1] for one in unchanged)
+    answers: list[JudgedPair | None] = []
+    for done, pair in enumerate(pairs):
+        path = paths.get(pair.name)
+        answers.append(None if path is None else judged(pair, path, len(unchanged), pixels))
+        advance_to(done + 1)
+    scores = ScoreList(program=program, track="changes")
+    for group, members in groups_of([(f"kind {one.truth.kind}",) for one in pairs]):
+        of_group = _Group(
+            pairs=[pairs[at] for at in members], answers=[answers[at] for at in members]
+        )
+        if paths:
+            of_group.score(scores, group)
+        if detections is not None:
+            _score_own(scores, group, of_group.pairs, detections)
+    return scores
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Spots:
+    """The spots of a group: amplitudes, noise, score, and number of the scene, shape (n,) each."""
+
+    amplitude_dn: FloatArray
+    noise_dn: FloatArray
+    score: FloatArray
+    scene: IntArray
+
+
+class _Group:
+    """Pairs of a kind, and a program's answers."""
+
+    def __init__(self, *, pairs: Sequence[TruePair], answers: Sequence[JudgedPair | None]) -> None:
+        self.pairs = pairs
+        self._answers = answers
+        self._scenes = scene_numbers([one.truth.scene for one in pairs])
+        self._done = [
+            (pair, answer, int(scene))
+            for pair, answer, scene in zip(pairs, answers, self._scenes, strict=True)
+            if answer is not None
+        ]
+
+    def score(self, scores: ScoreList, group: str) -> None:
+        """Add the scores of the maps."""
+        done, count = len(self._done), len(self.pairs)
+
+        def add(measure: str, found: Estimate | None) -> None:
+            scores.add(group, measure, found, done, count)
+
+        add(ANSWERED, share([one is not None for one in self._answers], self._scenes))
+        unchanged = [one for one in self._done if not one[0].truth.changed]
+        changed = [one for one in self._done if one[0].truth.changed]
+        spots = self._spots()
+        if not unchanged or not spots.score.size:
+            return
+        self._score_limits(add, unchanged, spots)
+        if changed:
+            add("auc", _auc(unchanged, changed))
+            add("pixels_found", self._pixels_found(unchanged))
+
+    def _score_limits(
+        self,
+        add: _Add,
+        unchanged: Sequence[_Judged],
+        spots: _Spots,
+    ) -> None:
+        steps = PlaceSteps.of([one.counts for _, one, _ in unchanged if one.counts is not None])
+        scenes = np.array([scene for _, _, scene in unchanged])
+        draws = scene_draws(int(self._scenes.max()) + 1, _DRAWS_OF_LIMITS)
+        at_one = _Thresholds.of(steps, scenes, PLACES_A_FRAME, draws)
+        add("spots_found", _share_found(at_one, spots))
+        for scale, unit in ((np.ones_like(spots.noise_dn), "dn"), (spots.noise_dn, "noises")):
+            if np.all(scale > 0):
+                for percent in SHARES:
+                    limit = _limit(at_one, spots, spots.amplitude_dn / scale, percent / 100)
+                    add(f"limit_{percent}_{unit}", limit)
+        if FEW_PLACES_A_FRAME * len(unchanged) >= 1:
+            strict = _Thresholds.of(steps, scenes, FEW_PLACES_A_FRAME, draws)
+            add("limit_50_dn_strict", _limit(strict, spots, spots.amplitude_dn, 0.5))
+        changed = [one for one in self._done if one[0].truth.changed]
+        if changed:
+            false = [false_regions(pair, one.path, at_one.value) for pair, one, _ in changed]
+            of_scenes = np.array([scene for _, _, scene in changed])
+            add("false_places", estimate(np.array(false, np.float64), of_scenes, np.mean))
+
+    def _spots(self) -> _Spots:
+        """Those of all changed pairs; of a pair that was not judged none is found."""
+        rows = []
+        for pair, answer, scene in zip(self.pairs, self._answers, self._scenes, strict=True):
+            for at, spot in enumerate(pair.spots):
+                score = -np.inf if answer is None else float(answer.spot_scores[at])
+                rows.append((spot.amplitude_dn, spot.noise_dn, score, scene))
+        table = np.array(rows, np.float64).reshape(-1, 4)
+        return _Spots(
+            amplitude_dn=table[:, 0],
+            noise_dn=table[:, 1],
+            score=table[:, 2],
+            scene=table[:, 3].astype(np.int64),
+        )
+
+    def _pixels_found(self, unchanged: Sequence[_Judged]) -> Estimate | None:
+        pixels = sum(one.judged_px for _, one, _ in unchanged)
+        level = level_exceeded_by([one.top for _, one, _ in unchanged], pixels, FALSE_PIXELS)
+        sums, scenes = [], []
+        for pair, answer, scene in zip(self.pairs, self._answers, self._scenes, strict=True):
+            if pair.is_painted is not None:
+                found = 0 if answer is None else int(np.sum(answer.painted > level))
+                sums.append((found, int(pair.is_painted.sum())))
+                scenes.append(int(scene))
+        return share_of_sums(np.array(sums, np.float64), np.array(scenes))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Thresholds:
+    """A threshold, and that of each draw of scenes, with the draws, shape (draws, scenes)."""
+
+    value: float
+    drawn: FloatArray
+    draws: IntArray
+
+    @classmethod
+    def of(
+        cls, steps: PlaceSteps, scenes: IntArray, places: float, draws: IntArray
+    ) -> "_Thresholds":
+        """Thresholds at so many places a frame; a draw without unchanged pairs is left out."""
+        kept = (
+            draws[:, scenes].sum(axis=1) > 0 if draws.shape[1] > 1 else np.zeros(len(draws), bool)
+        )
+        used = draws[kept]
+        return cls(
+            value=steps.threshold(places, np.ones(scenes.size)),
+            drawn=np.array(
+                [steps.threshold(places, draw[scenes].astype(np.float64)) for draw in used]
+            ),
+            draws=used,
+        )
+
+
+def _is_found(spots: _Spots, threshold: float) -> BoolArray:
+    """Which spots score above; a map that judges nothing there finds nothing at any threshold."""
+    return np.asarray((spots.score > threshold) & (spots.score > -np.inf), np.bool_)
+
+
+def _share_found(thresholds: _Thresholds, spots: _Spots) -> Estimate:
+    is_found = _is_found(spots, thresholds.value)
+    if is_found.all() or not is_found.any():
+        return certain_share(float(is_found[0]), spots.scene)
+    drawn = []
+    for threshold, draw in zip(thresholds.drawn, thresholds.draws, strict=True):
+        weights = draw[spots.scene]
+        if weights.any():
+            drawn.append(100 * np.average(_is_found(spots, threshold), weights=weights))
+    low, high = percentiles(np.array(drawn)) if drawn else (None, None)
+    return Estimate(value=100 * float(is_found.mean()), low=low, high=high)
+
+
+def _limit(
+    thresholds: _Thresholds, spots: _Spots, amplitudes: FloatArray, found: float
+) -> Estimate:
+    ones = np.ones(amplitudes.size)
+    value = limit_of(amplitudes, _is_found(spots, thresholds.value), ones, found)
+    drawn = [
+        limit_of(amplitudes, _is_found(spots, threshold), weights, found)
+        for threshold, draw in zip(thresholds.drawn, thresholds.draws, strict=True)
+        if (weights := draw[spots.scene].astype(np.float64)).any()
+    ]
+    return limit_estimate(amplitudes, value, np.array(drawn))
+
+
+def _auc(
+    unchanged: Sequence[_Judged],
+    changed: Sequence[_Judged],
+) -> Estimate:
+    of_kinds = [
+        (np.array([one.largest for _, one, _ in kind]), np.array([scene for _, _, scene in kind]))
+        for kind in (unchanged, changed)
+    ]
+    (lower, of_lower), (higher, of_higher) = of_kinds
+    found = auc_interval(lower, higher, of_lower, of_higher)
+    return Estimate(value=found.auc, low=found.low, high=found.high)
+
+
+def _score_own(
+    scores: ScoreList, group: str, pairs: Sequence[TruePair], detections: Mapping[str, Places]
+) -> None:
+    """Add the scores of a program's own detections; a pair that it does not name has none."""
+    own = [own_detections(pair, detections.get(pair.name, [])) for pair in pairs]
+    scenes = scene_numbers([one.truth.scene for one in pairs])
+    named = sum(pair.name in detections for pair in pairs)
+
+    def add(measure: str, found: Estimate | None) -> None:
+        scores.add(group, measure, found, named, len(pairs))
+
+    counts = np.array([(one.found, one.false_places, one.spots) for one in own], np.float64)
+    found, false_places, spots = counts.T
+    add("own_precision", share_of_sums(np.column_stack([found, found + false_places]), scenes))
+    add("own_recall", share_of_sums(np.column_stack([found, spots]), scenes))
+    add("own_false_places", estimate(false_places, scenes, np.mean))

@@ -1,0 +1,141 @@
+"""Scores the files that programs wrote against the truth of a benchmark data set."""
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from io import StringIO
+from typing import TYPE_CHECKING, Any
+
+from analysis.benchmark import (
+    MANIFEST_NAME,
+    BenchmarkData,
+    BenchmarkScores,
+    ProgramFiles,
+    Score,
+    markdown,
+    score_tables,
+    scored,
+)
+from analysis.reports import render_benchmark_report
+from analysis.results_file import write_results
+from calibration.documents import json_object
+from calibration.notebook import html_table
+from standoff.errors import ArgumentError
+from standoff.library.call import Call, Progress
+from standoff.library.files import make_folder, write_file, write_page, written_together
+from standoff.library.inputs import FilePath, listed_paths, path_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+SCORE_FILES = ("scores.json", "scores.csv", "scores.md", "scores.html")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoredBenchmark:
+    """Scores of programs, side by side, and what there is to remark."""
+
+    scores: BenchmarkScores
+    notes: tuple[str, ...] = ()
+
+    def score(self, program: str, track: str, measure: str, group: str = "all") -> Score | None:
+        """Return one score, or None where the program has none."""
+        wanted = (program, track, group, measure)
+        return next(
+            (
+                one
+                for one in self.scores.scores
+                if (one.program, one.track, one.group, one.measure) == wanted
+            ),
+            None,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what scores.json holds."""
+        return json_object(self.scores)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the scores as a pandas table, a line for each program, group and measure.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return self.scores.to_dataframe()
+
+    def write(self, folder: FilePath) -> None:
+        """Write scores.json, scores.csv, scores.md and scores.html into a folder, all or none.
+
+        Raises
+        ------
+        ApplicationError, ResultsFileError
+            If a file cannot be written.
+        """
+        out = make_folder(path_of(folder, "folder"))
+        with written_together(out / SCORE_FILES[0]) as part:
+            write_file(part / "scores.csv", _table(self.scores))
+            write_file(part / "scores.md", markdown(self.scores).encode("utf-8"))
+            write_page(part / "scores.html", render_benchmark_report(self.scores))
+            write_results(part / SCORE_FILES[0], self.scores)
+
+    def _repr_html_(self) -> str:
+        tables = score_tables(self.scores)
+        return "".join(html_table(one.title, one.columns, one.rows) for one in tables)
+
+
+def score_benchmark(
+    results: FilePath | Iterable[FilePath],
+    data: FilePath,
+    *,
+    progress: Progress | None = None,
+) -> ScoredBenchmark:
+    """Score the files that programs wrote for the tasks of a benchmark data set.
+
+    ``docs/benchmark-scoring.md`` says which files those are and what each score means.
+
+    Parameters
+    ----------
+    results
+        The folder of a program's results, or several folders, each of another program.
+    data
+        Folder of the data set, with its truth.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    ScoredBenchmark
+        Scores of all programs with their 95 % intervals over scenes.
+
+    Raises
+    ------
+    ArgumentError
+        If no folder of results is given.
+    ResultsFileError
+        If a file of the data set is not that of its manifest, or one of a program cannot be used.
+
+    Examples
+    --------
+    >>> found = standoff.score_benchmark(["mine", "theirs"], "benchmark-small")
+    >>> found.score("mine", "changes", "limit_50_dn")
+    >>> found.write("scores")
+    """
+    folders = list(listed_paths(results, "results"))
+    if not folders:
+        raise ArgumentError("expected at least one folder of results", argument="results")
+    root = path_of(data, "data")
+    known = BenchmarkData(root)
+    programs = [ProgramFiles(folder) for folder in folders]
+    files = [root / MANIFEST_NAME, *(path for one in programs for path in one.documents())]
+    call = Call("score_benchmark", progress, files=files)
+    scores = scored(known, programs, call.provenance(), call.bar)
+    return ScoredBenchmark(scores=scores, notes=call.notes)
+
+
+def _table(scores: BenchmarkScores) -> bytes:
+    text = StringIO()
+    table = csv.DictWriter(text, list(Score.model_fields), lineterminator="\n")
+    table.writeheader()
+    table.writerows(one.model_dump() for one in scores.scores)
+    return text.getvalue().encode("utf-8")
