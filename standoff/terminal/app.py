@@ -45,7 +45,6 @@ COMMANDS = {
     "validate": "validate:validate",
     "paper": "rehearsals:paper",
     "report": "report:report",
-    "benchmark": "benchmark:benchmark",
     "console": "console:console",
     "mock": "mock:mock",
     "doctor": "doctor:doctor",
