@@ -22,7 +22,7 @@ from simulation.arrays import BoolArray, FloatArray
 
 WORKER = Path(__file__).with_name("change_peer_worker.py")
 
-_SMOOTHING_PX = 1.0
+SMOOTHING_PX = 1.0
 _TIME_LIMIT_S = 300
 
 
@@ -79,7 +79,7 @@ def absolute_difference(pair: AlignedPair) -> FloatArray:
     )
     inside = cv2.warpPerspective(np.ones_like(pair.reference), matrix, size, flags=flags) > 0.99
     seen = _in_light(np.asarray(warped, dtype=np.float64), pair.followup, inside)
-    return np.abs(gaussian_filter(pair.followup - seen, _SMOOTHING_PX))
+    return np.abs(gaussian_filter(pair.followup - seen, SMOOTHING_PX))
 
 
 def _in_light(warped: FloatArray, followup: FloatArray, inside: BoolArray) -> FloatArray:
@@ -113,7 +113,7 @@ def zogy(pair: AlignedPair) -> FloatArray:
     reference, followup = (np.fft.fft2(image - pair.followup.mean()) for image in images)
     below = np.sqrt(sigma_after**2 * before**2 + sigma_before**2 * after**2 + 1e-12)
     difference = np.fft.ifft2((before * followup - after * reference) / below).real
-    return np.abs(gaussian_filter(difference, _SMOOTHING_PX))
+    return np.abs(gaussian_filter(difference, SMOOTHING_PX))
 
 
 def elsewhere(name: str, python: Path) -> Peer:
@@ -134,6 +134,6 @@ def elsewhere(name: str, python: Path) -> Peer:
                 said = error.stderr.decode(errors="replace").strip().splitlines()
                 raise PeerError(said[-1] if said else f"exit {error.returncode}") from error
             difference = np.load(target)["difference"]
-        return np.abs(gaussian_filter(np.asarray(difference, np.float64), _SMOOTHING_PX))
+        return np.abs(gaussian_filter(np.asarray(difference, np.float64), SMOOTHING_PX))
 
     return score

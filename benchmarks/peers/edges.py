@@ -33,6 +33,7 @@ _OVERSAMPLING = 4
 
 _SMALLEST_SIGMA_PX = 0.05
 _SMOOTHING_PX = 3
+_FEWEST_PX = 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,9 +139,11 @@ def fit_gaussian_edge(image: FloatArray, angle_deg: float, task: Task) -> Gaussi
     Raises
     ------
     PeerError
-        If the fit does not converge.
+        If the image is too small, or the fit does not converge.
     """
     rows, cols = image.shape
+    if image.size < _FEWEST_PX:
+        raise PeerError("the region is too small")
     y, x = np.mgrid[:rows, :cols].astype(np.float64)
     y, x = y.ravel() - (rows - 1) / 2, x.ravel() - (cols - 1) / 2
 
@@ -190,7 +193,7 @@ def chart_width_px(task: Task) -> float:
 
 def _cut(image: FloatArray, roi_px: list[int]) -> FloatArray:
     left, top, right, bottom = roi_px
-    return image[top:bottom, left:right]
+    return image[max(top, 0) : bottom, max(left, 0) : right]
 
 
 def _by_edge(

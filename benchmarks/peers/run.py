@@ -61,7 +61,7 @@ class Results:
         """Write a map or a picture of one task."""
         path = self.folder / task.track / f"{task.name}.tif"
         path.parent.mkdir(exist_ok=True)
-        part = path.with_suffix(".part")
+        part = path.with_name(f".{path.name}.part")
         part.write_bytes(tiff_bytes(image.astype(np.float32), f"{task.track} {task.name}"))
         part.replace(path)
 
@@ -166,6 +166,6 @@ def _cell(value: float | None) -> str:
 
 
 def _write_json(path: Path, document: dict[str, Any]) -> None:
-    part = path.with_suffix(".part")
+    part = path.with_name(f".{path.name}.part")
     part.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", "utf-8")
     part.replace(path)
