@@ -142,7 +142,7 @@ def by_phase(task: Task) -> AlignedPoints:
     radius = side // 2
     spectra = [_log_polar(image, side, radius) for image in (reference, followup)]
     shift = phase_cross_correlation(*spectra, upsample_factor=_UPSAMPLING, normalization=None)[0]
-    turn_deg = float(shift[0]) * 360 / spectra[0].shape[0]
+    turn_deg = float(shift[0]) * 180 / spectra[0].shape[0]
     zoom = float(np.exp(-shift[1] * np.log(radius) / spectra[0].shape[1]))
     tried = [
         _with_shift(reference, followup, zoom=by, turn_deg=turn)

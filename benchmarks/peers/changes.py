@@ -1,19 +1,18 @@
 """Changes between two photographs, as other programs score them."""
 
-import sys
+from collections.abc import Callable
 from math import sqrt
-from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import center_of_mass, gaussian_filter, label, uniform_filter
 
 from analysis.detectors import followup_view, in_light_of
+from benchmarks.change_peer_worker import sfft
 from benchmarks.change_peers import (
     SMOOTHING_PX,
     AlignedPair,
     Peer,
     absolute_difference,
-    elsewhere,
     ir_mad,
     structural_dissimilarity,
     zogy,
@@ -155,9 +154,14 @@ def _two_clusters(features: FloatArray, difference_dn: FloatArray) -> tuple[Floa
     return (middles[0], middles[1]) if means[0] < means[1] else (middles[1], middles[0])
 
 
-def subtraction(name: str, given: str, python: Path) -> Program:
-    """An image subtraction of astronomy, by the interpreter of its environment."""
-    peer = elsewhere(name, python)
+def subtraction(
+    name: str, given: str, subtract: Callable[[FloatArray, FloatArray], FloatArray]
+) -> Program:
+    """An image subtraction of astronomy."""
+
+    def peer(pair: AlignedPair) -> FloatArray:
+        return np.abs(gaussian_filter(subtract(pair.warped, pair.followup), SMOOTHING_PX))
+
     return Program(
         name=name,
         given=f"{given}, {_WARP}; {_DECLARED}",
@@ -212,12 +216,5 @@ PROGRAMS = (
         given=f"PCA and k-means (Celik 2009), written out here, {_WARP}; declared by its clusters",
         answers={"changes": pca_kmeans},
     ),
-    subtraction(
-        "sfft", "SFFT (Hu and others 2022), kernel and light of order 2", Path(sys.executable)
-    ),
-    subtraction(
-        "properimage",
-        "ProperImage's proper subtraction, with PSFs from what it finds",
-        Path(sys.executable),
-    ),
+    subtraction("sfft", "SFFT (Hu and others 2022), kernel and light of order 2", sfft),
 )

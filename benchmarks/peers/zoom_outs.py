@@ -17,16 +17,19 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage.transform import rescale
 
 from analysis.detectors import followup_view, sees_reference
-from benchmarks.lens_optics import Camera, gaussian
+from benchmarks.lens_optics import gaussian
 from benchmarks.peers.edges import chart_width_px
 from benchmarks.peers.program import PeerError, Program
 from benchmarks.peers.tasks import Task
-from benchmarks.zoom_peers import pybsm
+from benchmarks.zoom_peers import FINENESS, pybsm_of_fine
 from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import FloatArray
 
 _SUBSAMPLES = 4
 """Of a follow-up pixel along each axis, where its area is averaged."""
+
+_ROUNDING = 1e-9
+"""Of a size that would be a whole number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,10 +80,9 @@ class Frontal:
         return np.asarray(map_coordinates(image, grid, order=3, mode="mirror"))
 
 
-def _lacking_px(task: Task) -> tuple[float, float]:
-    """Width of the PSF from the chart, and that which the follow-up lacks, in its own pixels."""
-    sigma, zoom = chart_width_px(task), float(task.facts["zoom"])
-    return sigma, sigma * sqrt(1 - zoom**-2)
+def _lacking_px(task: Task) -> float:
+    """Width of the Gaussian by which the follow-up is softer, in its own pixels."""
+    return chart_width_px(task) * sqrt(1 - float(task.facts["zoom"]) ** -2)
 
 
 def pillow(task: Task) -> FloatArray:
@@ -97,7 +99,7 @@ def pillow(task: Task) -> FloatArray:
 
 def pillow_and_blur(task: Task) -> FloatArray:
     """Pillow's, then a Gaussian with what the PSF of the chart lacks."""
-    return np.asarray(gaussian_filter(pillow(task), _lacking_px(task)[1]))
+    return np.asarray(gaussian_filter(pillow(task), _lacking_px(task)))
 
 
 def area(task: Task) -> FloatArray:
@@ -162,25 +164,24 @@ def scikit_image(task: Task) -> FloatArray:
 
 
 def by_pybsm(task: Task) -> FloatArray:
-    """PyBSM with a Gaussian of the chart's width as the system's transfer function."""
+    """PyBSM with the Gaussian that the follow-up lacks as the system's transfer function.
+
+    It takes the reference for an ideal view of the scene, and would count its blur twice.
+    """
     frontal = Frontal.of(task)
-    camera: Camera = gaussian(chart_width_px(task), has_pixel=False)
-    reference = task.linear("reference")
-    # Its follow-up begins at the middle of the first pixel of what it is given.
+    lacking = gaussian(_lacking_px(task), has_pixel=False)
     rows, cols = frontal.shape
-    made = pybsm(_from_first_pixel(reference, frontal), frontal.zoom, camera)
-    if made.shape[0] < rows or made.shape[1] < cols:
-        raise PeerError("pyBSM returns too few pixels")
-    return made[:rows, :cols]
-
-
-def _from_first_pixel(reference: FloatArray, frontal: Frontal) -> FloatArray:
-    """The reference shifted so that the box begins at its border, with a margin after it."""
-    left, top, right, bottom = frontal.box
-    rows, cols = (int(np.ceil(end - begin)) + 2 for begin, end in ((top, bottom), (left, right)))
-    y, x = np.arange(rows) + top, np.arange(cols) + left
-    grid = np.meshgrid(y, x, indexing="ij")
-    return np.asarray(map_coordinates(reference, grid, order=3, mode="mirror"))
+    # It makes whole pixels of what it is given: the box, in whole fine pixels.
+    count = round(FINENESS * frontal.zoom * max(rows, cols)) / max(rows, cols)
+    step = frontal.zoom / count
+    left, top, *_ = frontal.box
+    y, x = ((np.arange(round(size * count)) + 0.5) * step - 0.5 for size in frontal.shape)
+    grid = np.meshgrid(y + top, x + left, indexing="ij")
+    fine = map_coordinates(task.linear("reference"), grid, order=3, mode="mirror")
+    made = pybsm_of_fine(np.asarray(fine), step * (1 + _ROUNDING), frontal.zoom, lacking)
+    if made.shape != frontal.shape:
+        raise PeerError(f"pyBSM returns {made.shape} pixels")
+    return made
 
 
 def _warped(image: FloatArray, matrix: FloatArray, shape: tuple[int, int]) -> FloatArray:
@@ -259,7 +260,8 @@ PROGRAMS = (
     ),
     _program(
         "pybsm",
-        "pyBSM's image simulation with a Gaussian of the same width as the system's transfer",
+        "pyBSM's image simulation with a Gaussian of the same width, less the share that the "
+        "reference has, as the system's transfer",
         by_pybsm,
         "pybsm",
     ),
