@@ -11,7 +11,6 @@ from analysis.benchmark.data_set import BenchmarkData
 from analysis.benchmark.false_places import PlaceCounts, place_counts
 from analysis.benchmark.program_files import given_levels
 from analysis.benchmark.stored_models import ChangesTask, Places, TrueChanges, TrueSpot
-from analysis.errors import ResultsFileError
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 LARGEST_DN = 4095.0
@@ -24,7 +23,10 @@ _AROUND_PX = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangedSpot:
-    """A spot as the camera sees it: the peak of the difference it makes, in DN and in noises."""
+    """A spot as the camera sees it: the peak of the difference it makes, in DN and in noises.
+
+    ``amplitude_dn`` is 0 where the camera's levels are clipped: nobody can find that spot.
+    """
 
     truth: TrueSpot
     amplitude_dn: float
@@ -64,7 +66,7 @@ class TruePair:
         Raises
         ------
         ResultsFileError
-            If a picture of the data set cannot be used, or a spot is not in it.
+            If a picture of the data set cannot be used.
         """
         levels_dn = _linear_dn(data, task)
         shape = (levels_dn.shape[0], levels_dn.shape[1])
@@ -76,20 +78,21 @@ class TruePair:
             peak = ChangedSpot(truth=spot, amplitude_dn=0.0, noise_dn=0.0)
             near = within(shape, spot, peak.found_px)
             amplitude_dn = float(made_dn[near].max(initial=0.0))
-            if not amplitude_dn > 0:
-                raise ResultsFileError(
-                    f"{data.folder}: task {task.task}: the truth shows no spot at "
-                    f"({spot.x_px:g}, {spot.y_px:g})"
-                )
             above_black = max(_around(levels_dn, spot) - task.black_level, 0.0)
             variance = task.noise.variance_at_black_dn2 + task.noise.variance_per_dn * above_black
             spots.append(
                 ChangedSpot(truth=spot, amplitude_dn=amplitude_dn, noise_dn=sqrt(variance))
             )
-            is_painted |= within(shape, spot, peak.away_px) & (made_dn >= amplitude_dn / 2)
+            is_half = (made_dn >= amplitude_dn / 2) & (made_dn > 0)
+            is_painted |= within(shape, spot, peak.away_px) & is_half
         return cls(
             name=task.task, truth=truth, shape=shape, spots=tuple(spots), is_painted=is_painted
         )
+
+    @property
+    def seen(self) -> list[ChangedSpot]:
+        """The spots that make a difference."""
+        return [spot for spot in self.spots if spot.amplitude_dn > 0]
 
     def is_away(self, x_px: float, y_px: float) -> bool:
         """Whether a place is far from every spot."""
@@ -149,7 +152,7 @@ def judged(pair: TruePair, path: Path, frames: int, pixels: int) -> JudgedPair |
         judged_px=levels.size,
         counts=counts,
         top=top,
-        spot_scores=np.array([_score_at(scores, spot) for spot in pair.spots]),
+        spot_scores=np.array([_score_at(scores, spot) for spot in pair.seen]),
         painted=painted,
     )
 
@@ -183,10 +186,10 @@ class OwnDetections:
 def own_detections(pair: TruePair, places: Places) -> OwnDetections:
     """Hold a program's own detections against a pair's spots."""
     found = sum(
-        any(spot.distance_px(*place) <= spot.found_px for place in places) for spot in pair.spots
+        any(spot.distance_px(*place) <= spot.found_px for place in places) for spot in pair.seen
     )
     false_places = sum(pair.is_away(*place) for place in places)
-    return OwnDetections(found=found, spots=len(pair.spots), false_places=false_places)
+    return OwnDetections(found=found, spots=len(pair.seen), false_places=false_places)
 
 
 def within(shape: tuple[int, int], spot: TrueSpot, radius_px: float) -> BoolArray:

@@ -14,7 +14,7 @@ from analysis.benchmark.change_answers import (
     own_detections,
 )
 from analysis.benchmark.data_set import BenchmarkData
-from analysis.benchmark.detection_limit import limit_estimate, limit_of
+from analysis.benchmark.detection_limit import limit_estimate, limits_of
 from analysis.benchmark.estimates import (
     Estimate,
     certain_share,
@@ -136,26 +136,26 @@ class _Group:
         scenes = np.array([scene for _, _, scene in unchanged])
         draws = scene_draws(int(self._scenes.max()) + 1, _DRAWS_OF_LIMITS)
         at_one = _Thresholds.of(steps, scenes, PLACES_A_FRAME, draws)
-        add("spots_found", _share_found(at_one, spots))
+        add("spots_found", at_one.share_found(spots))
         for scale, unit in ((np.ones_like(spots.noise_dn), "dn"), (spots.noise_dn, "noises")):
             if np.all(scale > 0):
-                for percent in SHARES:
-                    limit = _limit(at_one, spots, spots.amplitude_dn / scale, percent / 100)
+                limits = at_one.limits(spots, spots.amplitude_dn / scale)
+                for percent, limit in zip(SHARES, limits, strict=True):
                     add(f"limit_{percent}_{unit}", limit)
         if FEW_PLACES_A_FRAME * len(unchanged) >= 1:
             strict = _Thresholds.of(steps, scenes, FEW_PLACES_A_FRAME, draws)
-            add("limit_50_dn_strict", _limit(strict, spots, spots.amplitude_dn, 0.5))
+            add("limit_50_dn_strict", strict.limits(spots, spots.amplitude_dn)[0])
         changed = [one for one in self._done if one[0].truth.changed]
         if changed:
-            false = [false_regions(pair, one.path, at_one.value) for pair, one, _ in changed]
+            false = [false_regions(pair, one.path, at_one.level) for pair, one, _ in changed]
             of_scenes = np.array([scene for _, _, scene in changed])
             add("false_places", estimate(np.array(false, np.float64), of_scenes, np.mean))
 
     def _spots(self) -> _Spots:
-        """Those of all changed pairs; of a pair that was not judged none is found."""
+        """Those that can be seen, of all pairs; of a pair that was not judged none is found."""
         rows = []
         for pair, answer, scene in zip(self.pairs, self._answers, self._scenes, strict=True):
-            for at, spot in enumerate(pair.spots):
+            for at, spot in enumerate(pair.seen):
                 score = -np.inf if answer is None else float(answer.spot_scores[at])
                 rows.append((spot.amplitude_dn, spot.noise_dn, score, scene))
         table = np.array(rows, np.float64).reshape(-1, 4)
@@ -180,59 +180,57 @@ class _Group:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Thresholds:
-    """A threshold, and that of each draw of scenes, with the draws, shape (draws, scenes)."""
+    """The threshold of all scenes and that of each draw of them, shape (1 + draws,).
 
-    value: float
-    drawn: FloatArray
+    ``draws`` says how often each scene counts, shape (1 + draws, scenes), at first once each.
+    """
+
+    levels: FloatArray
     draws: IntArray
 
     @classmethod
     def of(
         cls, steps: PlaceSteps, scenes: IntArray, places: float, draws: IntArray
     ) -> "_Thresholds":
-        """Thresholds at so many places a frame; a draw without unchanged pairs is left out."""
-        kept = (
-            draws[:, scenes].sum(axis=1) > 0 if draws.shape[1] > 1 else np.zeros(len(draws), bool)
-        )
-        used = draws[kept]
-        return cls(
-            value=steps.threshold(places, np.ones(scenes.size)),
-            drawn=np.array(
-                [steps.threshold(places, draw[scenes].astype(np.float64)) for draw in used]
-            ),
-            draws=used,
-        )
+        """Thresholds at so many places a frame.
 
+        A draw without unchanged pairs is left out, and all are of a single scene.
+        """
+        once = np.ones((1, draws.shape[1]), np.int64)
+        used = draws[(draws[:, scenes].sum(axis=1) > 0) & (draws.shape[1] > 1)]
+        used = np.concatenate([once, used])
+        levels = [steps.threshold(places, draw[scenes].astype(np.float64)) for draw in used]
+        return cls(levels=np.array(levels), draws=used)
 
-def _is_found(spots: _Spots, threshold: float) -> BoolArray:
-    """Which spots score above; a map that judges nothing there finds nothing at any threshold."""
-    return np.asarray((spots.score > threshold) & (spots.score > -np.inf), np.bool_)
+    @property
+    def level(self) -> float:
+        """That of all scenes."""
+        return float(self.levels[0])
 
+    def share_found(self, spots: _Spots) -> Estimate:
+        """Share of the spots found, in percent."""
+        is_found, weights = self._counted(spots)
+        if is_found[0].all() or not is_found[0].any():
+            return certain_share(float(is_found[0, 0]), spots.scene)
+        shares = 100 * np.sum(weights * is_found, axis=1) / weights.sum(axis=1)
+        low, high = percentiles(shares[1:]) if shares.size > 1 else (None, None)
+        return Estimate(value=float(shares[0]), low=low, high=high)
 
-def _share_found(thresholds: _Thresholds, spots: _Spots) -> Estimate:
-    is_found = _is_found(spots, thresholds.value)
-    if is_found.all() or not is_found.any():
-        return certain_share(float(is_found[0]), spots.scene)
-    drawn = []
-    for threshold, draw in zip(thresholds.drawn, thresholds.draws, strict=True):
-        weights = draw[spots.scene]
-        if weights.any():
-            drawn.append(100 * np.average(_is_found(spots, threshold), weights=weights))
-    low, high = percentiles(np.array(drawn)) if drawn else (None, None)
-    return Estimate(value=100 * float(is_found.mean()), low=low, high=high)
+    def limits(self, spots: _Spots, amplitudes: FloatArray) -> list[Estimate]:
+        """Limits of detection at each of ``SHARES``."""
+        limits = limits_of(amplitudes, *self._counted(spots), [one / 100 for one in SHARES])
+        return [limit_estimate(amplitudes, one) for one in limits]
 
+    def _counted(self, spots: _Spots) -> tuple[BoolArray, FloatArray]:
+        """Which spots are found and how often each counts, in all draws that have spots.
 
-def _limit(
-    thresholds: _Thresholds, spots: _Spots, amplitudes: FloatArray, found: float
-) -> Estimate:
-    ones = np.ones(amplitudes.size)
-    value = limit_of(amplitudes, _is_found(spots, thresholds.value), ones, found)
-    drawn = [
-        limit_of(amplitudes, _is_found(spots, threshold), weights, found)
-        for threshold, draw in zip(thresholds.drawn, thresholds.draws, strict=True)
-        if (weights := draw[spots.scene].astype(np.float64)).any()
-    ]
-    return limit_estimate(amplitudes, value, np.array(drawn))
+        A map that judges nothing at a spot finds it at no threshold.
+        """
+        weights = self.draws[:, spots.scene].astype(np.float64)
+        has_spots = weights.sum(axis=1) > 0
+        levels = self.levels[has_spots, None]
+        is_found = (spots.score > levels) & (spots.score > -np.inf)
+        return np.asarray(is_found, np.bool_), weights[has_spots]
 
 
 def _auc(

@@ -11,91 +11,93 @@ M. Schemper, "A solution to the problem of separation in logistic regression", S
 Medicine 21, 2002.
 """
 
-from math import exp, inf, log
+from collections.abc import Sequence
+from math import inf, log
 
 import numpy as np
 
-from analysis.benchmark.estimates import Estimate, percentiles
+from analysis.benchmark.estimates import Estimate, Relation, percentiles
 from simulation.arrays import BoolArray, FloatArray
 
 _STEPS = 60
 _CLOSE = 1e-9
 _LONGEST_STEP = 2.0
 _STEEPEST = 200.0
+_LARGEST_LOGIT = 500.0
 
 
-def limit_of(
-    amplitudes: FloatArray, is_found: BoolArray, weights: FloatArray, found: float
-) -> float:
-    """Amplitude from which on a share of the spots is found.
+def limits_of(
+    amplitudes: FloatArray, is_found: BoolArray, weights: FloatArray, shares: Sequence[float]
+) -> FloatArray:
+    """Amplitudes from which on shares of the spots are found, for several draws of the spots.
 
     Parameters
     ----------
     amplitudes
         Of the spots, positive, shape (n,).
     is_found
-        Of each, shape (n,).
+        Of each in each draw, shape (draws, n).
     weights
-        How often each counts, shape (n,).
-    found
-        The share wanted, between 0 and 1.
+        How often each counts, shape (draws, n); not all 0 in a draw.
+    shares
+        Those wanted, each between 0 and 1.
 
     Returns
     -------
-    float
+    ndarray of float64, shape (shares, draws)
         At least the smallest amplitude, never an extrapolation; infinite beyond the largest one.
     """
-    counted = weights > 0
-    if not counted.any():
-        return inf
-    hit, weight = is_found[counted], weights[counted]
-    log_amplitude = np.log(amplitudes[counted])
-    middle = float(np.average(log_amplitude, weights=weight))
-    level, slope = _logistic(log_amplitude - middle, hit.astype(np.float64), weight)
-    least, most = log(amplitudes.min()), log(amplitudes.max())
-    if not slope > 0:
-        return exp(least) if level > log(found / (1 - found)) else inf
-    at = middle + (log(found / (1 - found)) - level) / slope
-    return inf if at > most else exp(max(at, least))
+    of_log = np.log(amplitudes)
+    least, most = float(of_log.min()), float(of_log.max())
+    middle = weights @ of_log / weights.sum(axis=1)
+    level, slope = _logistic(of_log - middle[:, None], is_found.astype(np.float64), weights)
+    logits = np.array([log(share / (1 - share)) for share in shares])[:, None]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        reached = np.where(slope > 0, middle + (logits - level) / slope, least)
+    is_reached = level + slope * (most - middle) >= logits
+    return np.where(is_reached, np.exp(np.clip(reached, least, most)), inf)
 
 
-def limit_estimate(amplitudes: FloatArray, value: float, drawn: FloatArray) -> Estimate:
+def limit_estimate(amplitudes: FloatArray, limits: FloatArray) -> Estimate:
     """Return a limit with its interval; a bound where the amplitudes tried do not reach it.
 
     Parameters
     ----------
     amplitudes
         Of all spots, shape (n,).
-    value
-        The limit; infinite beyond the largest amplitude.
-    drawn
-        Limits of the draws.
+    limits
+        That of all spots, and those of draws, shape (1 + draws,); infinite beyond the largest.
     """
     least, most = float(amplitudes.min()), float(amplitudes.max())
+    value, drawn = float(limits[0]), limits[1:]
     ends = percentiles(drawn) if drawn.size else (inf, inf)
     low, high = (None if end == inf else end for end in ends)
     if value == inf:
         return Estimate(value=most, low=low, high=None, relation=">")
-    relation = "<" if value <= least * (1 + _CLOSE) else "="
+    relation: Relation = "<" if value <= least * (1 + _CLOSE) else "="
     return Estimate(value=value, low=low, high=high, relation=relation)
 
 
-def _logistic(x: FloatArray, hit: FloatArray, weight: FloatArray) -> tuple[float, float]:
-    """Level and slope of the logit by Newton's steps on Firth's score."""
-    design = np.column_stack([np.ones_like(x), x])
-    beta = np.zeros(2)
+def _logistic(x: FloatArray, hit: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Level and slope of the logit of each draw by Newton's steps on Firth's score.
+
+    All arguments have shape (draws, n), the weighted mean of ``x`` is 0.
+    """
+    beta = np.zeros((2, len(x)))
     for _ in range(_STEPS):
-        chance = 1 / (1 + np.exp(-np.clip(design @ beta, -500, 500)))
+        logit = np.clip(beta[0][:, None] + beta[1][:, None] * x, -_LARGEST_LOGIT, _LARGEST_LOGIT)
+        chance = 1 / (1 + np.exp(-logit))
         spread = weight * chance * (1 - chance)
-        information = (design * spread[:, None]).T @ design
-        ridge = information + np.eye(2) * 1e-12 * max(float(np.trace(information)), 1e-12)
-        inverse = np.linalg.pinv(ridge)
-        leverage = spread * np.einsum("ni,ij,nj->n", design, inverse, design)
-        score = design.T @ (weight * (hit - chance) + leverage * (0.5 - chance))
-        step = inverse @ score
-        longest = float(np.abs(step).max())
-        step *= min(1.0, _LONGEST_STEP / longest) if longest > 0 else 1.0
+        a, b, c = spread.sum(axis=1), (spread * x).sum(axis=1), (spread * x**2).sum(axis=1)
+        a, c = a + 1e-300, c + _CLOSE * a + 1e-300  # of one amplitude there is no slope
+        determinant = np.maximum(a * c - b**2, 1e-300)
+        leverage = spread * (c[:, None] - 2 * b[:, None] * x + a[:, None] * x**2)
+        away = weight * (hit - chance) + leverage / determinant[:, None] * (0.5 - chance)
+        level, slope = away.sum(axis=1), (away * x).sum(axis=1)
+        step = np.stack([c * level - b * slope, a * slope - b * level]) / determinant
+        longest = np.abs(step).max(axis=0)
+        step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, _CLOSE))
         beta = np.clip(beta + step, -_STEEPEST, _STEEPEST)
-        if longest < _CLOSE:
+        if longest.max() < _CLOSE:
             break
-    return float(beta[0]), float(beta[1])
+    return beta[0], beta[1]

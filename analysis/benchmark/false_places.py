@@ -43,11 +43,12 @@ def place_counts(change_map: Float32Array, most: float) -> PlaceCounts:
     judged = np.flatnonzero(~np.isnan(flat))
     order = judged[np.argsort(-flat[judged], kind="stable")]
     values = flat[order]
-    starts = np.flatnonzero(np.diff(values, prepend=np.inf if values.size else 0))
-    ends = np.append(starts[1:], values.size)
+    ends = np.append(np.flatnonzero(np.diff(values)) + 1, values.size)
+    starts = np.append(0, ends[:-1])
     regions = _Regions(cols, flat.size)
-    levels, counts = [], []
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+    levels: list[float] = []
+    counts: list[float] = []
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True) if values.size else ():
         for pixel in order[start:end].tolist():
             regions.add(pixel)
         count = regions.count + _PERCENT * end // values.size

@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from io import StringIO
 from math import isfinite
+from os.path import isdir, lexists
 from pathlib import Path
 
 from pydantic import RootModel
@@ -66,7 +67,7 @@ class ProgramFiles:
     """
 
     def __init__(self, folder: Path) -> None:
-        if not folder.is_dir():
+        if not isdir(folder):
             raise ResultsFileError(
                 f"{folder} is no folder; name one with the files of a program's results",
                 source=str(folder),
@@ -75,18 +76,18 @@ class ProgramFiles:
         path = folder / ABOUT_NAME
         self.about = (
             document(file_bytes(path), path, About)
-            if _is_named(path)
+            if lexists(path)
             else About(name=on_one_line(folder.resolve().name)[:60] or "results")
         )
 
     def has(self, track: Track) -> bool:
         """Whether the program took part in a track."""
-        return any(_is_named(path) for path in self._paths(track))
+        return any(lexists(path) for path in self._paths(track))
 
     def documents(self) -> list[Path]:
         """The files of its answers that are no pictures."""
         names = (ABOUT_NAME, PSF_NAME, ALIGNMENT_NAME, DETECTIONS_NAME)
-        return [path for name in names if _is_named(path := self.folder / name)]
+        return [path for name in names if lexists(path := self.folder / name)]
 
     def edges(self, truth: PsfTruth) -> dict[tuple[str, str], GivenEdge]:
         """Read psf.csv: what is said of each chart's edges.
@@ -122,7 +123,9 @@ class ProgramFiles:
         ResultsFileError
             If a task is unknown, or an answer is none.
         """
-        return self._of_tasks(ALIGNMENT_NAME, _Alignments, tasks).root
+        found = document(self._document(ALIGNMENT_NAME), self.folder / ALIGNMENT_NAME, _Alignments)
+        self._check_tasks(ALIGNMENT_NAME, found.root, tasks)
+        return found.root
 
     def detections(self, tasks: Collection[str]) -> dict[str, Places] | None:
         """Read detections.json; None where there is none.
@@ -132,9 +135,12 @@ class ProgramFiles:
         ResultsFileError
             If a task is unknown, or a place is none.
         """
-        if not _is_named(self.folder / DETECTIONS_NAME):
+        path = self.folder / DETECTIONS_NAME
+        if not lexists(path):
             return None
-        return self._of_tasks(DETECTIONS_NAME, _Detections, tasks).root
+        found = document(self._document(DETECTIONS_NAME), path, _Detections)
+        self._check_tasks(DETECTIONS_NAME, found.root, tasks)
+        return found.root
 
     def pictures(self, track: Track, tasks: Collection[str]) -> dict[str, Path]:
         """Return the pictures of a track, by task.
@@ -145,7 +151,7 @@ class ProgramFiles:
             If a file in the track's folder is no task's.
         """
         folder, known = self.folder / track, {f"{task}.tif": task for task in tasks}
-        if not _is_named(folder):
+        if not lexists(folder):
             return {}
         try:
             files = sorted(folder.iterdir())
@@ -157,15 +163,13 @@ class ProgramFiles:
             raise _refused(odd, f"there is no such task; the files of {folder} are TASK.tif")
         return {known[path.name]: path for path in shown}
 
-    def _of_tasks(
-        self, name: str, model: type[_Alignments] | type[_Detections], tasks: Collection[str]
-    ) -> "_Alignments | _Detections":
-        path = self.folder / name
-        found = document(file_bytes(path, LARGEST_DOCUMENT_BYTES), path, model)
-        odd = next((task for task in found.root if task not in tasks), None)
+    def _document(self, name: str) -> bytes:
+        return file_bytes(self.folder / name, LARGEST_DOCUMENT_BYTES)
+
+    def _check_tasks(self, name: str, given: Collection[str], tasks: Collection[str]) -> None:
+        odd = next((task for task in given if task not in tasks), None)
         if odd is not None:
-            raise _refused(path, f"there is no task {_shown(odd)}")
-        return found
+            raise _refused(self.folder / name, f"there is no task {_shown(odd)}")
 
     def _paths(self, track: Track) -> tuple[Path, ...]:
         names = {
@@ -186,11 +190,6 @@ def given_levels(path: Path, shape: Shape) -> Float32Array:
         If it is damaged, or of another shape.
     """
     return grey_levels(file_bytes(path), path, shape)
-
-
-def _is_named(path: Path) -> bool:
-    """Whether something has this name, be it a broken link."""
-    return path.exists() or path.is_symlink()
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

@@ -26,6 +26,7 @@ def _plain_name(name: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_plain_name)]
+Label = Annotated[str, Field(min_length=1, max_length=60)]
 Coordinate = Annotated[float, Field(ge=-_FARTHEST, le=_FARTHEST)]
 Place = tuple[Coordinate, Coordinate]
 Matrix = tuple[
@@ -62,7 +63,7 @@ class Manifest(_Stored):
 class Lens(_Stored):
     """The kind of a camera's lens."""
 
-    kind: Name
+    kind: Label
 
 
 class TrueEdge(_Stored):
@@ -85,7 +86,7 @@ class TrueChart(_Stored):
 
     kind: Literal["edges", "photographs"]
     lens: Lens
-    condition: Name
+    condition: Label
     edges: dict[str, TrueEdge]
 
 
@@ -107,11 +108,11 @@ class SimulationTask(_Stored):
 class TrueSimulation(_Stored):
     """What a simulated photograph is of."""
 
-    kind: Name
+    kind: Label
     zoom: float = Field(gt=0, le=_FARTHEST)
     scene: str
     lens: Lens
-    condition: Name
+    condition: Label
 
 
 class SimulationTruth(_Stored):
@@ -132,7 +133,7 @@ class TrueAlignment(_Stored):
     """Where points of the follow-up are in the reference."""
 
     related: bool
-    kind: Name
+    kind: Label
     scene: str
     points: Annotated[
         list[tuple[Coordinate, Coordinate, Coordinate, Coordinate]], Field(max_length=_MOST_PLACES)
@@ -198,14 +199,14 @@ class TrueChanges(_Stored):
     """What changed between two photographs."""
 
     changed: bool
-    kind: Name
+    kind: Label
     scene: str
     spots: Annotated[list[TrueSpot], Field(max_length=_MOST_PLACES)] = []
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.changed != bool(self.spots):
-            raise ValueError("a pair is changed if it has spots, and only then")
+        if self.spots and not self.changed:
+            raise ValueError("a pair that is not changed has no spots")
         return self
 
 

@@ -97,7 +97,9 @@ def value_text(score: Score, digits: int) -> str:
     text = f"{bound}{score.value:.{digits}f}"
     if score.low is None and score.high is None:
         return text
-    low, high = ("?" if end is None else f"{end:.{digits}f}" for end in (score.low, score.high))
+    low, high = (
+        "beyond" if end is None else f"{end:.{digits}f}" for end in (score.low, score.high)
+    )
     return f"{text} ({low} to {high})"
 
 

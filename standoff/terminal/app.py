@@ -38,7 +38,6 @@ COMMANDS = {
     "plan-study": "plan_study:plan_study",
     "detectability": "detectability:detectability",
     "evaluate": "evaluate:evaluate",
-    "benchmark": "benchmark:benchmark",
     "limits": "limits:limits",
     "pose": "pose:pose",
     "changes": "changes:changes",

@@ -34,7 +34,6 @@ standoff evaluate ssim --photographs scenes --psf psf.json --noise 2 --contrast 
 --out evaluation.json --report evaluation.html
 standoff evaluate "python detect.py {reference} {followup} {out}" --photographs scenes \
 --psf psf.json --out evaluation.json
-standoff benchmark score mine theirs --data benchmark-small --out scores
 standoff limits --curves curves.json --min-dprime 2 --geometry geometry.json
 standoff limits --curves curves.json --min-dprime 2 --focal-length-px 964 --image-size 780x580
 standoff pose before.tif after.tif --curves curves.json --min-dprime 2
@@ -46,6 +45,7 @@ standoff validate --session session --psf psf.json --out validation \
 standoff paper --short --out paper-output
 standoff report session
 standoff benchmark make --out benchmark --size small --workers 2
+standoff benchmark score mine theirs --data benchmark --out scores
 standoff console --bench bench.toml
 standoff mock --stage-protocol grbl
 standoff doctor --bench bench.toml

@@ -1,4 +1,4 @@
-"""``standoff benchmark``: data sets with their truth, and the scores of programs on them."""
+"""``standoff benchmark``: the public benchmark, a command a module."""
 
 import lazy_loader as lazy
 

@@ -1,4 +1,4 @@
-"""The commands of ``standoff benchmark``."""
+"""The group of the benchmark's commands."""
 
 from typer import Typer
 
@@ -9,5 +9,5 @@ from standoff.commands.benchmark.score import score
 benchmark = Typer(
     name="benchmark", help="The public benchmark: make its data set, score programs on it."
 )
-benchmark.command("make", cls=terminal.Command)(make)
+benchmark.command("make")(make)
 benchmark.command("score", cls=terminal.Command)(score)

@@ -1,4 +1,4 @@
-"""The public benchmark: its data set, and the scores of programs on it."""
+"""The public benchmark: its data set, made here, and the scores of programs on it."""
 
 import lazy_loader as lazy
 

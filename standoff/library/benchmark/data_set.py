@@ -244,9 +244,7 @@ def _records(
     return records, found_done
 
 
-def _rendered(
-    tasks: list[Task], folder: Path, workers: int
-) -> Iterator[tuple[Task, TaskRecord]]:
+def _rendered(tasks: list[Task], folder: Path, workers: int) -> Iterator[tuple[Task, TaskRecord]]:
     if workers == 1 or len(tasks) <= 1:
         for task in tasks:
             yield task, written_record(task, folder)

@@ -50,9 +50,7 @@ def written_record(task: Task, folder: Path) -> TaskRecord:
 def found_record(task: Task, folder: Path) -> TaskRecord | None:
     """Record of a task that an earlier run wrote, if all of its files are as they were."""
     try:
-        document: Any = parse_json(
-            _record_path(task, folder).read_bytes(), has_file_names=True
-        )
+        document: Any = parse_json(_record_path(task, folder).read_bytes(), has_file_names=True)
         for path, facts in document["files"].items():
             if file_facts((folder / path).read_bytes()) != facts:
                 return None

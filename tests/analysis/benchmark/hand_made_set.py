@@ -189,9 +189,9 @@ def write_picture(folder: Path, track: str, task: str, levels: NDArray[Any]) -> 
     return folder
 
 
-def everything(folder: Path) -> tuple[Path, Path]:
+def everything(folder: Path, data: str = "data", program: str = "knows") -> tuple[Path, Path]:
     """A data set of all tracks, and the results of a program that knows the truth."""
-    made, program = HandMadeSet(), folder / "knows"
+    made, answers = HandMadeSet(), folder / program
     for chart in ("a", "b", "c"):
         made.chart(chart, {"0": 0.2, "1": 0.25})
     made.chart("blind", {"x": 0.2, "y": 0.3}, kind="photographs")
@@ -201,22 +201,22 @@ def everything(folder: Path) -> tuple[Path, Path]:
         for chart, one in made.charts.items()
         for edge, truth in one["edges"].items()
     ]
-    write_table(program, lines, head)
+    write_table(answers, lines, head)
     for number in range(4):
         made.photograph(f"s{number}", f"scene{number}", zoom=1.0)
-        write_picture(program, "simulation", f"s{number}", ramp())
+        write_picture(answers, "simulation", f"s{number}", ramp())
         made.pair(f"p{number}", f"scene{number}")
         made.pair(f"u{number}", f"scene{number}", related=False)
         made.changed(f"c{number}", f"scene{number}", [(10, 10, 20.0 + number), (40, 25, 50.0)])
         made.changed(f"n{number}", f"scene{number}", [])
         score = np.zeros((ROWS, COLS))
         score[5, 5] = 1.0
-        write_picture(program, "changes", f"n{number}", score)
+        write_picture(answers, "changes", f"n{number}", score)
         score[10, 10] = score[25, 40] = 9.0
-        write_picture(program, "changes", f"c{number}", score)
+        write_picture(answers, "changes", f"c{number}", score)
     shifted = [[1.0, 0, 7.0], [0, 1.0, 0], [0, 0, 1.0]]
     aligned = {f"p{number}": {"homography_to_reference": shifted} for number in range(4)}
-    write_json(program, "alignment.json", aligned)
+    write_json(answers, "alignment.json", aligned)
     found = {f"c{number}": [[10.0, 10.0], [40.5, 25.0]] for number in range(4)}
-    write_json(program, "detections.json", found)
-    return made.write(folder / "data"), program
+    write_json(answers, "detections.json", found)
+    return made.write(folder / data), answers

@@ -132,9 +132,18 @@ _LEAVES = {
     "sr-pairs": ("out/",),
 }
 _NO_HEAD = ("nothing", "link to nothing", "link with a long name")
+_SCORE = "benchmark score answers --data @benchmark --out out"
+_ANSWERS = {
+    f"benchmark score, {name}": f"answers/{name}"
+    for name in (
+        *("psf.csv", "alignment.json", "detections.json", "about.json"),
+        *("simulation/s0.tif", "changes/c0.tif"),
+    )
+}
 _TAKES = {
     "compare --history": ("folder", "link to a folder"),
     "detectability of a folder": ("nothing",),
+    **dict.fromkeys(_ANSWERS, ("nothing",)),
     **dict.fromkeys(("report, psf", "report, changes", "report, pose"), ("nothing",)),
     # A head may be lost in a power cut; the next event says so in the journal and writes a new one.
     "session note, journal.head": _NO_HEAD,
@@ -202,6 +211,9 @@ IMAGE_SLOTS = (
           "verify taken"),
     _slot("calibrate, a capture", "edges/captures/0000_edge-006_h0100.000mm.tif", images,
           "calibrate --session edges --out out.json"),
+    *(
+        _slot(name, file, images, _SCORE) for name, file in _ANSWERS.items() if ".tif" in file
+    ),
     _slot("map of a noise.json", "noise_dark.tif", images,
           "simulate @scene.tif --zoom 2 --model bicubic --correct noise.json --out out.tif",
           "noise.json", "noise_flat.tif", "noise_defects.tif"),
@@ -253,6 +265,16 @@ DOCUMENT_SLOTS = (
     _slot("stage", "bench.toml", _toml, "stage status --bench BAD"),
     _slot("validate --psf", "psf.json", _json,
           "validate --session @series --psf BAD --models bicubic --out out"),
+    *(
+        _slot(name, file, _table if ".csv" in file else _json, _SCORE)
+        for name, file in _ANSWERS.items()
+        if ".tif" not in file
+    ),
+    *(
+        _slot(f"benchmark score --data, {name}", f"benchmark/{name}", _json,
+              "benchmark score @answers --data benchmark --out out")
+        for name in ("manifest.json", "truth/changes.json", "alignment/tasks.json")
+    ),
     *(
         _slot(f"report, {name}", f"series/results/{name}.json", _json, "report series")
         for name in ("psf", "changes", "pose")

@@ -12,6 +12,7 @@ from PIL import Image
 
 from standoff.cli import run
 from standoff.shipped_configs import shipped_config
+from tests.analysis.benchmark.hand_made_set import everything, write_json
 from tests.analysis.height_series import height_series
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_session import edge_session
@@ -78,6 +79,8 @@ def make_sound_files(folder: Path) -> None:
     (folder / "noise-plan.toml").write_text(NOISE_PLAN)
     (folder / "board-bench.toml").write_text(BOARD_BENCH)
     (folder / "board-plan.toml").write_text(BOARD_PLAN)
+    _, answers = everything(folder, data="benchmark", program="answers")
+    write_json(answers, "about.json", {"name": "knows", "version": "1", "note": "the truth"})
     _make_sessions(folder)
 
 

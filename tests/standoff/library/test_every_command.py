@@ -28,6 +28,7 @@ FUNCTIONS = {
     "plan-study": {"plan_study", "write_study"},
     "detectability": {"d_prime_curves", "measure_curves"},
     "evaluate": {"evaluate"},
+    "benchmark score": {"score_benchmark"},
     "limits": {"pose_limits", "judge_homography"},
     "pose": {"judge_pose", "judge_poses", "PoseWatch"},
     "changes": {"find_changes", "find_changes_of_series"},
