@@ -44,6 +44,7 @@ COMMANDS = {
     "validate": "validate:validate",
     "paper": "rehearsals:paper",
     "report": "report:report",
+    "benchmark": "benchmark:benchmark",
     "console": "console:console",
     "mock": "mock:mock",
     "doctor": "doctor:doctor",
