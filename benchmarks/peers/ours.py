@@ -29,7 +29,10 @@ _ROUNDING_DN2 = 1 / 12
 
 
 def contrasts(task: Task) -> list[EdgeContrast]:
-    """The e-SFR of every edge of a chart, or the PSF from two distances."""
+    """The e-SFR of every edge that is not rejected, or the PSF from two distances.
+
+    Where there is no e-SFR, as beside clipped pixels, the Gaussian fit's MTF50 counts.
+    """
     if task.facts["kind"] == "photographs":
         try:
             pair = [task.path("nearer_file"), task.path("file")]
@@ -62,6 +65,13 @@ def _contrast(name: str, edge: EdgeMeasurement) -> EdgeContrast:
     at: tuple[float | None, ...] = (None,) * len(CONTRAST_FREQ_CY_PER_PX)
     if edge.esfr is not None:
         at = tuple(edge.esfr.at(np.array(CONTRAST_FREQ_CY_PER_PX)).tolist())
+    if edge.esfr_mtf50_cy_per_px is None:  # beside clipped pixels
+        return EdgeContrast(
+            edge=name,
+            mtf50=edge.mtf50_cy_per_px,
+            mtf50_standard_error=edge.mtf50_err_cy_per_px,
+            contrasts=at,
+        )
     return EdgeContrast(
         edge=name,
         mtf50=edge.esfr_mtf50_cy_per_px,
