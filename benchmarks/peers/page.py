@@ -65,11 +65,13 @@ beside how much was answered. Times are processor seconds a task, the median, on
 No program saw the truth. The pictures were rendered by this project's simulated bench, which shares
 no code with what is judged here; our own algorithms were written by those who wrote the benchmark.
 
-    pip install quickMTF && pip install --no-deps pybsm && pip install "setuptools<81" wheel sfft==1.7.3
+    pip install quickMTF "setuptools<81" wheel sfft==1.7.3
+    pip install --no-deps pybsm
     standoff benchmark make --out DATA --size {size}
     python -m benchmarks.peers --all --data DATA --out RESULTS
     standoff benchmark score RESULTS/* --data DATA --out SCORES
-    python -m benchmarks.peers.page RESULTS --scores SCORES/scores.json --page docs/benchmark-results.md
+    python -m benchmarks.peers.page RESULTS --scores SCORES/scores.json \\
+      --page docs/benchmark-results.md
 """
 
 
@@ -97,6 +99,9 @@ def results_page(folder: Path, scores: BenchmarkScores) -> str:
             parts += _who_is_better(kept, track, number)
             parts += _parts_not_ours(tables[len(main_groups(groups)) :], group)
             parts += _left_out(results, taking_part, track)
+            if group == "all":
+                silent = [one.name for one in scores.programs if _is_silent(scores, one, track)]
+                parts += [f"Without any answer: {', '.join(silent)}."] if silent else []
     given = [
         f"- **{one.name}**{f' ({one.version})' if one.version else ''}: {one.note}."
         for one in scores.programs
@@ -109,6 +114,12 @@ def _answers(scores: BenchmarkScores, one: ScoredProgram, track: Track, group: s
     """Whether a program answers anything in a group."""
     found = scores.score(one.name, track, group, "answered")
     return found is not None and found.value > 0
+
+
+def _is_silent(scores: BenchmarkScores, one: ScoredProgram, track: Track) -> bool:
+    """Whether a program took part in a track, and answered nothing."""
+    found = scores.score(one.name, track, "all", "answered")
+    return found is not None and found.value == 0
 
 
 def _table(table: ScoreTable, track: Track, results: dict[str, Results]) -> str:
@@ -189,7 +200,8 @@ def _left_out(
     return [
         f"{one.name} was asked for {len(done)} of {most} tasks alone, as it takes long: "
         f"{sum('answer' in line for line in done)} answers in "
-        f"{sum(line['wall_s'] for line in done) / 60:.0f} minutes. The others count as not answered."
+        f"{sum(line['processor_s'] for line in done) / 60:.0f} minutes of the processor. The "
+        "others count as not answered."
         for one in programs
         if len(done := results[one.name].of_track(track)) < most
     ]
