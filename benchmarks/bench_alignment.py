@@ -167,12 +167,12 @@ def _share(matrix: FloatArray, frame: tuple[int, int]) -> float:
 
 def peer_error_px(one: Case) -> float:
     """Error of OpenCV's SIFT and MAGSAC; infinite where it finds none."""
-    levels = [
+    reference, followup = (
         np.clip(image / (1 if one.bits == 8 else 16), 0, 255).astype(np.uint8)
         for image in (one.reference, one.followup)
-    ]
+    )
     try:
-        matrix = magsac(matches_of(*levels, detector_of("sift"), PEER), PEER)
+        matrix = magsac(matches_of(reference, followup, detector_of("sift"), PEER), PEER)
     except PeerError:
         return float("inf")
     rows, cols = one.pair.frame

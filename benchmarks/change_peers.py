@@ -69,9 +69,9 @@ def cubic_warp(
 
 def absolute_difference(pair: AlignedPair) -> FloatArray:
     """Absolute difference behind OpenCV's SIFT and MAGSAC, as it is done everywhere."""
-    images = (stretched(image) for image in (pair.reference, pair.followup))
+    reference, followup = (stretched(image) for image in (pair.reference, pair.followup))
     matching = Matching()
-    matrix = magsac(matches_of(*images, detector_of("sift"), matching), matching)
+    matrix = magsac(matches_of(reference, followup, detector_of("sift"), matching), matching)
     size = (pair.followup.shape[1], pair.followup.shape[0])
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = cv2.warpPerspective(

@@ -2,20 +2,24 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.feature import ORB, SIFT, match_descriptors
-from skimage.filters import difference_of_gaussians, window
-from skimage.measure import ransac
-from skimage.registration import phase_cross_correlation
+from skimage import feature, filters, measure, registration
 from skimage.transform import ProjectiveTransform, warp_polar
 
 from benchmarks.peers.features import Matches, Matching, detector_of, magsac, matches_of
 from benchmarks.peers.program import AlignedPoints, PeerError, Program
 from benchmarks.peers.tasks import Task
 from simulation.arrays import FloatArray
+
+# scikit-image states types of some functions only.
+_feature: Any = feature
+_filters: Any = filters
+_measure: Any = measure
+_registration: Any = registration
 
 MATCHING = Matching(tolerance_px=2.0)
 _ECC_LEVELS = 3
@@ -38,8 +42,8 @@ def by_features(task: Task, name: str) -> AlignedPoints:
 
 
 def _feature_matrix(task: Task, name: str) -> FloatArray:
-    pictures = task.in_8_bits("reference"), task.in_8_bits("followup")
-    matches = matches_of(*pictures, detector_of(name), MATCHING)
+    reference, followup = task.in_8_bits("reference"), task.in_8_bits("followup")
+    matches = matches_of(reference, followup, detector_of(name), MATCHING)
     return _normalised(magsac(matches, MATCHING))
 
 
@@ -102,7 +106,7 @@ def by_scikit_image(task: Task, name: str) -> AlignedPoints:
     """Features of scikit-image, its matches and its RANSAC of a projective transform."""
     keypoints, descriptors = [], []
     for key in ("followup", "reference"):
-        extractor = SIFT() if name == "sift" else ORB(n_keypoints=2000)
+        extractor = _feature.SIFT() if name == "sift" else _feature.ORB(n_keypoints=2000)
         try:
             extractor.detect_and_extract(task.in_8_bits(key) / 255.0)
         except RuntimeError as error:
@@ -111,11 +115,11 @@ def by_scikit_image(task: Task, name: str) -> AlignedPoints:
         descriptors.append(extractor.descriptors)
     if min(map(len, descriptors)) < MATCHING.least:
         raise PeerError("too few features")
-    pairs = match_descriptors(*descriptors, max_ratio=MATCHING.ratio, cross_check=True)
+    pairs = _feature.match_descriptors(*descriptors, max_ratio=MATCHING.ratio, cross_check=True)
     if len(pairs) < MATCHING.least:
         raise PeerError(f"only {len(pairs)} matches")
     matches = Matches(followup_px=keypoints[0][pairs[:, 0]], reference_px=keypoints[1][pairs[:, 1]])
-    model, agreeing = ransac(
+    model, agreeing = _measure.ransac(
         (matches.followup_px, matches.reference_px),
         ProjectiveTransform,
         min_samples=4,
@@ -141,7 +145,9 @@ def by_phase(task: Task) -> AlignedPoints:
     side = 2 ** int(np.ceil(np.log2(max(rows, cols))))
     radius = side // 2
     spectra = [_log_polar(image, side, radius) for image in (reference, followup)]
-    shift = phase_cross_correlation(*spectra, upsample_factor=_UPSAMPLING, normalization=None)[0]
+    shift = _registration.phase_cross_correlation(
+        *spectra, upsample_factor=_UPSAMPLING, normalization=None
+    )[0]
     turn_deg = float(shift[0]) * 180 / spectra[0].shape[0]
     zoom = float(np.exp(-shift[1] * np.log(radius) / spectra[0].shape[1]))
     tried = [
@@ -161,8 +167,8 @@ def by_phase(task: Task) -> AlignedPoints:
 def _log_polar(image: FloatArray, side: int, radius: int) -> FloatArray:
     """Spectrum of an image, angle by logarithm of the frequency, from its half plane."""
     square = np.zeros((side, side))
-    fine = difference_of_gaussians(image - image.mean(), *_POLAR_BAND_PX)
-    square[: image.shape[0], : image.shape[1]] = fine * window("hann", image.shape)
+    fine = _filters.difference_of_gaussians(image - image.mean(), *_POLAR_BAND_PX)
+    square[: image.shape[0], : image.shape[1]] = fine * _filters.window("hann", image.shape)
     spectrum = np.fft.fftshift(np.abs(np.fft.fft2(square)))
     polar = warp_polar(
         spectrum, radius=radius, output_shape=(2 * side, side), scaling="log", order=1
@@ -184,7 +190,9 @@ def _with_shift(
     onto, seen = _onto_reference(followup, matrix, reference.shape)
     onto = np.where(seen, onto - followup.mean(), 0.0)
     plain = np.where(seen, reference - reference[seen].mean(), 0.0) if seen.any() else reference
-    shift = phase_cross_correlation(plain, onto, upsample_factor=_UPSAMPLING, normalization=None)
+    shift = _registration.phase_cross_correlation(
+        plain, onto, upsample_factor=_UPSAMPLING, normalization=None
+    )
     matrix[:2, 2] += shift[0][::-1]
     onto, seen = _onto_reference(followup, matrix, reference.shape)
     if seen.mean() < _LEAST_OVERLAP:
@@ -201,7 +209,7 @@ def _onto_reference(
 
 
 def _normalised(matrix: FloatArray) -> FloatArray:
-    return matrix / matrix[2, 2]
+    return np.asarray(matrix / matrix[2, 2], dtype=np.float64)
 
 
 def _program(

@@ -87,7 +87,7 @@ def curve_by_bins(samples: EdgeSamples) -> Curve:
     edge = np.interp(np.arange(count.size), np.flatnonzero(used), level)
     spread = np.gradient(edge) * np.hanning(edge.size)
     mtf = np.abs(np.fft.rfft(spread, 4096))
-    freq = np.fft.rfftfreq(4096, 1 / _OVERSAMPLING)
+    freq = np.asarray(np.fft.rfftfreq(4096, 1 / _OVERSAMPLING), dtype=np.float64)
     mtf /= mtf[0] * np.maximum(np.sinc(freq / 2), 0.1)
     return Curve(freq=freq, contrast=mtf)
 

@@ -17,6 +17,7 @@ from benchmarks.peers.program import AlignedPoints, ChangeScore, PeerError, Prog
 from benchmarks.peers.run import JOURNAL, Run
 from benchmarks.peers.tasks import Task, srgb_decoded, tasks_of
 from benchmarks.peers.zoom_outs import Frontal
+from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 
 NOISE = {"variance_at_black_dn2": 4.0, "variance_per_dn": 0.25}
@@ -151,7 +152,7 @@ def test_pca_and_k_means_find_a_strong_change_alone(data: Path) -> None:
     plain = next(iter(tasks_of(data, "changes")))
 
     class Painted(Task):
-        def linear(self, key: str) -> np.ndarray:  # type: ignore[type-arg]
+        def linear(self, key: str) -> FloatArray:
             rng = np.random.default_rng(1)
             image = 1000 + rng.normal(0, 3, (80, 90))
             if key == "followup":
