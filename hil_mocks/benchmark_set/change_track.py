@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_mocks.benchmark_set.alignment_track import pose_facts, pose_of
-from hil_mocks.benchmark_set.charts import chart_of
-from hil_mocks.benchmark_set.exposures import WHITE_DN, Condition, truth_tiff
+from hil_mocks.benchmark_set.exposures import BLACK_LEVEL_DN, WHITE_DN, Condition, truth_tiff
 from hil_mocks.benchmark_set.frames import Grid, pixels, spot_series
 from hil_mocks.benchmark_set.lenses import LENSES, Lens, falls_to
 from hil_mocks.benchmark_set.poses import Pose
-from hil_mocks.benchmark_set.simulation_track import CHART_LAYOUT, CHART_SIDE_OVER_HEIGHT
+from hil_mocks.benchmark_set.simulation_track import calibration_chart
 from hil_mocks.benchmark_set.streams import stream
 from hil_mocks.benchmark_set.tasks import (
     NOISY,
@@ -74,9 +73,7 @@ class ChangedPair:
         condition = self._condition(shared)
         lit = self._light(shared)
         view = View(scene=self.scene_name, seed=self.seed, lens=self.lens, pose=pose)
-        chart = chart_of(
-            shared, self.chart_shape, CHART_LAYOUT, CHART_SIDE_OVER_HEIGHT * self.chart_shape[0]
-        )
+        chart = calibration_chart(shared, self.chart_shape)
         spots = self._spots(rng, pose, condition) if self.is_changed else ()
         before = view.followup_light() * lit
         after = before + spots_light(spots, self.lens, view.followup_grid(), condition)
@@ -135,7 +132,7 @@ class ChangedPair:
     ) -> tuple[PaintedSpot, ...]:
         """Spots apart from one another and from the borders of both frames."""
         rows, cols = self.shape
-        typical_dn = 64.0 + _TYPICAL_LIGHT * WHITE_DN * condition.exposure
+        typical_dn = BLACK_LEVEL_DN + _TYPICAL_LIGHT * WHITE_DN * condition.exposure
         noise_dn = sqrt(condition.variance_dn2(typical_dn))
         spots: list[PaintedSpot] = []
         for _ in range(_TRIES):

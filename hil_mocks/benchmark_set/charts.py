@@ -112,7 +112,7 @@ def _region(square: Square, normal_deg: float) -> list[int]:
     return [floor(x - half_x), floor(y - half_y), ceil(x + half_x) + 1, ceil(y + half_y) + 1]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add_square(
     series: Series,
     freq_x: NDArray[np.float64],
@@ -121,17 +121,22 @@ def _add_square(
     side_and_slant: NDArray[np.float64],
     contrast: float,
 ) -> None:
+    """Add two sines over their arguments, each of a sum of angles along x and along y."""
     side, slant = side_and_slant
-    c, s = np.cos(slant), np.sin(slant)
+    wide, high = np.pi * side * np.cos(slant), np.pi * side * np.sin(slant)
+    sine_wide, cosine_wide = np.sin(wide * freq_x), np.cos(wide * freq_x)
+    sine_high, cosine_high = np.sin(high * freq_x), np.cos(high * freq_x)
+    turn_x = np.exp(-2j * np.pi * centre[0] * freq_x)
     for i in range(len(freq_y)):
-        turn_y = -2 * np.pi * freq_y[i] * centre[1]
+        y = freq_y[i]
+        sine_y, cosine_y = np.sin(high * y), np.cos(high * y)
+        sine_down, cosine_down = np.sin(wide * y), np.cos(wide * y)
+        turn_y = contrast * side * side * np.exp(-2j * np.pi * centre[1] * y)
         for j in range(len(freq_x)):
-            along = np.pi * side * (c * freq_x[j] + s * freq_y[i])
-            across = np.pi * side * (c * freq_y[i] - s * freq_x[j])
-            size = contrast * side * side
+            along, across = wide * freq_x[j] + high * y, wide * y - high * freq_x[j]
+            size = 1.0
             if abs(along) > 1e-9:
-                size *= np.sin(along) / along
+                size = (sine_wide[j] * cosine_y + cosine_wide[j] * sine_y) / along
             if abs(across) > 1e-9:
-                size *= np.sin(across) / across
-            turn = turn_y - 2 * np.pi * freq_x[j] * centre[0]
-            series[i, j] += complex(size * np.cos(turn), size * np.sin(turn))
+                size *= (sine_down * cosine_high[j] - cosine_down * sine_high[j]) / across
+            series[i, j] += size * turn_x[j] * turn_y

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from hil_mocks.benchmark_set.charts import chart_of, truth_along
+from hil_mocks.benchmark_set.charts import Chart, chart_of, truth_along
 from hil_mocks.benchmark_set.exposures import Condition
 from hil_mocks.benchmark_set.lenses import LENSES, Lens
 from hil_mocks.benchmark_set.poses import Pose
@@ -60,13 +60,19 @@ class EdgeChart:
     track: str = "psf"
     scene_name: str = ""
 
+    @property
+    def chart(self) -> Chart:
+        """The squares."""
+        rng = stream(self.seed, self.track, self.name, "chart")
+        return chart_of(rng, self.shape, LAYOUT, SIDE_OVER_HEIGHT * self.shape[0])
+
     def rendered(self) -> RenderedTask:
         """See `Task.rendered`."""
         rng = stream(self.seed, self.track, self.name)
-        chart = chart_of(rng, self.shape, LAYOUT, SIDE_OVER_HEIGHT * self.shape[0])
-        light = chart_light(chart, self.lens)
+        chart = self.chart
         slope = _SLOPES.get(self.condition.name, 0.0)
-        light = light * gradient(self.shape, slope, float(rng.uniform(0, 360)))
+        lit = gradient(self.shape, slope, float(rng.uniform(0, 360)))
+        light = chart_light(chart, self.lens) * lit
         path = f"psf/{self.name}{self.condition.suffix}"
         return RenderedTask(
             files={path: self.condition.stored(light, rng)},
@@ -98,9 +104,10 @@ class PhotographsWithoutEdge:
     condition: Condition
     track: str = "psf"
 
-    def rendered(self) -> RenderedTask:
-        """See `Task.rendered`."""
-        rng = stream(self.seed, self.track, self.name)
+    @property
+    def view(self) -> View:
+        """The scene from both poses; the nearer one is the reference."""
+        rng = stream(self.seed, self.track, self.name, "pose")
         pose = Pose(
             reference_shape=self.shape,
             followup_shape=self.shape,
@@ -108,14 +115,18 @@ class PhotographsWithoutEdge:
             roll_deg=float(rng.uniform(-4, 4)),
             shift_px=(float(rng.uniform(-8, 8)), float(rng.uniform(-8, 8))),
         )
-        view = View(scene=self.scene_name, seed=self.seed, lens=self.lens, pose=pose)
+        return View(scene=self.scene_name, seed=self.seed, lens=self.lens, pose=pose)
+
+    def rendered(self) -> RenderedTask:
+        """See `Task.rendered`."""
+        rng, view = stream(self.seed, self.track, self.name), self.view
         further, nearer = (f"psf/{self.name}{way}{self.condition.suffix}" for way in ("", "-nearer"))
         truth: dict[str, Any] = {
             "kind": "photographs",
             "lens": self.lens.facts(),
             "condition": self.condition.name,
             "scene": self.scene_name,
-            "zoom": pose.zoom,
+            "zoom": view.pose.zoom,
             "edges": {"x": truth_along(self.lens, 0.0), "y": truth_along(self.lens, 90.0)},
         }
         return RenderedTask(
@@ -129,8 +140,8 @@ class PhotographsWithoutEdge:
                 "nearer_file": nearer,
                 **self.condition.facts(),
                 "kind": "photographs",
-                "zoom": pose.zoom,
-                "homography_to_nearer": pose.matrix.tolist(),
+                "zoom": view.pose.zoom,
+                "homography_to_nearer": view.pose.matrix.tolist(),
                 "directions": ["x", "y"],
             },
             truth=truth,

@@ -5,7 +5,7 @@ from math import floor
 
 import numpy as np
 
-from hil_mocks.benchmark_set.charts import chart_of
+from hil_mocks.benchmark_set.charts import Chart, chart_of
 from hil_mocks.benchmark_set.exposures import STEPS_PER_DN, Condition, truth_tiff
 from hil_mocks.benchmark_set.lenses import LENSES, Lens
 from hil_mocks.benchmark_set.poses import Pose
@@ -21,8 +21,8 @@ from hil_mocks.benchmark_set.tasks import (
     spread,
 )
 
-CHART_LAYOUT = (2, 3)
-CHART_SIDE_OVER_HEIGHT = 0.22
+_CHART_LAYOUT = (2, 3)
+_CHART_SIDE_OVER_HEIGHT = 0.22
 TILTED_PART = 0.72
 """Side of a tilted follow-up over that of an upright one, so that the reference shows it all."""
 
@@ -48,13 +48,16 @@ class Simulation:
     condition: Condition
     track: str = "simulation"
 
+    @property
+    def view(self) -> View:
+        """The scene from both poses."""
+        pose = self._pose(stream(self.seed, self.track, self.name, "pose"))
+        return View(scene=self.scene_name, seed=self.seed, lens=self.lens, pose=pose)
+
     def rendered(self) -> RenderedTask:
         """See `Task.rendered`."""
-        rng = stream(self.seed, self.track, self.name)
-        pose = self._pose(rng)
-        view = View(scene=self.scene_name, seed=self.seed, lens=self.lens, pose=pose)
-        side_px = CHART_SIDE_OVER_HEIGHT * self.chart_shape[0]
-        chart = chart_of(rng, self.chart_shape, CHART_LAYOUT, side_px)
+        rng, view = stream(self.seed, self.track, self.name), self.view
+        chart, pose = calibration_chart(rng, self.chart_shape), view.pose
         folder = f"simulation/{self.name}"
         files = {
             f"{folder}/reference.tif": self.condition.stored(view.reference_light(), rng),
@@ -103,6 +106,11 @@ class Simulation:
                 float(rng.uniform(-room[0], room[0])),
             ),
         )
+
+
+def calibration_chart(rng: np.random.Generator, shape: tuple[int, int]) -> Chart:
+    """Chart from which a method may calibrate the camera of a task."""
+    return chart_of(rng, shape, _CHART_LAYOUT, _CHART_SIDE_OVER_HEIGHT * shape[0])
 
 
 def simulation_tasks(size: SetSize, seed: int) -> list[Task]:
