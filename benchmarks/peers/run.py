@@ -111,7 +111,7 @@ class Run:
         for track in self.tracks:
             if track in program.answers:
                 self._answer(program, track, results)
-        results.write_tables()
+                results.write_tables()
 
     def _answer(self, program: Program, track: Track, results: Results) -> None:
         limit = SLOW_TASKS if self.limit is None and program.is_slow else self.limit
