@@ -34,6 +34,8 @@ _LARGEST_ZOOM = 6.0
 _POLAR_BAND_PX = (2.0, 16.0)
 _UPSAMPLING = 20
 _SEED = 1
+_DEGENERATE = 1e-9
+"""Ratio of a homography's singular values below which it maps the frame onto a line."""
 
 
 def by_features(task: Task, name: str) -> AlignedPoints:
@@ -209,6 +211,9 @@ def _onto_reference(
 
 
 def _normalised(matrix: FloatArray) -> FloatArray:
+    values = np.linalg.svd(matrix, compute_uv=False)
+    if not (np.isfinite(matrix).all() and values[2] > _DEGENERATE * values[0]):
+        raise PeerError("a degenerate homography")
     return np.asarray(matrix / matrix[2, 2], dtype=np.float64)
 
 

@@ -108,7 +108,7 @@ def aligned(task: Task) -> AlignedPoints:
 
 
 def changed(task: Task) -> ChangeScore:
-    """Significance of every pixel, and the list of changes, moved things included."""
+    """Significance of every pixel, and the list of changes; what a shift explains is none."""
     hints = standoff.RegistrationHints(matrix=task.homography)
     try:
         found = standoff.find_changes(
@@ -117,7 +117,6 @@ def changed(task: Task) -> ChangeScore:
             _calibrated(task),
             noise=_noise(task),
             hints=hints,
-            count_moved=True,
         )
     except (AnalysisError, CalibrationError, ApplicationError) as error:
         raise PeerError(str(error)) from error
