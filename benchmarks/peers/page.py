@@ -19,6 +19,7 @@ from benchmarks.peers.run import Results
 from benchmarks.peers.tasks import TRACKS, Track
 
 OURS = "standoff"
+FEWEST_PEERS = 6
 
 SHOWN: dict[Track, tuple[str, ...]] = {
     "psf": (
@@ -163,10 +164,14 @@ def _who_is_better(scores: BenchmarkScores, track: Track, number: int) -> list[s
         for label, names in better.items()
         if label in _labels(track)
     ]
-    count = f"{len(others)} peers"
+    count = f"{len(others)} peers" + (
+        ", as few others are known to us that measure this and can be run"
+        if len(others) < FEWEST_PEERS
+        else ""
+    )
     if not lines:
-        return [f"None of the {count} has a better value than standoff in any column."]
-    return [f"**Better than standoff** (of {count}):", "\n".join(lines)]
+        return [f"No program has a better value than standoff in any column, of {count}."]
+    return [f"**Better than standoff**, of {count}:", "\n".join(lines)]
 
 
 def _parts_not_ours(tables: list[ScoreTable], group: str) -> list[str]:
@@ -198,12 +203,12 @@ def _left_out(
     """Sentences on programs that were asked for some of the tasks alone."""
     most = max(len(results[one.name].of_track(track)) for one in programs)
     return [
-        f"{one.name} was asked for {len(done)} of {most} tasks alone, as it takes long: "
-        f"{sum('answer' in line for line in done)} answers in "
-        f"{sum(line['processor_s'] for line in done) / 60:.0f} minutes of the processor. The "
+        f"{one.name} takes long, and answered {len(answered)} tasks alone, in "
+        f"{sum(line['processor_s'] for line in answered) / 60:.1f} minutes of the processor. All "
         "others count as not answered."
         for one in programs
         if len(done := results[one.name].of_track(track)) < most
+        and (answered := [line for line in done if "answer" in line])
     ]
 
 
