@@ -18,13 +18,14 @@ from dataclasses import dataclass
 from itertools import product
 from math import exp, log
 
-import cv2
 import numpy as np
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.lens_optics import f_number
 from benchmarks.pair_photographs import DEFAULT_CAMERA, Development, Pair, PairPose, pair_of
 from benchmarks.pair_scenes import SCENES, scene
+from benchmarks.peers.features import Matching, detector_of, magsac, matches_of
+from benchmarks.peers.program import PeerError
 from calibration.errors import RegistrationError
 from calibration.registration import FeatureMatches, Registration, RegistrationHints, register
 from simulation.arrays import BoolArray, FloatArray
@@ -38,9 +39,8 @@ WORST_FACTOR = 4.0
 LOOSE_PX = 2.0
 BORDER_PX = 3
 POINT_ERROR_PX = 1.5
-RATIO = 0.8
-TOLERANCE_PX = 3.0
 STEEP_TILTS_DEG = (35.0, 45.0, 55.0, 60.0)
+MATCHING = Matching(ratio=0.8, tolerance_px=3.0, least=4)
 EXTREME_ZOOM = 6.5
 EXTREME_FRAME = (400, 600)
 
@@ -171,32 +171,17 @@ def _share(matrix: FloatArray, frame: tuple[int, int]) -> float:
 
 def peer_error_px(one: Case) -> float:
     """Error of OpenCV's SIFT and MAGSAC; infinite where it finds none."""
-    sift = cv2.SIFT.create()
-    levels = [
+    reference, followup = (
         np.clip(image / (1 if one.bits == 8 else 16), 0, 255).astype(np.uint8)
         for image in (one.reference, one.followup)
-    ]
-    (near, own), (far, other) = (sift.detectAndCompute(image, None) for image in levels)
-    if min(len(near), len(far)) < 4:
-        return float("inf")
-    pairs = [
-        first
-        for first, second in cv2.BFMatcher(cv2.NORM_L2).knnMatch(other, own, k=2)
-        if first.distance < RATIO * second.distance
-    ]
-    if len(pairs) < 4:
-        return float("inf")
-    matrix, _ = cv2.findHomography(
-        np.array([far[p.queryIdx].pt for p in pairs]),
-        np.array([near[p.trainIdx].pt for p in pairs]),
-        cv2.USAC_MAGSAC,
-        TOLERANCE_PX,
     )
-    if np.shape(matrix) != (3, 3):
+    try:
+        matrix = magsac(matches_of(reference, followup, detector_of("sift"), MATCHING), MATCHING)
+    except PeerError:
         return float("inf")
     rows, cols = one.pair.frame
     y, x = np.mgrid[:rows, :cols].astype(np.float64)
-    u, v, w = np.tensordot(np.asarray(matrix), np.stack([x, y, np.ones_like(x)]), axes=1)
+    u, v, w = np.tensordot(matrix, np.stack([x, y, np.ones_like(x)]), axes=1)
     return one.pair.error_px(u / w, v / w)
 
 

@@ -24,7 +24,6 @@ from analysis.changes import ChangeOptions, find_changes
 from benchmarks.change_peers import (
     AlignedPair,
     Peer,
-    PeerError,
     absolute_difference,
     cubic_warp,
     elsewhere,
@@ -37,6 +36,7 @@ from benchmarks.harness import Recorder, bench_parser
 from benchmarks.lens_optics import Camera, f_number, gaussian
 from benchmarks.pair_photographs import Development, Pair, PairPose, pair_of, seen_spot
 from benchmarks.pair_scenes import scene
+from benchmarks.peers.program import PeerError
 from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 

@@ -7,25 +7,20 @@ noise and at a signal-to-noise ratio of 100. Peers: the standard's way written o
 imported. Speed: one edge, samples at hand, single-threaded.
 """
 
-import importlib
 import time
 from collections.abc import Callable
 from functools import partial
 from itertools import product
+from importlib.util import find_spec
 
 import numpy as np
 
 from benchmarks.harness import Recorder, bench_parser
+from benchmarks.peers.edges import curve_by_bins, quick_mtf, samples_of
+from benchmarks.peers.program import PeerError
 from benchmarks.timing import best_s
-from calibration.edge_fit import fit_edge
-from calibration.edge_search import find_edges
 from calibration.edges import (
-    BinnedEdge,
     EdgeImage,
-    EdgeSamples,
-    bin_edge,
-    edge_samples,
-    esfr_half_width_px,
     gaussian_mtf50,
     measure_edges,
     measure_esfr,
@@ -62,16 +57,6 @@ def cases() -> dict[str, list[tuple[FloatArray, float]]]:
     }
 
 
-def samples_of(image: FloatArray) -> tuple[EdgeSamples, BinnedEdge]:
-    segment = find_edges(image)[0]
-    fit = fit_edge(image, segment)
-    assert fit is not None
-    samples = edge_samples(image, segment, fit, esfr_half_width_px(fit.sigma_px))
-    binned = bin_edge(samples, fit)
-    assert binned is not None
-    return samples, binned
-
-
 def by_spline(image: FloatArray) -> float:
     esfr = measure_esfr(samples_of(image)[1])
     return (esfr.mtf50_cy_per_px if esfr else None) or np.nan
@@ -79,36 +64,14 @@ def by_spline(image: FloatArray) -> float:
 
 def by_bins(image: FloatArray) -> float:
     """ISO 12233:2017, annex D, on the pixels that the spline sees."""
-    samples, _ = samples_of(image)
-    place = np.round(samples.distance_px * 4).astype(int)
-    place -= place.min()
-    count = np.bincount(place)
-    used = count > 0
-    level = np.bincount(place, samples.unit_levels)[used] / count[used]
-    edge = np.interp(np.arange(count.size), np.flatnonzero(used), level)
-    spread = np.gradient(edge) * np.hanning(edge.size)
-    mtf = np.abs(np.fft.rfft(spread, 4096))
-    freq = np.fft.rfftfreq(4096, 0.25)
-    mtf /= mtf[0] * np.maximum(np.sinc(freq / 2), 0.1)
-    first = int(np.flatnonzero(mtf < 0.5)[0])
-    return float(np.interp(-0.5, -mtf[first - 1 : first + 1], freq[first - 1 : first + 1]))
+    return curve_by_bins(samples_of(image)[0]).mtf50 or np.nan
 
 
-def quick_mtf() -> Callable[[FloatArray], float] | None:
-    """Return the half-contrast frequency of quickMTF, or None where it is not installed."""
+def by_quick_mtf(image: FloatArray) -> float:
     try:
-        module = importlib.import_module("quickMTF.quickMTF")
-    except ImportError:
-        return None
-    peer = module.quickMTF()
-
-    def measured(image: FloatArray) -> float:
-        try:
-            return float(peer.quicksfrCP(image, mtf_indx=50)[0])
-        except (ValueError, TypeError, IndexError):
-            return float("nan")
-
-    return measured
+        return quick_mtf(image).mtf50 or np.nan
+    except PeerError:
+        return np.nan
 
 
 def main() -> None:
@@ -116,11 +79,11 @@ def main() -> None:
         bench_parser(__doc__).parse_args(), "esfr", packages=("numpy", "scipy", "numba")
     ) as record:
         peers: dict[str, Callable[[FloatArray], float]] = {"spline": by_spline, "bins": by_bins}
-        quick = quick_mtf()
-        if quick is None:
-            record.say("quickMTF is not installed: pip install quickMTF to compare with it")
+        has_quick_mtf = find_spec("quickMTF") is not None
+        if has_quick_mtf:
+            peers["quickMTF"] = by_quick_mtf
         else:
-            peers["quickMTF"] = quick
+            record.say("quickMTF is not installed: pip install quickMTF to compare with it")
         rng = np.random.default_rng(1)
         compare_errors(record, peers, rng)
         every_angle(record)
@@ -134,8 +97,8 @@ def main() -> None:
         record.say(f"\none edge, {samples.levels_dn.size} pixels / ms")
         record.say(f"  spline, samples at hand  {1e3 * own_s:8.2f}")
         peer_ms = None
-        if quick is not None:
-            peer_ms = 1e3 * best_s(lambda: quick(image), seconds, time.thread_time)
+        if has_quick_mtf:
+            peer_ms = 1e3 * best_s(lambda: by_quick_mtf(image), seconds, time.thread_time)
             record.say(f"  quickMTF, whole image    {peer_ms:8.2f}")
         record.figure(
             "e-SFR of one edge",

@@ -9,27 +9,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import pi
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from analysis import detectors
+from benchmarks.peers.features import Matching, detector_of, magsac, matches_of
+from benchmarks.peers.program import PeerError
+from benchmarks.peers.tasks import stretched
 from simulation.arrays import BoolArray, FloatArray
 
 WORKER = Path(__file__).with_name("change_peer_worker.py")
 
-_SMOOTHING_PX = 1.0
-_RATIO = 0.8
-_LEAST_MATCHES = 12
+SMOOTHING_PX = 1.0
 _TIME_LIMIT_S = 300
-_EVERYWHERE: Any = None  # of a mask that OpenCV's types ask for
-
-
-class PeerError(Exception):
-    """A peer cannot be run here, or not on this pair."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,7 +69,9 @@ def cubic_warp(
 
 def absolute_difference(pair: AlignedPair) -> FloatArray:
     """Absolute difference behind OpenCV's SIFT and MAGSAC, as it is done everywhere."""
-    matrix = _magsac(pair)
+    reference, followup = (stretched(image) for image in (pair.reference, pair.followup))
+    matching = Matching()
+    matrix = magsac(matches_of(reference, followup, detector_of("sift"), matching), matching)
     size = (pair.followup.shape[1], pair.followup.shape[0])
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     warped = cv2.warpPerspective(
@@ -83,34 +79,7 @@ def absolute_difference(pair: AlignedPair) -> FloatArray:
     )
     inside = cv2.warpPerspective(np.ones_like(pair.reference), matrix, size, flags=flags) > 0.99
     seen = _in_light(np.asarray(warped, dtype=np.float64), pair.followup, inside)
-    return np.abs(gaussian_filter(pair.followup - seen, _SMOOTHING_PX))
-
-
-def _magsac(pair: AlignedPair) -> FloatArray:
-    sift = cv2.SIFT.create()
-    (at_reference, of_reference), (at_followup, of_followup) = (
-        sift.detectAndCompute(_in_8_bits(image), _EVERYWHERE)
-        for image in (pair.reference, pair.followup)
-    )
-    if min(len(at_reference), len(at_followup)) < _LEAST_MATCHES:
-        raise PeerError("too few features")
-    matches = cv2.BFMatcher().knnMatch(of_followup, of_reference, k=2)
-    kept = [
-        two[0] for two in matches if len(two) > 1 and two[0].distance < _RATIO * two[1].distance
-    ]
-    if len(kept) < _LEAST_MATCHES:
-        raise PeerError(f"only {len(kept)} matches")
-    source = np.array([at_followup[match.queryIdx].pt for match in kept])
-    target = np.array([at_reference[match.trainIdx].pt for match in kept])
-    matrix, _ = cv2.findHomography(source, target, cv2.USAC_MAGSAC, 1.0)
-    if matrix is None:
-        raise PeerError("no homography")
-    return np.asarray(matrix, dtype=np.float64)
-
-
-def _in_8_bits(image: FloatArray) -> NDArray[np.uint8]:
-    low, high = np.percentile(image, (0.5, 99.5))
-    return np.asarray(np.clip(255 * (image - low) / max(high - low, 1e-9), 0, 255).astype(np.uint8))
+    return np.abs(gaussian_filter(pair.followup - seen, SMOOTHING_PX))
 
 
 def _in_light(warped: FloatArray, followup: FloatArray, inside: BoolArray) -> FloatArray:
@@ -144,7 +113,7 @@ def zogy(pair: AlignedPair) -> FloatArray:
     reference, followup = (np.fft.fft2(image - pair.followup.mean()) for image in images)
     below = np.sqrt(sigma_after**2 * before**2 + sigma_before**2 * after**2 + 1e-12)
     difference = np.fft.ifft2((before * followup - after * reference) / below).real
-    return np.abs(gaussian_filter(difference, _SMOOTHING_PX))
+    return np.abs(gaussian_filter(difference, SMOOTHING_PX))
 
 
 def elsewhere(name: str, python: Path) -> Peer:
@@ -165,6 +134,6 @@ def elsewhere(name: str, python: Path) -> Peer:
                 said = error.stderr.decode(errors="replace").strip().splitlines()
                 raise PeerError(said[-1] if said else f"exit {error.returncode}") from error
             difference = np.load(target)["difference"]
-        return np.abs(gaussian_filter(np.asarray(difference, np.float64), _SMOOTHING_PX))
+        return np.abs(gaussian_filter(np.asarray(difference, np.float64), SMOOTHING_PX))
 
     return score

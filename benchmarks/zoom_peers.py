@@ -21,7 +21,7 @@ HAS_PYBSM = find_spec("pybsm") is not None
 _RADIANS_PER_PX = 1e-6
 """Any small angle: pyBSM thinks in angles."""
 
-_FINENESS = 4
+FINENESS = 4
 """pyBSM asks for a reference sampled four times as finely as the optics' cut-off."""
 
 _OTF_SAMPLES = 1025
@@ -48,11 +48,16 @@ def pybsm(reference: FloatArray, zoom: float, camera: Camera) -> FloatArray:
 
     It takes the reference as an ideal view of the scene, so its own blur counts twice.
     """
-    fine = enlarged(reference, _FINENESS, order=3, grid_mode=True, mode="nearest")
-    freq = np.linspace(-1, 1, _OTF_SAMPLES) * _FINENESS / 2
+    fine = enlarged(reference, FINENESS, order=3, grid_mode=True, mode="nearest")
+    return pybsm_of_fine(fine, 1 / FINENESS, zoom, camera)
+
+
+def pybsm_of_fine(fine: FloatArray, step_px: float, zoom: float, camera: Camera) -> FloatArray:
+    """The same of a reference that is sampled finely already, every ``step_px`` of its pixels."""
+    freq = np.linspace(-1, 1, _OTF_SAMPLES) * FINENESS / 2
     made, _ = import_module("pybsm.otf").apply_otf_to_image(
         ref_img=fine,
-        ref_gsd=_RADIANS_PER_PX / _FINENESS,
+        ref_gsd=_RADIANS_PER_PX * step_px,
         ref_range=1.0,
         otf=camera.otf(zoom * freq[None, :], zoom * freq[:, None]),
         df=(freq[1] - freq[0]) / _RADIANS_PER_PX,

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from hil_mocks.benchmark_set.frames import MARGIN_PX, Grid, Series
-from hil_mocks.benchmark_set.lenses import Lens, falls_to
+from hil_mocks.benchmark_set.lenses import Lens, contrast, falls_to
 
 PAPER, INK = 0.9, 0.12
 """Light of the paper and of the squares, relative to white."""
@@ -22,7 +22,7 @@ _HALF_WIDTH_PX = 10.0
 _MOST_HALF_WIDTH = 0.3
 """What it shows across the edge, to either side; the second over the side of a small square."""
 
-_LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5)
+_FREQ_CY_PER_PX = (0.1, 0.2, 0.3, 0.4, 0.5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,9 +80,9 @@ class Chart:
 
 
 def truth_along(lens: Lens, normal_deg: float) -> dict[str, float]:
-    """Frequencies at which the system's MTF along a direction falls to 0.5 and other levels."""
-    falls = {f"mtf_{level:g}": falls_to(lens, level, normal_deg) for level in _LEVELS}
-    return {"mtf50": falls["mtf_0.5"], **falls, "normal_deg": normal_deg}
+    """Frequency at which the system's MTF along a direction falls to 0.5, and it at others."""
+    contrasts = {f"mtf_{freq:g}": contrast(lens, freq, normal_deg) for freq in _FREQ_CY_PER_PX}
+    return {"mtf50": falls_to(lens, 0.5, normal_deg), **contrasts, "normal_deg": normal_deg}
 
 
 def chart_of(

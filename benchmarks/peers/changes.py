@@ -1,0 +1,220 @@
+"""Changes between two photographs, as other programs score them."""
+
+from collections.abc import Callable
+from math import sqrt
+
+import numpy as np
+from scipy.ndimage import center_of_mass, gaussian_filter, label, uniform_filter
+
+from analysis.detectors import followup_view, in_light_of
+from benchmarks.change_peer_worker import sfft
+from benchmarks.change_peers import (
+    SMOOTHING_PX,
+    AlignedPair,
+    Peer,
+    absolute_difference,
+    ir_mad,
+    structural_dissimilarity,
+    zogy,
+)
+from benchmarks.peers.edges import chart_width_px
+from benchmarks.peers.program import ChangeScore, PeerError, Program
+from benchmarks.peers.tasks import Task
+from simulation.arrays import BoolArray, FloatArray
+
+_THRESHOLD_SD = 5.0
+"""At which detectors with a noise of their own declare a change."""
+
+_LOCAL_PX = 9
+_BLOCK_PX = 4
+_COMPONENTS_SHARE = 0.9
+_KMEANS_ROUNDS = 100
+
+_WARP = "cubic warp by the true homography in the follow-up's light"
+_DECLARED = f"declared beyond {_THRESHOLD_SD:g} robust deviations"
+
+
+def _pair(task: Task) -> AlignedPair:
+    """The pair on the follow-up's pixels by the task's homography, with chart's width and noise."""
+    reference, followup = task.linear("reference"), task.linear("followup")
+    rows, cols = followup.shape
+    seen = followup_view(reference, (rows, cols), task.homography)
+    if not seen.inside.any():
+        raise PeerError("the reference shows nothing of the follow-up")
+    sigma = chart_width_px(task)
+    # Reference pixels by follow-up pixel, at the middle of the follow-up.
+    zoom = _zoom_at(task.homography, (cols - 1) / 2, (rows - 1) / 2)
+    noise = task.noise_dn(float(followup.mean()))
+    return AlignedPair(
+        reference=reference,
+        followup=followup,
+        warped=in_light_of(followup, seen.levels, seen.inside),
+        overlap=seen.inside,
+        noise_dn=(noise, noise),
+        blur_px=(sigma / zoom, sigma),
+    )
+
+
+def _zoom_at(matrix: FloatArray, x_px: float, y_px: float) -> float:
+    corners = matrix @ np.array([[x_px, x_px + 1, x_px], [y_px, y_px, y_px + 1], [1.0, 1.0, 1.0]])
+    x, y = corners[:2] / corners[2]
+    return float(sqrt(abs((x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]))))
+
+
+def _score(task: Task, peer: Peer, *, has_threshold: bool) -> ChangeScore:
+    pair = _pair(task)
+    score = np.where(pair.overlap, peer(pair), np.nan)
+    return ChangeScore(score=score, places=_outstanding(score) if has_threshold else None)
+
+
+def _outstanding(score: FloatArray) -> FloatArray:
+    """Middles of what exceeds five robust standard deviations of a score without sign."""
+    known = np.isfinite(score)
+    # Of the absolute value of a normal variable the median is 0.6745 standard deviations.
+    sigma = float(np.median(score[known])) / 0.6745
+    return _middles(known & (np.nan_to_num(score) > _THRESHOLD_SD * sigma))
+
+
+def _middles(changed: BoolArray) -> FloatArray:
+    """Centres (x, y) of connected pixels, shape ``(n, 2)``."""
+    numbers, count = label(changed, np.ones((3, 3)))
+    middles = center_of_mass(changed, numbers, range(1, count + 1)) if count else []
+    return np.array(middles, dtype=np.float64).reshape(-1, 2)[:, ::-1]
+
+
+def difference(pair: AlignedPair) -> FloatArray:
+    """Absolute difference of the cubic warp, smoothed by 1 px."""
+    return np.abs(gaussian_filter(pair.followup - pair.warped, SMOOTHING_PX))
+
+
+def matched_difference(pair: AlignedPair) -> FloatArray:
+    """The same, after a Gaussian that gives both the same width; over its local scatter."""
+    before, after = pair.blur_px
+    lacking = sqrt(max(after**2 - before**2, 0.0))
+    seen = pair.warped if lacking == 0 else gaussian_filter(pair.warped, lacking)
+    made = gaussian_filter(pair.followup - seen, SMOOTHING_PX)
+    scatter = np.sqrt(uniform_filter(made**2, 5 * _LOCAL_PX))
+    return np.abs(made) / np.maximum(scatter, 1e-9)
+
+
+def local_correlation(pair: AlignedPair) -> FloatArray:
+    """One minus the correlation in windows of 9 x 9 px."""
+    x, y = pair.warped - pair.warped.mean(), pair.followup - pair.followup.mean()
+    mean_x, mean_y = uniform_filter(x, _LOCAL_PX), uniform_filter(y, _LOCAL_PX)
+    xx, yy, xy = (uniform_filter(product, _LOCAL_PX) for product in (x * x, y * y, x * y))
+    power = np.maximum((xx - mean_x**2) * (yy - mean_y**2), 1e-12)
+    return np.asarray(1 - (xy - mean_x * mean_y) / np.sqrt(power))
+
+
+def pca_kmeans(task: Task) -> ChangeScore:
+    """Principal components of blocks of the difference image, in two clusters.
+
+    The score is the distance from the unchanged cluster over that from the changed one.
+
+    References
+    ----------
+    T. Celik, "Unsupervised change detection in satellite images using principal component analysis
+    and k-means clustering", IEEE Geosci. Remote Sens. Lett. 6 (2009) 772-776. Blocks of 4 x 4 px,
+    components with 0.9 of the variance.
+    """
+    pair = _pair(task)
+    made = np.where(pair.overlap, np.abs(pair.followup - pair.warped), 0.0)
+    rows, cols = (_BLOCK_PX * (size // _BLOCK_PX) for size in made.shape)
+    apart = made[:rows, :cols].reshape(rows // _BLOCK_PX, _BLOCK_PX, cols // _BLOCK_PX, _BLOCK_PX)
+    blocks = apart.transpose(0, 2, 1, 3).reshape(-1, _BLOCK_PX**2)
+    mean = blocks.mean(axis=0)
+    values, vectors = np.linalg.eigh(np.cov(blocks.T))
+    shares = np.cumsum(values[::-1]) / values.sum()
+    count = int(np.searchsorted(shares, _COMPONENTS_SHARE)) + 1
+    padded = np.pad(made, ((_BLOCK_PX // 2, _BLOCK_PX // 2 - 1),) * 2, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (_BLOCK_PX, _BLOCK_PX))
+    features = (windows.reshape(*made.shape, -1) - mean) @ vectors[:, ::-1][:, :count]
+    unchanged, changed = _two_clusters(features[pair.overlap], made[pair.overlap])
+    away, near = (np.linalg.norm(features - middle, axis=-1) for middle in (unchanged, changed))
+    score = np.where(pair.overlap, away / np.maximum(near, 1e-9), np.nan)
+    return ChangeScore(score=score, places=_middles(np.nan_to_num(score) > 1))
+
+
+def _two_clusters(features: FloatArray, difference_dn: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middles by Lloyd's k-means, that of the smaller mean difference first."""
+    far = np.argsort(difference_dn)
+    tenth = max(len(far) // 10, 1)
+    middles = [features[far[:-tenth]].mean(axis=0), features[far[-tenth:]].mean(axis=0)]
+    for _ in range(_KMEANS_ROUNDS):
+        distances = [np.linalg.norm(features - middle, axis=1) for middle in middles]
+        second = distances[1] < distances[0]
+        if second.all() or not second.any():
+            raise PeerError("k-means finds one cluster")
+        moved = [features[~second].mean(axis=0), features[second].mean(axis=0)]
+        settled = all(np.allclose(a, b) for a, b in zip(moved, middles, strict=True))
+        middles = moved
+        if settled:
+            break
+    means = [difference_dn[~second].mean(), difference_dn[second].mean()]
+    return (middles[0], middles[1]) if means[0] < means[1] else (middles[1], middles[0])
+
+
+def subtraction(
+    name: str, given: str, subtract: Callable[[FloatArray, FloatArray], FloatArray]
+) -> Program:
+    """An image subtraction of astronomy."""
+
+    def peer(pair: AlignedPair) -> FloatArray:
+        return np.abs(gaussian_filter(subtract(pair.warped, pair.followup), SMOOTHING_PX))
+
+    return Program(
+        name=name,
+        given=f"{given}, {_WARP}; {_DECLARED}",
+        answers={"changes": lambda task: _score(task, peer, has_threshold=True)},
+        packages=(name,),
+    )
+
+
+def _program(
+    name: str, given: str, peer: Peer, *packages: str, has_threshold: bool = False
+) -> Program:
+    def answer(task: Task) -> ChangeScore:
+        return _score(task, peer, has_threshold=has_threshold)
+
+    return Program(name=name, given=given, answers={"changes": answer}, packages=packages)
+
+
+PROGRAMS = (
+    _program(
+        "difference",
+        f"absolute difference of the {_WARP}, smoothed by 1 px; {_DECLARED}",
+        difference,
+        "scipy",
+        has_threshold=True,
+    ),
+    _program(
+        "difference-matched",
+        "the same behind a Gaussian for the lacking blur by the chart's erf-fit, over its scatter "
+        f"in windows of {5 * _LOCAL_PX} px; {_DECLARED}",
+        matched_difference,
+        "scipy",
+        has_threshold=True,
+    ),
+    _program(
+        "difference-sift",
+        "absolute difference behind OpenCV's own SIFT and USAC_MAGSAC",
+        absolute_difference,
+        "opencv-contrib-python-headless",
+    ),
+    _program("ssim", f"scikit-image's SSIM, {_WARP}", structural_dissimilarity, "scikit-image"),
+    _program("ncc", f"local correlation in 9 x 9 px, {_WARP}", local_correlation, "scipy"),
+    _program("ir-mad", f"IR-MAD (Nielsen 2007), written out here, {_WARP}", ir_mad),
+    _program(
+        "zogy",
+        "proper subtraction (Zackay and others 2016), written out here: Gaussian PSFs of the "
+        f"chart's erf-fit, the noise, {_WARP}; {_DECLARED}",
+        zogy,
+        has_threshold=True,
+    ),
+    Program(
+        name="pca-kmeans",
+        given=f"PCA and k-means (Celik 2009), written out here, {_WARP}; declared by its clusters",
+        answers={"changes": pca_kmeans},
+    ),
+    subtraction("sfft", "SFFT (Hu and others 2022), kernel and light of order 2", sfft),
+)

@@ -1,0 +1,163 @@
+"""Standoff itself, by its public library alone."""
+
+import numpy as np
+
+import standoff
+from analysis.errors import AnalysisError
+from benchmarks.peers.blind import gaussian_answers
+from benchmarks.peers.program import (
+    CONTRAST_FREQ_CY_PER_PX,
+    AlignedPoints,
+    ChangeScore,
+    EdgeContrast,
+    PeerError,
+    Program,
+)
+from benchmarks.peers.tasks import Task
+from calibration.edges import EdgeMeasurement
+from calibration.errors import CalibrationError, RegistrationError
+from calibration.psf import PsfCalibration
+from calibration.registration import Homography
+from simulation.arrays import FloatArray
+from simulation.capture_noise import CaptureNoise
+from standoff.errors import ApplicationError
+
+_ANGLE_DEG = 5.0
+"""Within which an edge that was found is the one that is asked for."""
+
+_ROUNDING_DN2 = 1 / 12
+
+
+def contrasts(task: Task) -> list[EdgeContrast]:
+    """The e-SFR of every edge that is not rejected, or the PSF from two distances.
+
+    Where there is no e-SFR, as beside clipped pixels, the Gaussian fit's MTF50 counts.
+    """
+    if task.facts["kind"] == "photographs":
+        try:
+            pair = [task.path("nearer_file"), task.path("file")]
+            return gaussian_answers(
+                standoff.calibrate_psf(
+                    pair, method="two-distance", zoom=task.facts["zoom"], noise=_noise(task)
+                )
+            )
+        except CalibrationError as error:
+            raise PeerError(str(error)) from error
+    found = standoff.measure_edges(task.path("file"))
+    answers = []
+    for asked in task.facts["edges"]:
+        x0, y0, x1, y1 = asked["roi_px"]
+        beside = [
+            edge
+            for edge in found
+            if edge.is_used
+            and x0 <= edge.x_px < x1
+            and y0 <= edge.y_px < y1
+            and abs((edge.angle_deg - asked["angle_deg"] + 90) % 180 - 90) < _ANGLE_DEG
+        ]
+        if beside:
+            longest = max(beside, key=lambda edge: edge.length_px)
+            answers.append(_contrast(asked["edge"], longest))
+    return answers
+
+
+def _contrast(name: str, edge: EdgeMeasurement) -> EdgeContrast:
+    at: tuple[float | None, ...] = (None,) * len(CONTRAST_FREQ_CY_PER_PX)
+    if edge.esfr is not None:
+        at = tuple(edge.esfr.at(np.array(CONTRAST_FREQ_CY_PER_PX)).tolist())
+    if edge.esfr_mtf50_cy_per_px is None:  # beside clipped pixels
+        return EdgeContrast(
+            edge=name,
+            mtf50=edge.mtf50_cy_per_px,
+            mtf50_standard_error=edge.mtf50_err_cy_per_px,
+            contrasts=at,
+        )
+    return EdgeContrast(
+        edge=name,
+        mtf50=edge.esfr_mtf50_cy_per_px,
+        mtf50_standard_error=edge.esfr_mtf50_err_cy_per_px,
+        contrasts=at,
+    )
+
+
+def simulated(task: Task) -> FloatArray:
+    """The follow-up by model lmmse, with the PSF of the task's chart."""
+    rows, cols = task.facts["followup_shape"]
+    pose = Homography(matrix=task.homography, size=(cols, rows))
+    try:
+        made = standoff.simulate(
+            task.path("reference"), homography=pose, psf=_calibrated(task), model="lmmse"
+        )
+    except ApplicationError as error:
+        raise PeerError(str(error)) from error
+    image = np.asarray(made.image, dtype=np.float64)
+    if made.followup.outside is not None:
+        image[made.followup.outside] = np.nan
+    return image
+
+
+def aligned(task: Task) -> AlignedPoints:
+    """Where the follow-up's points lie, with the lens's distortion and relief."""
+    try:
+        found = standoff.register(task.path("reference"), task.path("followup"))
+    except RegistrationError as error:
+        raise PeerError(str(error)) from error
+    x, y = np.array(task.facts["followup_points"], dtype=np.float64).T
+    at_y, at_x = found.pose.to_reference_px(y, x)
+    return AlignedPoints(points=np.stack([at_x, at_y], axis=1))
+
+
+def changed(task: Task) -> ChangeScore:
+    """Significance of every pixel, and the list of changes; what a shift explains is none."""
+    hints = standoff.RegistrationHints(matrix=task.homography)
+    try:
+        found = standoff.find_changes(
+            task.path("reference"),
+            task.path("followup"),
+            _calibrated(task),
+            noise=_noise(task),
+            hints=hints,
+        )
+    except (AnalysisError, CalibrationError, ApplicationError) as error:
+        raise PeerError(str(error)) from error
+    score = np.abs(np.asarray(found.significance, dtype=np.float64))
+    score[~found.valid] = np.nan
+    places = [(change.x_px, change.y_px) for change in found.summary.changes]
+    return ChangeScore(score=score, places=np.array(places).reshape(-1, 2))
+
+
+def _calibrated(task: Task) -> PsfCalibration:
+    try:
+        return standoff.calibrate_psf(task.path("chart"), noise=_noise(task))
+    except CalibrationError as error:
+        raise PeerError(f"chart: {error}") from error
+
+
+def _noise(task: Task) -> CaptureNoise | None:
+    """The noise of linear pictures; that of encoded ones is estimated."""
+    noise = task.facts["noise"]
+    if not task.is_linear or noise["variance_per_dn"] <= 0:
+        return None
+    gain = 1 / float(noise["variance_per_dn"])
+    read_dn2 = max(float(noise["variance_at_black_dn2"]) - _ROUNDING_DN2, 0.0)
+    return CaptureNoise(
+        gain_e_per_dn=gain,
+        read_noise_e=gain * float(np.sqrt(read_dn2)),
+        black_level_dn=float(task.facts["black_level"]),
+    )
+
+
+PROGRAMS = (
+    Program(
+        name="standoff",
+        given="this project by its public library: files, the PSF of the task's chart, the noise "
+        "of linear pictures, the homography and zoom where a task gives them",
+        answers={
+            "psf": contrasts,
+            "simulation": simulated,
+            "alignment": aligned,
+            "changes": changed,
+        },
+        packages=("standoff",),
+    ),
+)
