@@ -10,8 +10,8 @@ imported. Speed: one edge, samples at hand, single-threaded.
 import time
 from collections.abc import Callable
 from functools import partial
-from itertools import product
 from importlib.util import find_spec
+from itertools import product
 
 import numpy as np
 
