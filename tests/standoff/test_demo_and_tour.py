@@ -108,6 +108,7 @@ def test_the_demo_measures_the_bench_and_predicts_its_captures(
     assert compared.stat().st_mtime_ns == before
 
 
+@pytest.mark.slow
 def test_a_spot_of_the_demo_is_found_where_it_exceeds_what_is_needed(folder: Path) -> None:
     found = json.loads((folder / "demo.json").read_text())["photographs"]
     assert found["changes_unpainted"] == 0
@@ -122,6 +123,7 @@ def srgb_to_linear(levels: FloatArray) -> FloatArray:
     return np.asarray(255 * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4))
 
 
+@pytest.mark.slow
 def test_the_spots_are_all_that_was_painted_into_the_demos_photograph(folder: Path) -> None:
     spots = json.loads((folder / "demo.json").read_text())["photographs"]["spots"]
     painted, original = (
