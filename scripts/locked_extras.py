@@ -2,8 +2,9 @@
 
     python -m scripts.locked_extras console aravis
 
-requirements/full.txt has every extra and the developers' tools; these are its lines, and those of
-gobject.txt, that the extras named ask for, by what each line says it is there for.
+requirements/full.txt has every extra and the developers' tools; these are its lines that the extras
+named ask for, by what each line says it is there for. PyGObject, of the extra aravis, is built with
+them and comes after them, from requirements/gobject.txt.
 """
 
 from __future__ import annotations
@@ -17,11 +18,9 @@ from packaging.utils import canonicalize_name
 
 from scripts.requirements_file import FOLDER, Locked, read
 
-_STEPS = ("full", "gobject")
-
 
 def locked_extras(extras: Iterable[str]) -> list[Locked]:
-    """The lines that the extras need beside the core, in the order in which they are installed.
+    """The lines that the extras need beside the core.
 
     Raises
     ------
@@ -31,7 +30,7 @@ def locked_extras(extras: Iterable[str]) -> list[Locked]:
     table = tomllib.loads((FOLDER.parent / "pyproject.toml").read_text("utf-8"))
     asked = table["project"]["optional-dependencies"]
     wanted = {canonicalize_name(Requirement(one).name) for name in extras for one in asked[name]}
-    lines = [line for step in _STEPS for line in read(step)]
+    lines = read("full")
     while more := {line.name for line in lines if _asking(line) & wanted} - wanted:
         wanted |= more
     return [line for line in lines if line.name in wanted]

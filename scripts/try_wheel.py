@@ -92,7 +92,7 @@ def install(wheel: Path, python: Path, folder: Path, *, is_newest: bool) -> Path
         If a package cannot be installed, or the packages do not go with one another.
     """
     run([python, "-m", "venv", folder], folder.parent)
-    pip = [folder / "bin" / "python", "-m", "pip", "--disable-pip-version-check"]
+    pip: list[str | Path] = [folder / "bin" / "python", "-m", "pip", "--disable-pip-version-check"]
     add = [*pip, "install", "--quiet", "--no-compile"]  # half the time; each module is, when used
     if is_newest:
         run([*add, wheel], folder.parent)

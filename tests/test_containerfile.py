@@ -67,7 +67,7 @@ def test_what_is_copied_is_in_the_checkout() -> None:
 
 def test_every_package_comes_from_the_lock() -> None:
     installs = [words for words in commands() if words[:2] == ["pip", "install"]]
-    assert len(installs) == 4
+    assert len(installs) == 5
     for words in installs:
         assert {"--no-deps", "--no-build-isolation"} <= set(words)
         if words[-1] == ".":  # standoff itself
@@ -101,6 +101,12 @@ def test_an_extra_brings_what_its_packages_ask_for() -> None:
     names = {line.name for line in locked_extras(["console"])}
     assert {"starlette", "uvicorn", "websockets", "anyio", "h11"} <= names
     assert not names & {"pytest", "ruff", "torch", "numpy"}
+
+
+def test_what_gobject_is_built_with_is_installed_before_it() -> None:
+    assert "pycairo" in {line.name for line in locked_extras(["aravis"])}
+    sources = [words[-1] for words in commands() if "--require-hashes" in words]
+    assert sources.index("extras.txt") < sources.index("requirements/gobject.txt")
 
 
 def test_an_unknown_extra_is_refused() -> None:
