@@ -112,9 +112,9 @@ def uses(programs: Path, folder: Path) -> Iterator[list[str | Path]]:
     yield [python, "-c", _LIBRARY]
     camera, nearer, further = run([python, "-c", _WHERE], folder).splitlines()
     yield [standoff, "calibrate", camera, "--out", "psf.json", "--report", "psf.html"]
-    yield [standoff, "simulate", nearer, "--psf", "psf.json", "--zoom", "1.5", "--out", "far.png"]
+    yield [standoff, "simulate", nearer, "--psf", "psf.json", "--zoom", "1.5", "--out", "far.tif"]
     yield [standoff, "changes", nearer, further, "--out", "changes"]
-    yield [standoff, "changes", nearer, "far.png", "--out", "changes-far", "--json"]
+    yield [standoff, "changes", nearer, "far.tif", "--out", "changes-far", "--json"]
 
 
 def run(command: Sequence[str | Path], folder: Path) -> str:
