@@ -14,7 +14,7 @@ COMPILED := $(VENV)/.compiled
 export PYTHONDONTWRITEBYTECODE :=
 SOURCES := $(shell find acquisition calibration simulation analysis hil_mocks -name '*.py')
 
-.PHONY: demo paper test check setup lint coverage docs bench fuzz lock licences sbom clean
+.PHONY: demo paper test check setup lint coverage docs bench fuzz lock licences sbom wheel-check clean
 
 demo: $(CORE)  ## The whole chain on the simulated bench; needs no system package.
 	$(BIN)/standoff demo --out demo-output
@@ -61,6 +61,9 @@ licences: $(FULL)  ## Every installed package with its licence; fails on one tha
 
 sbom: $(FULL)  ## The bill of materials (CycloneDX), in build/sbom.cdx.json.
 	$(BIN)/python -m scripts.bill_of_materials --out build/sbom.cdx.json
+
+wheel-check: $(CORE)  ## Build the wheel, install it on every Python that is here, and use it there.
+	$(BIN)/python -m scripts.try_wheel
 
 clean:
 	rm -rf $(VENV) build demo-output paper-output

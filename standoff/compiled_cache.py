@@ -11,8 +11,8 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-OF_THE_DEMO = (("edges",), ("profiles", "demo"))
-EVERYTHING = (("edges", "benchmark"), ("profiles", "demo", "pairs"))
+OF_THE_DEMO = (("edges",), ("profiles", "demo", "changes"))
+EVERYTHING = (("edges", "benchmark"), ("profiles", "demo", "changes", "pairs"))
 """What ``standoff.warm_up`` compiles, a process each: one compiles one function at a time."""
 
 COMPILED_PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks")

@@ -85,8 +85,8 @@ _OF_PAIRS = (
     " --out {curves}",
     "pose {texture} {followup} --curves {curves} --min-dprime 0.1 --model matched --observer npw",
     "changes {texture} {followup} --psf {psf} --out {changes}",
-    "changes {texture} {followup} --out {changes}",
 )
+_OF_CHANGES = ("changes {texture} {followup} --out {changes}",)
 
 
 def squares(rng: np.random.Generator) -> FloatArray:
@@ -198,9 +198,13 @@ def _moved_things(rng: np.random.Generator) -> None:
     find_changes(first, second, None, ChangeOptions(pose=pose))
 
 
+def _changes(rng: np.random.Generator) -> None:
+    _run((*_OF_THE_DEMO[:1], *_OF_CHANGES), rng)
+    _moved_things(rng)
+
+
 def _pairs(rng: np.random.Generator) -> None:
     _run((*_OF_THE_DEMO[:1], *_OF_PAIRS), rng)
-    _moved_things(rng)
 
 
 def _benchmark(_: np.random.Generator) -> None:
@@ -215,6 +219,7 @@ _WORK: dict[str, Callable[[np.random.Generator], None]] = {
     "benchmark": _benchmark,
     "profiles": _profiles,
     "demo": _demo,
+    "changes": _changes,
     "pairs": _pairs,
 }
 

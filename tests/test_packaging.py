@@ -3,6 +3,7 @@
 import importlib
 import re
 import tomllib
+import zipfile
 from importlib.metadata import distribution, packages_distributions
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import standoff
 from acquisition.bench import load_bench
 from acquisition.plan import load_plan
 from calibration.sharpness import read_limits
+from scripts.try_wheel import LARGEST_WHEEL_BYTES, build_wheel, pythons
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks", "standoff")
@@ -35,6 +37,32 @@ def test_no_other_distribution_ships_our_names(name: str) -> None:
 def test_every_package_is_typed_and_says_what_it_is(name: str) -> None:
     assert (ROOT / name / "py.typed").is_file()
     assert importlib.import_module(name).__doc__
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_every_module_config_template_and_photograph(tmp_path: Path) -> None:
+    wheel = build_wheel(tmp_path)
+    assert wheel.stat().st_size < LARGEST_WHEEL_BYTES
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name: archive.getinfo(name).file_size for name in archive.namelist()}
+    wanted = {
+        path.relative_to(ROOT): path.stat().st_size
+        for name in PACKAGES
+        for path in (ROOT / name).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    wanted |= {
+        Path("standoff", path.relative_to(ROOT)): path.stat().st_size
+        for path in (ROOT / "configs").iterdir()
+    }
+    shipped = {Path(name): size for name, size in held.items() if ".dist-info/" not in name}
+    assert shipped == wanted
+    photographs = {path.name for path in shipped if path.parent.name == "example_photographs"}
+    assert photographs == {"nearer.png", "further.png", "LICENSE", "README.md"}
+
+
+def test_the_wheel_is_tried_on_every_python_that_it_is_for() -> None:
+    assert pythons() == ("3.11", "3.12", "3.13")
 
 
 def test_the_version_is_told_once() -> None:

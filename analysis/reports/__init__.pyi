@@ -14,6 +14,7 @@ from .changes import (
     compared_pictures as compared_pictures,
     count_text as count_text,
     limit_figure as limit_figure,
+    limit_section as limit_section,
     q_text as q_text,
     render_changes_report as render_changes_report,
     render_series_report as render_series_report,

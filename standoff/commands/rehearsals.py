@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from typing import Annotated
@@ -33,10 +36,10 @@ def demo(
     if json:
         terminal.print_json(result.to_json())
     else:
-        _print_summary(result)
+        _print_summary(result, out)
 
 
-def _print_summary(result: library.DemoResult) -> None:
+def _print_summary(result: library.DemoResult, out: Path) -> None:
     terminal.print_table(
         "Calibration against the bench's truth",
         ["", "truth", "measured", "95 % interval", "error", "inside"],
@@ -79,7 +82,57 @@ def _print_summary(result: library.DemoResult) -> None:
             for number, (true, found) in enumerate(result.zooms, start=1)
         ],
     )
-    terminal.say(f"report: {result.report}")
+    terminal.say(result.real_pair.sentence, f"report: {result.report}")
+    terminal.print_next_steps(_next_steps(out, result))
+
+
+def _next_steps(out: Path, result: library.DemoResult) -> list[tuple[str, str]]:
+    captures = result.session / "captures"
+    edges = sorted(captures.glob("*_edge-*_h0180*"))
+    scene = sorted(captures.glob("*_texture-*"))[0]
+    before, after = (out / name for name in library.DEMO_PHOTOGRAPHS)
+    line = terminal.command_line
+    return [
+        (
+            "what changed between two photographs: put two of your own in their place",
+            line("changes", before, after, "--out", out / "changes"),
+        ),
+        (
+            "the PSF of a camera, from photographs of straight edges: put your own in their place",
+            line("calibrate", *edges, "--out", out / "psf.json", "--report", out / "psf.html"),
+        ),
+        (
+            "how a scene looks from twice as far away",
+            line("simulate", scene, "--psf", result.psf, "--zoom", 2, "--out", out / "far.tif"),
+        ),
+        (
+            "how well a change of 40 DN is still detected from further away, at best",
+            line(
+                "detectability", scene, "--psf", result.psf, "--zooms", "1,1.5,2,3",
+                "--noise", 2, "--contrast", 40, "--signal-sigma", 1, "--out", out / "curves.json",
+            ),
+        ),
+        (
+            "a camera and a stage to practise with, on this computer alone, until Ctrl-C",
+            line("mock", "--stage-protocol", "grbl"),
+        ),
+        (
+            "the operator console on the simulated bench, a web page, until Ctrl-C",
+            _console_line(out),
+        ),
+    ]  # fmt: skip
+
+
+def _console_line(out: Path) -> str:
+    bench = shipped_config("simulated.toml")
+    if bench.is_relative_to(Path.cwd()):
+        bench = bench.relative_to(Path.cwd())
+    console = terminal.command_line("console", "--bench", bench, "--sessions", out / "sessions")
+    if find_spec("starlette") is not None:
+        return console
+    if Path("Makefile").is_file() and bench == Path("configs/simulated.toml"):
+        return f"make setup && {console}"
+    return f"{shlex.join([sys.executable, '-m', 'pip'])} install 'standoff[console]' && {console}"
 
 
 def paper(

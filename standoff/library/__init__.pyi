@@ -124,6 +124,7 @@ from .psf import (
 )
 from .rehearsal import (
     DEMO_FILES as DEMO_FILES,
+    DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS,
     DemoResult as DemoResult,
     run_demo as run_demo,
     run_paper as run_paper,

@@ -6,6 +6,7 @@ from .live_line import (
     focus_display as focus_display,
     verdict_display as verdict_display,
 )
+from .next_steps import command_line as command_line, print_next_steps as print_next_steps
 from .number_lists import ListedNumbers as ListedNumbers, number_list as number_list
 from .operator_prompts import (
     LONGEST_ANSWER as LONGEST_ANSWER,

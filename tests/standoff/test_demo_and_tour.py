@@ -11,8 +11,12 @@ from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
+import standoff
+from simulation.arrays import FloatArray
 from standoff.cli import run
 from tests.standoff.conftest import Command
 
@@ -94,6 +98,7 @@ def test_the_demo_measures_the_bench_and_predicts_its_captures(
     for title in ("Captures", "Point spread function", "Simulated against captured follow-ups"):
         assert title in page
     assert (folder / "demo" / "comparison.png").stat().st_size > 10_000
+    assert "what could have been missed" in page
     # A second run finds the captures and their comparison, and prints the tables for people.
     compared = folder / "demo" / "session" / "results" / "validation.json"
     before = compared.stat().st_mtime_ns
@@ -101,6 +106,63 @@ def test_the_demo_measures_the_bench_and_predicts_its_captures(
     assert again.status == 0
     assert "matched" in again.out
     assert compared.stat().st_mtime_ns == before
+
+
+@pytest.mark.slow
+def test_a_spot_of_the_demo_is_found_where_it_exceeds_what_is_needed(folder: Path) -> None:
+    found = json.loads((folder / "demo.json").read_text())["photographs"]
+    assert found["changes_unpainted"] == 0
+    assert [one["is_found"] for one in found["spots"]] == [True, False]
+    for spot in found["spots"]:
+        assert spot["is_found"] == (spot["amplitude_dn"] > spot["needed_dn"])
+
+
+def srgb_to_linear(levels: FloatArray) -> FloatArray:
+    """IEC 61966-2-1, 5.2, of 8-bit levels, to a white of 255."""
+    v = levels / 255
+    return np.asarray(255 * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4))
+
+
+@pytest.mark.slow
+def test_the_spots_are_all_that_was_painted_into_the_demos_photograph(folder: Path) -> None:
+    spots = json.loads((folder / "demo.json").read_text())["photographs"]["spots"]
+    painted, original = (
+        np.asarray(Image.open(path), dtype=np.float64)
+        for path in (
+            folder / "demo" / "photographs" / "after.png",
+            standoff.example_photographs().further,
+        )
+    )
+    y, x = np.indices(painted.shape[:2])
+    near = np.zeros(painted.shape[:2], dtype=bool)
+    for spot in spots:
+        distance_px = np.hypot(x - spot["x_px"], y - spot["y_px"])
+        near |= distance_px < 6 * spot["sigma_px"]
+        place = painted[spot["y_px"], spot["x_px"]], original[spot["y_px"], spot["x_px"]]
+        added_dn = srgb_to_linear(place[0]) - srgb_to_linear(place[1])
+        # Half a stored level is at most 1.2 DN of linear light near white.
+        assert added_dn == pytest.approx(spot["amplitude_dn"], abs=2.3)
+    assert np.array_equal(painted[~near], original[~near])
+
+
+@pytest.mark.slow
+def test_what_the_demo_says_to_try_next_works_as_it_is_printed(
+    command: Command, folder: Path
+) -> None:
+    printed = command("demo", "--out", folder / "demo").out
+    lines = [
+        line.strip()
+        for line in printed[printed.index("What to try next") :].splitlines()[1:]
+        if line.strip() and not line.strip().startswith("#")
+    ]
+    assert [line.split(" standoff ")[1].split()[0] for line in lines] == [
+        "changes", "calibrate", "simulate", "detectability", "mock", "console",
+    ]  # fmt: skip
+    for line in lines[:4]:  # the others serve until Ctrl-C: test_mock, test_console
+        done = subprocess.run(
+            shlex.split(line), cwd=CHECKOUT, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{line}: {done.stderr}"
 
 
 @pytest.mark.slow(minutes=3)

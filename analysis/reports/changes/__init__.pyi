@@ -3,6 +3,7 @@ from .pictures import ComparedPictures as ComparedPictures, compared_pictures as
 from .sections import (
     changes_section as changes_section,
     count_text as count_text,
+    limit_section as limit_section,
     q_text as q_text,
     render_changes_report as render_changes_report,
 )

@@ -3,3 +3,4 @@ from .paper import (
     run_paper as run_paper,
     short_bench as short_bench,
 )
+from .real_pair import DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS, RealPair as RealPair

@@ -1,4 +1,4 @@
-"""The whole chain on the simulated bench, compared with the bench's truth."""
+"""The whole chain on the simulated bench beside its truth, and changes on real photographs."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,11 +18,13 @@ from hil_mocks import BenchTruth
 from standoff.library.call import Call, Progress
 from standoff.library.files import RESULTS_FOLDER, make_folder, write_file
 from standoff.library.psf import Reading, from_session
+from standoff.library.rehearsal.real_pair import DEMO_PHOTOGRAPHS, RealPair, compare_real_pair
 from standoff.library.rehearsal.simulated_session import capture_simulated
 from standoff.library.sessions import session_validation, write_session_report
 from standoff.shipped_configs import shipped_config
 
-DEMO_FILES = _PAGE, _PICTURE = "report.html", "comparison.png"
+_PAGE, _PICTURE = "report.html", "comparison.png"
+DEMO_FILES = (_PAGE, _PICTURE, *DEMO_PHOTOGRAPHS)
 """What ``run_demo`` writes beside its session."""
 
 
@@ -60,6 +62,7 @@ class DemoResult:
     truth: tuple[TruthRow, ...]
     zooms: tuple[tuple[float, float], ...]
     validation: Validation
+    real_pair: RealPair
     provenance: Provenance
 
     def to_json(self) -> dict[str, Any]:
@@ -84,6 +87,7 @@ class DemoResult:
                 model: mean.mse_dn2
                 for model, mean in self.validation.means("followup-grid").items()
             },
+            "photographs": self.real_pair.to_json(),
             "provenance": self.provenance.model_dump(mode="json"),
         }
 
@@ -114,8 +118,9 @@ def run_demo(out: Path, config: BenchConfig, *, progress: Progress | None = None
     name = str(psf_path)
     psf = calibration.best_psf(name)
     validation = session_validation(call, session, psf, name, calibration)
+    real_pair = compare_real_pair(call, out)
     report = out / _PAGE
-    write_session_report(call, session, report)
+    write_session_report(call, session, report, real_pair.sections())
     furthest = furthest_pair(session, validation, psf)
     write_file(out / _PICTURE, png_bytes(plot_furthest(furthest)))
     truth = BenchTruth(config)
@@ -129,6 +134,7 @@ def run_demo(out: Path, config: BenchConfig, *, progress: Progress | None = None
             for pair in validation.pairs
         ),
         validation=validation,
+        real_pair=real_pair,
         provenance=call.provenance_of(session),
     )
 

@@ -105,8 +105,10 @@ def write_report(
     return WrittenReport(session=opened.path, report=page, notes=call.notes)
 
 
-def write_session_report(call: Call, session: Session, path: Path) -> None:
-    """Write the report of a session, from the contents of its results folder.
+def write_session_report(
+    call: Call, session: Session, path: Path, more: tuple[ReportSection, ...] = ()
+) -> None:
+    """Write the report of a session, from the contents of its results folder, and ``more``.
 
     If the PSF is known and a target was captured at several heights, the captures are compared
     with their simulations, using ``results/validation.json``, which is written if it is missing
@@ -131,7 +133,7 @@ def write_session_report(call: Call, session: Session, path: Path) -> None:
     notes = SessionNotes(
         remarks=remarks,
         warnings=call.notes,
-        comparisons=comparisons,
+        comparisons=(*comparisons, *more),
         origin=origin,
     )
     page = render_session_report(session, psf, validation, notes)

@@ -109,7 +109,7 @@ def test_a_result_that_is_there_is_refused_before_anything_is_read(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     there = Path(file)
-    there.parent.mkdir(exist_ok=True)
+    there.parent.mkdir(parents=True, exist_ok=True)
     there.write_bytes(b"of before")
     done = command(name, *WRITERS[name][0])
     assert (done.status, done.out) == (1, "")
