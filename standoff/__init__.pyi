@@ -35,6 +35,7 @@ from .library.evaluation import (
     read_change_pairs as read_change_pairs,
     train_detector as train_detector,
 )
+from .library.example_photographs import example_photographs as example_photographs
 from .library.followup import (
     CaptureOptions as CaptureOptions,
     UncertaintyOptions as UncertaintyOptions,

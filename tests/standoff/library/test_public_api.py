@@ -102,6 +102,15 @@ def test_a_photograph_may_stand_alone(edge_files: list[str]) -> None:
     assert edge.sigma_px == pytest.approx(SIGMA_PX, abs=0.005)
 
 
+def test_the_example_photographs_are_those_of_their_readme() -> None:
+    pair = standoff.example_photographs()
+    told = (pair.nearer.parent / "README.md").read_text("utf-8")
+    for path in (pair.nearer, pair.further):
+        assert path.name in told
+        assert standoff.read_image(path).grey_dn.shape == (440, 520)
+    assert "MIT License" in (pair.nearer.parent / "LICENSE").read_text("utf-8")
+
+
 def test_a_psf_comes_back_from_its_file(edges: list[FloatArray], tmp_path: Path) -> None:
     found = standoff.calibrate_psf(edges)
     standoff.write_psf(tmp_path / "psf.json", found)
