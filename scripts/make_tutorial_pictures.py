@@ -20,6 +20,7 @@ from tests.docs.blocks import CHECKOUT, blocks, terminal
 
 READ = ("configs", "tests/data", "standoff/example_photographs")
 Picture = NDArray[np.uint8]
+FREQUENCIES = np.linspace(0, 0.5, 101)
 
 
 def run_tutorial(name: str, folder: Path) -> Path:
@@ -50,16 +51,42 @@ def beside(pictures: list[Picture]) -> Picture:
     return np.hstack(row)
 
 
+def read(path: Path) -> Picture:
+    """A picture in colour, as OpenCV orders it."""
+    picture = cv2.imread(str(path))
+    if picture is None:
+        raise OSError(f"cannot read {path}")
+    return picture.astype(np.uint8)
+
+
+def smaller(picture: Picture, cols: int) -> Picture:
+    """``picture`` scaled down to a width."""
+    rows = round(picture.shape[0] * cols / picture.shape[1])
+    return cv2.resize(picture, (cols, rows), interpolation=cv2.INTER_AREA).astype(np.uint8)
+
+
+def transfer(path: Path, *, along_y: bool = False) -> NDArray[np.float64]:
+    """The measured transfer of a psf.json at ``FREQUENCIES`` along x or y."""
+    measured = standoff.read_psf(path).transfer_2d
+    if measured is None:
+        raise ValueError(f"{path} has no measured transfer")
+    none = np.zeros_like(FREQUENCIES)
+    return measured.otf(none, FREQUENCIES) if along_y else measured.otf(FREQUENCIES, none)
+
+
 def save(path: Path, picture: Picture) -> None:
     """Write a picture, JPEG at a quality of 85."""
-    if not cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, 85]):
+    how = [cv2.IMWRITE_JPEG_QUALITY, 85] if path.suffix == ".jpg" else []
+    if not cv2.imwrite(str(path), picture, how):
         raise OSError(f"cannot write {path}")
 
 
 def draw_operator(folder: Path, images: Path) -> None:
     """The sweep's plot, and the four placements."""
-    plot = cv2.imread(str(folder / "focus.png"))
-    save(images / "tutorial-focus.png", cv2.resize(plot, None, fx=0.75, fy=0.75, interpolation=3))
+    save(images / "tutorial-focus.png", smaller(read(folder / "focus.png"), 640))
+        images / "tutorial-focus.png",
+        cv2.resize(plot, None, fx=0.75, fy=0.75, interpolation=cv2.INTER_AREA),
+    )
     placed = sorted((folder / "session" / "captures").glob("*_h0200.000mm.tif"))
     small = [grey(path, 3000)[::2, ::2] for path in placed]
     save(images / "tutorial-targets.png", beside(small))
@@ -67,29 +94,23 @@ def draw_operator(folder: Path, images: Path) -> None:
 
 def draw_lens(folder: Path, images: Path) -> None:
     """The photographed edge with its contrast, and the transfer of two lenses."""
-    frequencies = np.linspace(0, 0.5, 101)
-    edge = cv2.imread(str(CHECKOUT / "tests/data/edges/v_edge.tif"))
-    both = standoff.read_psf(folder / "both.json").transfer_2d
-    august = standoff.read_psf(folder / "august.json").transfer_2d
-    september = standoff.read_psf(folder / "september.json").transfer_2d
     figure = Figure(figsize=(7, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 2.4))
-    left.imshow(edge[..., ::-1])
+    left.imshow(read(CHECKOUT / "tests/data/edges/v_edge.tif")[..., ::-1])
     for x, y, name in ((75, 75, "a"), (61, 225, "b")):
         left.plot([x - 9, x + 9], [y - 1, y + 1], color="tab:red")
         left.annotate(name, (x + 12, y), color="tab:red")
     left.set(title="v_edge.tif / px")
-    right.plot(frequencies, both.otf(frequencies, 0 * frequencies))
+    right.plot(FREQUENCIES, transfer(folder / "both.json"))
     right.axhline(0.5, color="grey", linewidth=0.8, linestyle=":")
     right.set(xlabel="frequency across the edge / (cy/px)", ylabel="contrast", xlim=(0, 0.5))
     figure.savefig(images / "tutorial-edge.png", dpi=90)
     figure = Figure(figsize=(6, 3.2), layout="constrained")
     axes = figure.subplots()
-    for lens, name in ((both, "tests/data"), (august, "August"), (september, "September")):
-        axes.plot(frequencies, lens.otf(frequencies, 0 * frequencies), label=f"{name}, along x")
-    axes.plot(
-        frequencies, august.otf(0 * frequencies, frequencies), "--", label="August, along y"
-    )
+    for name in ("both", "august", "september"):
+        axes.plot(FREQUENCIES, transfer(folder / f"{name}.json"), label=f"{name}.json, along x")
+    along_y = transfer(folder / "august.json", along_y=True)
+    axes.plot(FREQUENCIES, along_y, "--", label="august.json, along y")
     axes.axhline(0.5, color="grey", linewidth=0.8, linestyle=":")
     axes.set(xlabel="frequency / (cy/px)", ylabel="contrast", xlim=(0, 0.5))
     axes.legend(fontsize=8)
@@ -99,15 +120,13 @@ def draw_lens(folder: Path, images: Path) -> None:
 def draw_pair(folder: Path, images: Path) -> None:
     """The photographs, the comparison, and the map of the detection limit."""
     names = ("nearer.png", "further.png", "later.png")
-    pair = [cv2.imread(str(folder / name)) for name in names]
+    pair = [read(folder / name) for name in names]
     for x, y in ((60, 110), (400, 180)):
         cv2.circle(pair[2], (x, y), 14, (255, 255, 255), 1, cv2.LINE_AA)
-    save(images / "tutorial-pair.jpg", cv2.resize(beside(pair), None, fx=0.6, fy=0.6, interpolation=3))
-    compared = cv2.imread(str(folder / "changed" / "changes-figure.png"))
-    scale = 900 / compared.shape[1]
-    small = cv2.resize(compared, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    save(images / "tutorial-changes.jpg", small)
-    figure = Figure(figsize=(6, 4.2), layout="constrained")
+    save(images / "tutorial-pair.jpg", smaller(beside(pair), 946))
+    compared = read(folder / "changed" / "changes-figure.png")
+    save(images / "tutorial-changes.jpg", smaller(compared, 900))
+    figure = Figure(figsize=(5, 3.6), layout="constrained")
     axes = figure.subplots()
     limit = tifffile.imread(folder / "changed" / "limit.tif")
     drawn = axes.imshow(limit, norm="log", vmin=5, vmax=150, cmap="viridis")
@@ -126,10 +145,7 @@ def draw_followup(folder: Path, images: Path) -> None:
         images / "tutorial-lesion.png",
         beside([shown(mean - strength * spot, 3000) for strength in (1000, 100)]),
     )
-    curves = cv2.imread(str(folder / "curves-noise.png"))
-    scale = 640 / curves.shape[1]
-    small = cv2.resize(curves, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    save(images / "tutorial-curves.png", small)
+    save(images / "tutorial-curves.png", smaller(read(folder / "curves-noise.png"), 640))
 
 
 DRAWN = {

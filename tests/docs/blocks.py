@@ -1,8 +1,8 @@
 """Code blocks of a page, run in order in one folder, and what the page says they print.
 
 A block of ``sh`` or ``python`` is run; a block of ``text`` after it is what it prints. A comment
-before a block says what a person does meanwhile: ``<!-- run: interrupted once PATH has 5 lines -->``
-(Ctrl-C, status 130), ``<!-- run: until the end of the page, ready at WORDS -->`` (a second
+before a block says what a person does meanwhile:
+``<!-- run: interrupted once PATH has 5 lines -->`` (Ctrl-C, status 130), ``<!-- run: until the end of the page, ready at WORDS -->`` (a second
 terminal), ``<!-- run: ends with status 1 -->``.
 """
 
@@ -50,9 +50,7 @@ def blocks(page: str) -> list[Block]:
         if match["language"] != "text":
             line = page.count("\n", 0, match.start("code"))
             how = match["how"] or "ends with status 0"
-            found.append(
-                Block(language=match["language"], code=code, how=how, shown="", line=line)
-            )
+            found.append(Block(language=match["language"], code=code, how=how, shown="", line=line))
         elif found and not found[-1].shown:
             last = found.pop()
             found.append(
@@ -69,7 +67,7 @@ def blocks(page: str) -> list[Block]:
 
 @dataclass(kw_only=True)
 class Terminal:
-    """A shell in ``folder``, where ``cd`` lasts from block to block, and the processes behind it."""
+    """A shell in ``folder``, where ``cd`` lasts, and the processes behind it."""
 
     folder: Path
     in_background: list[subprocess.Popen[bytes]] = field(default_factory=list)

@@ -35,7 +35,7 @@ def test_there_are_four_tutorials_and_each_shows_what_its_commands_print() -> No
     assert len(TUTORIALS) == 4
     for page in TUTORIALS:
         found = blocks(page.read_text("utf-8"))
-        assert sum(bool(block.shown) for block in found) >= 6, page.name
+        assert sum(bool(block.shown) for block in found) > 4, page.name
 
 
 @pytest.mark.parametrize(
