@@ -84,9 +84,6 @@ def save(path: Path, picture: Picture) -> None:
 def draw_operator(folder: Path, images: Path) -> None:
     """The sweep's plot, and the four placements."""
     save(images / "tutorial-focus.png", smaller(read(folder / "focus.png"), 640))
-        images / "tutorial-focus.png",
-        cv2.resize(plot, None, fx=0.75, fy=0.75, interpolation=cv2.INTER_AREA),
-    )
     placed = sorted((folder / "session" / "captures").glob("*_h0200.000mm.tif"))
     small = [grey(path, 3000)[::2, ::2] for path in placed]
     save(images / "tutorial-targets.png", beside(small))

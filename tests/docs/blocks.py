@@ -2,8 +2,9 @@
 
 A block of ``sh`` or ``python`` is run; a block of ``text`` after it is what it prints. A comment
 before a block says what a person does meanwhile:
-``<!-- run: interrupted once PATH has 5 lines -->`` (Ctrl-C, status 130), ``<!-- run: until the end of the page, ready at WORDS -->`` (a second
-terminal), ``<!-- run: ends with status 1 -->``.
+``<!-- run: interrupted once PATH has 5 lines -->`` (Ctrl-C, status 130),
+``<!-- run: until the end of the page, ready at WORDS -->`` (a second terminal),
+``<!-- run: ends with status 1 -->``.
 """
 
 import os
