@@ -125,7 +125,7 @@ def draw_pair(folder: Path, images: Path) -> None:
     save(images / "tutorial-changes.jpg", smaller(compared, 900))
     figure = Figure(figsize=(5, 3.6), layout="constrained")
     axes = figure.subplots()
-    limit = tifffile.imread(folder / "changed" / "limit.tif")
+    limit = tifffile.imread(folder / "unchanged" / "limit.tif")
     drawn = axes.imshow(limit, norm="log", vmin=5, vmax=150, cmap="viridis")
     figure.colorbar(drawn, label="a spot of 1.5 px is found from / DN")
     for x, y in ((60, 110), (400, 180)):
