@@ -12,7 +12,9 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+import tifffile
 
+import standoff
 from standoff.cli import run
 from tests.standoff.conftest import Command
 
@@ -68,13 +70,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("near.tif", scenes[0]),
         ("before.tif", scenes[0]),
         ("after.tif", scenes[1]),
-        ("edges.tif", folder / "edge-vertical.tif"),
         ("photographs/1.tif", scenes[0]),
         ("photographs/2.tif", scenes[1]),
     ):
         shutil.copy(path, folder / name)
+    chessboard = CHECKOUT / "tests" / "data" / "chessboards" / "left01.jpg"
+    tifffile.imwrite(folder / "edges.tif", standoff.read_image(chessboard).grey_dn)
     (folder / "my_module.py").write_text(own_detector())
-    (folder / "my_bench.toml").write_text(small, "utf-8")
+    focusing = "focus_distance_mm = 262.5\nf_number = 1.4\n"
+    (folder / "my_bench.toml").write_text(small + focusing, "utf-8")
     return folder
 
 
