@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 import standoff
@@ -23,6 +24,12 @@ from tests.standoff.conftest import Command
 CHECKOUT = Path(__file__).parents[2]
 TOUR = "## A tour of the commands"
 
+NOT_RUN = {
+    "make demo": "sets up an environment; what it then runs is the demo below",
+    "make test": "sets up an environment, and is what runs this test",
+}
+"""Lines of the README outside the tour, with the reason why no test types them."""
+
 
 def tour_commands() -> list[str]:
     """The commands in the code blocks of the tour, in order."""
@@ -31,6 +38,12 @@ def tour_commands() -> list[str]:
     blocks = re.findall(r"```sh\n(.*?)```", tour, re.DOTALL)
     lines = "".join(blocks).replace("\\\n", " ").splitlines()
     return [line for line in lines if line.strip()]
+
+
+def python_blocks() -> list[str]:
+    """The Python blocks of the README, in order."""
+    text = (CHECKOUT / "README.md").read_text("utf-8")
+    return re.findall(r"```python\n(.*?)```", text, re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +77,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("photographs/2.tif", scenes[1]),
     ):
         shutil.copy(path, folder / name)
+    chessboard = CHECKOUT / "tests" / "data" / "chessboards" / "left01.jpg"
+    tifffile.imwrite(folder / "edges.tif", standoff.read_image(chessboard).grey_dn)
     (folder / "my_module.py").write_text(own_detector())
+    focusing = "focus_distance_mm = 262.5\nf_number = 1.4\n"
+    (folder / "my_bench.toml").write_text(small + focusing, "utf-8")
     return folder
 
 
@@ -79,6 +96,13 @@ def test_the_tour_names_the_commands_it_tells_of() -> None:
     names = {shlex.split(line)[1] for line in tour_commands()}
     assert {"calibrate", "simulate", "sr-pairs", "capture", "verify", "report"} <= names
     assert {"geometry", "validate", "detectability", "limits", "pose", "changes"} <= names
+
+
+def test_every_line_of_shell_is_in_the_tour_or_has_a_reason_not_to_run() -> None:
+    text = (CHECKOUT / "README.md").read_text("utf-8")
+    blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    assert {line for line in lines if line.strip()} - set(tour_commands()) == NOT_RUN.keys()
 
 
 @pytest.mark.slow(minutes=1)
@@ -180,3 +204,24 @@ def test_every_command_of_the_tour_runs_as_it_is_written(folder: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, f"{line}: {done.stderr}"
+
+
+@pytest.mark.slow(minutes=0.5)
+@pytest.mark.parametrize("place", range(3))
+def test_every_block_of_python_runs_as_it_is_written(
+    folder: Path, tmp_path: Path, place: int
+) -> None:
+    blocks = python_blocks()
+    assert len(blocks) == 3
+    for name in ("edges.tif", "near.tif", "before.tif", "after.tif", "my_bench.toml"):
+        shutil.copy(folder / name, tmp_path / name)
+    shutil.copytree(folder / "photographs", tmp_path / "photographs")
+    shutil.copy(folder / "demo" / "session" / "results" / "psf.json", tmp_path / "psf.json")
+    done = subprocess.run(
+        [sys.executable, "-c", blocks[place]],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
