@@ -49,7 +49,7 @@ def pupil_table(zernike_waves: tuple[float, ...]) -> PupilTable:
     nodes, weights = (of.astype(np.float64) for of in np.polynomial.legendre.leggauss(_NODES))
     # Common parts of pupils narrow to points at the cut-off, where nothing is left to average.
     frequency = 1 - np.linspace(0.0, 1.0, _RADII) ** 2
-    bearing = np.arange(_BEARINGS) * (pi / _BEARINGS)
+    bearing = np.arange(_BEARINGS, dtype=np.float64) * (pi / _BEARINGS)
     half = _mean_phasors(np.array(zernike_waves), frequency, bearing, nodes, weights)
     series = scipy.fft.fft(np.hstack([half, half.conj()]), axis=1)
     wide = np.zeros((_RADII, 2 * _BEARINGS * _FINER), dtype=np.complex128)
