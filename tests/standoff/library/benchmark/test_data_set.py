@@ -23,7 +23,7 @@ LOCKED = {
     "opencv-contrib-python-headless": "5.0.0.93",
     "Pillow": "13.0.0",
 }
-TINY_SHA256 = "92bd7b6aa12ca16455ba6f7f8b498bb13196d73be7923e2bd62ab9e77d5aaedd"
+TINY_SHA256 = "c9c7978f4bcdc83424540bbec52db8ee374c5586627558378fcbcc44f1e72f87"
 """What version 0.1 made with these; GalSim judges the light, closed forms judge the levels."""
 
 PLAIN_PROCESSOR = {
