@@ -63,6 +63,7 @@ GROUPS = (
         title="Photographs and the PSF",
         about="[Photographs](../../photographs.md), [calibration](../../calibration.md).",
         names=(
+            "example_photographs",
             "read_image",
             "reading",
             "calibrate_psf",
@@ -149,6 +150,12 @@ GROUPS = (
             "train_detector",
             "TrainingOptions",
         ),
+    ),
+    Group(
+        file="benchmark",
+        title="The public benchmark",
+        about="[The data](../../benchmark-data.md), [the scores](../../benchmark-scoring.md).",
+        names=("make_benchmark", "score_benchmark"),
     ),
     Group(
         file="calls",

@@ -290,7 +290,9 @@ def test_a_file_where_the_results_folder_should_be_is_named(
 def test_every_module_of_the_commands_is_within_reach() -> None:
     folder = Path(standoff.commands.__file__).parent
     within_reach = {path.split(":")[0] for path in COMMANDS.values()}
-    assert within_reach == {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    groups = {path.parent.name for path in folder.glob("*/__init__.py")}
+    assert within_reach == modules | groups
 
 
 def test_a_folder_in_the_place_of_a_result_is_named_before_any_work(

@@ -9,5 +9,5 @@ from standoff.commands.benchmark.score import score
 benchmark = Typer(
     name="benchmark", help="The public benchmark: make its data set, score programs on it."
 )
-benchmark.command("make")(make)
+benchmark.command("make", cls=terminal.Command)(make)
 benchmark.command("score", cls=terminal.Command)(score)

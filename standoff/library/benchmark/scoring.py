@@ -117,8 +117,15 @@ def score_benchmark(
 
     Examples
     --------
-    >>> found = standoff.score_benchmark(["mine", "theirs"], "benchmark-small")
-    >>> found.score("mine", "changes", "limit_50_dn")
+    A program that refuses to align anything, on the smallest set:
+
+    >>> from pathlib import Path
+    >>> data = standoff.make_benchmark("benchmark", size="tiny").out
+    >>> Path("cautious").mkdir()
+    >>> _ = Path("cautious/alignment.json").write_text("{}")
+    >>> found = standoff.score_benchmark("cautious", data)
+    >>> found.score("cautious", "alignment", "refused").value
+    100.0
     >>> found.write("scores")
     """
     folders = list(listed_paths(results, "results"))
