@@ -121,6 +121,7 @@ def changed(task: Task) -> ChangeScore:
     except (AnalysisError, CalibrationError, ApplicationError) as error:
         raise PeerError(str(error)) from error
     score = np.abs(np.asarray(found.significance, dtype=np.float64))
+    score[found.is_moved] = 0
     score[~found.valid] = np.nan
     places = [(change.x_px, change.y_px) for change in found.summary.changes]
     return ChangeScore(score=score, places=np.array(places).reshape(-1, 2))
