@@ -88,6 +88,7 @@ def main() -> None:
         compare_errors(record, peers, rng)
         every_angle(record)
         shading(record)
+        intervals_in_uneven_light(record)
         intervals(record)
         clean = edge_image(0.8, 5.0, has_pixel=True)
         image = clean + rng.normal(size=clean.shape) * NOISE_DN
@@ -152,6 +153,40 @@ def shading(record: Recorder) -> None:
             record.say(f"  {name:36s} {100 * sigma_error:8.4f} {100 * mtf50_error:8.4f}")
             record.figure(f"sigma, {name}, worst", 100 * sigma_error, "%")
             record.figure(f"MTF50, {name}, worst", 100 * mtf50_error, "%")
+
+
+def intervals_in_uneven_light(record: Recorder) -> None:
+    """How often intervals hold where light falls off by a third over 512 px, in any direction."""
+    rng = np.random.default_rng(2)
+    record.say("\nlight that falls off, noise: 95 % intervals of MTF50 and of sigma that hold / %")
+    for shape in ((60, 80), (70, 90), (110, 130)):
+        y, x = np.mgrid[: shape[0], : shape[1]] - 0.5 * np.array(shape)[:, None, None]
+        held = []
+        for _ in range(record.pick(1000, 100)):
+            normal_deg, bearing = float(rng.uniform(3, 40)), rng.uniform(0, 2 * np.pi)
+            image = edge_image(
+                0.95, normal_deg, has_pixel=True, shape=shape, low_dn=150.0, high_dn=2300.0
+            )
+            image *= 1 + 0.35 * (np.cos(bearing) * x + np.sin(bearing) * y) / 512
+            image += np.sqrt(9 + image / 4) * rng.standard_normal(shape)
+            edge = max(measure_edges(EdgeImage(name="", image_dn=image)), key=lambda e: e.length_px)
+            if edge.esfr_mtf50_err_cy_per_px is None or edge.optical_sigma_err_px is None:
+                continue
+            assert edge.esfr_mtf50_cy_per_px is not None
+            assert edge.optical_sigma_px is not None
+            truth = pixel_mtf50(0.95, float(np.deg2rad(normal_deg)))
+            error = edge.esfr_mtf50_cy_per_px - truth
+            held.append(
+                (
+                    abs(error) <= HELD * edge.esfr_mtf50_err_cy_per_px,
+                    abs(edge.optical_sigma_px - 0.95) <= HELD * edge.optical_sigma_err_px,
+                )
+            )
+        of_mtf50, of_sigma = 100 * np.mean(held, axis=0)
+        name = f"image of {shape[0]} px"
+        record.say(f"  {name:24s} {of_mtf50:7.1f} {of_sigma:7.1f}   {len(held)} edges")
+        record.figure(f"95 % intervals of MTF50 that hold, uneven light, {name}", of_mtf50, "%")
+        record.figure(f"95 % intervals of sigma that hold, uneven light, {name}", of_sigma, "%")
 
 
 def _gradient(slope: float, shape: tuple[int, int]) -> FloatArray:

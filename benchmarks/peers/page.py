@@ -3,7 +3,8 @@
     standoff benchmark score FOLDER/* --data DIR --out SCORES
     python -m benchmarks.peers.page FOLDER --scores SCORES/scores.json --page FILE.md
 
-``FOLDER`` is what ``python -m benchmarks.peers --all`` has written. All values are the scorer's.
+``FOLDER`` is what ``python -m benchmarks.peers --all`` has written. All values in tables are the
+scorer's; ``remarks.md`` beside this module says what explains them.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from benchmarks.peers.tasks import TRACKS, Track
 
 OURS = "standoff"
 FEWEST_PEERS = 6
+REMARKS = Path(__file__).with_name("remarks.md")
 
 SHOWN: dict[Track, tuple[str, ...]] = {
     "psf": (
@@ -85,7 +87,8 @@ def results_page(folder: Path, scores: BenchmarkScores) -> str:
             seed=scores.data_seed,
             sha256=scores.data_sha256,
             environment=environment_line(facts) + ".",
-        )
+        ),
+        REMARKS.read_text("utf-8"),
     ]
     results = {one.name: Results(folder / Path(one.folder).name) for one in scores.programs}
     for track in TRACKS:

@@ -23,7 +23,8 @@ from calibration.edge_fit.model import (
 )
 from calibration.edge_fit.residuals import profile_flags
 from calibration.edge_fit.rounding import Rounding
-from calibration.edge_search import SHORTEST_PX, EdgeSegment
+from calibration.edge_fit.shading import slope_left
+from calibration.edge_search import SHORTEST_PX, EdgeSegment, band_half_width
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 
@@ -34,6 +35,7 @@ CLIPPED_FRACTION = 0.05  # of the pixels: from here on the fit relies on what is
 # 0.9 with -5 %: no lens is quite Gaussian.
 _SEEN_LEAST = 0.9
 _CLIPPED_ERROR = 0.05  # of sigma: what is left then does not tell the width
+_SIGMA_BY_SLOPE = 1.0  # relative change of sigma by a slope of this share of the contrast
 SHARPEST_PX = 0.075  # optical widths below this look like a perfect lens
 
 
@@ -46,7 +48,9 @@ class EdgeFit:
     edge is as sharp as the pixel square alone. ``chi2_reduced`` is None where the noise is
     known from this edge's residuals only. ``clipped_fraction`` is of the pixels of the fit, None
     where the saturation level is not known. ``rounding`` tells of rounding errors that the
-    noise is too small to make random; None where there are none.
+    noise is too small to make random; None where there are none. ``slope_left`` is what light that
+    falls off may still change from the edge to the border of the pixels, in parts of the contrast;
+    the errors of the widths contain it.
     """
 
     x_px: float
@@ -65,6 +69,7 @@ class EdgeFit:
     flags: tuple[str, ...]
     clipped_fraction: float | None = None
     rounding: Rounding | None = None
+    slope_left: float = 0.0
 
     @property
     def snr(self) -> float:
@@ -124,14 +129,35 @@ def fit_edge(
     )
     if not likely.total.is_found:
         return None
+    slope = _slope_left(likely, image_dn, segment)
     # What compression adds to the error is no matter of what is seen of the rise.
     clipping = None if saturation_dn is None else _clipping_flag(likely, saturation_dn)
     if compression is not None:
         likely = behind_compression(
             likely, image_dn, segment.line, segment.clearance_px, compression
         )
+    likely = likely._replace(
+        total=_widened(likely.total, slope), optical=_widened(likely.optical, slope)
+    )
     fit = _measurement(likely, segment, clipping, is_noise_known=noise is not None)
+    fit = replace(fit, slope_left=slope)
     return fit if saturation_dn is not None else replace(fit, clipped_fraction=None)
+
+
+def _slope_left(likely: LikelyEdge, image_dn: FloatArray, segment: EdgeSegment) -> float:
+    low, high = likely.total.parameters[LOW], likely.total.parameters[HIGH]
+    sigma_px = exp(likely.total.parameters[LOG_SIGMA])
+    half_width_px = min(band_half_width(sigma_px), segment.clearance_px)
+    slope_dn_per_px = slope_left(
+        image_dn, segment.line, half_width_px, segment.clearance_px, (float(low), float(high))
+    )
+    return float(slope_dn_per_px * half_width_px / (high - low))
+
+
+def _widened(fit: WidthFit, slope: float) -> WidthFit:
+    """The fit with what a slope of this share of the contrast may do to its width."""
+    variance = fit.log_sigma_variance + (_SIGMA_BY_SLOPE * slope) ** 2
+    return fit._replace(log_sigma_variance=variance)
 
 
 def _measurement(

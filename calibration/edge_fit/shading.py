@@ -32,6 +32,7 @@ _FAR_ERRORS = 4.0  # a tail has faded there: the slope has to be seen in the far
 _AGREE_ERRORS = 3.0
 _AGREE_SHARE = 0.25  # of the slope: vignetting is not quite straight
 _BEND_ERRORS = 4.0
+_LEFT_ERRORS = 2.0
 _SLOPE_LEAST = 5e-4  # of the contrast over half the band: less does not move sigma by 0.1 %
 
 
@@ -82,6 +83,48 @@ def slopes_across(
     dark_along = _bend_along(sums[0], least) / line.half_length_px**2
     bright_along = _bend_along(sums[1], least) / line.half_length_px**2
     return Shading(dark, bright, dark_bend, bright_bend, dark_along, bright_along)
+
+
+@compiled()
+def slope_left(
+    image_dn: FloatArray,
+    line: EdgeLine,
+    half_width_px: float,
+    clearance_px: float,
+    levels_dn: tuple[float, float],
+) -> float:
+    """Slope across the edge that may be left in its pixels, both sides together, in DN/px.
+
+    Of a side whose slope is taken off, that is its error. Elsewhere light that falls off shows in
+    the difference of both sides: the tail of a PSF is alike on either, light is in proportion to
+    the level. What noise explains counts as none.
+
+    Parameters
+    ----------
+    image_dn, line, half_width_px, clearance_px
+        As for `slopes_across`.
+    levels_dn
+        Dark and bright level of the edge.
+    """
+    zone = min(_ZONE_PX, (clearance_px - half_width_px) / 2)
+    low, high = levels_dn
+    contrast = high - low
+    if zone < _ZONE_LEAST_PX or contrast <= 0:
+        return 0.0
+    sums = _zone_sums(image_dn, line, half_width_px, zone)
+    dark, bright = _zone(sums[0, 2]), _zone(sums[1, 2])
+    apart, error = bright.slope - dark.slope, sqrt(bright.error**2 + dark.error**2)
+    if abs(apart) <= _LEFT_ERRORS * error:
+        apart = 0.0
+    least = _SLOPE_LEAST * contrast / half_width_px
+    squares = 0.0
+    for side in range(2):
+        slope, bend = _side_slope(sums[side], least)
+        is_taken_off = slope != 0.0 or bend != 0.0
+        level = high if side else low
+        left = (bright.error if side else dark.error) if is_taken_off else apart * level / contrast
+        squares += left * left
+    return sqrt(squares)
 
 
 @compiled_part()

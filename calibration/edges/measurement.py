@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from calibration.edge_fit import CLIPPED_FRACTION, EdgeFit, fit_edge
+from calibration.edge_fit import CLIPPED_FRACTION, EdgeFit, JpegCompression, fit_edge
 from calibration.edge_search import EdgeSegment, band_half_width, find_edges
 from calibration.edges.binned import BinnedEdge, bin_edge
 from calibration.edges.esfr import (
@@ -44,6 +44,9 @@ REJECTING_FLAGS = frozenset(
 _CLIPPED_FLAGS = {"clipped", "saturated"}  # the fit itself judges how far the levels are seen
 _UNSEEN_MOST = 0.05  # of the contrast: in the narrowest band, 2 sigma + 1 px, 2.3 % are not seen
 _SIGMA_STEP = 1e-4  # relative
+# Relative change of MTF50 by a slope of this share of the contrast: contrast is told from a band
+# twice as wide as the one that the width is fitted in.
+_MTF50_BY_SLOPE = 2.5
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
 
@@ -168,12 +171,13 @@ def _measured_edge(
 ) -> EdgeMeasurement | None:
     """Measure one edge of the pixels that are used; None where nothing fits."""
     image = source.image_dn
+    compression = source.compression_at(segment)
     found = fit_edge(
         image,
         segment,
         noise=source.noise,
         saturation_dn=source.saturation_dn,
-        compression=source.compression_at(segment),
+        compression=compression,
     )
     fit = None if found is None else _determined(found)
     if fit is None:
@@ -195,7 +199,7 @@ def _measured_edge(
         border = border_flags(even, fit, is_jpeg=source.is_jpeg)
         fit = replace(fit, flags=(*fit.flags, *border))
         binned = bin_edge(even, on_sensor, source.pitch_px)
-        contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor))
+        contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor)).widened(fit, compression)
     rough_px = roughness_px(samples, fit.sigma_px)
     if method == "paper":
         widened = lsf_fit(edge_samples(image, segment, fit, near_px), fit)
@@ -260,6 +264,21 @@ class _Contrast:
         if gap_px > WIDEST_GAP_PX * binned.pitch_px and _differs(esfr, gaussian):
             return cls(missing=gap_message(binned, gap_px))
         return cls(esfr=esfr)
+
+    def widened(self, fit: EdgeFit, compression: JpegCompression | None) -> "_Contrast":
+        """The same with what uneven light and compression may have done to MTF50 in its error."""
+        if self.esfr is None:
+            return self
+        mtf50, err = self.esfr.mtf50_cy_per_px, self.esfr.mtf50_err_cy_per_px
+        if mtf50 is None or err is None:
+            return self
+        by_slope, by_steps = _MTF50_BY_SLOPE * fit.slope_left, 0.0
+        if compression is not None:
+            by_steps = compression.mtf50_error(
+                mtf50, fit.normal_rad, (fit.low_dn, fit.high_dn), fit.length_px
+            )
+        err = math.hypot(err, mtf50 * by_slope, mtf50 * by_steps)
+        return replace(self, esfr=replace(self.esfr, mtf50_err_cy_per_px=err))
 
 
 def _measurement(
