@@ -37,15 +37,20 @@ def first_difference(shown: str, printed: str) -> str | None:
 
 def agrees(shown: str, printed: str) -> bool:
     """Whether one line that a page shows is the line that was printed."""
-    pattern, place, numbers = "", 0, []
-    for match in _NUMBER.finditer(shown):
-        pattern += _words(shown[place : match.start()]) + r"([-+]?[\d.,]+(?:e[-+]?\d+)?)"
-        numbers.append(match[0])
-        place = match.end()
-    found = re.fullmatch(pattern + _words(shown[place:]), printed)
+    found = re.fullmatch(_pattern(shown), printed)
+    numbers = _NUMBER.findall(shown)
     return found is not None and all(
         _near(mine, its) for mine, its in zip(numbers, found.groups(), strict=True)
     )
+
+
+def _pattern(line: str) -> str:
+    """Of lines with the words of ``line`` and any numbers, a group each."""
+    pattern, place = "", 0
+    for match in _NUMBER.finditer(line):
+        pattern += _words(line[place : match.start()]) + r"([-+]?[\d.,]+(?:e[-+]?\d+)?)"
+        place = match.end()
+    return pattern + _words(line[place:])
 
 
 def _plain(line: str) -> str:
@@ -69,3 +74,34 @@ def _near(shown: str, printed: str) -> bool:
         return mine == its
     last_digit = 10.0 ** (int(exponent or 0) - decimals)
     return abs(mine - its) <= max(2 * last_digit, RELATIVE * abs(mine)) * (1 + 1e-9)
+
+
+def with_its_numbers(shown: str, printed: str) -> str:
+    """``shown`` with the numbers that were printed, in lines that agree in words alone.
+
+    Of several such lines it is the one with the most numbers as they were. A number that ``...``
+    follows stays.
+    """
+    lines = [_plain(line) for line in printed.splitlines()]
+    renewed, place = [], 0
+    for line in shown.splitlines(keepends=True):
+        mine = _NUMBER.findall(_plain(line))
+        alike = [
+            (at, found.groups())
+            for at in range(place, len(lines))
+            if mine and (found := re.fullmatch(_pattern(_plain(line)), lines[at]))
+        ]
+        agreeing = [at for at, _ in alike if agrees(_plain(line), lines[at])]
+        if agreeing or not alike:
+            renewed.append(line)
+            place = agreeing[0] + 1 if agreeing else place
+            continue
+        at, its = max(alike, key=lambda one: sum(map(str.__eq__, mine, one[1])))
+        renewed.append(_renumbered(line, its))
+        place = at + 1
+    return "".join(renewed)
+
+
+def _renumbered(line: str, numbers: tuple[str, ...]) -> str:
+    its = iter(numbers)
+    return _NUMBER.sub(lambda old: (old[0], next(its))[not line.startswith("...", old.end())], line)

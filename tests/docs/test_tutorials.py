@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.blocks import CHECKOUT, Block, blocks, terminal
-from tests.docs.shown import agrees, first_difference
+from tests.docs.shown import agrees, first_difference, with_its_numbers
 
 TUTORIALS = sorted((CHECKOUT / "docs").glob("tutorial-*.md"))
 READ = ("configs", "tests/data", "standoff/example_photographs")
@@ -87,3 +87,11 @@ def test_blocks_are_found_with_what_is_said_of_them() -> None:
         Block(language="sh", code="false\n", how="ends with status 1", shown="out\n", line=4)
     ]
     assert blocks("```toml\na = 1\n```\n") == []
+
+
+def test_numbers_are_renewed_where_the_words_are_the_same_and_nothing_else_is() -> None:
+    shown = "one 1.20 px\n...\n│ two │  7 of 9 │ ... MB\nthree 3\n"
+    printed = "one 1.50 px\nmore\n┃ two ┃ 8 of 9 ┃ 12 MB\nfour 3\n".replace("┃", "│")
+    assert with_its_numbers(shown, printed) == (
+        "one 1.50 px\n...\n│ two │  8 of 9 │ ... MB\nthree 3\n"
+    )
