@@ -12,9 +12,8 @@ from math import cos, pi, sin
 import cv2
 import numpy as np
 import scipy.fft
-from numba import njit
-from numpy.typing import NDArray
 
+from hil_mocks.benchmark_set.spline_scene import spline_at
 from simulation.arrays import Float32Array, FloatArray
 
 SAMPLES_PER_PX = 4
@@ -40,40 +39,7 @@ class FlatScene:
         left, top = self.origin_px
         x = (np.ravel(x_px) + left) * SAMPLES_PER_PX
         y = (np.ravel(y_px) + top) * SAMPLES_PER_PX
-        return _spline_at(self.coefficients, x, y).reshape(np.shape(x_px))
-
-
-@njit(cache=True)
-def _spline_at(coefficients: Float32Array, x: FloatArray, y: FloatArray) -> Float32Array:
-    rows, cols = coefficients.shape
-    levels = np.empty(len(x), dtype=np.float32)
-    across, down = np.empty(4), np.empty(4)
-    col, row = np.empty(4, dtype=np.int64), np.empty(4, dtype=np.int64)
-    for i in range(len(x)):
-        _taps(x[i], cols, across, col)
-        _taps(y[i], rows, down, row)
-        level = 0.0
-        for j in range(4):
-            line = 0.0
-            for k in range(4):
-                line += across[k] * coefficients[row[j], col[k]]
-            level += down[j] * line
-        levels[i] = level
-    return levels
-
-
-@njit(cache=True)
-def _taps(position: float, count: int, weight: FloatArray, index: NDArray[np.int64]) -> None:
-    """Cubic B-spline around a position; indices are mirrored at the border."""
-    first = int(np.floor(position))
-    t = position - first
-    weight[0] = (1 - t) ** 3 / 6
-    weight[1] = (4 - 6 * t * t + 3 * t**3) / 6
-    weight[2] = (1 + 3 * t + 3 * t * t - 3 * t**3) / 6
-    weight[3] = t**3 / 6
-    for j in range(4):
-        place = (first - 1 + j) % (2 * count)
-        index[j] = place if place < count else 2 * count - 1 - place
+        return spline_at(self.coefficients, x, y).reshape(np.shape(x_px)).astype(np.float32)
 
 
 Painter = Callable[[np.random.Generator, tuple[int, int]], FloatArray]

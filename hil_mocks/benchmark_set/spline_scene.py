@@ -31,14 +31,18 @@ class SplineScene:
         return spline_at(self.coefficients, x, y)
 
 
-def spline_at(coefficients: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+def spline_at(
+    coefficients: FloatArray | NDArray[np.float32], x: FloatArray, y: FloatArray
+) -> FloatArray:
     """Cubic B-spline at positions in units of its coefficients; mirrored at its borders."""
     flat = _spline_at(coefficients, np.ravel(x), np.ravel(y))
     return np.asarray(flat.reshape(np.shape(x)))
 
 
 @njit(cache=True)
-def _spline_at(coefficients: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+def _spline_at(
+    coefficients: FloatArray | NDArray[np.float32], x: FloatArray, y: FloatArray
+) -> FloatArray:
     rows, cols = coefficients.shape
     levels = np.empty(len(x))
     across, down = np.empty(4), np.empty(4)
