@@ -72,7 +72,7 @@ def is_running(pid: int) -> bool:
     return state != "Z"
 
 
-def ends_soon(pid: int, within_s: float = 5.0) -> bool:
+def ends_soon(pid: int, within_s: float = 30.0) -> bool:
     until_s = time.monotonic() + within_s
     while is_running(pid) and time.monotonic() < until_s:
         time.sleep(0.02)
