@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from calibration.edges import REJECTING_FLAGS
 from calibration.psf import Estimate, PsfCalibration
 from calibration.sharpness import (
     MODEL_REMARK,
@@ -94,7 +96,22 @@ def _print_source(calibration: PsfCalibration) -> None:
         clear = sum(is_clear(edge) for edge in calibration.edges)
         say(f"{clear} of {len(calibration.edges)} edges are clear enough")
     else:
-        say(f"{len(calibration.edges_used)} of {len(calibration.edges)} edges used")
+        used = f"{len(calibration.edges_used)} of {len(calibration.edges)} edges used"
+        say("; ".join([used, *_left_out(calibration)]))
+
+
+def _left_out(calibration: PsfCalibration) -> list[str]:
+    """The flags for which edges are left out, the commonest first; an edge may have several."""
+    counted = Counter(
+        flag
+        for edge in calibration.edges
+        if not edge.is_used
+        for flag in REJECTING_FLAGS.intersection(edge.flags)
+    )
+    if not counted:
+        return []
+    ordered = sorted(counted.items(), key=lambda one: (-one[1], one[0]))
+    return ["left out: " + ", ".join(f"{count} {flag}" for flag, count in ordered)]
 
 
 def _cells(estimate: Estimate | None) -> list[str]:

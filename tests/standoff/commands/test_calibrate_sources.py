@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import tifffile
 from PIL import Image
 
 from calibration.documents import write_document
+from calibration.edges import REJECTING_FLAGS
 from calibration.errors import NoiseFileError
 from calibration.noise.correction_maps import CorrectionMaps
 from calibration.noise.document import NoiseCalibration, write_map_files
@@ -195,3 +197,20 @@ def test_a_psf_that_changes_over_the_frame_is_told_and_stored_as_a_field(
     assert done.status == 0, done.err
     assert "the PSF changes over the frame: psf.json holds its field" in done.out
     assert json.loads((tmp_path / "psf.json").read_text())["field"] is not None
+
+
+@pytest.mark.slow
+def test_edges_that_are_left_out_are_counted_by_their_flags(
+    command: Command, tmp_path: Path
+) -> None:
+    board = Path(__file__).parents[2] / "data" / "chessboards" / "left01.jpg"
+    done = command("calibrate", board, "--out", tmp_path / "psf.json")
+    edges = json.loads((tmp_path / "psf.json").read_text())["edges"]
+    used = [edge for edge in edges if not REJECTING_FLAGS & set(edge["flags"])]
+    line = next(line for line in done.out.splitlines() if "edges used" in line)
+    assert line.startswith(f"{len(used)} of {len(edges)} edges used; left out: ")
+    left_out = [each.split(" ") for each in line.split("left out: ")[1].split(", ")]
+    rejected = [flag for edge in edges for flag in REJECTING_FLAGS.intersection(edge["flags"])]
+    counted = Counter(rejected)
+    assert {flag: int(count) for count, flag in left_out} == counted
+    assert [int(count) for count, _ in left_out] == sorted(counted.values(), reverse=True)
