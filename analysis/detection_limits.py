@@ -101,8 +101,8 @@ def spot_sentence(limit: DetectionLimit) -> str:
     """Say which spots of the mapped width would have been found, and where one asked about."""
     spot = limit.mapped
     sentence = (
-        f"a spot of {size_text(spot, limit)} and {spot.p95_dn:.2g} DN would have been found "
-        f"({100 * limit.power:.0f} %) in 95 % of the compared area"
+        f"a spot of {size_text(spot, limit)} and {level_text(spot.p95_dn)} DN "
+        f"would have been found ({100 * limit.power:.0f} %) in 95 % of the compared area"
     )
     if limit.contrast_dn is not None and spot.reached_fraction is not None:
         sentence += (
@@ -115,7 +115,8 @@ def prediction_sentence(predicted: PredictedLimit) -> str:
     """Say how the limit that a pair shows and the predicted one compare, and why."""
     said = (
         f"for a change that shows as a spot of {predicted.spot_sigma_px:.2g} px, the pair shows a "
-        f"limit of {predicted.shown_dn:.2g} DN where {predicted.median_dn:.2g} DN were predicted"
+        f"limit of {level_text(predicted.shown_dn)} DN where "
+        f"{level_text(predicted.median_dn)} DN were predicted"
     )
     if predicted.lost_to:
         return f"{said}: {'; '.join(predicted.lost_to)}"
@@ -130,6 +131,11 @@ def size_text(spot: SpotLimit, limit: DetectionLimit) -> str:
     if spot.spot_sigma_mm is None:
         return text
     return f"{text} ({spot.spot_sigma_mm:.2g} mm{_WHERE[limit.pixel_size_on or 'scene']})"
+
+
+def level_text(level_dn: float) -> str:
+    """Two digits of a level, without an exponent."""
+    return f"{float(f'{level_dn:.2g}'):g}"
 
 
 def percent_text(share: float) -> str:

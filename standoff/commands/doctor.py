@@ -52,7 +52,7 @@ def cameras(*, json: terminal.Json = False) -> None:
         )
         return
     terminal.print_table(
-        f"{len(found)} cameras",
+        f"{len(found)} camera{'s' * (len(found) != 1)}",
         ["address", "vendor", "model", "serial number", "hardware address", "id"],
         [[c.address, c.vendor, c.model, c.serial_number, c.hardware_address, c.id] for c in found],
     )

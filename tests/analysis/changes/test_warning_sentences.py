@@ -1,9 +1,11 @@
 """What is said of doubtful changes, on masks drawn by hand."""
 
 import numpy as np
+import pytest
 
 from analysis.changes.document import Change
 from analysis.changes.warning_sentences import ChangeMasks, change_warnings
+from analysis.detection_limits import level_text
 from simulation.arrays import BoolArray
 
 SHAPE = (200, 300)
@@ -99,3 +101,10 @@ def test_a_small_overlap_is_said_with_its_share() -> None:
 
 def test_no_overlap_at_all_has_a_sentence_too() -> None:
     assert len(change_warnings([], masks(valid=NONE))) == 1
+
+
+@pytest.mark.parametrize(
+    ("level_dn", "text"), [(4.68, "4.7"), (102.4, "100"), (1380.0, "1400"), (0.034, "0.034")]
+)
+def test_levels_have_two_digits_and_no_exponent(level_dn: float, text: str) -> None:
+    assert level_text(level_dn) == text
