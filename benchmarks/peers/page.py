@@ -173,7 +173,9 @@ def _who_is_better(scores: BenchmarkScores, track: Track, number: int) -> list[s
         else ""
     )
     if not lines:
-        return [f"No program has a better value than standoff in any column but the time, of {count}."]
+        return [
+            f"No program has a better value than standoff in any column but the time, of {count}."
+        ]
     return [f"**Better than standoff**, of {count}:", "\n".join(lines)]
 
 
