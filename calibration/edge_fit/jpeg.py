@@ -49,7 +49,7 @@ _USUAL_NOISE = 0.7  # codes, before compression
 # 200, noise 0.5 to 2 codes).
 _ERROR_PER_STEP = 0.8
 # Relative error of MTF50 beyond its stated one, for a step in parts of the contrast at that
-# frequency, by an edge that is a block long: 480 edges of 53 px at qualities of 85 and 95.
+# frequency, by an edge that is a block long: 288 edges of 53 px at qualities of 85 and 95.
 _MTF50_PER_STEP = 0.9
 _REC601 = np.array([0.299, 0.587, 0.114])  # of codes: ITU-T T.871, section 7
 _BESIDE_PX = 8.0  # of an edge

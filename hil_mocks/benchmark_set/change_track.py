@@ -70,7 +70,7 @@ class ChangedPair:
         """See `Task.rendered`."""
         shared, rng = (
             stream(self.seed, self.track, self.pair),
-            stream(self.seed, "changes", self.name),
+            stream(self.seed, self.track, self.name),
         )
         pose = pose_of(shared, self.kind, self.shape, largest_zoom=2.0)
         condition = self._condition(shared)

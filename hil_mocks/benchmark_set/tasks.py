@@ -94,10 +94,7 @@ SIZES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RenderedTask:
-    """A task as the set holds it: its files by path, what it says, and the truth.
-
-    ``truth_files`` lie below ``truth/``.
-    """
+    """A task as the set holds it: its files by path, what it says, and the truth."""
 
     files: dict[str, bytes] = field(repr=False)
     task: dict[str, Any]

@@ -103,10 +103,7 @@ def _print_source(calibration: PsfCalibration) -> None:
 def _left_out(calibration: PsfCalibration) -> list[str]:
     """The flags for which edges are left out, the commonest first; an edge may have several."""
     counted = Counter(
-        flag
-        for edge in calibration.edges
-        if not edge.is_used
-        for flag in REJECTING_FLAGS.intersection(edge.flags)
+        flag for edge in calibration.edges for flag in REJECTING_FLAGS.intersection(edge.flags)
     )
     if not counted:
         return []
