@@ -15,14 +15,17 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.bench_edge_fit import exact_edge
-from benchmarks.edge_scenes import Rectangle, pixel_means
+from benchmarks.edge_scenes import Rectangle, patches, pixel_means
 from benchmarks.harness import Recorder, bench_parser
 from calibration.edge_fit import EdgeFit, JpegCompression, fit_edge
 from calibration.edge_search import EdgeSegment, find_edges
+from calibration.edges import EdgeImage
+from calibration.psf import calibrate_psf
 from simulation.arrays import FloatArray
 
 Range = tuple[float, float]
 LEAST_SIDE_PX, LARGEST_SIDE_PX = 90, 130
+BOARD_SHAPE, BOARD_FIELDS = (280, 340), (6, 8)
 HELD = 1.959964
 
 
@@ -36,11 +39,18 @@ class Tally:
 
     def add(self, fit: EdgeFit | None, sigma_px: float) -> None:
         """Count a fit of an edge of known width, or that there is none."""
-        if fit is None or fit.optical_sigma_px is None or fit.optical_sigma_err_px is None:
+        if fit is None:
+            self.missed += 1
+        else:
+            self.add_width(fit.optical_sigma_px, fit.optical_sigma_err_px, sigma_px)
+
+    def add_width(self, found_px: float | None, err_px: float | None, sigma_px: float) -> None:
+        """Count a width of a lens of known width, or that there is none."""
+        if found_px is None or err_px is None:
             self.missed += 1
             return
-        self.scaled.append((fit.optical_sigma_px - sigma_px) / fit.optical_sigma_err_px)
-        self.relative.append(fit.optical_sigma_px / sigma_px - 1)
+        self.scaled.append((found_px - sigma_px) / err_px)
+        self.relative.append(found_px / sigma_px - 1)
 
     def line(self) -> str:
         """Write RMS, largest, coverage, RMS and worst in %, and what was missed."""
@@ -174,6 +184,57 @@ def squares(record: Recorder, sides: int) -> None:
             record.say(f"  {side_px:4d}   {noise!s:11} {quality:5d} {tally.line()}")
 
 
+def board_scene(rng: np.random.Generator, sigma_px: float) -> FloatArray:
+    """A chessboard with fields of 24 to 38 px, a few degrees from upright, with noise."""
+    pitch, turn = rng.uniform(24, 38), np.deg2rad(rng.uniform(-8, 8))
+    dark, white = rng.uniform(30, 60), rng.uniform(150, 220)
+    c, s = np.cos(turn), np.sin(turn)
+    middle = BOARD_SHAPE[1] / 2 + rng.uniform(0, 8), BOARD_SHAPE[0] / 2 + rng.uniform(0, 8)
+    rows, cols = BOARD_FIELDS
+    squares = []
+    for row in range(rows):
+        for col in range(row % 2, cols, 2):
+            u, v = pitch * (col + 0.5 - cols / 2), pitch * (row + 0.5 - rows / 2)
+            squares.append(
+                Rectangle(
+                    x_px=middle[0] + c * u - s * v,
+                    y_px=middle[1] + s * u + c * v,
+                    half_px=(pitch / 2, pitch / 2),
+                    angle_rad=turn,
+                    level_dn=dark,
+                )
+            )
+    image = patches(BOARD_SHAPE, squares, white, sigma_px)
+    return image + rng.uniform(0.5, 1.5) * rng.standard_normal(image.shape)
+
+
+def boards(record: Recorder, count: int) -> None:
+    """Widths of the lens from all edges of a board together."""
+    record.say(
+        f"\nboards of fields of 24 to 38 px, {count} a line: sigma_x and sigma_y of the lens"
+    )
+    record.say("  quality  sigma    rms   most  in 95 %  rms %  worst %  missed")
+    for quality in (50, 75, 90):
+        for sigma in (0.6, 0.9, 1.4):
+            rng, tally = np.random.default_rng(quality), Tally()
+            for _ in range(count):
+                levels, compression = compressed(board_scene(rng, sigma), quality)
+                source = EdgeImage(
+                    name="board",
+                    image_dn=levels,
+                    saturation_dn=255.0,
+                    is_jpeg=True,
+                    compression=compression,
+                )
+                psf = calibrate_psf([source])
+                tally.add_width(psf.optical_sigma_x_px, psf.optical_sigma_x_err_px, sigma)
+                tally.add_width(psf.optical_sigma_y_px, psf.optical_sigma_y_err_px, sigma)
+            name = f"boards, sigma {sigma}, JPEG {quality}"
+            record.figure(f"in the 95 % interval, {name}", tally.coverage, "%")
+            record.figure(f"worst error, {name}", 100 * max(map(abs, tally.relative)), "%")
+            record.say(f"  {quality:7d} {sigma:6.1f} {tally.line()}")
+
+
 def main() -> None:
     parser = bench_parser(__doc__)
     parser.add_argument("--edges", type=int, help="edges a line, 1000 by default")
@@ -184,6 +245,7 @@ def main() -> None:
         eight_bits(record, edges)
         jpegs(record, edges)
         squares(record, record.pick(480, 24))
+        boards(record, record.pick(40, 2))
 
 
 if __name__ == "__main__":

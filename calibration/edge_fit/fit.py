@@ -129,6 +129,8 @@ def fit_edge(
     )
     if not likely.total.is_found:
         return None
+    # What noise tells no better may be no edge at all; what compression hides of one is weighted.
+    is_vague = sqrt(likely.total.log_sigma_variance) > _NOISIEST_ERROR
     slope = _slope_left(likely, image_dn, segment)
     # What compression adds to the error is no matter of what is seen of the rise.
     clipping = None if saturation_dn is None else _clipping_flag(likely, saturation_dn)
@@ -139,7 +141,9 @@ def fit_edge(
     likely = likely._replace(
         total=_widened(likely.total, slope), optical=_widened(likely.optical, slope)
     )
-    fit = _measurement(likely, segment, clipping, is_noise_known=noise is not None)
+    fit = _measurement(
+        likely, segment, clipping, is_vague=is_vague, is_noise_known=noise is not None
+    )
     fit = replace(fit, slope_left=slope)
     return fit if saturation_dn is not None else replace(fit, clipped_fraction=None)
 
@@ -165,6 +169,7 @@ def _measurement(
     segment: EdgeSegment,
     clipping: str | None,
     *,
+    is_vague: bool,
     is_noise_known: bool,
 ) -> EdgeFit:
     total = likely.total.parameters
@@ -182,7 +187,6 @@ def _measurement(
     position = best.parameters
     angle = segment.normal_rad + position[TURN] / half_length_px
     contrast = abs(best.parameters[HIGH] - best.parameters[LOW])
-    is_vague = sigma_err > _NOISIEST_ERROR * sigma
     flags = list(profile_flags(likely.profile, contrast))
     if clipping is not None:
         flags.insert(0, clipping)

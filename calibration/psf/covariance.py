@@ -5,7 +5,7 @@ three elements of Sigma: weighted least squares on the squared widths gives them
 (the paper's medians of vertical and horizontal edges are the special case of two angles).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 
 import numpy as np
@@ -37,14 +37,31 @@ class Estimate:
         reach = _NORMAL_95 * err
         return cls(value=value, err=err, low=value - reach, high=value + reach)
 
+    @property
+    def half_width(self) -> float:
+        """Half of the 95 % interval."""
+        return 0.5 * (self.high - self.low)
+
     def with_shared(self, captures: CaptureFit | None) -> "Estimate":
         """Return a width whose error holds what edges of one capture share."""
         if captures is None or captures.shared_err_px2 == 0:
             return self
         per_px = 1 / (2 * self.value)
         err = hypot(self.err, captures.shared_err_px2 * per_px)
-        half = hypot(0.5 * (self.high - self.low), _NORMAL_95 * shared_reach_px2(captures) * per_px)
+        half = hypot(self.half_width, _NORMAL_95 * shared_reach_px2(captures) * per_px)
         return Estimate(value=self.value, err=err, low=self.value - half, high=self.value + half)
+
+    def with_relative(self, error: float) -> "Estimate":
+        """Return an estimate that has an independent relative error more."""
+        more = error * self.value
+        below = hypot(self.value - self.low, _NORMAL_95 * more)
+        above = hypot(self.high - self.value, _NORMAL_95 * more)
+        return Estimate(
+            value=self.value,
+            err=hypot(self.err, more),
+            low=self.value - below,
+            high=self.value + above,
+        )
 
     def __str__(self) -> str:
         return f"{self.value:.4f} ± {self.err:.4f}"
@@ -138,6 +155,22 @@ class CovarianceFit(PsfEstimates):
     def edges_used(self) -> int:
         """Number of edges with a weight above one half."""
         return int(np.count_nonzero(self.weights > 0.5))
+
+    def with_relative(self, error: float) -> "CovarianceFit":
+        """Return the fit with a relative error more that all widths share."""
+        x, y = self.sigma_x_px, self.sigma_y_px
+        joint = self.estimate_covariance
+        if joint is not None:
+            widths = [one.value for one in (x, y) if one is not None]
+            shared = np.zeros(len(joint))
+            shared[: len(widths)] = error * np.array(widths)
+            joint = joint + np.outer(shared, shared)
+        return replace(
+            self,
+            sigma_x_px=None if x is None else x.with_relative(error),
+            sigma_y_px=None if y is None else y.with_relative(error),
+            estimate_covariance=joint,
+        )
 
 
 def fit_covariance(
@@ -294,7 +327,7 @@ def _determined_fully(
     slopes = _slopes(xx, xy, yy)
     joint = slopes @ fit.covariance @ slopes.T
     rho = _correlation(fit, slopes[2])
-    if x is None or y is None or rho.err > _RHO_ERR_MOST:
+    if x is None or y is None or max(rho.err, rho.half_width / _NORMAL_95) > _RHO_ERR_MOST:
         return None
     if max(x.err / x.value, y.err / y.value) > _WIDTH_ERR_MOST:
         return None

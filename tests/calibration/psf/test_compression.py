@@ -1,0 +1,73 @@
+"""Boards behind JPEG: edges whose width it hides, and what it does to all of them alike."""
+
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from calibration.edge_fit import JpegCompression
+from calibration.edges import EdgeImage
+from calibration.psf.calibration import calibrate_psf
+from simulation.arrays import FloatArray
+from tests.calibration.squares import chart
+
+SIGMA_PX = 0.7  # of the lens
+ROWS, COLS = 300, 380
+
+
+def board(rng: np.random.Generator) -> FloatArray:
+    """Dark squares of 26 px in closed form, with noise of .8 DN, in DN."""
+    turn_deg = float(rng.uniform(-10.0, 10.0))
+    cover = chart(ROWS, COLS, pitch_px=44.0, side_px=26.0, turn_deg=turn_deg, sigma_px=SIGMA_PX)
+    return 190.0 - 140.0 * cover + rng.normal(0.0, 0.8, cover.shape)
+
+
+def compressed(image_dn: FloatArray, quality: int) -> EdgeImage:
+    data = BytesIO()
+    Image.fromarray(np.rint(image_dn).astype(np.uint8)).save(data, "JPEG", quality=quality)
+    with Image.open(data) as opened:
+        steps = np.array(opened.quantization[0], dtype=np.float64).reshape(8, 8)  # type: ignore[attr-defined]  # JPEG's own
+        levels = np.asarray(opened, dtype=np.float64)
+    return EdgeImage(
+        name="board.jpg",
+        image_dn=levels,
+        saturation_dn=255.0,
+        is_jpeg=True,
+        compression=JpegCompression(steps=steps, code_levels_dn=np.arange(256.0)),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quality", [50, 75, 90])
+def test_short_edges_of_a_compressed_board_count_and_its_errors_hold_what_all_have_lost(
+    quality: int,
+) -> None:
+    rng = np.random.default_rng(quality)
+    for _ in range(3):
+        psf = calibrate_psf([compressed(board(rng), quality)])
+        assert sum("too_noisy" in edge.flags for edge in psf.edges) == 0
+        assert sum(edge.is_used for edge in psf.edges) >= 0.9 * len(psf.edges) >= 100
+        for value, err in (
+            (psf.optical_sigma_x_px, psf.optical_sigma_x_err_px),
+            (psf.optical_sigma_y_px, psf.optical_sigma_y_err_px),
+        ):
+            assert value is not None
+            assert err is not None
+            # Of bench_edge_levels' 240 widths the worst was off by 2.4 times its error.
+            assert abs(value - SIGMA_PX) < 3.5 * err
+            assert err < 0.1 * SIGMA_PX
+
+
+def test_a_board_that_was_not_compressed_has_no_such_error() -> None:
+    clean = board(np.random.default_rng(1))
+    plain = EdgeImage(name="board.tif", image_dn=clean, saturation_dn=255.0)
+    marked = EdgeImage(name="board.jpg", image_dn=clean, saturation_dn=255.0, is_jpeg=True)
+    first, second = calibrate_psf([plain]), calibrate_psf([marked])
+    assert first.sigma_x_px == second.sigma_x_px
+    assert first.sigma_x_err_px is not None
+    assert second.sigma_x_err_px is not None
+    median = np.median([e.sigma_err_px / e.sigma_px for e in second.edges if e.is_used])
+    own, whole = first.sigma_x_err_px, second.sigma_x_err_px
+    assert second.sigma_x_px is not None
+    assert np.sqrt(whole**2 - own**2) == pytest.approx(0.25 * median * second.sigma_x_px, rel=1e-6)
