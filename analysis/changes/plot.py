@@ -47,9 +47,9 @@ def changes_figure(found: "ChangeResult") -> Figure:
             color="#D55E00",
             fontsize=8,
         )
-    panels[0, 0].set_title(
-        f"follow-up, {len(found.summary.changes)} changes, {found.summary.changed_px} px changed"
-    )
+    count = len(found.summary.changes)
+    changes = f"{count} change{'' if count == 1 else 's'}"
+    panels[0, 0].set_title(f"follow-up, {changes}, {found.summary.changed_px} px changed")
     for axes, image, title, span, label in (
         (panels[0, 1], found.plain_difference_dn, "plain difference", reach, "DN"),
         (panels[1, 0], found.difference_dn, "not explained by the pose", reach, "DN"),

@@ -151,7 +151,7 @@ PROGRAMS = (
     ),
     Program(
         name="spectrum",
-        given="a Gaussian fitted to the power spectrum, the scene's falling as 1/f^2: the further "
+        given="a Gaussian fitted to the power spectrum, the scene's falling as 1/f²: the further "
         "photograph and its noise",
         answers={"psf": of_photographs(spectrum)},
     ),

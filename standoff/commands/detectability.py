@@ -14,7 +14,7 @@ from standoff import library, terminal
 from standoff.errors import ArgumentError
 
 if TYPE_CHECKING:
-    from analysis.detectability import DetectabilityCurves
+    from analysis.detectability import DetectabilityCurve, DetectabilityCurves
 
 _Name = TypeVar("_Name", bound=str)
 
@@ -165,10 +165,29 @@ def _show_curves(out: Path, figures: list[Path], found: DetectabilityCurves, *, 
         [[curve.name, *(f"{value:.2f}" for value in curve.dprime)] for curve in shown],
     )
     terminal.say(
+        *_which_row(shown),
         "d' is an upper bound: exposure, registration, gloss, parallax and defocus only lower it",
         *filter(None, (found.too_few_sentence, found.unknown_sentence)),
         f"wrote {url_of(out)} and {', '.join(files)}",
     )
+
+
+_READS_AS = {
+    "bicubic": "bicubic knows no PSF and is too optimistic",
+    "npw": "npw takes the scene's detail for white noise",
+    "hotelling": "hotelling is the best that any linear detector does",
+    "cho": "cho is nearly that, through six channels alone",
+    "changes": "changes is what standoff changes does",
+}
+
+
+def _which_row(shown: list[DetectabilityCurve]) -> list[str]:
+    """What tells the rows apart, where there are several models or observers."""
+    models = dict.fromkeys(str(curve.model) for curve in shown)
+    observers = dict.fromkeys(str(curve.observer) for curve in shown)
+    told = [_READS_AS[name] for name in models if len(models) > 1 and name in _READS_AS]
+    told += [_READS_AS[name] for name in observers if len(observers) > 1 and name in _READS_AS]
+    return [f"which row to read: {'; '.join(told)}"] if told else []
 
 
 def _chosen(text: str, option: str, known: tuple[_Name, ...]) -> tuple[_Name, ...]:
