@@ -245,6 +245,8 @@ def read_evaluation(path: Path) -> Evaluation:
 def is_evaluation(path: Path) -> bool:
     """Whether a file says that it is an evaluation.json."""
     try:
+        if not path.is_file():  # opening a pipe would wait for its writer
+            return False
         with path.open("rb") as file:
             return EVALUATION_SCHEMA.encode() in file.read(_HEAD_BYTES)
     except OSError:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from acquisition.errors import PlanError
 from acquisition.plan import CapturePlan, load_plan
+from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_toml
 from standoff.console.plan_drafts import plan_toml
 from standoff.console.session_library import is_session_name
@@ -96,6 +97,6 @@ class PlanLibrary:
 def _is_plan(path: Path) -> bool:
     """Whether a TOML file claims to be a plan; its content is checked when it is loaded."""
     try:
-        return parse_toml(path.read_bytes()).get("schema") == PLAN_SCHEMA
+        return parse_toml(read_regular_file(path)).get("schema") == PLAN_SCHEMA
     except (OSError, ValueError):
         return False

@@ -10,8 +10,10 @@ from acquisition.errors import BenchConfigError, SessionError
 from acquisition.regular_files import read_regular_file
 from acquisition.session.reader import Session
 from acquisition.untrusted import MOST_BRACKETS, parse_json
+from analysis.errors import ResultsFileError
 from calibration.errors import PsfFileError
 from calibration.files import read_psf
+from standoff.library.detectability import read_any_curves
 from tests.acquisition.session_fixtures import writer
 
 
@@ -41,6 +43,8 @@ def test_documents_sessions_and_bench_files_never_wait_for_a_pipe_or_read_a_devi
             read_psf(path)
         with pytest.raises(BenchConfigError, match="not a file"):
             load_bench(path)
+        with pytest.raises(ResultsFileError, match="not a file"):
+            read_any_curves(path)
     writer(tmp_path / "session").close()
     journal = tmp_path / "session" / "journal.jsonl"
     journal.unlink()

@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.detection_limits import DetectionLimit, spot_sentence
 from calibration.sharpness import NORMAL_95
@@ -50,9 +51,9 @@ def key_figures(kind: str, path: Path) -> KeyFigures | None:
 def read_document(path: Path) -> dict[str, Any]:
     """The JSON object in a file; empty if there is none that can be read."""
     try:
-        if path.is_symlink() or path.stat().st_size > MAX_RESULT_BYTES:
+        if path.is_symlink():
             return {}
-        document = parse_json(path.read_bytes())
+        document = parse_json(read_regular_file(path, MAX_RESULT_BYTES))
     except (OSError, ValueError):
         return {}
     return document if isinstance(document, dict) else {}

@@ -14,6 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from acquisition.regular_files import read_regular_file
 from acquisition.remote_files import is_url, url_of
 from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
@@ -199,10 +200,10 @@ def _finished(folder: Path, about: dict[str, Any]) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        manifest: Any = parse_json(path.read_bytes(), has_file_names=True)
+        manifest: Any = parse_json(read_regular_file(path), has_file_names=True)
         is_same = all(manifest[key] == about[key] for key in ("format", "version", "size", "seed"))
         files = dict(manifest["files"])
-    except (ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError):
         is_same, files = False, {}
     if not is_same:
         raise ApplicationError(f"{folder} holds something else; name another --out")

@@ -1,5 +1,6 @@
 """The pages of a console with a session in it, the pose, and questions with an answer to type."""
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -201,6 +202,7 @@ def test_only_plans_are_offered_and_the_first_of_a_name_counts(tmp_path: Path) -
         (folder / f"{name}.toml").write_text(PLAN.replace("two heights", f"{folder.name} {name}"))
     (near / "bench.toml").write_text("[camera]\n")
     (near / "broken.toml").write_text("= 3")
+    os.mkfifo(near / "pipe.toml")
     plans = PlanLibrary((near, far))
     assert plans.names() == ("three", "two")
     assert plans.load("two").name == "near two"
