@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from math import ceil
+from math import ceil, hypot
 
 import numpy as np
 
@@ -45,7 +45,7 @@ from calibration.psf.repeatability import (
 )
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
 from calibration.sharpness import with_sharpness
-from simulation.arrays import BoolArray, FloatArray
+from simulation.arrays import FloatArray
 
 _TARGET = EdgeSelection()
 _TRUSTED = 0.5  # robust weight from which an edge counts
@@ -173,17 +173,19 @@ def _fit(
 ) -> CovarianceFit:
     sigma, err = _widths(edges, is_optical=is_optical)
     fit = fit_covariance(_angles(edges), sigma, err, shared)
-    is_jpeg = np.array(["jpeg" in edge.flags for edge in edges])
-    return fit.with_relative(_lost_alike(err / sigma, fit.weights, is_jpeg))
+    return fit.with_relative(_lost_alike(edges, err / sigma, fit.weights))
 
 
-def _lost_alike(relative: FloatArray, weights: FloatArray, is_jpeg: BoolArray) -> float:
+def _lost_alike(
+    edges: Sequence[EdgeMeasurement], relative: FloatArray, weights: FloatArray
+) -> float:
     """Relative error of all widths from what compression does to all edges of a photograph alike.
 
     Behind JPEG, the relative error of an edge is mostly what its blocks have lost. Some of that is
     chance from edge to edge; the rest is the same for all, as their details are equally fine, and
     no number of edges averages it out.
     """
+    is_jpeg = np.array(["jpeg" in edge.flags for edge in edges])
     if not is_jpeg.any():
         return 0.0
     counted = weights / relative**2
@@ -269,7 +271,16 @@ def _transfer_2d(
         # Where no covariance is determined, a weight of 0 says only that an edge was not needed.
         if edge.binned is not None and (weight > _TRUSTED or total.covariance_px2 is None)
     ]
-    return measure_transfer_2d(trusted, shared_reach_px2(focus)) if trusted else None
+    if not trusted:
+        return None
+    sigma, err = _widths(edges, is_optical=False)
+    lost = _lost_alike(edges, err / sigma, total.weights)
+    lost_px2 = 2 * lost * float(np.median(sigma**2))
+    return measure_transfer_2d(
+        trusted,
+        hypot(shared_reach_px2(focus), lost_px2),
+        knows_correlation=total.rho is not None,
+    )
 
 
 def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> HeightTrend | None:

@@ -69,13 +69,22 @@ class OtfChoice:
     chi2_reduced: float
 
 
-def choose_otf(edges: Sequence[BinnedEdge]) -> OtfChoice | None:
+def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -> OtfChoice | None:
     """Fit the forms that the directions of the edges allow, and take the one they ask for.
 
     Forms without a correction are compared by the Bayesian information criterion (Schwarz,
     "Estimating the dimension of a model", Ann. Stat. 6, 1978), smooth corrections, whose parameters
     are not of equal weight, by Akaike's. Chi-squared counts over the scatter of the edges
     themselves: pixels' noise alone would call every change from edge to edge a new shape of lens.
+
+    Parameters
+    ----------
+    edges
+        The edges.
+    knows_correlation
+        False where their widths have left rho undetermined. Then no form has an axis that is
+        turned: directions that are near each other would decide it, and on the way from one to the
+        next a lens changes over its field as well.
 
     Returns
     -------
@@ -85,12 +94,14 @@ def choose_otf(edges: Sequence[BinnedEdge]) -> OtfChoice | None:
     directions = distinct_directions_deg([edge.normal_rad for edge in edges])
     if directions.size < 2:
         return None
-    is_spread = directions.size > 2 and widest_gap_deg(directions) <= _WIDEST_GAP_DEG
+    has_third = directions.size > 2 and widest_gap_deg(directions) <= _WIDEST_GAP_DEG
+    is_spread = has_third and knows_correlation
     every = EdgeStack(StackedBins.of(edges))
     stack, plain = _uncorrected_fits(every, _optical_variance(edges), is_spread=is_spread)
     if not plain:
         return None
-    limits = "" if is_spread else f"; {directions.size} directions do not tell an elliptic one"
+    told_by = "widths that leave rho open" if has_third else f"{directions.size} directions"
+    limits = "" if is_spread else f"; {told_by} do not tell an elliptic one"
     bases = [fit for fit in plain if fit.form.name == "elliptic"]
     asked: list[CorrectionEvidence] = []
     base = min(bases, key=_cost, default=plain[0])

@@ -209,7 +209,7 @@ class Transfer2d(BaseModel):
 
 
 def measure_transfer_2d(
-    edges: Sequence[BinnedEdge], shared_err_px2: float = 0.0
+    edges: Sequence[BinnedEdge], shared_err_px2: float = 0.0, *, knows_correlation: bool = True
 ) -> Transfer2d | None:
     """Fit the two-dimensional transfer function.
 
@@ -220,13 +220,15 @@ def measure_transfer_2d(
     shared_err_px2
         Error of the variance, of both axes alike, that edges of one capture share and so do not
         show by their scatter; 1.96 of it are 95 %.
+    knows_correlation
+        False where the widths of the edges have left rho undetermined: no form is turned then.
 
     Returns
     -------
     Transfer2d or None
         None where the edges have one direction alone.
     """
-    choice = choose_otf(edges)
+    choice = choose_otf(edges, knows_correlation=knows_correlation)
     if choice is None:
         return None
     return Transfer2d.of(choice, [edge.normal_rad for edge in edges], shared_err_px2)

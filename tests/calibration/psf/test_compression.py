@@ -57,6 +57,12 @@ def test_short_edges_of_a_compressed_board_count_and_its_errors_hold_what_all_ha
             # Of bench_edge_levels' 720 widths the worst was off by 2.5 times its error.
             assert abs(value - SIGMA_PX) < 3.5 * err
             assert err < 0.1 * SIGMA_PX
+        assert psf.transfer_2d is not None
+        freq, zero = np.array([0.15, 0.25, 0.35]), np.zeros(3)
+        true = np.exp(-2 * np.pi**2 * SIGMA_PX**2 * freq**2) * np.sinc(freq)
+        for fx, fy in ((freq, zero), (zero, freq)):
+            off = np.abs(psf.transfer_2d.otf(fx, fy) - true)
+            assert (off < 3.5 * psf.transfer_2d.otf_err(fx, fy)).all()
 
 
 def test_a_board_that_was_not_compressed_has_no_such_error() -> None:

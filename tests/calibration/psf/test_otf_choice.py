@@ -74,6 +74,17 @@ def test_two_directions_give_a_gaussian_or_a_round_lens() -> None:
         assert "2 directions do not tell an elliptic one" in choice.reason
 
 
+def test_widths_that_leave_the_correlation_open_give_no_form_that_is_turned() -> None:
+    lens = Lens(0.6, 0.4, turn_deg=30.0)
+    turned = choose_otf(binned(lens, EIGHT_DEG))
+    choice = choose_otf(binned(lens, EIGHT_DEG), knows_correlation=False)
+    assert turned is not None
+    assert choice is not None
+    assert any("xy" in name for name in turned.fit.form.names)
+    assert not any("xy" in name for name in choice.fit.form.names)
+    assert "leave rho open" in choice.reason
+
+
 def test_a_vertical_a_horizontal_and_a_diagonal_edge_tell_a_turned_gaussian() -> None:
     # As the sum of two Gaussians' variances: 0.6 px across, 0.4 px along 30 degrees.
     class Turned(Lens):
