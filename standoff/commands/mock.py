@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -80,7 +81,11 @@ def mock(
             typer.echo(json_format.dumps(ready))
         else:
             port = "no stage port" if stage.port is None else f"stage on {stage.port}"
-            terminal.say(f"camera at {practice.camera.address}; {port}; Ctrl-C ends")
+            opening = _opening(stage_protocol, practice.camera.address, stage.port)
+            terminal.say(
+                f"camera at {practice.camera.address}; {port}",
+                f"open it with {opening}; Ctrl-C ends",
+            )
         sys.stdout.flush()
         console = PracticeConsole(practice, stage)
         for line in _lines(ended):
@@ -88,6 +93,13 @@ def mock(
                 terminal.ERRORS.print(on_one_line(console.execute(line)), markup=False)
             except PracticeCommandError as error:
                 terminal.say_error(error)
+
+
+def _opening(protocol: StageProtocol | None, address: str, port: str | None) -> str:
+    """The options with which other commands open what is served."""
+    bench = shipped_config("manta_g046.toml" if protocol is None else f"{protocol}_stage.toml")
+    settings = [f"camera.address={address}", *([] if port is None else [f"stage.port={port}"])]
+    return " ".join(["--bench", quote(str(bench)), *(f"--set {one}" for one in settings)])
 
 
 @contextmanager

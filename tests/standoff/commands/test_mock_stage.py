@@ -1,6 +1,8 @@
 """The stage of ``standoff mock``: its port, and the height that the camera sees."""
 
 import json
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -48,13 +50,13 @@ def test_the_camera_sees_the_true_height_not_the_one_read_back(protocol: StagePr
 
 
 @pytest.mark.slow
-def test_mock_serves_a_stage_on_a_port(command: Command) -> None:
+def test_mock_serves_a_stage_on_a_port_and_says_how_to_open_it(command: Command) -> None:
     process = subprocess.Popen(
         [
             sys.executable,
             "-c",
             "from standoff.cli import main; main()",
-            *("mock", "--stage-protocol", "zaber", "--address", "127.0.0.78", "--json"),
+            *("mock", "--stage-protocol", "zaber", "--address", "127.0.0.78"),
         ],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -63,8 +65,13 @@ def test_mock_serves_a_stage_on_a_port(command: Command) -> None:
     )
     try:
         assert process.stdout is not None
-        port = json.loads(process.stdout.readline())["stage_port"]
-        bench = ["--bench", shipped_config("zaber_stage.toml"), "--set", f"stage.port={port}"]
+        served, opening = process.stdout.readline(), process.stdout.readline()
+        assert served.startswith("camera at 127.0.0.78; stage on /dev/")
+        options = re.fullmatch("open it with (.*); Ctrl-C ends\n", opening)
+        assert options is not None, opening
+        bench = shlex.split(options[1])
+        assert bench[:2] == ["--bench", str(shipped_config("zaber_stage.toml"))]
+        assert "camera.address=127.0.0.78" in bench
         shown = json.loads(command("stage", "status", *bench, "--json").out)
         assert shown["info"]["vendor"] == "Zaber"
         assert not shown["is_homed"]
