@@ -7,6 +7,7 @@ one. It forks for every command, so that one that hangs, eats memory or crashes 
 import gc
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -37,7 +38,10 @@ _NOT_LOADED = {"console", "aravis", "__main__", "kernelgan", "worker_process"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ended:
-    """How a command ended: its status (negative: a signal), both streams, and what it took."""
+    """How a command ended: its status (negative: a signal), both streams, and what it took.
+
+    ``peak_bytes`` is the memory beyond that of the process that it is forked from.
+    """
 
     status: int
     out: str
@@ -130,6 +134,7 @@ def _in_this_process(arguments: list[str], folder: str) -> int:
 
 def _in_a_child(arguments: list[str], folder: str) -> Ended:
     with TemporaryFile() as out, TemporaryFile() as err:
+        held_bytes = _own_bytes()
         child = os.fork()
         if child == 0:
             os.chdir(folder)
@@ -151,8 +156,15 @@ def _in_a_child(arguments: list[str], folder: str) -> Ended:
         out=texts[0],
         err=texts[1],
         cpu_s=used.ru_utime + used.ru_stime,
-        peak_bytes=used.ru_maxrss << 10,
+        peak_bytes=(used.ru_maxrss << 10) - held_bytes,
     )
+
+
+def _own_bytes() -> int:
+    """Memory of this process without files, which one that it forks begins with."""
+    status = Path("/proc/self/status").read_text("utf-8")
+    [kibibytes] = re.findall(r"^RssAnon:\s+(\d+) kB$", status, re.MULTILINE)
+    return int(kibibytes) << 10
 
 
 def _text(descriptor: int) -> str:
