@@ -36,6 +36,7 @@ _INPUTS_LISTED = 50
 _UNBROKEN_ROWS = 8  # of a table that no page break parts: an inch and a half
 _COLUMN_IN = 7.32  # A4 less its margins
 _GAP_IN = 0.08
+_LISTED_SECTIONS = 6  # fewer are soon seen
 _WIDE_COLUMNS = 11  # that fit on the short side of A4 at 8 pt
 
 
@@ -170,6 +171,11 @@ class Report:
     def has_views(self) -> bool:
         """Whether a section shows linked views, which the page then has a script for."""
         return any(section.has_views for section in self.sections)
+
+    @property
+    def has_contents(self) -> bool:
+        """Whether the page, on a screen, lists its sections first."""
+        return len(self.sections) >= _LISTED_SECTIONS
 
 
 def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:

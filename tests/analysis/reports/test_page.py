@@ -99,6 +99,16 @@ def test_a_section_that_may_be_folded_begins_open_so_that_paper_shows_it() -> No
     assert "details" not in Page(report(ReportSection(title="All edges"))).tags
 
 
+def test_a_long_report_lists_its_sections_and_every_line_leads_to_its_own() -> None:
+    titles = ["One", "Two", "Three", "4 < 5", "Five", "Six"]
+    document = report(*(ReportSection(title=title) for title in titles))
+    listed = re.findall(r'<a href="#([\w-]+)">(.*?)</a>', document)
+    headed = re.findall(r'<section id="([\w-]+)".*?<h2>(.*?)</h2>', document, re.DOTALL)
+    assert [title for _, title in listed] == [str(Markup.escape(title)) for title in titles]
+    assert listed == headed
+    assert "nav" not in Page(report(*(ReportSection(title=title) for title in titles[1:]))).tags
+
+
 def test_figures_are_numbered_through_all_sections() -> None:
     tables = (ReportTable(columns=("a",), rows=(("b",),)),)
     document = report(
