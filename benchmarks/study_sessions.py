@@ -124,6 +124,7 @@ class StudiedSession:
             gain_e_per_dn=sensor.gain_e_per_dn,
             gain_e_per_dn_err=self.gain_relative_err * sensor.gain_e_per_dn,
             read_noise_e=sensor.read_noise_e,
+            read_noise_e_err=0.0,
             black_level_dn=sensor.black_level_dn,
             frames_averaged=self.frames,
         )
