@@ -139,7 +139,8 @@ def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
                 latencies.append(median_ms)
                 worst.append(worst_ms)
                 page.evaluate("typeof gc === 'function' && gc()")
-            measured.append(float(text(one, "#edge-note").split(", ")[-1].removesuffix("/s")))
+            rate = re.search(r"([\d.]+)/s", text(one, "#edge-note"))
+            measured.append(0.0 if rate is None else float(rate[1]))
             memory.append(
                 (
                     time.monotonic() - begin_s,
