@@ -139,8 +139,11 @@ def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
                 latencies.append(median_ms)
                 worst.append(worst_ms)
                 page.evaluate("typeof gc === 'function' && gc()")
-            rate = re.search(r"([\d.]+)/s", text(one, "#edge-note"))
-            measured.append(0.0 if rate is None else float(rate[1]))
+            note = text(one, "#edge-note")
+            rate = re.search(r"([\d.]+)/s", note)
+            if rate is None:
+                raise RuntimeError(f"the edge's note tells no rate: {note}")
+            measured.append(float(rate[1]))
             memory.append(
                 (
                     time.monotonic() - begin_s,

@@ -52,7 +52,9 @@ class Estimate:
         return Estimate(value=self.value, err=err, low=self.value - half, high=self.value + half)
 
     def with_relative(self, error: float) -> "Estimate":
-        """Return an estimate that has an independent relative error more."""
+        """Return the estimate with a further, independent relative error."""
+        if error == 0:
+            return self
         more = error * self.value
         below = hypot(self.value - self.low, _NORMAL_95 * more)
         above = hypot(self.high - self.value, _NORMAL_95 * more)
@@ -157,7 +159,9 @@ class CovarianceFit(PsfEstimates):
         return int(np.count_nonzero(self.weights > 0.5))
 
     def with_relative(self, error: float) -> "CovarianceFit":
-        """Return the fit with a relative error more that all widths share."""
+        """Return the fit with a further relative error, which all widths share."""
+        if error == 0:
+            return self
         x, y = self.sigma_x_px, self.sigma_y_px
         joint = self.estimate_covariance
         if joint is not None:

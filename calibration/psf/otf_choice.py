@@ -82,9 +82,9 @@ def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -
     edges
         The edges.
     knows_correlation
-        False where their widths have left rho undetermined. Then no form has an axis that is
-        turned: directions that are near each other would decide it, and on the way from one to the
-        next a lens changes over its field as well.
+        False where their widths have left rho undetermined. Then only round lenses and Gaussians
+        along the axes are fitted: directions close to each other would decide how an ellipse is
+        turned, and between them a lens changes over its field as well.
 
     Returns
     -------

@@ -218,8 +218,8 @@ def measure_transfer_2d(
     edges
         The edges, each with what it is blurred beyond the camera.
     shared_err_px2
-        Error of the variance, of both axes alike, that edges of one capture share and so do not
-        show by their scatter; 1.96 of it are 95 %.
+        Error of the variance, of both axes alike, that edges share and so do not show by their
+        scatter: the focus of a capture, what JPEG takes from all; 1.96 of it are 95 %.
     knows_correlation
         False where the widths of the edges have left rho undetermined: no form is turned then.
 

@@ -203,7 +203,9 @@ def _finished(folder: Path, about: dict[str, Any]) -> dict[str, Any] | None:
         manifest: Any = parse_json(read_regular_file(path), has_file_names=True)
         is_same = all(manifest[key] == about[key] for key in ("format", "version", "size", "seed"))
         files = dict(manifest["files"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except OSError as error:
+        raise ApplicationError(f"{path}: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError):
         is_same, files = False, {}
     if not is_same:
         raise ApplicationError(f"{folder} holds something else; name another --out")

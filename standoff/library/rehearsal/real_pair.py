@@ -126,7 +126,7 @@ class RealPair:
         return (
             "A printed postcard, photographed by a phone from two distances (City100, Chen et al., "
             "CVPR 2019, MIT licence; the further photograph as its publishers scaled it onto the "
-            f"nearer one's pixels). Nothing changed between them; as they are, {count} is listed.",
+            f"nearer one's pixels). Nothing changed between them; standoff lists {count}.",
             "Below, the later photograph has two spots that are not real: the same soft spot, of "
             f"{_SPOT_DN:g} DN and a sigma of {_SPOT_SIGMA_PX:g} px, was painted in for this demo "
             f"at x, y = {places}. {spots[0].upper()}{spots[1:]}.",

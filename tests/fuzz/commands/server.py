@@ -40,7 +40,7 @@ _NOT_LOADED = {"console", "aravis", "__main__", "kernelgan", "worker_process"}
 class Ended:
     """How a command ended: its status (negative: a signal), both streams, and what it took.
 
-    ``peak_bytes`` is the memory beyond that of the process that it is forked from.
+    ``peak_bytes`` is the memory beyond what the process that it is forked from holds without files.
     """
 
     status: int
