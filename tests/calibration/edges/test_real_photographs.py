@@ -83,6 +83,7 @@ def test_no_photographed_chessboard_is_wider_or_narrower_than_another_program_fo
         assert 0.72 < psf.sigma_x_px < 1.05, path.name
         assert 0.64 < psf.sigma_y_px < 0.99, path.name
         # The edges run in about two directions; what those do not tell does not turn the transfer.
+        # The lens is no Gaussian, which may move its MTF50 by a quarter; turned, one was 60 % off.
         assert psf.transfer_2d is not None, path.name
         for angle_deg, sigma_px in ((0.0, psf.sigma_x_px), (90.0, psf.sigma_y_px)):
             mtf50 = psf.transfer_2d.mtf50_cy_per_px(angle_deg)

@@ -14,7 +14,7 @@ from tests.fuzz.commands.slots import Slot
 
 REFUSALS = (1, 2)
 MOST_CPU_S = 10.0
-MOST_BYTES = 700_000_000
+MOST_BYTES = 600_000_000
 _ALLOWED = r"standoff: |note: |\d+ captures?, "  # and what a plan will take
 _READ_BYTES = 1 << 20
 
