@@ -50,9 +50,9 @@ from simulation.arrays import FloatArray
 _TARGET = EdgeSelection()
 _TRUSTED = 0.5  # robust weight from which an edge counts
 _LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
-# Of the error of one edge behind JPEG: the mean error of boards of some 80 edges was 0.1 to 0.35 of
-# it, at sigma 0.6 to 1.4 px and qualities of 50 to 90.
-_ALIKE = 0.25
+# What JPEG takes from all edges alike, over the error of one of them: the mean error of boards of
+# some 80 edges was 0.1 to 0.35 of it, at sigma 0.6 to 1.4 px and qualities of 50 to 90.
+_JPEG_SHARED = 0.25
 _AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))
 
 
@@ -183,14 +183,11 @@ def _lost_alike(
 
     Behind JPEG, the relative error of an edge is mostly what its blocks have lost. Some of that is
     chance from edge to edge; the rest is the same for all, as their details are equally fine, and
-    no number of edges averages it out.
+    no number of edges averages it out. Each edge brings its own into the weighted mean.
     """
     is_jpeg = np.array(["jpeg" in edge.flags for edge in edges])
-    if not is_jpeg.any():
-        return 0.0
-    counted = weights / relative**2
-    share = counted[is_jpeg].sum() / counted.sum() if counted.any() else np.mean(is_jpeg)
-    return _ALIKE * float(share * np.median(relative[is_jpeg]))
+    counted = (weights if weights.any() else 1.0) / relative**2
+    return _JPEG_SHARED * float((counted * relative)[is_jpeg].sum() / counted.sum())
 
 
 def _medians(edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None) -> CovarianceFit:

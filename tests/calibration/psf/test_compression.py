@@ -8,8 +8,9 @@ from PIL import Image
 
 from calibration.edge_fit import JpegCompression
 from calibration.edges import EdgeImage
-from calibration.psf.calibration import calibrate_psf
+from calibration.psf.calibration import calibrate_psf, psf_of_edges
 from simulation.arrays import FloatArray
+from tests.calibration.psf.consistency.measured_edges import edge
 from tests.calibration.squares import chart
 
 SIGMA_PX = 0.7  # of the lens
@@ -67,7 +68,7 @@ def test_short_edges_of_a_compressed_board_count_and_its_errors_hold_what_all_ha
             assert (off < 3.5 * psf.transfer_2d.otf_err(fx, fy)).all()
 
 
-def test_a_board_that_was_not_compressed_has_no_such_error() -> None:
+def test_jpeg_adds_a_quarter_of_the_mean_error_of_the_edges_to_that_of_a_board() -> None:
     clean = board(np.random.default_rng(1))
     plain = EdgeImage(name="board.tif", image_dn=clean, saturation_dn=255.0)
     marked = EdgeImage(name="board.jpg", image_dn=clean, saturation_dn=255.0, is_jpeg=True)
@@ -75,7 +76,23 @@ def test_a_board_that_was_not_compressed_has_no_such_error() -> None:
     assert first.sigma_x_px == second.sigma_x_px
     assert first.sigma_x_err_px is not None
     assert second.sigma_x_err_px is not None
-    median = np.median([e.sigma_err_px / e.sigma_px for e in second.edges if e.is_used])
+    relative = np.array([e.sigma_err_px / e.sigma_px for e in second.edges if e.is_used])
+    mean = np.sum(1 / relative) / np.sum(1 / relative**2)  # weighted as the edges are
     own, whole = first.sigma_x_err_px, second.sigma_x_err_px
     assert second.sigma_x_px is not None
-    assert np.sqrt(whole**2 - own**2) == pytest.approx(0.25 * median * second.sigma_x_px, rel=1e-6)
+    assert np.sqrt(whole**2 - own**2) == pytest.approx(0.25 * mean * second.sigma_x_px, rel=0.02)
+
+
+def test_short_edges_beside_one_that_decides_do_not_decide_what_is_lost() -> None:
+    errs = [0.01] + 30 * [0.15]
+    angles = [85.0, 95.0] * 16
+    plain = [
+        edge(sigma_px=1.0, angle_deg=angle).model_copy(update={"sigma_err_px": err})
+        for angle, err in zip(angles, errs, strict=False)
+    ]
+    whole = psf_of_edges([one.model_copy(update={"flags": ("jpeg",)}) for one in plain])
+    own = psf_of_edges(plain).sigma_x_err_px
+    assert own is not None
+    assert whole.sigma_x_err_px is not None
+    # By hand: weights of 1e4 and 30 of 1/0.15^2 = 44.4, so (100 + 30/0.15) / (1e4 + 1333) = 0.0265.
+    assert np.sqrt(whole.sigma_x_err_px**2 - own**2) == pytest.approx(0.25 * 0.0265, rel=0.01)
