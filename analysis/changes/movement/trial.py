@@ -47,6 +47,9 @@ shift's, and what a whole way leaves."""
 _SHIFT_ERR_PX = 0.1
 """Error of a shift that covers and uncovers its surroundings, beside that of the noise."""
 
+_UNSEEN_PX = 1000.0
+"""Error of a shift along an edge, where nothing tells it."""
+
 _MOST_SLOPE = 0.15
 """Change of the shift from one pixel to the next beyond which it is no local shift."""
 
@@ -332,7 +335,9 @@ def shift_information(normal: FloatArray, correlated: FloatArray) -> FloatArray:
     covariance = inverse @ ((axes * np.maximum(values, 1e-6)) @ axes.T) @ inverse
     # Covered strips pull at a shift: it is known no better than this.
     covariance += _SHIFT_ERR_PX**2 * np.eye(2)
-    return np.asarray(np.linalg.inv((covariance + covariance.T) / 2), dtype=np.float64)
+    # Beside a variance without bounds, that across the edge would be lost in rounding.
+    variances, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    return (axes / np.clip(variances, _SHIFT_ERR_PX**2, _UNSEEN_PX**2)) @ axes.T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -197,3 +197,26 @@ def test_what_is_known_of_a_shift_is_finite_whatever_the_errors_leave(least: flo
     found = shift_information(normal, correlated)
     expected = [1 / (5.0 / 100 + 0.01), 1 / (max(least, 1e-6) / 400 + 0.01)]
     np.testing.assert_allclose(found, np.diag(expected), rtol=1e-9, atol=1e-9)
+
+
+@given(
+    along_deg=st.floats(0.0, 180.0),
+    off_deg=st.floats(-5.0, 5.0),
+    size=st.floats(0.0, 6.0),
+    seen=st.floats(-9.0, 0.0),
+)
+def test_along_an_edge_a_shift_is_as_good_as_unknown_and_across_it_known(
+    along_deg: float, off_deg: float, size: float, seen: float
+) -> None:
+    # Errors that correlate a little off the edge made the variance along it 1e14 px2, and what was
+    # left of that across it came out singular, or negative.
+    def outer(deg: float) -> FloatArray:
+        axis = np.array([np.cos(np.deg2rad(deg)), np.sin(np.deg2rad(deg))])
+        return np.outer(axis, axis)
+
+    across, slope2 = outer(along_deg + 90.0), 10.0**size
+    normal = slope2 * (across + 10.0**seen * outer(along_deg)) + 1e-6 * np.eye(2)
+    information = shift_information(normal, 30.0 * slope2 * outer(along_deg + 90.0 + off_deg))
+    variances = np.linalg.eigvalsh(np.linalg.inv(information))
+    assert 0.999 * 0.1**2 < variances[0] <= variances[1] < 1.001 * 1000.0**2
+    assert (np.diag(np.linalg.inv(information)) > 0).all()
