@@ -176,7 +176,7 @@ _READS_AS = {
     "bicubic": "bicubic knows no PSF and is too optimistic",
     "npw": "npw takes the scene's detail for white noise",
     "hotelling": "hotelling is the best that any linear detector does",
-    "cho": "cho is nearly that, through six channels alone",
+    "cho": "cho comes near the best linear detector, with six channels alone",
     "changes": "changes is what standoff changes does",
 }
 

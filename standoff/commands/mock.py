@@ -81,7 +81,9 @@ def mock(
             typer.echo(json_format.dumps(ready))
         else:
             port = "no stage port" if stage.port is None else f"stage on {stage.port}"
-            opening = _opening(stage_protocol, practice.camera.address, stage.port)
+            # A stand moved by hand goes as far as the bench file says; a controller has its own.
+            limits_mm = config.stage.limits_mm if serial_stage is None else None
+            opening = _opening(stage_protocol, practice.camera.address, stage.port, limits_mm)
             terminal.say(
                 f"camera at {practice.camera.address}; {port}",
                 f"open it with {opening}; Ctrl-C ends",
@@ -95,11 +97,20 @@ def mock(
                 terminal.say_error(error)
 
 
-def _opening(protocol: StageProtocol | None, address: str, port: str | None) -> str:
+def _opening(
+    protocol: StageProtocol | None,
+    address: str,
+    port: str | None,
+    limits_mm: tuple[float, float] | None,
+) -> str:
     """The options with which other commands open what is served."""
     bench = shipped_config("manta_g046.toml" if protocol is None else f"{protocol}_stage.toml")
-    settings = [f"camera.address={address}", *([] if port is None else [f"stage.port={port}"])]
-    return " ".join(["--bench", quote(str(bench)), *(f"--set {one}" for one in settings)])
+    settings = [f"camera.address={address}"]
+    if port is not None:
+        settings.append(f"stage.port={port}")
+    if limits_mm is not None:
+        settings.append(f"stage.limits_mm=[{limits_mm[0]:g},{limits_mm[1]:g}]")
+    return " ".join(["--bench", quote(str(bench)), *(f"--set {quote(one)}" for one in settings)])
 
 
 @contextmanager

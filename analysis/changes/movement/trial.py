@@ -337,7 +337,8 @@ def shift_information(normal: FloatArray, correlated: FloatArray) -> FloatArray:
     covariance += _SHIFT_ERR_PX**2 * np.eye(2)
     # Beside a variance without bounds, that across the edge would be lost in rounding.
     variances, axes = np.linalg.eigh((covariance + covariance.T) / 2)
-    return (axes / np.clip(variances, _SHIFT_ERR_PX**2, _UNSEEN_PX**2)) @ axes.T
+    known = np.clip(variances, _SHIFT_ERR_PX**2, _UNSEEN_PX**2)
+    return np.asarray((axes / known) @ axes.T, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from acquisition.bench import load_bench
 from calibration.blind.calibration import calibrate_from_distances, calibrate_from_scene
@@ -53,6 +54,31 @@ def test_two_distances_give_the_whole_psf_without_the_zoom(near: EdgeImage, far:
     [pair] = psf.pairs
     assert (pair.near, pair.far) == ("near.tif", "far.tif")
     assert pair.zoom == pytest.approx(2.0, abs=0.005)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("wide_px2", "wide_share"), [(1.0, 0.3), (1.5, 0.2)])
+def test_the_errors_hold_what_a_gaussian_leaves_of_another_lens(
+    wide_px2: float, wide_share: float
+) -> None:
+    # A sharp lens with a veil is the sum of two Gaussians, and so are its photographs.
+    parts = ((1 - wide_share, 0.3), (wide_share, wide_px2))
+
+    def photograph(zoom: float) -> EdgeImage:
+        image = sum(share * blob_photograph(zoom, px2 * np.eye(2)) for share, px2 in parts)
+        return EdgeImage(name=f"{zoom}.tif", image_dn=np.asarray(image))
+
+    def contrast(freq: float) -> float:
+        return float(sum(share * np.exp(-2 * np.pi**2 * px2 * freq**2) for share, px2 in parts))
+
+    mtf50 = float(brentq(lambda freq: contrast(freq) - 0.5, 0.01, 2.0))
+    same_mtf50_px = np.sqrt(np.log(2) / 2) / (np.pi * mtf50)
+    psf = calibrate_from_distances([[photograph(1.0), photograph(2.0)]])
+    assert psf.sigma_x_px is not None
+    assert psf.sigma_x_err_px is not None
+    assert psf.sigma_x_px < 0.98 * same_mtf50_px  # far beyond the noise, of which is none
+    assert abs(psf.sigma_x_px - same_mtf50_px) < 1.96 * psf.sigma_x_err_px
+    assert psf.sigma_x_err_px < 0.06 * psf.sigma_x_px
 
 
 def test_a_region_of_the_nearest_photograph_gives_the_same(near: EdgeImage, far: EdgeImage) -> None:
