@@ -275,7 +275,12 @@ def judge_extremes(record: Recorder, kinds: tuple[str, ...]) -> None:
             continue
         wrong += 1
         record.say(f"zoom {EXTREME_ZOOM:g}, {kind}: another scene is aligned")
-    record.figure(f"pairs aligned at a zoom of {EXTREME_ZOOM:g}, of {2 * len(kinds)}", aligned, "")
+    record.figure(
+        f"pairs aligned at a zoom of {EXTREME_ZOOM:g}, of {2 * len(kinds)} "
+        "(most scenes repeat, which is warned of)",
+        aligned,
+        "",
+    )
     if wrong:
         sys.exit(f"{wrong} extreme pairs are silently wrong")
 
