@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from io import StringIO
+from io import BytesIO, TextIOWrapper
 from math import isfinite
 from os.path import lexists
 from pathlib import Path
@@ -31,6 +31,8 @@ ABOUT_NAME = "about.json"
 _ERROR_COLUMN = "mtf50_standard_error"
 _MTF_COLUMNS = tuple(f"mtf_{name}" for name in FREQUENCIES)
 _NEEDED = ("chart", "edge", "mtf50")
+_HEAD_NEEDED = "the header must name chart, edge and mtf50, each column once"
+_LONGEST_HEAD_BYTES = 10_000
 _MOST_CY_PER_PX = 10.0
 _MOST_CONTRAST = 100.0
 
@@ -198,12 +200,13 @@ def given_levels(path: Path, shape: Shape) -> Float32Array:
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Lines of a table with their numbers, the first after the header 2."""
+    data = file_bytes(path, LARGEST_DOCUMENT_BYTES)
+    # Read piece by piece: a text as a whole takes four bytes a character.
+    text = TextIOWrapper(BytesIO(data), encoding="utf-8-sig", newline="")
+    rows = csv.reader(text, strict=True)
     try:
-        text = file_bytes(path, LARGEST_DOCUMENT_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise _refused(path, "is no text in UTF-8") from error
-    rows = csv.reader(StringIO(text, newline=""), strict=True)
-    try:
+        if len(data) > _LONGEST_HEAD_BYTES and not _ends_a_line(data[:_LONGEST_HEAD_BYTES]):
+            raise _refused(path, _HEAD_NEEDED)
         head = [name.strip() for name in next(rows, [])]
         _check_head(path, head)
         for row in rows:
@@ -213,8 +216,14 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
                 raise _refused(path, f"line {rows.line_num}: {len(row)} cells, not {len(head)}")
             cells = (cell.strip() for cell in row)
             yield rows.line_num, dict(zip(head, cells, strict=True))
+    except UnicodeDecodeError as error:
+        raise _refused(path, "is no text in UTF-8") from error
     except csv.Error as error:
         raise _refused(path, f"line {rows.line_num}: {error}") from error
+
+
+def _ends_a_line(data: bytes) -> bool:
+    return b"\n" in data or b"\r" in data
 
 
 def _check_head(path: Path, head: list[str]) -> None:
@@ -223,7 +232,7 @@ def _check_head(path: Path, head: list[str]) -> None:
     if odd is not None:
         raise _refused(path, f"unknown column {_shown(odd)}; known are {', '.join(sorted(known))}")
     if len(set(head)) < len(head) or not set(_NEEDED) <= set(head):
-        raise _refused(path, "the header must name chart, edge and mtf50, each column once")
+        raise _refused(path, _HEAD_NEEDED)
 
 
 def _number(path: Path, line: int, row: Mapping[str, str], column: str) -> float | None:

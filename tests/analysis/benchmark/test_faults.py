@@ -55,6 +55,12 @@ FAULTS: dict[str, tuple[Spoil, str, str]] = {
     "lp/mm": (rows("a,0,55"), "psf.csv", "from 0 to 10"),
     "column": (rows("a,0,1,2", head="chart,edge,mtf50,mtf10"), "psf.csv", "column 'mtf10'"),
     "no column": (rows("a,0", head="chart,edge"), "psf.csv", "header must name"),
+    "head without an end": (text("psf.csv", "1," * 10_000), "psf.csv", "header must name"),
+    "no text": (
+        lambda program: (program / "psf.csv").write_bytes(b"chart,edge,mtf50\n\xff,0,0.2\n"),
+        "psf.csv",
+        "no text in UTF-8",
+    ),
     "cells": (rows("a,0,0.2,1"), "psf.csv", "line 2: 4 cells"),
     "control characters": (rows("\x1b[2J,0,1"), "psf.csv", r"'\\x1b[2J'"),
     "task of no pair": (
