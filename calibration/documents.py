@@ -1,6 +1,7 @@
 """Documents as JSON files: each is a pydantic model that names its schema."""
 
 import json
+from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -80,7 +81,28 @@ def read_document(
             source=source,
             key="schema",
         )
+    # None is written: what is read past a figure's bounds would fail far from its file.
+    infinite = _infinite_key(document)
+    if infinite is not None:
+        raise failure(
+            f"{path}: {infinite}: Input should be a finite number", source=source, key=infinite
+        )
     return fitted(document, model, failure, source)
+
+
+def _infinite_key(document: object) -> str | None:
+    """Where a number is infinite or NaN, as ``transfer.x.mtf.3``; None if it is nowhere."""
+    parts: list[tuple[str, object]] = [("", document)]
+    while parts:
+        key, value = parts.pop()
+        if isinstance(value, float):
+            if not isfinite(value):
+                return key[1:]
+        elif isinstance(value, dict):
+            parts += [(f"{key}.{name}", part) for name, part in value.items()]
+        elif isinstance(value, list):
+            parts += [(f"{key}.{index}", part) for index, part in enumerate(value)]
+    return None
 
 
 def fitted(

@@ -71,6 +71,26 @@ def test_what_is_no_json_is_refused_as_a_whole(tmp_path: Path, content: bytes) -
     assert refusal(path).key is None
 
 
+@pytest.mark.parametrize(
+    "number", ["Infinity", "-Infinity", "NaN", "1e999", "1" + 400 * "0" + ".0"]
+)
+@pytest.mark.parametrize(
+    ("key", "content"),
+    [
+        ("focal_length_mm", '{"schema": "standoff.lens/1", "focal_length_mm": %s}'),
+        ("stops.1", '{"schema": "standoff.lens/1", "focal_length_mm": 8, "stops": [2, %s]}'),
+    ],
+)
+def test_a_number_without_bounds_is_refused_by_its_place(
+    tmp_path: Path, number: str, key: str, content: str
+) -> None:
+    # A psf.json with a width of Infinity ended `compare` in a search for a root.
+    path = tmp_path / "lens.json"
+    path.write_text(content % number, encoding="utf-8")
+    assert refusal(path).key == key
+    assert "finite number" in str(refusal(path))
+
+
 @pytest.mark.parametrize("content", ["[1]", "{}", '{"schema": 7}', '{"schema": "standoff.psf/1"}'])
 def test_another_schema_is_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "lens.json"
