@@ -55,7 +55,7 @@ def test_short_edges_of_a_compressed_board_count_and_its_errors_hold_what_all_ha
         ):
             assert value is not None
             assert err is not None
-            # Of bench_edge_levels' 720 widths the worst was off by 2.5 times its error.
+            # Of bench_edge_levels' 720 widths the worst was off by 2.6 times its error.
             assert abs(value - SIGMA_PX) < 3.5 * err
             assert err < 0.1 * SIGMA_PX
         assert psf.transfer_2d is not None
