@@ -184,8 +184,11 @@ def compare_layouts(record: Recorder, folder: Path, checkout: Path | None) -> No
 
 
 def compare_workers(record: Recorder, folder: Path, workers: int) -> None:
-    """Rates of worker processes in the second half of a run."""
-    count = record.pick(384, 16)
+    """Rates of worker processes in the second half of a run.
+
+    Workers take some seconds to start, not always the same: the half lasts far longer than that.
+    """
+    count = record.pick(2048, 16)
     one = folder / "photographs-one"
     write_photographs(one, (580, 780), 16)
     half, whole = folder / "half", folder / "whole"
