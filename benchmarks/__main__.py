@@ -5,7 +5,7 @@ python -m benchmarks [NAME...] [--quick] [--jobs N] [--out DIR] [--page docs/ben
 Each benchmark is a process of its own, so that none meets the caches and threads of another. What
 it prints goes to ``DIR/NAME.txt`` and then to the terminal, its figures to ``DIR/NAME.jsonl``,
 those of all to ``DIR/benchmarks.jsonl``. With ``--resume``, a run that was interrupted goes on
-where it ended; ``benchmarks/figures`` holds what the run for the next page has finished.
+where it ended.
 """
 
 import argparse

@@ -18,6 +18,8 @@ prints all of it.
 
 {environment}
 
+{contents}
+
 ## How cost grows
 
 ![Time over image size, zoom, edges, heights and images]({plot})
@@ -54,7 +56,12 @@ def benchmark_page(
         else ""
     )
     mode += f" {note}" if note else ""
-    parts = [HEADING.format(mode=mode, environment=environment_line(facts) + ".", plot=plot)]
+    links = ", ".join(f"[{head['benchmark']}](#{head['benchmark']})" for head in heads)
+    parts = [
+        HEADING.format(
+            mode=mode, environment=environment_line(facts) + ".", contents=links, plot=plot
+        )
+    ]
     parts += [f"`{name}` could not run here.\n" for name in failed]
     for head in heads:
         name = head["benchmark"]
