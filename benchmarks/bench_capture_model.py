@@ -329,7 +329,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def main() -> None:
     given = _parser().parse_args()
-    packages = ("numpy", "scipy", "pillow", "opencv-contrib-python-headless")
+    packages = ("numpy", "scipy", "Pillow", "opencv-contrib-python-headless")
     note = f"MSE in DN^2, edges at SNR {given.snr:g}; default model {DEFAULT_MODEL}"
     with Recorder.of(given, "capture_model", packages=packages, note=note) as record:
         if not HAS_PYBSM:

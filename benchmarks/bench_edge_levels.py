@@ -239,7 +239,7 @@ def main() -> None:
     parser = bench_parser(__doc__)
     parser.add_argument("--edges", type=int, help="edges a line, 1000 by default")
     given = parser.parse_args()
-    packages = ("numpy", "numba", "opencv-contrib-python-headless", "pillow")
+    packages = ("numpy", "numba", "opencv-contrib-python-headless", "Pillow")
     with Recorder.of(given, "edge_levels", packages=packages) as record:
         edges = given.edges or record.pick(1000, 50)
         eight_bits(record, edges)
