@@ -32,8 +32,8 @@ The RMS of 39 calibrations from four prints, through lenses of 0.4 to 1.3 px.
 _FORM_ERR = 0.05
 """Relative error of two distances' widths beyond that of noise: a Gaussian stands for any lens.
 
-In the public benchmark's pairs (seed 1, without JPEG) MTF50 was off by 0.053 in the RMS through lenses
-with aberrations or at the diffraction limit, in 22 directions, and by 0.006 through Gaussian ones.
+In the public benchmark's pairs (seed 1, without JPEG) MTF50 was off by 0.053 in the RMS through
+lenses with aberrations or at the diffraction limit, in 22 directions, by 0.006 through Gaussians.
 """
 
 _ZOOM_OFF = 0.03
