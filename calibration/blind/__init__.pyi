@@ -1,4 +1,6 @@
 from .calibration import (
+    FORM_ERR as FORM_ERR,
+    SCENE_ERR as SCENE_ERR,
     calibrate_from_distances as calibrate_from_distances,
     calibrate_from_scene as calibrate_from_scene,
 )

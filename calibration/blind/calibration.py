@@ -23,13 +23,13 @@ _CLIPPED = 0.995
 _MOST_CLIPPED = 0.5
 _FILL_PX, _LEAST_FILL = 8.0, 0.01
 
-_SCENE_ERR = 0.2
+SCENE_ERR = 0.2
 """Relative error of a scene's widths beyond that of their fit, nearly one factor for x and y.
 
 The RMS of 39 calibrations from four prints, through lenses of 0.4 to 1.3 px.
 """
 
-_FORM_ERR = 0.05
+FORM_ERR = 0.05
 """Relative error of two distances' widths beyond that of noise: a Gaussian stands for any lens.
 
 In the public benchmark's pairs (seed 1, without JPEG) MTF50 was off by 0.053 in the RMS through
@@ -80,7 +80,7 @@ def calibrate_from_scene(
         ) from error
     return _calibration(
         widths.covariance_px2,
-        widths.covariance_err_px2 + _of_widths(widths.covariance_px2, _SCENE_ERR),
+        widths.covariance_err_px2 + _of_widths(widths.covariance_px2, SCENE_ERR),
         "single-image",
         edges=tuple(edges),
         softness_px2=widths.softness_px2,
@@ -146,7 +146,7 @@ def calibrate_from_distances(
     covariance_px2 = np.array([[xx, xy], [xy, yy]])
     return _calibration(
         covariance_px2,
-        errors + _of_widths(covariance_px2, _FORM_ERR),
+        errors + _of_widths(covariance_px2, FORM_ERR),
         "two-distance",
         pairs=tuple(_widths(near.name, far.name, pair) for near, far, pair in found),
     )

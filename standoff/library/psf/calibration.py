@@ -272,18 +272,22 @@ def _from_edges(call: Call, request: _Request) -> _Calibrated:
 
 
 def _from_scene(call: Call, request: _Request) -> _Calibrated:
-    from calibration.blind import calibrate_from_scene  # with what aligns photographs
+    from calibration.blind import SCENE_ERR, calibrate_from_scene  # with what aligns photographs
 
     scenes = _scenes(call, request)
     with call.bar("measuring edges", len(scenes.images)) as advance_to:
         calibration = calibrate_from_scene(
             scenes.images, region=request.region, progress=advance_to
         )
+    call.note(
+        f"the errors contain {100 * SCENE_ERR:.0f} % for edges that are soft in the scene itself; "
+        "two distances or a target's edges tell more"
+    )
     return _Calibrated(psf=calibration, origin=scenes.origin)
 
 
 def _from_distances(call: Call, request: _Request) -> _Calibrated:
-    from calibration.blind import calibrate_from_distances  # with what aligns photographs
+    from calibration.blind import FORM_ERR, calibrate_from_distances  # with what aligns photographs
 
     scenes = _scenes(call, request)
     if any(scene[0].noise is None for scene in scenes.series):
@@ -292,6 +296,10 @@ def _from_distances(call: Call, request: _Request) -> _Calibrated:
         calibration = calibrate_from_distances(
             scenes.series, zoom=request.zoom, region=request.region, progress=advance_to
         )
+    call.note(
+        f"the errors contain {100 * FORM_ERR:.0f} % for a lens that is not Gaussian; "
+        "a target's edges tell its form"
+    )
     return _Calibrated(psf=calibration, origin=scenes.origin)
 
 

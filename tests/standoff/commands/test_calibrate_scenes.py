@@ -8,6 +8,7 @@ import pytest
 import tifffile
 
 from tests.calibration.blob_scene import blob_photograph
+from tests.calibration.squares import chart
 from tests.standoff.conftest import Command
 
 PSF = np.array([[0.45, 0.06], [0.06, 0.33]])
@@ -66,6 +67,8 @@ def test_a_height_series_calibrates_itself(
     expected = np.sqrt(document["sigma_x_px"] ** 2 - 1 / 12)
     assert document["optical_sigma_x_px"] == pytest.approx(expected)
     assert document["edges"] == []
+    assert document["sigma_x_err_px"] > 0.05 * document["sigma_x_px"]
+    assert "note: the errors contain 5 % for a lens that is not Gaussian" in done.err
     far = tmp_path / "far.tif"
     done = command("simulate", photographs[0], "--zoom", 2, "--psf", out, "--out", far)
     assert done.status == 0, done.err
@@ -93,6 +96,22 @@ def test_photographs_in_the_wrong_order_are_refused_in_one_line(
     assert done.status == 1
     assert "the second photograph is the nearer one" in done.err
     assert not out.exists()
+
+
+@pytest.mark.slow
+def test_the_edges_of_a_scene_tell_the_psf_and_how_little_that_is(
+    command: Command, tmp_path: Path
+) -> None:
+    scene, out = tmp_path / "scene.tif", tmp_path / "psf.json"
+    cover = chart(240, 320, pitch_px=70.0, side_px=46.0, turn_deg=24.0, sigma_px=0.7)
+    noise = np.random.default_rng(1).normal(0.0, 2.0, cover.shape)
+    tifffile.imwrite(scene, (200.0 - 150.0 * cover + noise).astype(np.float32))
+    done = command("calibrate", scene, "--method", "single-image", "--out", out)
+    assert done.status == 0, done.err
+    found = json.loads(out.read_text())
+    assert found["optical_sigma_x_px"] == pytest.approx(0.7, rel=0.1)
+    assert found["sigma_x_err_px"] == pytest.approx(0.2 * found["sigma_x_px"], rel=0.1)
+    assert "note: the errors contain 20 %" in done.err
 
 
 def test_an_image_without_edges_tells_no_psf(
