@@ -1,6 +1,7 @@
 """Documents as JSON files: each is a pydantic model that names its schema."""
 
 import json
+from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
@@ -92,17 +93,24 @@ def read_document(
 
 def _infinite_key(document: object) -> str | None:
     """Where a number is infinite or NaN, as ``transfer.x.mtf.3``; None if it is nowhere."""
-    parts: list[tuple[str, object]] = [("", document)]
-    while parts:
-        key, value = parts.pop()
-        if isinstance(value, float):
-            if not isfinite(value):
-                return key[1:]
-        elif isinstance(value, dict):
-            parts += [(f"{key}.{name}", part) for name, part in value.items()]
-        elif isinstance(value, list):
-            parts += [(f"{key}.{index}", part) for index, part in enumerate(value)]
+    # Neither deep nor long ones take more than they are: no recursion, and no list of all parts.
+    inside: list[tuple[object, Iterator[tuple[object, object]]]] = [("", _parts(document))]
+    while inside:
+        for name, value in inside[-1][1]:
+            if isinstance(value, float) and not isfinite(value):
+                return ".".join(str(key) for key in (*(outer for outer, _ in inside[1:]), name))
+            if isinstance(value, dict | list):
+                inside.append((name, _parts(value)))
+                break
+        else:
+            inside.pop()
     return None
+
+
+def _parts(value: object) -> Iterator[tuple[object, object]]:
+    if isinstance(value, dict):
+        return iter(value.items())
+    return enumerate(value) if isinstance(value, list) else iter(())
 
 
 def fitted(

@@ -96,8 +96,8 @@ def calibrate_from_distances(
 ) -> PsfCalibration:
     """Measure the PSF from scenes photographed at two or more distances (method two-distance).
 
-    A Gaussian lens is found to 1 %; of others, which the photographs do not tell from it, the
-    Gaussian's MTF50 is some 5 % off, and the errors say so.
+    A Gaussian lens is found to 1 %; of others the Gaussian's MTF50 is some 5 % off, and the errors
+    say so.
 
     Parameters
     ----------
