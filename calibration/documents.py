@@ -82,7 +82,7 @@ def read_document(
             source=source,
             key="schema",
         )
-    # None is written: what is read past a figure's bounds would fail far from its file.
+    # Such numbers are never written; read, they would fail far from their file.
     infinite = _infinite_key(document)
     if infinite is not None:
         raise failure(
