@@ -52,7 +52,7 @@ def test_curves_and_figures_are_written_and_a_second_run_finds_its_cells(
     done = command(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out)
     assert done.status == 0, done.err
     assert "upper bound" in done.out
-    assert "which row to read: npw takes the scene's detail for white noise; cho is" in done.out
+    assert "which row to read: npw takes the scene's detail for white noise; cho comes" in done.out
     first = json.loads(out.read_text())
     assert_provenance(first, "detectability", psf_file, scene_file)
     curves = read_curves(out).curves
