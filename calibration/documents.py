@@ -15,6 +15,7 @@ from acquisition.untrusted import parse_json
 from calibration.errors import DocumentError
 
 Document = TypeVar("Document", bound=BaseModel)
+_Nested = dict[str, object] | list[object]
 
 
 def json_object(document: BaseModel) -> dict[str, Any]:
@@ -91,7 +92,7 @@ def read_document(
     return fitted(document, model, failure, source)
 
 
-def _infinite_key(document: object) -> str | None:
+def _infinite_key(document: _Nested) -> str | None:
     """Where a number is infinite or NaN, as ``transfer.x.mtf.3``; None if it is nowhere."""
     # Neither deep nor long ones take more than they are: no recursion, and no list of all parts.
     inside: list[tuple[object, Iterator[tuple[object, object]]]] = [("", _parts(document))]
@@ -107,10 +108,8 @@ def _infinite_key(document: object) -> str | None:
     return None
 
 
-def _parts(value: object) -> Iterator[tuple[object, object]]:
-    if isinstance(value, dict):
-        return iter(value.items())
-    return enumerate(value) if isinstance(value, list) else iter(())
+def _parts(value: _Nested) -> Iterator[tuple[object, object]]:
+    return iter(value.items()) if isinstance(value, dict) else enumerate(value)
 
 
 def fitted(

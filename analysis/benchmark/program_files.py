@@ -205,7 +205,8 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     text = TextIOWrapper(BytesIO(data), encoding="utf-8-sig", newline="")
     rows = csv.reader(text, strict=True)
     try:
-        if len(data) > _LONGEST_HEAD_BYTES and not _ends_a_line(data[:_LONGEST_HEAD_BYTES]):
+        first = data[:_LONGEST_HEAD_BYTES]
+        if len(data) > len(first) and b"\n" not in first and b"\r" not in first:
             raise _refused(path, _HEAD_NEEDED)
         head = [name.strip() for name in next(rows, [])]
         _check_head(path, head)
@@ -220,10 +221,6 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
         raise _refused(path, "is no text in UTF-8") from error
     except csv.Error as error:
         raise _refused(path, f"line {rows.line_num}: {error}") from error
-
-
-def _ends_a_line(data: bytes) -> bool:
-    return b"\n" in data or b"\r" in data
 
 
 def _check_head(path: Path, head: list[str]) -> None:

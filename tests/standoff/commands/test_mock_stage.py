@@ -7,11 +7,12 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from acquisition.bench import load_bench
+from acquisition.bench import load_bench, parse_overrides
 from acquisition.stages.grbl.axis import open_grbl_stage
 from acquisition.stages.zaber.axis import open_zaber_stage
 from hil_mocks.practice_bench import PracticeBench
@@ -49,27 +50,46 @@ def test_the_camera_sees_the_true_height_not_the_one_read_back(protocol: StagePr
             opened.close()
 
 
-@pytest.mark.slow
-def test_mock_serves_a_stage_on_a_port_and_says_how_to_open_it(command: Command) -> None:
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            "from standoff.cli import main; main()",
-            *("mock", "--stage-protocol", "zaber", "--address", "127.0.0.78"),
-        ],
+def served_mock(*words: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", "from standoff.cli import main; main()", "mock", *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def served_and_options(process: subprocess.Popen[str]) -> tuple[str, list[str]]:
+    """What is served, and the options that open it."""
+    assert process.stdout is not None
+    served, opening = process.stdout.readline(), process.stdout.readline()
+    options = re.fullmatch("open it with (.*); Ctrl-C ends\n", opening)
+    assert options is not None, opening
+    return served, shlex.split(options[1])
+
+
+@pytest.mark.slow
+def test_a_stand_that_a_hand_moves_is_opened_with_its_own_travel() -> None:
+    process = served_mock("--address", "127.0.0.79", "--set", "stage.limits_mm=[150, 400]")
     try:
-        assert process.stdout is not None
-        served, opening = process.stdout.readline(), process.stdout.readline()
+        served, bench = served_and_options(process)
+    finally:
+        process.kill()
+        process.communicate()
+    assert served == "camera at 127.0.0.79; no stage port\n"
+    keys = [word for option, word in zip(bench[::2], bench[1::2], strict=True) if option == "--set"]
+    opened = load_bench(Path(bench[1]), parse_overrides(keys))
+    assert opened.stage.limits_mm == (150.0, 400.0)
+    assert opened.camera.address == "127.0.0.79"
+
+
+@pytest.mark.slow
+def test_mock_serves_a_stage_on_a_port_and_says_how_to_open_it(command: Command) -> None:
+    process = served_mock("--stage-protocol", "zaber", "--address", "127.0.0.78")
+    try:
+        served, bench = served_and_options(process)
         assert served.startswith("camera at 127.0.0.78; stage on /dev/")
-        options = re.fullmatch("open it with (.*); Ctrl-C ends\n", opening)
-        assert options is not None, opening
-        bench = shlex.split(options[1])
         assert bench[:2] == ["--bench", str(shipped_config("zaber_stage.toml"))]
         assert "camera.address=127.0.0.78" in bench
         shown = json.loads(command("stage", "status", *bench, "--json").out)
