@@ -53,6 +53,7 @@ GROUPS = (
             "exclude_capture",
             "include_capture",
             "correct_height",
+            "set_aside_files",
             "add_note",
             "validate",
             "write_report",

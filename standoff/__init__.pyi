@@ -78,6 +78,7 @@ from .library.sessions import (
     import_photographs as import_photographs,
     include_capture as include_capture,
     list_sessions as list_sessions,
+    set_aside_files as set_aside_files,
     show_session as show_session,
     validate as validate,
     verify_session as verify_session,

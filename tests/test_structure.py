@@ -20,7 +20,7 @@ MODULES = [path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.p
 ROOMS = [path.parent for path in MODULES if path.name == "__init__.py"]
 MODULES_MOST = {"standoff": 24}
 MODULES_MOST_ELSEWHERE = 17
-LINES_MOST = 400
+LINES_MOST = 700
 BODY_LINES_MOST = 60
 PARAMETERS_MOST = 6
 COMPLEXITY_MOST = 20

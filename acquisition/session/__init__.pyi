@@ -26,6 +26,7 @@ from .shared_files import (
     commit_file as commit_file,
     fsync_directory as fsync_directory,
     part_of as part_of,
+    refuse_capture as refuse_capture,
     whole_file as whole_file,
     write_shared as write_shared,
 )

@@ -1,7 +1,9 @@
 """A capture as an ImageJ TIFF: mean, temporal variance, scale and record, in one plain file."""
 
+import hashlib
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +19,12 @@ from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session.durable_write import FileParts
 from acquisition.session.record import CaptureRecord
 from acquisition.untrusted import parse_json, read_tiff
+
+_SEALED = b"\nseal=sha256\n"
+"""In the TIFF's description: the file ends in a seal."""
+
+_SEAL = re.compile(rb"\nSHA-256 of this file before this line: ([0-9a-f]{64})\n")
+_SEAL_BYTES = 105
 
 _INFO_START, _INFO_END = ('{\n "index"'.encode("utf-16-le"), "\n}".encode("utf-16-le"))
 """Of the record in ImageJ's Info, which is UTF-16."""
@@ -67,7 +75,8 @@ def capture_parts(images: CaptureImages) -> FileParts:
 
     Page 1 is the mean, page 2 the variance, page 3 of a bracket the number of exposures used, 0
     where the pixel is not valid; uncompressed float32. The record is in ImageJ's
-    Info as JSON without its ``sha256``, the scale in the resolution where it is known.
+    Info as JSON without its ``sha256``, the scale in the resolution where it is known. The file
+    ends in a `capture_seal`.
     """
     pages = [images.mean_dn]
     labels = ["mean"]
@@ -79,9 +88,24 @@ def capture_parts(images: CaptureImages) -> FileParts:
         labels.append("exposures used")
     return _imagej_parts(
         [np.ascontiguousarray(page, dtype="<f4") for page in pages],
-        {"axes": "ZYX", "Labels": labels, "Info": _info(images.record)},
+        {"axes": "ZYX", "seal": "sha256", "Labels": labels, "Info": _info(images.record)},
         images.record.scale_px_per_mm,
     )
+
+
+def capture_seal(sha256: str) -> bytes:
+    """The last line of a capture file, by which it vouches for itself where no journal does."""
+    return f"\nSHA-256 of this file before this line: {sha256}\n".encode()
+
+
+def is_sealed(data: bytes) -> bool | None:
+    """Whether a capture file is as it was written; None if an older version wrote it unsealed."""
+    if data.find(_SEALED, 0, 1 << 16) < 0:
+        return None
+    seal = _SEAL.fullmatch(data[-_SEAL_BYTES:])
+    if seal is None:
+        return False
+    return hashlib.sha256(memoryview(data)[:-_SEAL_BYTES]).hexdigest() == seal[1].decode()
 
 
 def _info(record: CaptureRecord) -> str:

@@ -8,14 +8,18 @@ import errno
 import hashlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
-from acquisition.session.shared_files import PART_SUFFIX as PART_SUFFIX, fsync_directory
+from acquisition.session.shared_files import (
+    PART_SUFFIX as PART_SUFFIX,
+    fsync_directory,
+    refuse_capture,
+)
 
 FileParts = tuple[bytes | memoryview, ...]
 """Bytes of a file, in order; they are written from where they lie."""
@@ -34,23 +38,54 @@ def atomic_write(path: Path, data: bytes | memoryview) -> None:
     OSError
         If the disk is full or the directory cannot be written; ``path`` is as it was before.
     """
-    _write_parts(path, (data,))
+    refuse_capture(path)
+    with _part_of(path, Path.replace) as file:
+        _write_parts(file, (data,))
+        _make_durable(file)
 
 
-def atomic_write_hashed(path: Path, parts: FileParts) -> str:
-    """Write a file as ``atomic_write`` does; return its SHA-256, taken while the disk works.
+def write_new_hashed(
+    path: Path, parts: FileParts, seal: Callable[[str], bytes] = lambda _: b""
+) -> str:
+    """Write a file that is not there yet, as ``atomic_write`` does; return its SHA-256.
+
+    The hash is taken while the disk works. The file ends in what ``seal`` makes of the SHA-256 of
+    ``parts``.
 
     Raises
     ------
+    FileExistsError
+        If there is a file of this name, which stays as it is.
     OSError
         As ``atomic_write``.
     """
     digest = helper_thread().submit(_sha256_of, parts)
     try:
-        _write_parts(path, parts)
+        with _part_of(path, _name_new) as file:
+            _write_parts(file, parts)
+            whole = digest.result()
+            end = seal(whole.hexdigest())
+            file.write(end)
+            whole.update(end)
+            _make_durable(file)
     finally:
         wait((digest,))  # it reads the caller's memory
-    return digest.result()
+    return whole.hexdigest()
+
+
+def move_new(path: Path, target: Path) -> None:
+    """Move a file within its file system to a name that is not taken, and make that durable.
+
+    Raises
+    ------
+    FileExistsError
+        If the name is taken; nothing was moved.
+    OSError
+        If the system refuses.
+    """
+    _name_new(path, target)
+    fsync_directory(target.parent)
+    fsync_directory(path.parent)
 
 
 def helper_thread() -> ThreadPoolExecutor:
@@ -97,12 +132,12 @@ def _helper_thread_of(_process_id: int) -> ThreadPoolExecutor:  # a fork has no 
 
 
 @contextmanager
-def _part_of(path: Path) -> Iterator[BinaryIO]:
+def _part_of(path: Path, name: Callable[[Path, Path], object]) -> Iterator[BinaryIO]:
     part = path.with_name(path.name + PART_SUFFIX)
     try:
         with open_part(path) as file:
             yield file
-        part.replace(path)
+        name(part, path)
     except BaseException:
         # On a full disk the half-written part takes the space that the error report needs.
         part.unlink(missing_ok=True)
@@ -110,13 +145,28 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
     fsync_directory(path.parent)
 
 
-def _write_parts(path: Path, parts: FileParts) -> None:
-    with _part_of(path) as file:
-        for part in parts:
-            for start in range(0, len(part), _STEP_BYTES):
-                file.write(memoryview(part)[start : start + _STEP_BYTES])
-                _begin_to_store(file)
-        _make_durable(file)
+def _name_new(file: Path, name: Path) -> None:
+    """Rename a file; where the new name is taken, refuse, as a plain rename does not."""
+    try:
+        os.link(file, name)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links: take the name first, and replace that
+        os.close(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+        try:
+            file.replace(name)
+        except BaseException:
+            name.unlink(missing_ok=True)
+            raise
+        return
+    file.unlink()
+
+
+def _write_parts(file: BinaryIO, parts: FileParts) -> None:
+    for part in parts:
+        for start in range(0, len(part), _STEP_BYTES):
+            file.write(memoryview(part)[start : start + _STEP_BYTES])
+            _begin_to_store(file)
 
 
 def _begin_to_store(file: BinaryIO) -> None:
@@ -131,8 +181,8 @@ def _make_durable(file: BinaryIO) -> None:
     os.fsync(file.fileno())
 
 
-def _sha256_of(parts: FileParts) -> str:
+def _sha256_of(parts: FileParts) -> "hashlib._Hash":
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part)
-    return digest.hexdigest()
+    return digest

@@ -65,13 +65,24 @@ class JournalWriter:
     ``flock`` ends with the process, so that a killed one leaves no stale lock. Opening repairs a
     torn tail: it is cut off and quoted in a ``note`` event.
 
+    Parameters
+    ----------
+    examine
+        Called with the journal as it was found, before it is repaired; what it raises leaves
+        the journal so.
+
     Raises
     ------
     SessionError
         If another process holds the journal, or it is damaged or cannot be written.
     """
 
-    def __init__(self, path: Path, stamps: Stamps = SYSTEM_STAMPS) -> None:
+    def __init__(
+        self,
+        path: Path,
+        stamps: Stamps = SYSTEM_STAMPS,
+        examine: Callable[[JournalReading], None] = lambda _: None,
+    ) -> None:
         self.events: tuple[JournalEvent, ...] = ()
         self._path = path
         self._stamps = stamps
@@ -82,6 +93,7 @@ class JournalWriter:
             raise self._refusal(error) from error
         try:
             self._lock()
+            examine(read_journal_file(path))
             self._mend()
         except BaseException:
             self.close()

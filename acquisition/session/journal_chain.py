@@ -16,6 +16,7 @@ from typing import Self
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 
+JOURNAL_NAME = "journal.jsonl"
 HEAD_NAME = "journal.head"
 NO_LINES = hashlib.sha256().hexdigest()
 """Chain before the first line."""

@@ -71,11 +71,8 @@ class JournalReading:
 
     @property
     def is_head_missing(self) -> bool:
-        """Whether lines may be missing at the end without a trace.
-
-        The head's name is durable with the second chained line, which may be whole before.
-        """
-        return self.head is None and len(self.events) > self.unchained + 2
+        """Whether lines may be missing at the end without a trace."""
+        return self.head is None and len(self.events) > self.unchained
 
 
 def read_journal(

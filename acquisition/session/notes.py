@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from acquisition.errors import SessionError
+from acquisition.session.capture_files import set_aside, unknown_files
 from acquisition.session.journal import SYSTEM_STAMPS, JournalWriter, Stamps
 from acquisition.session.journal_event import EventKind, JournalEvent
 from acquisition.session.reader import JOURNAL_NAME, Session, captures_of, current_capture
@@ -90,6 +91,32 @@ class SessionNotes:
         """Record a note for later readers."""
         with self._open() as journal:
             return journal.append("note", {"text": text, "operator": self._operator})
+
+    def set_aside(self, reason: str) -> tuple[dict[str, str], ...]:
+        """Move the files that the journal does not name out of the folders of captures.
+
+        Returns
+        -------
+        tuple of dict
+            Of each file its name (``file``), the new one (``to``) and its ``sha256``.
+        """
+        source = str(self._path / JOURNAL_NAME)
+        with self._open() as journal:
+            captures = captures_of(journal.events, source=source)
+            unknown = unknown_files(self._path, (capture.record for capture in captures))
+            try:
+                moved = set_aside(self._path, unknown)
+            except OSError as error:
+                raise SessionError(
+                    f"{error.filename or self._path}: cannot be set aside: {error.strerror}",
+                    fault="unwritable",
+                    path=self._path,
+                ) from error
+            if moved:
+                journal.append(
+                    "note", {"text": reason, "set_aside": moved, "operator": self._operator}
+                )
+        return tuple(moved)
 
     def _open(self) -> JournalWriter:
         Session(self._path)  # a mistyped path must not become a new journal

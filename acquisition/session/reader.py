@@ -19,6 +19,7 @@ from acquisition.regular_files import (
     read_regular_file,
 )
 from acquisition.session.capture_file import CaptureImages, parse_capture
+from acquisition.session.journal_chain import JOURNAL_NAME as JOURNAL_NAME
 from acquisition.session.journal_event import JournalEvent
 from acquisition.session.journal_reading import read_journal_file
 from acquisition.session.manifest import MANIFEST_NAME, Manifest
@@ -27,7 +28,6 @@ from acquisition.session.record import CaptureRecord
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-JOURNAL_NAME = "journal.jsonl"
 _CHANGING = ("capture", "retake", "exclude", "include", "height")
 
 

@@ -4,15 +4,14 @@ import hashlib
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from acquisition.errors import SessionError
 from acquisition.plan import plan_entries
 from acquisition.regular_files import LARGEST_JOURNAL_BYTES, read_regular_file
-from acquisition.session.capture_file import read_capture
-from acquisition.session.capture_files import file_sha256
+from acquisition.session.capture_files import FoundCapture, found_capture, unknown_files
 from acquisition.session.durable_write import atomic_write, open_own
 from acquisition.session.journal import SYSTEM_STAMPS, Stamps, lock_exclusively
 from acquisition.session.journal_chain import (
@@ -49,38 +48,47 @@ class RepairReport:
         Lines that were not.
     recovered
         Captures that were brought back from their files.
-    unknown_files
-        Capture files that no line names and that hold no record of this session's plan.
+    left_out
+        Files where captures lie that no line names and that are no captures of this session.
     """
 
     kept_as: Path | None = None
     lines: int = 0
     lost: tuple[LostLine, ...] = ()
-    recovered: tuple[CaptureRecord, ...] = ()
-    unknown_files: tuple[str, ...] = ()
+    recovered: tuple[FoundCapture, ...] = ()
+    left_out: tuple[FoundCapture, ...] = ()
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was done, in sentences."""
+        left_out = (
+            f"{one.file} {one.refusal}; it was left out, and `standoff session set-aside` moves it "
+            "away"
+            for one in self.left_out
+        )
         if self.kept_as is None:
-            return ("the journal is sound; nothing was repaired",)
+            return ("the journal is sound; nothing was repaired", *left_out)
         lost = ((one.number, one.text[:_QUOTED] or "nothing is left of it") for one in self.lost)
         return (
             f"the journal was made anew of {self.lines} lines; the old one is {self.kept_as.name}",
-            *(f"capture {one.index} was brought back from {one.file}" for one in self.recovered),
+            *(_brought_back(one) for one in self.recovered),
             *(f"line {number} is lost: {text}" for number, text in lost),
-            *(f"{file} is not a capture of this session and was left out"
-              for file in self.unknown_files),
-        )  # fmt: skip
+            *left_out,
+        )
+
+    @property
+    def records(self) -> tuple[CaptureRecord, ...]:
+        """Of the captures that were brought back."""
+        return tuple(one.record for one in self.recovered if one.record is not None)
 
     def to_json(self) -> dict[str, Any]:
         """Return what was done as plain lists, numbers and text."""
         return {
             "kept_as": None if self.kept_as is None else str(self.kept_as),
             "lines": self.lines,
-            "recovered": [record.index for record in self.recovered],
+            "recovered": [record.index for record in self.records],
             "lost": [{"line": line.number, "text": line.text} for line in self.lost],
-            "unknown_files": list(self.unknown_files),
+            "unknown_files": [one.file for one in self.left_out],
         }
 
 
@@ -88,8 +96,9 @@ def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:
     """Replace a damaged journal by what can be vouched for; the old one is kept.
 
     A line is taken over if its chain, or for an older journal its own text, vouches for it. A
-    capture whose line is lost is brought back from the record in its file, with the hash that the
-    file has now. Lost decisions, such as an exclusion, are quoted in a note.
+    capture whose line is lost is brought back from the record in its file, if the file's seal says
+    that it is as it was written; an older version's has none, which is noted. Lost decisions, such
+    as an exclusion, are quoted in a note.
 
     Raises
     ------
@@ -99,12 +108,14 @@ def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:
     journal = path / JOURNAL_NAME
     manifest = _manifest(path / MANIFEST_NAME)
     with _locked(journal):
-        if _is_sound(path):
-            return RepairReport()
+        is_sound = _is_sound(path)
         data = read_regular_file(journal, LARGEST_JOURNAL_BYTES)
         kept, lost = vouched_lines(data, _head_lines(journal))
-        recovered, unknown = _from_files(path, kept, manifest)
-        events = _with_start(_in_order(kept, recovered), manifest, path / MANIFEST_NAME, stamps)
+        recovered, left_out = _from_files(path, kept, manifest)
+        if is_sound and not recovered:
+            return RepairReport(left_out=tuple(left_out))
+        records = [one.record for one in recovered if one.record is not None]
+        events = _with_start(_in_order(kept, records), manifest, path / MANIFEST_NAME, stamps)
         events, orphans = _without_orphans(events)
         lost += orphans
         kept_as = journal.with_name(f"journal-damaged-{stamps.utc_now():%Y%m%dT%H%M%S}.jsonl")
@@ -112,7 +123,8 @@ def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:
         facts = {
             "text": f"the journal was damaged and was repaired; the old one is {kept_as.name}",
             "lost": [{"line": one.number, "text": one.text[:_TEXT_MAX]} for one in lost],
-            "recovered": [record.index for record in recovered],
+            "recovered": [record.index for record in records],
+            "unsealed": [one.file for one in recovered if not one.is_sealed],
         }
         note = JournalEvent(
             kind="note", utc=utc_text(stamps.utc_now()), uid=stamps.new_uid(), facts=facts
@@ -123,7 +135,17 @@ def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:
         lines=len(kept) - len(orphans),
         lost=tuple(lost),
         recovered=tuple(recovered),
-        unknown_files=tuple(unknown),
+        left_out=tuple(left_out),
+    )
+
+
+def _brought_back(capture: FoundCapture) -> str:
+    index = "" if capture.record is None else f" {capture.record.index}"
+    if capture.is_sealed:
+        return f"capture{index} was brought back from {capture.file}"
+    return (
+        f"capture{index} was brought back from {capture.file}, which an older version wrote "
+        "without a seal: whether its pixels were altered cannot be told"
     )
 
 
@@ -176,25 +198,36 @@ def _head_lines(journal: Path) -> int:
 
 def _from_files(
     path: Path, kept: Iterable[JournalEvent], manifest: Manifest
-) -> tuple[list[CaptureRecord], list[str]]:
-    """Records of capture files that no line names, and files that have none."""
-    known = {event.uid for event in kept if event.kind == "capture"}
+) -> tuple[list[FoundCapture], list[FoundCapture]]:
+    """Captures in files that no line names, and the files that hold none."""
+    captured = [event for event in kept if event.kind == "capture"]
+    uids = {event.uid for event in captured}
     indices = {entry.index for entry in plan_entries(manifest.plan)}
-    recovered, unknown = [], []
-    for file in sorted((path / "captures").glob("*.tif")):
-        name = file.relative_to(path).as_posix()
-        try:
-            record = read_capture(file).record
-        except SessionError:
-            unknown.append(name)
-            continue
-        if record.uid in known:
-            continue
-        if record.file == name and record.index in indices:
-            recovered.append(replace(record, sha256=file_sha256(file)))
-        else:
-            unknown.append(name)
-    return recovered, unknown
+    named = set().union(*(_files_named(event.facts.get("record")) for event in captured))
+    found = [
+        found_capture(path, file, indices=indices, known_uids=uids)
+        for file in unknown_files(path, ())
+        if file not in named and file.startswith("captures/")
+    ]
+    recovered = [one for one in found if one.record is not None]
+    named |= {one.record.frames_file for one in recovered if one.record is not None}
+    named |= {one.file for one in found}
+    orphans = [file for file in unknown_files(path, ()) if file not in named]
+    return recovered, [
+        *(one for one in found if one.record is None),
+        *(
+            FoundCapture(file=file, refusal="belongs to no capture of this session")
+            for file in orphans
+        ),
+    ]
+
+
+def _files_named(record: object) -> set[object]:
+    """Files of a capture by its line, which may be any text."""
+    if not isinstance(record, dict):
+        return set()
+    names = (record.get("file"), record.get("frames_file"))
+    return {name for name in names if isinstance(name, str)}
 
 
 def _in_order(kept: list[JournalEvent], recovered: Iterable[CaptureRecord]) -> list[JournalEvent]:

@@ -1,5 +1,6 @@
 """Files that several processes may write at once: there whole, from one of them, or not at all."""
 
+import errno
 import os
 import re
 import shutil
@@ -8,24 +9,65 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from glob import escape
+from hashlib import sha256
 from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
+from acquisition.session.journal_chain import JOURNAL_NAME
+from acquisition.session.manifest import MANIFEST_NAME
+
 PART_SUFFIX = ".part"
 """Suffix of a file that is still being written; a leftover one is worthless."""
 
+CAPTURE_FOLDERS = ("captures", "frames")
+"""Of a session."""
+
 _WRITER = re.compile(r"\.(\d+)\.[0-9a-f]{32}\.part$")
 """End of a part's name, after that of its writer's machine."""
+
+_LONGEST_HEAD_BYTES = 120
+"""With a machine of 64 letters, the process and a random name, a part's name stays below 255."""
 
 _ABANDONED_S = 3600.0
 """Age of a part of another machine from which on nobody is taken to be writing it."""
 
 
+def refuse_capture(path: Path) -> None:
+    """Refuse to write a result where a session keeps its captures, whatever may be replaced.
+
+    Raises
+    ------
+    OSError
+        If ``path`` is, or lies in, such a folder.
+    """
+    place = Path(os.path.realpath(path))
+    for folder in (place, *place.parents):
+        if folder.name in CAPTURE_FOLDERS and any(
+            (folder.parent / name).exists() for name in (MANIFEST_NAME, JOURNAL_NAME)
+        ):
+            raise OSError(
+                errno.EEXIST,
+                f"session {folder.parent} keeps its captures there, and they are never written "
+                "over; name another folder",
+                str(path),
+            )
+
+
 def part_of(path: Path) -> Path:
     """Return a new name for a part of a file, which tells the process that writes it."""
     writer = f"{socket.gethostname()}.{os.getpid()}.{uuid4().hex}"
-    return path.with_name(f"{path.name}.{writer}{PART_SUFFIX}")
+    return path.with_name(f"{_part_head(path.name)}.{writer}{PART_SUFFIX}")
+
+
+def _part_head(name: str) -> str:
+    """The beginning of a part's name: that of its file, or a short form of a long one."""
+    if len(os.fsencode(name)) <= _LONGEST_HEAD_BYTES:
+        return name
+    head = name
+    while len(os.fsencode(head)) > _LONGEST_HEAD_BYTES:
+        head = head[:-1]
+    return f"{head}~{sha256(os.fsencode(name)).hexdigest()[:8]}"
 
 
 def clear_parts(folder: Path, name: str = "") -> None:
@@ -34,7 +76,7 @@ def clear_parts(folder: Path, name: str = "") -> None:
     Those of this machine go when their process has ended, those of another when nothing was
     written to them for an hour, and those that tell no writer at once.
     """
-    for part in folder.glob(f"{escape(name)}*{PART_SUFFIX}"):
+    for part in folder.glob(f"{escape(_part_head(name))}*{PART_SUFFIX}"):
         try:
             age_s = time.time() - part.stat().st_mtime
         except FileNotFoundError:  # its writer has just given it its name
@@ -80,6 +122,7 @@ def whole_file(path: Path, *, is_synced: bool = False) -> Iterator[BinaryIO]:
     OSError
         If the file cannot be written; ``path`` is as it was before.
     """
+    refuse_capture(path)
     part = part_of(path)
     try:
         with part.open("xb") as file:

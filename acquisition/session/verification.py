@@ -10,8 +10,14 @@ from acquisition.errors import SessionError
 from acquisition.plan import PlanEntry
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session.capture_file import has_record
-from acquisition.session.capture_files import FileState, file_state, files_of
-from acquisition.session.durable_write import PART_SUFFIX
+from acquisition.session.capture_files import (
+    FileState,
+    file_state,
+    files_of,
+    found_files,
+    unknown_files,
+    unknown_files_text,
+)
 from acquisition.session.journal_chain import HEAD_NAME
 from acquisition.session.manifest import MANIFEST_NAME
 from acquisition.session.reader import JOURNAL_NAME, Session
@@ -48,9 +54,9 @@ class VerifyReport:
 
     @property
     def is_ok(self) -> bool:
-        """Whether nothing is at odds, and every file that counts is there and unchanged.
+        """Whether nothing is at odds, and every file is known, there and unchanged.
 
-        A file without a journal line does not count, nor does a superseded capture.
+        What is missing or changed of a superseded capture does not count: nothing uses it.
         """
         return not self.faults and not any(
             check.state in ("missing", "changed") and not check.is_superseded
@@ -68,6 +74,9 @@ def verify(path: Path) -> VerifyReport:
     """
     session = Session(path)
     checks, faults = [_check_manifest(session)], []
+    unknown = unknown_files(path, (capture.record for capture in session.captures))
+    if unknown and session.is_begun:
+        faults.append(unknown_files_text(unknown))
     if session.is_journal_head_missing:
         faults.append(
             f"{HEAD_NAME} is missing, and lines may be, at the end of {JOURNAL_NAME}; restore it "
@@ -92,19 +101,18 @@ def verify(path: Path) -> VerifyReport:
             for one in (_differs_from_plan(record, entries.get(record.index)), odd)
             if one is not None
         ]
-    known = {check.file for check in checks}
-    if not session.is_begun and any((path / "captures").glob("*.tif")):
+    if not session.is_begun:
         faults.append(
             f"{JOURNAL_NAME} holds no start of a run, yet there are captures; restore it from a "
             "copy, or see what `standoff verify --repair` can bring back"
+            if unknown
+            else f"{JOURNAL_NAME} holds no start of a run; restore it from a copy, or run the "
+            "capture command again, which begins the session"
         )
-    found = sorted(
-        file.relative_to(path).as_posix()
-        for folder in ("captures", "frames")
-        for file in (path / folder).glob("*")
-    )
-    checks += [FileCheck(file=f, state="unjournaled") for f in found if f not in known]
-    leftovers = [f for f in found if f.endswith(PART_SUFFIX)]
+    checks += [FileCheck(file=file, state="unjournaled") for file in unknown]
+    known = {check.file for check in checks}
+    leftovers = [file for file in found_files(path) if file not in known]
+    checks += [FileCheck(file=file, state="unfinished") for file in leftovers]
     remarks = [
         f"{f} is left from a run that was killed while writing; delete it" for f in leftovers
     ]

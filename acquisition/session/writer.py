@@ -4,7 +4,7 @@ import hashlib
 import os
 import shutil
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -17,12 +17,25 @@ from acquisition.devices import FrameImage
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.regular_files import read_regular_file
-from acquisition.session.capture_file import CaptureImages, capture_parts, frames_parts
-from acquisition.session.capture_files import is_intact
-from acquisition.session.durable_write import PART_SUFFIX, atomic_write, atomic_write_hashed
+from acquisition.session.capture_file import (
+    CaptureImages,
+    capture_parts,
+    capture_seal,
+    frames_parts,
+)
+from acquisition.session.capture_files import (
+    KilledRun,
+    is_intact,
+    left_by_killed_run,
+    set_aside,
+    unknown_files,
+    unknown_files_text,
+)
+from acquisition.session.durable_write import PART_SUFFIX, atomic_write, write_new_hashed
 from acquisition.session.journal import SYSTEM_STAMPS, JournalWriter, Stamps
 from acquisition.session.journal_chain import HEAD_NAME
 from acquisition.session.journal_event import EventKind, JournalEvent
+from acquisition.session.journal_reading import JournalReading
 from acquisition.session.manifest import MANIFEST_NAME, Manifest, software_versions
 from acquisition.session.reader import (
     JOURNAL_NAME,
@@ -31,6 +44,7 @@ from acquisition.session.reader import (
     current_capture,
 )
 from acquisition.session.record import CaptureRecord, utc_text
+from acquisition.session.shared_files import CAPTURE_FOLDERS, fsync_directory
 from acquisition.session.take import Photograph, Take
 
 SPARE_BYTES = 64 * 2**20
@@ -76,10 +90,11 @@ class SessionWriter:
         self.entries = plan_entries(plan)
         self._stamps = stamps
         _prepare_directory(path)
+        self._takes: Counter[int] = Counter()
+        self._killed = KilledRun()
         self._require_start(is_begun=_has_text(path / JOURNAL_NAME))
-        self._journal = JournalWriter(path / JOURNAL_NAME, stamps)
+        self._journal = JournalWriter(path / JOURNAL_NAME, stamps, self._examine)
         try:
-            self._takes = Counter(capture.record.index for capture in self.captures)
             self._begin({} if bench is None else bench.model_dump(mode="json"), devices, operator)
         except OSError as error:
             self.close()
@@ -276,8 +291,9 @@ class SessionWriter:
                 software=software_versions(),
             ).to_bytes()
             atomic_write(path, data)
-        for folder in ("captures", "frames", "logs"):
+        for folder in (*CAPTURE_FOLDERS, "logs"):
             _make_own_folder(self.path / folder)
+        self._journal_what_a_kill_left()
         facts = {"operator": operator, "devices": devices, "software": software_versions()}
         if any(event.kind == "start" for event in self._journal.events):
             self._journal.append("resume", {**facts, "pending": len(self.pending_entries())})
@@ -288,10 +304,50 @@ class SessionWriter:
             digest = hashlib.sha256(data).hexdigest()
             self._journal.append("start", {**facts, "session_sha256": digest})
             self._journal.append("plan", {"name": self.plan.name, "captures": len(self.entries)})
+            fsync_directory(self.path)  # a run is known by the name of the journal's head
+
+    def _examine(self, journal: JournalReading) -> None:
+        """Refuse to go on where files lie that the journal ought to name, but after a kill."""
+        source = str(self.path / JOURNAL_NAME)
+        records = [capture.record for capture in captures_of(journal.events, source=source)]
+        self._takes.update(record.index for record in records)
+        unknown = unknown_files(self.path, records)
+        killed = left_by_killed_run(
+            self.path,
+            unknown,
+            [(self._file(one, "captures"), self._file(one, "frames")) for one in self.entries],
+            {record.uid for record in records},
+        )
+        if killed is None or (unknown and journal.head is None):
+            raise self._unknown(unknown)
+        self._killed = killed
+
+    def _unknown(self, files: Collection[str]) -> SessionError:
+        return SessionError(
+            f"session {self.path}: {unknown_files_text(files)}",
+            fault="unknown files",
+            path=self.path,
+        )
+
+    def _journal_what_a_kill_left(self) -> None:
+        """Take in the capture that was whole when a run was killed, and put aside what was not."""
+        capture, remains = self._killed.capture, self._killed.remains
+        text = "the run before was killed before it could journal a capture"
+        if capture is not None and capture.record is not None:
+            record = capture.record
+            self._journal.append("capture", {"record": record.to_json()}, uid=record.uid)
+            self._takes[record.index] += 1
+            facts = {"text": f"{text}; {record.file} is taken in", "recovered": [record.index]}
+            self._journal.append("note", facts)
+        elif remains:
+            moved = set_aside(self.path, remains)
+            self._journal.append(
+                "note", {"text": f"{text}; its remains are set aside", "set_aside": moved}
+            )
 
     def _require_start(self, *, is_begun: bool) -> None:
         """Refuse to begin anew where captures lie: a run is journaled before the first of them."""
-        if not is_begun and any((self.path / "captures").glob("*.tif")):
+        if not is_begun and unknown_files(self.path, ()):
             raise SessionError(
                 f"session {self.path} has captures, but its {JOURNAL_NAME} is empty or missing; "
                 "restore it from a copy, or run `standoff verify --repair`",
@@ -324,10 +380,13 @@ class SessionWriter:
         try:
             if record.frames_file is not None:
                 path = self.path / record.frames_file
-                digest = atomic_write_hashed(path, frames_parts(raw_frames))
+                digest = write_new_hashed(path, frames_parts(raw_frames))
                 record = replace(record, frames_sha256=digest)
                 images = replace(images, record=record)
-            digest = atomic_write_hashed(self.path / record.file, capture_parts(images))
+            path = self.path / record.file
+            digest = write_new_hashed(path, capture_parts(images), capture_seal)
+        except FileExistsError as error:
+            raise self._unknown([path.relative_to(self.path).as_posix()]) from error
         except OSError as error:
             raise _write_failure(self.path, error) from error
         record = replace(record, sha256=digest)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from acquisition.errors import ExportError
-from acquisition.session import Session, fsync_directory
+from acquisition.session import Session, clear_parts, fsync_directory, part_of, refuse_capture
 from acquisition.session_export.choices import ExportFormat
 from acquisition.session_export.source import ExportSource
 
@@ -130,8 +130,10 @@ def _put_in_place(out: Path) -> Iterator[Path]:
 
     What fails before leaves ``out`` as it was, and nothing beside it.
     """
-    part = out.with_name(f".{out.name}.part")
-    shutil.rmtree(part, ignore_errors=True)  # of a run that was killed
+    refuse_capture(out)
+    hidden = f".{out.name}"
+    clear_parts(out.parent, hidden)
+    part = part_of(out.with_name(hidden))
     part.mkdir()
     try:
         yield part / _NEW

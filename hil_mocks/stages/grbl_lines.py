@@ -1,11 +1,11 @@
-"""Settings of a Grbl emulator, their listing, and the parsing of jogs."""
+"""Settings of a Grbl emulator, what it lists and says in lines, and the parsing of jogs."""
 
 from dataclasses import dataclass
 from typing import Literal
 
-GrblDialect = Literal["grbl", "grblhal"]
+from hil_mocks.stages.grbl_reports import MM_PER_INCH
 
-MM_PER_INCH = 25.4
+GrblDialect = Literal["grbl", "grblhal", "grbl 0.9"]
 
 DEFAULT_SETTINGS: dict[int, float] = {
     0: 10, 1: 255, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.01, 12: 0.002, 13: 0,
@@ -14,6 +14,24 @@ DEFAULT_SETTINGS: dict[int, float] = {
     120: 200, 121: 200, 122: 200, 130: 400, 131: 400, 132: 400,
 }  # fmt: skip
 """As entered for the simulated stage: homing downwards, travel 400 mm, 4 um per step."""
+
+GRBLHAL_SETTINGS: dict[int, float] = {
+    10: 511, 14: 0, 39: 1, 40: 0, 43: 1, 44: 4, 45: 0, 46: 0, 62: 0, 63: 3, 64: 1, 65: 0,
+    341: 0, 346: 1, 384: 0, 398: 100, 481: 0, 486: 0, 676: 15,
+}  # fmt: skip
+"""What grblHAL has besides; ``$64=1`` has it start in alarm, as Grbl 1.1 does."""
+
+GRBLHAL_TEXTS = {70: "7", 73: "1", 74: "Werkstatt Süd", 75: "", 300: "Grbl 2", 302: "192.168.5.1"}
+"""Settings that are texts; ``$300`` is the name in the network."""
+
+STORED_LINES = ("G54", "")
+"""Run by grblHAL after a start without alarm, and after homing."""
+
+GREETINGS: dict[GrblDialect, str] = {
+    "grbl": "Grbl 1.1h ['$' for help]",
+    "grblhal": "GrblHAL 1.1f ['$' or '$HELP' for help]",
+    "grbl 0.9": "Grbl 0.9j ['$' for help]",
+}
 
 FACTORY_SETTINGS = {**DEFAULT_SETTINGS, 20: 0, 22: 0, 23: 0, 102: 800}
 
@@ -32,28 +50,43 @@ class JogWords:
 
 
 def setting_lines(settings: dict[int, float], dialect: GrblDialect) -> list[str]:
-    """Return the lines of ``$$``."""
-    lines = []
+    """Return the lines of ``$$``, in the order of their numbers."""
+    lines = {}
     for number, value in settings.items():
-        is_float = number in (11, 12, 24, 25, 27) or number >= 100
-        lines.append(f"${number}={value:.3f}" if is_float else f"${number}={value:g}")
+        is_float = number in (11, 12, 24, 25, 27) or 100 <= number <= 132
+        lines[number] = f"{value:.3f}" if is_float else f"{value:g}"
     if dialect == "grblhal":
-        lines += ["$341=0", "$384=bench stand"]
-    return lines
+        lines |= GRBLHAL_TEXTS
+    return [f"${number}={lines[number]}" for number in sorted(lines)]
 
 
-def version_lines(dialect: GrblDialect) -> list[str]:
+def version_lines(dialect: GrblDialect, settings: dict[int, float], axes: str) -> list[str]:
     """Return the lines of ``$I``."""
-    if dialect == "grbl":
-        return ["[VER:1.1h.20190830:stand 7]", "[OPT:V,15,128]"]
-    return [
-        "[VER:1.1f.20250101:]",
-        "[OPT:VNMZ,35,1024,3,0]",
-        "[AXS:3:XYZ]",
-        "[NEWOPT:ENUMS,RT+,HOME,SED]",
-        "[FIRMWARE:grblHAL]",
-        "[BOARD:simulated]",
-    ]
+    match dialect:
+        case "grbl":
+            return ["[VER:1.1h.20190830:stand 7]", "[OPT:V,15,128]"]
+        case "grbl 0.9":
+            return ["[0.9j.20160316:]"]
+        case "grblhal":
+            homing = int(settings[22])
+            options = "VNM" + "Z" * bool(homing & 8) + "H" * bool(homing & 2)
+            options += "L" * (not homing & 4)
+            return [
+                "[VER:1.1f.20260817:]",
+                f"[OPT:{options}+,100,1024,{len(axes)},0]",
+                f"[AXS:{len(axes)}:{axes}]",
+                "[NEWOPT:ENUMS,RT+,HOME,TC,SED]",
+                "[FIRMWARE:grblHAL]",
+                "[SIGNALS:HSE]",
+                "[NVS STORAGE:*FLASH 4K]",
+                "[FREE MEMORY:131K]",
+                "[DRIVER:simulated@150MHz]",
+                "[DRIVER VERSION:260324]",
+                "[BOARD:simulated]",
+                "[AUX IO:2,3,0,0]",
+                "[WIFI MAC:02:00:00:00:00:01]",
+                "[PLUGIN:Networking v0.2]",
+            ]
 
 
 def read_jog(text: str) -> JogWords | int:

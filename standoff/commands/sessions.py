@@ -18,7 +18,8 @@ Index = Annotated[int, Argument(help="Index of the capture.", show_default=False
 Reason = Annotated[str, Option(help="Reason, recorded in the session.")]
 
 session = Typer(
-    name="session", help="Manage capture sessions: list, show, exclude, include, set-height, note."
+    name="session",
+    help="Manage capture sessions: list, show, exclude, include, set-height, set-aside, note.",
 )
 
 
@@ -160,6 +161,18 @@ def set_height(
             f"{directory}: capture {event.facts['index']} is at {height_mm:g} mm "
             f"(was {event.facts['was_mm']:g} mm): {reason}"
         )
+
+
+@session.command("set-aside")
+def set_aside(
+    directory: terminal.SessionFolder,
+    reason: Reason,
+    operator: terminal.OperatorName = None,
+) -> None:
+    """Move files that the journal does not name out of the folders of captures."""
+    moved = library.set_aside_files(directory, reason, operator=operator)
+    terminal.say(*(f"{one['file']} is now {one['to']}" for one in moved))
+    terminal.say(f"{directory}: {len(moved)} files set aside: {reason}")
 
 
 @session.command("note")

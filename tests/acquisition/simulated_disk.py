@@ -15,7 +15,7 @@ from typing import Literal
 
 import pytest
 
-OpKind = Literal["data", "sync", "names", "rename", "unlink", "folder", "promise"]
+OpKind = Literal["data", "sync", "names", "rename", "link", "unlink", "folder", "promise"]
 """``names``: a folder was synced."""
 
 
@@ -70,7 +70,7 @@ class DiskRecorder:
 
     def _patch(self, patch: pytest.MonkeyPatch) -> None:
         fsync, write, ftruncate = os.fsync, os.write, os.ftruncate
-        replace, unlink, mkdir = os.replace, os.unlink, os.mkdir
+        replace, link, unlink, mkdir = os.replace, os.link, os.unlink, os.mkdir
 
         def seen_fsync(descriptor: int) -> None:
             fsync(descriptor)
@@ -89,6 +89,10 @@ class DiskRecorder:
             replace(source, target)
             self._names("rename", source, target)
 
+        def seen_link(source: Path, target: Path) -> None:
+            link(source, target)
+            self._names("link", source, target)
+
         def seen_unlink(path: Path, **options: int) -> None:
             unlink(path, **options)
             self._names("unlink", path)
@@ -102,6 +106,7 @@ class DiskRecorder:
             ("write", seen_write),
             ("ftruncate", seen_ftruncate),
             ("replace", seen_replace),
+            ("link", seen_link),
             ("unlink", seen_unlink),
             ("mkdir", seen_mkdir),
         ):
@@ -158,6 +163,8 @@ def _names(ops: list[DiskOp]) -> tuple[dict[str, int], tuple[str, ...]]:
             names.setdefault(op.name, number)
         elif op.kind == "rename":
             names[op.target] = names.pop(op.name)
+        elif op.kind == "link":
+            names[op.target] = names[op.name]
         elif op.kind == "unlink":
             names.pop(op.name, None)
         elif op.kind == "folder":

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from acquisition.bench import StageConfig
 from acquisition.stages.grbl.axis import GrblAxis
@@ -10,10 +10,12 @@ from acquisition.stages.grbl.controller import GrblController
 from acquisition.stages.manual import ManualStage
 from acquisition.stages.motor import MotorStage
 from acquisition.stages.serial_link import SerialLink
+from acquisition.stages.wire_log import WireLog
 from acquisition.stages.zaber.axis import ZaberAxis
 from acquisition.stages.zaber.device import ZaberDevice
 from hil_mocks import SimulatedClock
 from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
+from hil_mocks.stages.grbl_lines import GrblDialect
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.serial_line import SerialLine
 from hil_mocks.stages.zaber import ZaberFaults, ZaberFirmware
@@ -91,6 +93,7 @@ class GrblRig(StageRig):
     firmware: GrblFirmware
     round_mm: float = 0.005
     """The position after a homing is known to a step of 0.004 mm."""
+    log: WireLog | None = None
 
     @property
     def sent(self) -> list[str]:
@@ -101,7 +104,7 @@ class GrblRig(StageRig):
 
     def reopened(self) -> MotorStage:
         """The stage on a port that another process has just opened; nothing was sent yet."""
-        self.axis = _grbl_axis(self.config, self.line, self.clock)
+        self.axis = _grbl_axis(self.config, self.line, self.clock, self.log)
         self.stage = _stage(self.config, self.axis, self.clock)
         return self.stage
 
@@ -142,27 +145,29 @@ class ZaberRig(StageRig):
 
 
 def grbl_rig(
-    dialect: Literal["grbl", "grblhal"] = "grbl",
+    dialect: GrblDialect = "grbl",
     *,
     settings: dict[int, float] | None = None,
     work_offset_mm: float = 0.0,
+    axes: str = "XYZ",
     boots: bool = True,
     connect: bool = True,
     high_switch_mm: float = 409.5,
+    log: WireLog | None = None,
     **keys: object,
 ) -> GrblRig:
     """A stage with 400 mm of travel, homing to its lower switch unless ``settings`` say else."""
     clock = EventClock()
     plant = StagePlant(low_switch_mm=high_switch_mm - 400, high_switch_mm=high_switch_mm)
     firmware = GrblFirmware(
-        plant, dialect=dialect, settings=settings, work_offset_mm=work_offset_mm
+        plant, dialect=dialect, settings=settings, work_offset_mm=work_offset_mm, axes=axes
     )
     if boots:
         firmware.power_cycle()
     line = SerialLine(firmware)
     table = {**STAGE_KEYS, "driver": "grbl", "home_offset_mm": high_switch_mm, **keys}
     config = StageConfig.model_validate(table)
-    axis = _grbl_axis(config, line, clock)
+    axis = _grbl_axis(config, line, clock, log)
     rig = GrblRig(
         stage=_stage(config, axis, clock),
         axis=axis,
@@ -171,13 +176,14 @@ def grbl_rig(
         line=line,
         clock=clock,
         config=config,
+        log=log,
     )
     if connect:
         rig.axis.connect()
     return rig
 
 
-def homed_grbl(dialect: Literal["grbl", "grblhal"] = "grbl", **keys: Any) -> GrblRig:
+def homed_grbl(dialect: GrblDialect = "grbl", **keys: Any) -> GrblRig:
     rig = grbl_rig(dialect, **keys)
     rig.stage.home(120)
     return rig
@@ -237,8 +243,10 @@ def manual_stage(*answers: str, **keys: object) -> tuple[ManualStage, Operator]:
     return ManualStage(config, ask=operator), operator
 
 
-def _grbl_axis(config: StageConfig, line: SerialLine, clock: EventClock) -> GrblAxis:
-    controller = GrblController(_link(line, clock), clock=lambda: clock.now_s)
+def _grbl_axis(
+    config: StageConfig, line: SerialLine, clock: EventClock, log: WireLog | None
+) -> GrblAxis:
+    controller = GrblController(_link(line, clock, log), clock=lambda: clock.now_s)
     return GrblAxis(config, controller, clock=lambda: clock.now_s, sleep=clock.advance)
 
 
@@ -256,5 +264,6 @@ def _stage(config: StageConfig, axis: GrblAxis | ZaberAxis, clock: EventClock) -
     return MotorStage(config, axis, clock=lambda: clock.now_s, sleep=clock.advance)
 
 
-def _link(line: SerialLine, clock: EventClock) -> SerialLink:
-    return SerialLink(VirtualPort(line, clock=clock), name="the stage", clock=lambda: clock.now_s)
+def _link(line: SerialLine, clock: EventClock, log: WireLog | None = None) -> SerialLink:
+    port = VirtualPort(line, clock=clock)
+    return SerialLink(port, name="the stage", clock=lambda: clock.now_s, log=log)

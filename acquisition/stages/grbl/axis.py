@@ -8,6 +8,7 @@ from typing import Literal
 from acquisition.bench import StageConfig
 from acquisition.devices import DeviceInfo, StageState
 from acquisition.errors import (
+    DeviceError,
     DeviceProtocolError,
     DeviceRefusalError,
     DeviceResetError,
@@ -16,10 +17,13 @@ from acquisition.errors import (
     StageAlarmError,
     StageNotHomedError,
 )
+from acquisition.stages.grbl.codes import BLOCKED_BY_ALARM, LIMIT_PRESSED, UNLOCKS_BY_HOMING
 from acquisition.stages.grbl.controller import GrblController
+from acquisition.stages.grbl.envelope import work_envelope
+from acquisition.stages.grbl.firmware import in_alarm_error
 from acquisition.stages.grbl.motion import GrblMotion
 from acquisition.stages.grbl.reference import SWITCH_TOLERANCE_MM, reference_error_mm
-from acquisition.stages.grbl.setup import GrblSetup, check_settings
+from acquisition.stages.grbl.setup import GrblSetup, check_settings, numbers_of
 from acquisition.stages.grbl.wire import ErrorReply
 from acquisition.stages.motor import MotorStage
 from acquisition.stages.serial_link import open_stage_link
@@ -33,7 +37,7 @@ STATES: dict[str, StageState] = {
     "Door": "door",
     "Alarm": "alarm",
 }
-UNLOCK_NEEDS_HOMING = (45, 46)
+UNLOCK_NEEDS_HOMING = (LIMIT_PRESSED, UNLOCKS_BY_HOMING)
 """grblHAL refuses to unlock where homing is the only way out."""
 
 
@@ -47,12 +51,11 @@ class GrblAxis(GrblMotion):
     ----------
     reference_error_mm
         True height minus the height read, as found by the last homing; None if not measured.
-    warnings
-        What the operator should know; renewed at each homing.
     """
 
     reference_error_mm: float | None = None
-    warnings: tuple[str, ...] = ()
+    _found: tuple[str, ...] = ()
+    _beyond: tuple[str, ...] = ()
     _home_mm: float | None = None
     _setup: GrblSetup | None = None
 
@@ -101,6 +104,13 @@ class GrblAxis(GrblMotion):
         )
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """See `MotorAxis.warnings`: what was found since the last homing, alarm and travel."""
+        alarm = self.controller.alarm
+        told = () if alarm is None else (str(in_alarm_error(self.name, alarm)),)
+        return (*self._found, *told, *self._beyond)
+
+    @property
     def homing_s(self) -> float:
         """See `HomingStage`: by the settings as they were read last."""
         return 0.0 if self._setup is None else self._setup.homing_s
@@ -112,7 +122,7 @@ class GrblAxis(GrblMotion):
         except StageAlarmError:
             return "alarm"
         except DeviceResetError as error:
-            self.warnings = (*self.warnings, str(error))
+            self._found = (*self._found, str(error))
             return STATES.get(self.controller.status().state, "unknown")
         except (DeviceProtocolError, DeviceTimeoutError):
             if self.controller.alarm is None:
@@ -147,13 +157,12 @@ class GrblAxis(GrblMotion):
         if not self.is_position_known:
             self._home_mm = None
         self.controller.get_in_step(may_boot=True)
-        self._setup = self._read_setup()
-        if not self._setup.is_homing_enabled:
+        if not self._read_setup().is_homing_enabled:
             raise DeviceSettingsError(
                 f"{self.name} cannot home because homing is not enabled; set $22=1 in a terminal",
                 settings=("$22",),
             )
-        self.reference_error_mm, self.warnings = None, ()
+        self.reference_error_mm, self._found = None, ()
 
     def check_reference(self, deadline: float, stop: Event) -> None:
         """See `MotorAxis.check_reference`.
@@ -168,7 +177,7 @@ class GrblAxis(GrblMotion):
         )
         self.reference_error_mm = error_mm
         if error_mm is not None and abs(error_mm) > SWITCH_TOLERANCE_MM:
-            self.warnings = (
+            self._found = (
                 f"the home switch triggered {abs(error_mm):.2f} mm from where it should: the stage "
                 "has lost steps, and heights since the previous homing are wrong",
             )
@@ -194,7 +203,9 @@ class GrblAxis(GrblMotion):
         report = self.controller.status()
         if report.state == "Alarm":
             refusal = self.controller.command("$X").error
-            if refusal is not None and refusal.code not in UNLOCK_NEEDS_HOMING:
+            if refusal is None:
+                self.controller.alarm = None
+            elif refusal.code not in UNLOCK_NEEDS_HOMING:
                 raise self._refused(refusal)
         elif report.state != "Idle":
             raise self.not_ready(report)
@@ -204,9 +215,23 @@ class GrblAxis(GrblMotion):
         self.controller.close()
 
     def _read_setup(self) -> GrblSetup:
-        return check_settings(self.controller.settings(), self.config, name=self.name)
+        settings, firmware = self.controller.settings(), self.controller.firmware
+        self._setup = check_settings(settings, self.config, name=self.name)
+        if firmware is not None:
+            envelope = work_envelope(
+                numbers_of(settings),
+                self.config,
+                family=firmware.family,
+                sets_origin=firmware.sets_origin,
+            )
+            fault = None if envelope is None else envelope.fault(self.config.limits_mm)
+            self._beyond = () if fault is None else (f"{fault.found}: {fault.remedy}",)
+        return self._setup
 
-    def _refused(self, refusal: ErrorReply) -> DeviceRefusalError:
+    def _refused(self, refusal: ErrorReply) -> DeviceError:
+        alarm = self.controller.alarm
+        if refusal.code == BLOCKED_BY_ALARM and alarm is not None:
+            return in_alarm_error(self.name, alarm)
         return DeviceRefusalError(
             f"{self.name} refuses the command with {refusal.text}; nothing moved",
             code=refusal.code,

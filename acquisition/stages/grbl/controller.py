@@ -3,17 +3,24 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import RLock
-from typing import Literal
 
 from acquisition.errors import (
     DeviceProtocolError,
     DeviceRefusalError,
     DeviceResetError,
     DeviceTimeoutError,
-    StageAlarmError,
+)
+from acquisition.stages.grbl.codes import HOMING_REQUIRED, NOT_IDLE
+from acquisition.stages.grbl.firmware import (
+    GrblFirmware,
+    Heard,
+    in_alarm_error,
+    no_version_error,
+    read_firmware,
+    too_old_error,
+    waiting_error,
 )
 from acquisition.stages.grbl.wire import (
-    ERROR_TEXTS,
     FULL_STATUS_QUERY,
     SOFT_RESET,
     STATUS_QUERY,
@@ -26,7 +33,9 @@ from acquisition.stages.grbl.wire import (
     Setting,
     StatusReport,
     encode_line,
+    old_grbl_version,
     parse_line,
+    passed_over,
 )
 from acquisition.stages.serial_link import SerialLink
 
@@ -41,17 +50,11 @@ NOISE_TIMEOUT_S = 3.0
 BOOT_TIMEOUT_S = 5.0
 """An AVR board that opening has reset is in its boot loader for up to 2 s."""
 
-NOT_IDLE = 8
+ALARM_IS_OVER = ("Idle", "Run", "Jog", "Home")
+"""States that a controller reports only after an alarm was cleared, by whomever."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GrblFirmware:
-    """What ``$I`` reports."""
-
-    family: Literal["Grbl", "grblHAL"]
-    version: str
-    user_text: str
-    board: str
+NOTES_MOST = 32
+"""Kinds of unknown fields and lines that are noted in the log; on a noisy line there is no end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +83,7 @@ class GrblController:
         self._clock = clock
         self._lock = RLock()
         self._is_in_step = False
+        self._noted: set[str] = set()
 
     @property
     def name(self) -> str:
@@ -119,31 +123,31 @@ class GrblController:
             self._is_in_step = False
             was_known = self.is_position_known
             deadline = self._clock() + timeout_s
-            booted, garbage = self._hush()
+            heard = Heard()
+            self._hush(heard)
             while True:
                 self._link.write(encode_line("$I"))
-                answer, seen, heard = self._listen_for_version()
-                booted |= seen
-                garbage = garbage or heard
-                if answer is not None and answer.error is None:
+                answer = self._listen_for_version(heard)
+                refusal = None if answer is None else answer.error
+                if answer is not None and refusal is None:
                     break
-                if answer is not None and answer.error is not None:
-                    self._refuse_endless_state(answer.error)
+                if heard.old_version is not None:
+                    raise too_old_error(self.name, heard.old_version)
+                if refusal is not None:
+                    self._refuse_endless_state(refusal)
                 if self._clock() >= deadline:
-                    raise self._no_version(answer, garbage)
-                seen, heard = self._hush()
-                booted |= seen
-                garbage = garbage or heard
-            self.firmware = _firmware(answer.feedback)
+                    raise no_version_error(self.name, refusal, heard, self.alarm)
+                self._hush(heard)
+            self.firmware = read_firmware(answer.feedback)
             # An ok that came late must not answer the next line.
-            seen, _ = self._hush()
+            self._hush(heard)
             self._is_in_step = True
-            if booted or seen:
+            if heard.booted:
                 self._void()
                 if not may_boot:
                     raise self._was_reset()
             if was_known and not self.is_position_known and self.alarm and not may_boot:
-                raise self._in_alarm(self.alarm)
+                raise in_alarm_error(self.name, self.alarm)
 
     def command(self, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> GrblAnswer:
         """Send one line and wait for its answer.
@@ -272,32 +276,55 @@ class GrblController:
 
     def _next(self, deadline: float) -> GrblMessage:
         line = self._link.read_line(max(deadline - self._clock(), 0.0))
-        message = parse_line(line)
+        try:
+            message = parse_line(line)
+        except DeviceProtocolError:
+            version = old_grbl_version(line)
+            if version is None:
+                raise
+            raise too_old_error(self.name, version) from None
         self._take(message)
         return message
 
     def _take(self, message: GrblMessage) -> None:
         """Raise what invalidates the position; keep the offset."""
+        self._note(message)
         if isinstance(message, Banner):
             self._void()
             self._is_in_step = False
             raise self._was_reset()
         if isinstance(message, Alarm):
-            self._void()
             self._is_in_step = False
-            self.alarm = message
-            raise self._in_alarm(message)
-        if isinstance(message, StatusReport) and message.offset is not None:
-            self.offset = message.offset
+            self._hear_alarm(message)
+            raise in_alarm_error(self.name, message)
+        if isinstance(message, StatusReport):
+            if message.state == "Alarm":
+                self.is_position_known = False
+                self._keep_alarm(message.alarm)
+            elif message.state in ALARM_IS_OVER:
+                self.alarm = None
+            if message.offset is not None:
+                self.offset = message.offset
+
+    def _note(self, message: GrblMessage) -> None:
+        """Write once to the log what the driver does not know; it goes on without it."""
+        for kind in passed_over(message):
+            if kind not in self._noted and len(self._noted) < NOTES_MOST:
+                self._noted.add(kind)
+                self._link.remark(f"not known, passed over: {kind}")
+
+    def _hear_alarm(self, alarm: Alarm) -> None:
+        self._void()
+        self._keep_alarm(alarm)
+
+    def _keep_alarm(self, alarm: Alarm | None) -> None:
+        """Keep the latest; one that only asks for homing leaves nothing to clear."""
+        if alarm is not None and alarm.code != HOMING_REQUIRED:
+            self.alarm = alarm
 
     def _void(self) -> None:
         self.is_position_known = False
         self.offset = None
-
-    def _in_alarm(self, alarm: Alarm) -> StageAlarmError:
-        return StageAlarmError(
-            f"{self.name} is in alarm: {alarm.text}; clear the alarm, then home", code=alarm.code
-        )
 
     def _was_reset(self) -> DeviceResetError:
         self._link.remark("unexpected greeting")
@@ -305,27 +332,27 @@ class GrblController:
             f"{self.name} was reset or lost power; its position is no longer known: home it again"
         )
 
-    def _hush(self) -> tuple[bool, bytes]:
-        """Wait for silence; return whether a greeting came, and a line that is not Grbl's."""
-        return self._sift(self._link.drain(QUIET_S, NOISE_TIMEOUT_S))
+    def _hush(self, heard: Heard) -> None:
+        """Wait for silence."""
+        for line in self._link.drain(QUIET_S, NOISE_TIMEOUT_S):
+            self._sift(line, heard)
 
-    def _sift(self, lines: list[bytes]) -> tuple[bool, bytes]:
-        booted, garbage = False, b""
-        for line in lines:
-            try:
-                message = parse_line(line)
-            except DeviceProtocolError:
-                garbage = line
-                continue
-            booted |= isinstance(message, Banner)
-            if isinstance(message, Alarm):
-                self.alarm = message
-                self._void()
-        return booted, garbage
+    def _sift(self, line: bytes, heard: Heard) -> GrblMessage | None:
+        """Keep what a line says about the controller itself; None if it is not a message."""
+        heard.old_version = old_grbl_version(line) or heard.old_version
+        try:
+            message = parse_line(line)
+        except DeviceProtocolError:
+            heard.garbage = heard.garbage or line
+            return None
+        self._note(message)
+        heard.booted |= isinstance(message, Banner)
+        if isinstance(message, Alarm):
+            self._hear_alarm(message)
+        return message
 
-    def _listen_for_version(self) -> tuple[GrblAnswer | None, bool, bytes]:
+    def _listen_for_version(self, heard: Heard) -> GrblAnswer | None:
         """What came after ``[VER:`` up to the ok; stale answers before it are skipped."""
-        booted, garbage = False, b""
         feedback: list[Feedback] = []
         refusal: ErrorReply | None = None
         deadline = self._clock() + ANSWER_TIMEOUT_S / 2
@@ -334,18 +361,14 @@ class GrblController:
                 line = self._link.read_line(max(deadline - self._clock(), 0.0))
             except DeviceTimeoutError:
                 stale = GrblAnswer(error=refusal, settings=(), feedback=())
-                return (stale if refusal else None), booted, garbage
-            seen, heard = self._sift([line])
-            booted |= seen
-            garbage = garbage or heard
-            message = None if heard else parse_line(line)
+                return stale if refusal else None
+            message = self._sift(line, heard)
             if isinstance(message, Feedback) and (feedback or message.kind == "VER"):
                 feedback.append(message)
             elif isinstance(message, ErrorReply):
                 refusal = message
             elif isinstance(message, Ok) and feedback:
-                answer = GrblAnswer(error=None, settings=(), feedback=tuple(feedback))
-                return answer, booted, garbage
+                return GrblAnswer(error=None, settings=(), feedback=tuple(feedback))
 
     def _refuse_endless_state(self, refusal: ErrorReply) -> None:
         """In hold, door and sleep ``$I`` is refused for ever; in motion, until that ends."""
@@ -353,45 +376,4 @@ class GrblController:
             return
         report = self.status()
         if report.state not in ("Run", "Jog", "Home", "Idle"):
-            raise StageAlarmError(
-                f"{self.name} is in state {report.state}; close the door or release the hold, "
-                "then clear the alarm and home",
-                code=report.state,
-            )
-
-    def _no_version(self, answer: GrblAnswer | None, garbage: bytes) -> Exception:
-        if answer is not None and answer.error is not None and answer.error.code == NOT_IDLE:
-            return DeviceTimeoutError(
-                f"{self.name} is still moving; stop it, or wait until it has stopped"
-            )
-        if answer is not None and answer.error is not None:
-            return DeviceProtocolError(
-                f"{self.name} refuses to report its version: {answer.error.text}"
-                + ("" if answer.error.code in ERROR_TEXTS else "; is it a Grbl controller?")
-            )
-        if garbage:
-            return DeviceProtocolError(
-                f"{self.name} answers {garbage[:40]!r}, which is not Grbl; "
-                "is this the right port and baud rate?"
-            )
-        if self.alarm is not None:
-            return StageAlarmError(
-                f"{self.name} has not answered since {self.alarm.text}; clear the alarm, then home",
-                code=self.alarm.code,
-            )
-        return DeviceTimeoutError(
-            f"{self.name} does not answer; check its power, the port and the baud rate, "
-            "or unlock it, which resets it"
-        )
-
-
-def _firmware(feedback: tuple[Feedback, ...]) -> GrblFirmware:
-    lines = {message.kind: message.text for message in feedback}
-    version, _, user_text = lines["VER"].partition(":")
-    is_hal = lines.get("FIRMWARE", "") == "grblHAL"
-    return GrblFirmware(
-        family="grblHAL" if is_hal else "Grbl",
-        version=version,
-        user_text=user_text,
-        board=lines.get("BOARD", ""),
-    )
+            raise waiting_error(self.name, report.state)

@@ -13,7 +13,9 @@ from acquisition.errors import (
     StageLimitError,
 )
 from acquisition.stages.axis import POLL_S, AxisReading, AxisTraits
+from acquisition.stages.grbl.codes import BEYOND_TRAVEL
 from acquisition.stages.grbl.controller import GrblController
+from acquisition.stages.grbl.firmware import in_alarm_error, waiting_error
 from acquisition.stages.grbl.setup import height_axis
 from acquisition.stages.grbl.wire import JOG_CANCEL, SOFT_RESET, StatusReport, jog_command
 from acquisition.stages.progress import ProgressWatch, smallest_progress_mm
@@ -25,9 +27,9 @@ OFFSET_REPORTS = 35
 """Grbl sends the work offset at least with every 30th report."""
 
 MOVING_STATES = ("Run", "Jog")
-STILL_RAMPING = (("Hold", 1), ("Door", 2), ("Door", 3))
-"""Sub-states in which the motor runs: braking for a hold or a door, and going on after one."""
-TARGET_BEYOND_TRAVEL = 15
+STILL_RAMPING = (("Hold", 1), ("Door", 2), ("Door", 3), ("Door", 4))
+"""Sub-states in which the motor runs: braking for a hold or a door, and going on after one,
+which is ``Door:3`` on Grbl and ``Door:4`` on grblHAL."""
 
 
 class GrblMotion:
@@ -88,7 +90,7 @@ class GrblMotion:
         refusal = self.controller.command(line).error
         if refusal is None:
             return
-        if refusal.code == TARGET_BEYOND_TRAVEL:
+        if refusal.code == BEYOND_TRAVEL:
             raise StageLimitError(
                 f"{self.name} refuses the height with {refusal.text}; nothing moved. limits_mm or "
                 "home_offset_mm in the bench file does not match its settings",
@@ -207,16 +209,8 @@ class GrblMotion:
             return DeviceError(f"{self.name} is moving; stop it or wait")
         self.is_position_known = False
         if report.state != "Alarm":
-            return StageAlarmError(
-                f"{self.name} is in state {report.state}, in which it cannot move; close its "
-                "door or release its hold, then clear the alarm and home",
-                code=report.state,
-            )
-        code = report.substate
-        if code is None and self.controller.alarm is not None:
-            code = self.controller.alarm.code
-        return StageAlarmError(
-            f"{self.name} is in alarm{'' if code is None else f' {code}'}; clear the alarm, "
-            "then home",
-            code=code,
-        )
+            return waiting_error(self.name, report.state)
+        alarm = report.alarm or self.controller.alarm
+        if alarm is not None:
+            return in_alarm_error(self.name, alarm)
+        return StageAlarmError(f"{self.name} is in alarm; clear the alarm, then home")

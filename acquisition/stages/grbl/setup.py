@@ -7,7 +7,7 @@ from acquisition.bench import StageConfig
 from acquisition.errors import DeviceProtocolError, DeviceSettingsError
 from acquisition.stages.grbl.wire import AXES
 
-REPORT_INCHES, HOMING, HOMING_INVERTED, LOCATE_FEED, PULL_OFF = 13, 22, 23, 24, 27
+REPORT_INCHES, HARD_LIMITS, HOMING, HOMING_INVERTED, LOCATE_FEED, PULL_OFF = 13, 21, 22, 23, 24, 27
 SEEK_RATE, DEBOUNCE_MS, FIRST_TRAVEL = 25, 26, 130
 SEARCHED, LOCATED = 1.5, 5.0
 """Grbl looks for a switch over so many times the travel, then over so many times the pull-off."""
@@ -107,6 +107,12 @@ def check_settings(settings: dict[int, str], config: StageConfig, *, name: str) 
         locate_feed_mm_per_min=_number(settings, LOCATE_FEED, name),
         homing_s=_homing_s(settings, config, name),
     )
+
+
+def numbers_of(settings: dict[int, str]) -> dict[int, float]:
+    """Return the settings that are numbers, with Grbl's defaults; grblHAL's may be texts."""
+    read = {number: _as_number(text) for number, text in settings.items()}
+    return ABSENT | {number: value for number, value in read.items() if value is not None}
 
 
 def _homing_s(settings: dict[int, str], config: StageConfig, name: str) -> float:

@@ -1,16 +1,21 @@
 """The Grbl 1.1 wire format, grblHAL's additions included: bytes to messages and back.
 
+What is well formed but unknown is passed over and named, as new firmware adds fields and lines.
+What the height or the state hangs on is either read or refused.
+
 References
 ----------
 Grbl v1.1 documentation: "Grbl Interface Basics", "Jogging", "Real-time Commands"
-(gnea/grbl, doc/markdown). grblHAL additions: banner, ``H:``, alarm sub-states, ``$I`` lines.
+(gnea/grbl, doc/markdown). grblHAL 1.1f.20260817, ``report.c`` (grblHAL/core).
+Grbl v0.9j, ``report.c`` (grbl/grbl).
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 
 from acquisition.errors import DeviceProtocolError
+from acquisition.stages.grbl.codes import ALARMS, alarm_remedy, alarm_text, error_text
 
 STATUS_QUERY = b"?"
 FULL_STATUS_QUERY = b"\x87"
@@ -18,42 +23,38 @@ FULL_STATUS_QUERY = b"\x87"
 JOG_CANCEL = b"\x85"
 SOFT_RESET = b"\x18"
 AXES = "XYZABCUVW"
+GRBLHAL = "grblHAL"
+"""What grblHAL calls itself in ``[FIRMWARE:...]``."""
 
 MAX_LINE_CHARS = 80
 """Grbl's line buffer; a longer line is answered ``error:11``."""
 
-ALARM_TEXTS = {
-    1: "a limit switch was hit and the motor stopped at once",
-    2: "the target is beyond the travel set in the firmware",
-    3: "reset during a move",
-    4: "the probe was already triggered",
-    5: "the probe was not triggered",
-    6: "reset while homing",
-    7: "the door was opened while homing",
-    8: "the home switch was not released on pull-off",
-    9: "the home switch was not found",
-    10: "emergency stop",
-    11: "homing is required",
-    12: "a limit switch is pressed",
-    17: "motor driver fault",
+KNOWN_FIELDS = frozenset((
+    "MPos", "WPos", "WCO", "WCS", "Bf", "Ln", "DTG", "F", "FS", "S", "SP1", "SP2", "SP3", "Pn",
+    "Ov", "A", "Sc", "AR", "MPG", "H", "D", "T", "P", "TLR", "In", "FW", "SD",
+))  # fmt: skip
+"""Fields of a report that Grbl 1.1 and grblHAL document, whether or not they are used here."""
+
+KNOWN_STATES: dict[str, tuple[int, ...]] = {
+    "Idle": (),
+    "Run": (1, 2),
+    "Jog": (),
+    "Home": (),
+    "Hold": (0, 1),
+    "Door": (0, 1, 2, 3, 4),
+    "Alarm": tuple(ALARMS),
+    "Check": (),
+    "Sleep": (),
+    "Tool": (),
 }
-ERROR_TEXTS = {
-    1: "a letter was expected",
-    2: "not a number",
-    3: "unknown $ command",
-    5: "homing is not enabled ($22)",
-    7: "the settings memory is blank or unreadable",
-    8: "only possible when idle",
-    9: "locked by an alarm or a running jog",
-    11: "line too long",
-    13: "the door is open",
-    15: "the target is beyond the travel set in the firmware",
-    16: "not a jog",
-    18: "the reset input is active",
-    45: "a limit switch is pressed",
-    46: "homing is required",
-    50: "emergency stop is active",
-}
+"""States and their sub-states."""
+
+KNOWN_FEEDBACK = frozenset((
+    "MSG", "HLP", "GC", "VER", "OPT", "AXS", "NEWOPT", "FIRMWARE", "SIGNALS", "SPINDLES",
+    "NVS STORAGE", "FREE MEMORY", "DRIVER", "DRIVER VERSION", "DRIVER OPTIONS", "BOARD",
+    "MAX STEP RATE", "COMPATIBILITY LEVEL", "AUX IO", "PLUGIN",
+))  # fmt: skip
+"""Lines in brackets that come by themselves or in answer to ``$I``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ class ErrorReply:
     @property
     def text(self) -> str:
         """Code and meaning."""
-        return f"error:{self.code} ({ERROR_TEXTS.get(self.code, 'see the manual')})"
+        return error_text(self.code)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,12 @@ class Alarm:
     @property
     def text(self) -> str:
         """Code and meaning."""
-        return f"ALARM:{self.code} ({ALARM_TEXTS.get(self.code, 'see the manual')})"
+        return alarm_text(self.code)
+
+    @property
+    def remedy(self) -> str:
+        """What to do, up to homing."""
+        return alarm_remedy(self.code)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +100,18 @@ class Banner:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One line of ``$$``, such as ``$13=0``."""
+    """One line of ``$$``, such as ``$13=0``; grblHAL's may be texts, such as ``$73=my network``."""
 
     number: int
     value: str
+
+
+@dataclass(frozen=True, slots=True)
+class StoredLine:
+    """One line of ``$N``, such as ``$N0=G54``: what the controller runs after a start."""
+
+    number: int
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +134,7 @@ class StatusReport:
     """``<Idle|MPos:..|..>``; positions in the unit of ``$13``, in the order of `AXES`.
 
     Grbl sends machine or work positions (``$10``), and occasionally the offset between them.
+    ``passed_over`` names what is not known here: fields, the state, its sub-state.
     """
 
     state: str
@@ -129,6 +144,12 @@ class StatusReport:
     offset: tuple[float, ...] | None = None
     pins: str = ""
     homed: tuple[int, ...] | None = None
+    passed_over: tuple[str, ...] = field(default=(), compare=False)
+
+    @property
+    def alarm(self) -> Alarm | None:
+        """The alarm that the sub-state names, as in ``Alarm:1``."""
+        return Alarm(self.substate) if self.state == "Alarm" and self.substate else None
 
     def is_homed(self, axis: str) -> bool:
         """Whether the report says so: grblHAL's ``H:1`` or ``H:flag,mask``."""
@@ -139,16 +160,26 @@ class StatusReport:
         return self.homed[0] == 1
 
 
-GrblMessage = Ok | ErrorReply | Alarm | Banner | Setting | Feedback | StartupLine | StatusReport
+GrblMessage = (
+    Ok | ErrorReply | Alarm | Banner | Setting | StoredLine | Feedback | StartupLine | StatusReport
+)
 
 _BANNER = re.compile(r"Grbl(HAL)? \d", re.IGNORECASE)
+_WHOLE_BANNER = re.compile(r"Grbl(HAL)? \d+\.\d+\w* \[", re.IGNORECASE)
 _ALARM = re.compile(r"ALARM:(\d{1,3})(?!\d)")
 _ERROR = re.compile(r"error:(\d{1,3})")
-_SETTING = re.compile(r"\$(\d{1,4})=(.*)")
-_FEEDBACK = re.compile(r"\[([A-Za-z0-9 ]+):(.*)\]")
-_STATE = re.compile(r"([A-Z][A-Za-z]*)(?::(\d{1,3}))?")
-_FIELD = re.compile(r"[A-Za-z][A-Za-z0-9]*(?::.*)?")
-_NUMBER = re.compile(r"-?\d{1,7}(\.\d{1,6})?")
+_SETTING = re.compile(r"\$(\d{1,5})=(.*)")
+_STORED_LINE = re.compile(r"\$N(\d{1,2})=(.*)")
+_FEEDBACK = re.compile(r"\[([A-Za-z0-9][A-Za-z0-9 ._+-]*):(.*)\]")
+_STATE = re.compile(r"([A-Z][A-Za-z]*)(?::(.*))?")
+_FIELD_NAME = re.compile(r"[A-Za-z$%#&@_][A-Za-z0-9$%#&@_. -]*")
+_NUMBER = re.compile(r"-?\d{1,7}(\.\d{1,9})?")
+_OLD_GRBL = re.compile(
+    r"Grbl (0\.\d[a-z]?) \["  # the greeting
+    r"|^\[(0\.\d[a-z]?)\.\d{6,8}:.*\]$"  # the answer to $I
+    r"|^<[A-Z][a-z]+,[MW]Pos:.*>$"
+    r"|^(?:error|ALARM): [A-Z][A-Za-z0-9 '<>=:]+$"
+)
 
 
 def encode_line(text: str) -> bytes:
@@ -190,19 +221,45 @@ def parse_line(line: bytes) -> GrblMessage:
         If it is not a Grbl message.
     """
     try:
-        text = line.decode("ascii").strip()
+        # Texts of grblHAL, such as the name of a network, are UTF-8; noise hardly ever is.
+        text = line.decode("utf-8").strip()
+        message = _urgent(text) or _answer(text) or _pushed(text)
     except UnicodeDecodeError:
-        text = line.decode("latin-1").strip()
-    message = _urgent(text) or _answer(text) or _pushed(text)
+        message = _urgent(line.decode("latin-1").strip())
     if message is None:
         raise DeviceProtocolError(f"not a Grbl message: {line[:80]!r}")
     return message
 
 
+def old_grbl_version(line: bytes) -> str | None:
+    """Return the version of a Grbl before 1.1, from a line that only such a one sends."""
+    found = _OLD_GRBL.search(line.decode("latin-1").strip())
+    return None if found is None else found[1] or found[2] or "0.9 or older"
+
+
+def passed_over(message: GrblMessage) -> tuple[str, ...]:
+    """Name what is not known of a message, each kind always by the same words."""
+    match message:
+        case StatusReport():
+            return message.passed_over
+        case Feedback(kind="VER", text=text) if not text.startswith("1.1"):
+            return (f"version {text}",)
+        case Feedback(kind="FIRMWARE", text=text) if text != GRBLHAL:
+            return (f"firmware {text}",)
+        case Feedback() if message.kind not in KNOWN_FEEDBACK:
+            return (f"line [{message.kind}:...]",)
+        case Alarm() if message.code not in ALARMS:
+            return (f"alarm {message.code}",)
+        case _:
+            return ()
+
+
 def _urgent(text: str) -> GrblMessage | None:
     if text.startswith("[") and not text.startswith("[MSG"):
         return None  # a build-info line may name the firmware
-    if found := _BANNER.search(text):
+    # A setting may too: the name of a network.
+    banner = _WHOLE_BANNER if _SETTING.match(text) else _BANNER
+    if found := banner.search(text):
         return Banner(text[found.start() :])
     if found := _ALARM.search(text):
         return Alarm(int(found[1]))
@@ -220,45 +277,69 @@ def _answer(text: str) -> GrblMessage | None:
 def _pushed(text: str) -> GrblMessage | None:
     if text.startswith("<") and text.endswith(">"):
         return _status(text[1:-1])
-    if text.startswith(">") and text.isascii():
-        return StartupLine(text[1:])
-    if not (text.isascii() and text.isprintable()):
+    if not text.isprintable():
         return None
+    if text.startswith(">"):
+        return StartupLine(text[1:])
     if found := _SETTING.fullmatch(text):
         return Setting(int(found[1]), found[2])
+    if found := _STORED_LINE.fullmatch(text):
+        return StoredLine(int(found[1]), found[2])
     if found := _FEEDBACK.fullmatch(text):
         return Feedback(found[1], found[2])
     return None
 
 
 def _status(text: str) -> StatusReport | None:
-    if not text.isascii():
+    # A second report that lost its end or its beginning stands in one of the fields.
+    if not (text.isascii() and text.isprintable()) or "<" in text or ">" in text:
         return None
     first, *fields = text.split("|")
     state = _STATE.fullmatch(first)
-    if not state or not all(_FIELD.fullmatch(field) for field in fields):
+    known, unknown = _fields(fields)
+    if not state or known is None:
         return None
-    known: dict[str, str] = {}
-    for field in fields:
-        name, _, value = field.partition(":")
-        if name in known:
-            return None  # two merged reports
-        known[name] = value
     positions = {name: _numbers(known[name]) for name in ("MPos", "WPos", "WCO") if name in known}
     homed = _flags(known["H"]) if "H" in known else None
     if None in positions.values() or not ("MPos" in known or "WPos" in known):
         return None
     if "H" in known and homed is None:
         return None
+    substate = state[2]
+    is_number = substate is not None and substate.isdecimal() and len(substate) <= 3
     return StatusReport(
         state=state[1],
-        substate=int(state[2]) if state[2] else None,
+        substate=int(substate) if substate is not None and is_number else None,
         machine=positions.get("MPos"),
         work=positions.get("WPos"),
         offset=positions.get("WCO"),
         pins=known.get("Pn", ""),
         homed=homed,
+        passed_over=(*_unknown_state(state[1], substate), *unknown),
     )
+
+
+def _fields(fields: list[str]) -> tuple[dict[str, str] | None, tuple[str, ...]]:
+    """Known fields by name, and the others' names; None if one is malformed or comes twice."""
+    known: dict[str, str] = {}
+    unknown: list[str] = []
+    for each in fields:
+        name, _, value = each.partition(":")
+        if not _FIELD_NAME.fullmatch(name) or name in known:
+            return None, ()  # noise, or two merged reports
+        if name in KNOWN_FIELDS:
+            known[name] = value
+        else:
+            unknown.append(f"field {name}")
+    return known, tuple(unknown)
+
+
+def _unknown_state(state: str, substate: str | None) -> tuple[str, ...]:
+    if state not in KNOWN_STATES:
+        return (f"state {state}",)
+    if substate is None or substate in map(str, KNOWN_STATES[state]):
+        return ()
+    return (f"sub-state {state}:{substate}",)
 
 
 def _numbers(text: str) -> tuple[float, ...] | None:

@@ -10,6 +10,7 @@ from .records import (
     exclude_capture as exclude_capture,
     include_capture as include_capture,
     list_sessions as list_sessions,
+    set_aside_files as set_aside_files,
     show_session as show_session,
     verify_session as verify_session,
 )

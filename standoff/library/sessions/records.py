@@ -18,6 +18,7 @@ from acquisition.session import (
     verify,
 )
 from standoff.errors import ApplicationError
+from standoff.library.files import refusal_text
 from standoff.library.inputs import FilePath, opened_session, path_of
 
 
@@ -101,7 +102,7 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
     Raises
     ------
     ApplicationError
-        If it is no folder.
+        If it is no folder, or one that cannot be read.
 
     Examples
     --------
@@ -111,12 +112,18 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
     path = path_of(folder, "folder")
     if not path.is_dir():
         raise ApplicationError(f"{path} is not a folder; name the one that holds the sessions")
+    try:
+        folders = [path] * (path / MANIFEST_NAME).exists() + sorted(path.iterdir())
+    except OSError as error:
+        raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
     found = []
-    for manifest in [*path.glob(MANIFEST_NAME), *sorted(path.glob(f"*/{MANIFEST_NAME}"))]:
+    for one in folders:
         try:
-            found.append(Session(manifest.parent).summary)
-        except SessionError as error:
-            found.append({"session": str(manifest.parent), "error": str(error)})
+            if (one / MANIFEST_NAME).exists():
+                found.append(Session(one).summary)
+        except (OSError, SessionError) as error:
+            said = refusal_text(one, error) if isinstance(error, OSError) else str(error)
+            found.append({"session": str(one), "error": said})
     return found
 
 
@@ -254,6 +261,41 @@ def add_note(session: Session | FilePath, text: str, *, operator: str | None = N
     >>> standoff.add_note("session", "the lamp was changed after capture 2")
     """
     _notes(session, operator).note(text)
+
+
+def set_aside_files(
+    session: Session | FilePath, reason: str, *, operator: str | None = None
+) -> tuple[dict[str, str], ...]:
+    """Move files that the journal does not name to the session's folder ``set-aside``.
+
+    Such files end a capture run, as they may be captures whose lines were lost: let
+    ``verify_session(..., repair=True)`` take those in first.
+
+    Parameters
+    ----------
+    session, operator
+        As in ``exclude_capture``.
+    reason
+        What they are; recorded in the journal.
+
+    Returns
+    -------
+    tuple of dict
+        Of each file its name before (``file``) and now (``to``), and its ``sha256``.
+
+    Raises
+    ------
+    SessionError
+        If it is no session, is being written, or a file cannot be moved.
+
+    Examples
+    --------
+    >>> from shutil import copy
+    >>> copied = copy("before.tif", "session/captures")
+    >>> [one["to"] for one in standoff.set_aside_files("session", "dropped here by mistake")]
+    ['set-aside/before.tif']
+    """
+    return _notes(session, operator).set_aside(reason)
 
 
 def _notes(session: Session | FilePath, operator: str | None) -> SessionNotes:

@@ -1,3 +1,4 @@
+import hashlib
 import io
 import json
 import struct
@@ -16,7 +17,9 @@ from PIL import Image
 from acquisition.errors import SessionError
 from acquisition.session.capture_file import (
     CaptureImages,
+    capture_seal,
     frames_parts,
+    is_sealed,
     parse_capture,
     read_capture,
 )
@@ -49,7 +52,7 @@ def test_any_text_survives_in_the_info(target: str) -> None:
     assert parse_capture(capture_bytes(stored), source="file").record.target == target
 
 
-def test_the_bytes_are_those_that_tifffile_writes() -> None:
+def test_the_bytes_are_those_that_tifffile_writes_and_a_seal() -> None:
     stored = images(replace(RECORD, scale_px_per_mm=None))
     pages = np.stack([stored.mean_dn, cast("NDArray[np.float32]", stored.variance_dn2)])
     document = replace(stored.record, sha256=None).to_json()
@@ -62,11 +65,44 @@ def test_the_bytes_are_those_that_tifffile_writes() -> None:
         photometric="minisblack",
         metadata={
             "axes": "ZYX",
+            "seal": "sha256",
             "Labels": ["mean", "variance"],
             "Info": json.dumps(document, indent=1),
         },
     )
     assert capture_bytes(stored) == peer.getvalue()
+    sha256 = hashlib.sha256(peer.getvalue()).hexdigest()
+    assert capture_seal(sha256) == (f"\nSHA-256 of this file before this line: {sha256}\n".encode())
+
+
+def sealed_file() -> bytes:
+    data = capture_bytes(images())
+    return data + capture_seal(hashlib.sha256(data).hexdigest())
+
+
+def test_a_sealed_file_is_read_and_vouches_for_itself() -> None:
+    data = sealed_file()
+    assert is_sealed(data) is True
+    np.testing.assert_array_equal(parse_capture(data, source="file").mean_dn, images().mean_dn)
+
+
+@given(st.data())
+def test_a_sealed_file_with_any_bit_flipped_or_cut_short_does_not_vouch(
+    data: st.DataObject,
+) -> None:
+    whole = sealed_file()
+    at = data.draw(st.integers(0, 8 * len(whole) - 1))
+    flipped = bytearray(whole)
+    flipped[at // 8] ^= 1 << at % 8
+    assert is_sealed(bytes(flipped)) is not True
+    assert is_sealed(whole[: data.draw(st.integers(0, len(whole) - 1))]) is not True
+
+
+def test_a_file_that_lost_its_seal_alone_is_not_taken_for_one_of_an_older_version() -> None:
+    data = capture_bytes(images())
+    assert is_sealed(data) is False
+    older = data.replace(b"\nseal=sha256\n", b"\nmake=other.\n")
+    assert is_sealed(older) is None
 
 
 @pytest.mark.parametrize("turn", [np.transpose, np.flip])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.durable_write import atomic_write, atomic_write_hashed
+from acquisition.session.durable_write import atomic_write, write_new_hashed
 
 
 def test_a_file_is_written_whole_and_leaves_no_part(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_data_are_durable_before_the_name_and_the_name_before_the_return(
 
 
 def test_the_hash_is_that_of_the_file(tmp_path: Path) -> None:
-    digest = atomic_write_hashed(tmp_path / "a.bin", (b"abc-", memoryview(b"def")))
+    digest = write_new_hashed(tmp_path / "a.bin", (b"abc-", memoryview(b"def")))
     assert digest == hashlib.sha256((tmp_path / "a.bin").read_bytes()).hexdigest()
 
 
@@ -68,7 +68,7 @@ def test_a_write_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError) as refused:
-        atomic_write_hashed(tmp_path / "a.bin", (b"half",))
+        write_new_hashed(tmp_path / "a.bin", (b"half",))
     assert refused.value.errno == errno.ENOSPC
     assert list(tmp_path.iterdir()) == []
 
@@ -80,7 +80,7 @@ def test_a_write_that_does_not_fit_is_refused_with_the_systems_reason(tmp_path: 
     resource.setrlimit(resource.RLIMIT_FSIZE, (8000, limits[1]))
     try:
         with pytest.raises(OSError) as refused:
-            atomic_write_hashed(tmp_path / "a", (bytes(80_000),))
+            write_new_hashed(tmp_path / "a", (bytes(80_000),))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert refused.value.errno == errno.EFBIG

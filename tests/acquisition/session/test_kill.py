@@ -75,9 +75,11 @@ def runs() -> Iterator[Runs]:
 
 
 def captured(path: Path) -> int:
-    """Count the captures, each of which must be whole."""
+    """Count the captures, each of which must be whole; of one at most the line may be missing."""
     session = Session(path)
-    assert verify(path).is_ok
+    bad = [check for check in verify(path).files if check.state not in ("ok", "unfinished")]
+    assert {check.state for check in bad} <= {"unjournaled"}
+    assert len(bad) <= 2  # the capture and its raw frames
     for record in session.records:
         session.load(record)
     return len(session.records)
@@ -128,4 +130,5 @@ def test_killed_at_50_random_moments_a_session_loses_nothing_and_resumes_to_the_
             assert runs.end()[-1] == "end"
         assert before.items() <= files(path).items()
         assert captured(path) == 3 * HEIGHTS
+        assert verify(path).is_ok
     assert sessions <= KILLS / 5

@@ -158,19 +158,27 @@ def test_a_changed_session_json_is_found(path: Path) -> None:
     assert [(c.file, c.state) for c in bad(path)] == [("session.json", "changed")]
 
 
-def test_a_file_without_a_journal_line_does_not_exist_but_is_told(path: Path) -> None:
+def test_a_file_without_a_journal_line_is_a_fault_that_names_it(path: Path) -> None:
     whole_session(path)
     (path / "captures" / "stray.tif").write_bytes(b"x")
     (path / "captures" / "0001.tif.part").write_bytes(b"x")
     report = verify(path)
-    assert report.is_ok
-    assert [c.file for c in report.files if c.state == "unjournaled"] == [
-        "captures/0001.tif.part",
-        "captures/stray.tif",
-    ]
+    assert not report.is_ok
+    assert "captures/stray.tif" in report.faults[0]
+    assert {c.file: c.state for c in report.files if c.state != "ok"} == {
+        "captures/0001.tif.part": "unfinished",
+        "captures/stray.tif": "unjournaled",
+    }
     assert report.remarks == (
         "captures/0001.tif.part is left from a run that was killed while writing; delete it",
     )
+
+
+def test_what_file_managers_and_kills_leave_is_no_fault(path: Path) -> None:
+    whole_session(path)
+    for name in (".DS_Store", "Thumbs.db", "desktop.ini", "._0001.tif", "0001.tif.part"):
+        (path / "captures" / name).write_bytes(b"x")
+    assert verify(path).is_ok
 
 
 def test_a_journal_line_cut_short_is_a_remark_and_its_capture_does_not_exist(path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import SessionError
+from acquisition.session.capture_file import capture_seal
 from acquisition.session.journal import JournalWriter, Stamps
 from acquisition.session.journal_chain import HEAD_NAME
 from acquisition.session.notes import SessionNotes
@@ -14,7 +15,7 @@ from acquisition.session.record import CaptureRecord
 from acquisition.session.repair import repair_session
 from acquisition.session.verification import verify
 from tests.acquisition.fakes import FakeUids, FakeUtc
-from tests.acquisition.session_fixtures import whole_session
+from tests.acquisition.session_fixtures import whole_session, writer
 
 LINES = 10
 """Start, plan, six captures, an exclusion and a note."""
@@ -91,7 +92,8 @@ def test_without_a_journal_every_capture_comes_back_from_its_file(path: Path) ->
     records = made(path)
     (path / "journal.jsonl").unlink()
     report = repair_session(path)
-    assert set(report.recovered) == set(records)
+    assert set(report.records) == set(records)
+    assert all(one.is_sealed for one in report.recovered)
     assert [one.number for one in report.lost] == list(range(1, LINES + 1))
     assert verify(path).is_ok
     with JournalWriter(path / "journal.jsonl") as journal:
@@ -103,7 +105,78 @@ def test_a_file_that_is_no_capture_of_this_session_is_named(path: Path) -> None:
     made(path)
     (path / "captures" / "odd.tif").write_bytes(b"II*\0")
     (path / "journal.jsonl").unlink()
-    assert repair_session(path).unknown_files == ("captures/odd.tif",)
+    report = repair_session(path)
+    assert [one.file for one in report.left_out] == ["captures/odd.tif"]
+    assert not verify(path).is_ok
+    # The journal is sound now: a second repair finds nothing to do, and names the file again.
+    again = repair_session(path)
+    assert (again.kept_as, again.left_out) == (None, report.left_out)
+    assert "captures/odd.tif" in again.remarks[-1]
+    stamps = Stamps(utc_now=FakeUtc(), new_uid=FakeUids("note"))
+    (moved,) = SessionNotes(path, operator="Ada", stamps=stamps).set_aside("from another disk")
+    assert (path / moved["to"]).read_bytes() == b"II*\0"
+    assert verify(path).is_ok
+    assert Session(path).events[-1].facts["set_aside"] == [moved]
+
+
+def test_a_capture_that_was_altered_after_its_line_was_lost_is_not_taken_in(path: Path) -> None:
+    records = made(path)
+    (path / "journal.jsonl").unlink()
+    altered = path / records[2].file
+    data = bytearray(altered.read_bytes())
+    data[len(data) // 2] ^= 1
+    altered.write_bytes(data)
+    report = repair_session(path)
+    assert set(report.records) == set(records) - {records[2]}
+    (left_out,) = report.left_out
+    assert left_out.file == records[2].file
+    assert "damaged" in left_out.refusal
+    assert not verify(path).is_ok
+    assert altered.read_bytes() == data
+
+
+def test_a_copy_of_a_capture_under_another_name_is_no_second_capture(path: Path) -> None:
+    records = made(path)
+    copy = path / "captures" / "copy.tif"
+    copy.write_bytes((path / records[0].file).read_bytes())
+    assert not verify(path).is_ok
+    (left_out,) = repair_session(path).left_out
+    assert left_out.file == "captures/copy.tif"
+    assert "copy of capture 0" in left_out.refusal
+
+
+def test_a_lost_end_of_a_journal_comes_back_from_the_captures(path: Path) -> None:
+    """The head and all lines but the first are gone: the captures are evidence of the rest."""
+    records = made(path)
+    (path / HEAD_NAME).unlink()
+    (path / "journal.jsonl").write_bytes(lines_of(path)[0])
+    before = {record.file: (path / record.file).read_bytes() for record in records}
+    report = verify(path)
+    assert not report.is_ok
+    assert records[0].file in report.faults[0]
+    with pytest.raises(SessionError) as refused:
+        writer(path)
+    assert refused.value.fault == "unknown files"
+    assert lines_of(path) == [*lines_of(path)[:1]]
+    assert not (path / HEAD_NAME).exists()
+    assert set(repair_session(path).records) == set(records)
+    assert verify(path).is_ok
+    with writer(path, prefix="later") as session:
+        assert session.pending_entries() == ()
+    assert {name: (path / name).read_bytes() for name in before} == before
+
+
+def test_a_capture_of_an_older_version_comes_back_with_a_remark(path: Path) -> None:
+    (record, *_) = made(path)
+    older = path / record.file
+    older.write_bytes(
+        older.read_bytes()[: -len(capture_seal("0" * 64))].replace(b"seal=sha256", b"make=other.")
+    )
+    (path / "journal.jsonl").unlink()
+    report = repair_session(path)
+    assert [one.file for one in report.recovered if not one.is_sealed] == [record.file]
+    assert any("cannot be told" in text for text in report.remarks)
+    assert verify(path).is_ok
 
 
 def test_a_sound_journal_is_left_alone(path: Path) -> None:

@@ -108,20 +108,70 @@ def test_resuming_asks_only_for_what_is_missing_or_damaged(path: Path) -> None:
     assert kinds(path)[-1] == "resume"
 
 
-def test_a_capture_whose_journal_line_was_cut_short_is_taken_again_under_its_name(
-    path: Path,
-) -> None:
+def test_a_capture_whose_journal_line_was_cut_short_is_taken_in(path: Path) -> None:
     records = whole_session(path)
-    journal = path / "journal.jsonl"
-    cut_last_line(journal, 2)
+    cut_last_line(path / "journal.jsonl", 2)
+    (unknown,) = [check.file for check in verify(path).files if check.state != "ok"]
+    assert unknown == records[-1].file
     with writer(path, prefix="later") as session:
-        (entry,) = session.pending_entries()
-        again = add(session, entry, 1500.0)
-    assert again.file == records[-1].file
-    report = verify(path)
-    assert report.is_ok
-    assert {check.state for check in report.files} == {"ok"}
-    assert kinds(path)[-3:] == ["note", "resume", "capture"]
+        assert session.pending_entries() == ()
+    assert Session(path).records == records
+    assert verify(path).is_ok
+    assert kinds(path)[-4:] == ["note", "capture", "note", "resume"]
+
+
+def killed_after(path: Path, files: int) -> list[str]:
+    """A run with raw frames that was killed when the second capture had so many of its files."""
+    frames = (np.full((4, 5), 7, np.uint16),) * 3
+    with writer(path) as session:
+        add(session, session.entries[0], raw_frames=frames)
+        record = add(session, session.entries[1], raw_frames=frames)
+    cut_last_line(path / "journal.jsonl", 2)
+    names = [str(record.frames_file), record.file]
+    for name in names[files:]:
+        (path / name).unlink()
+    return names
+
+
+def test_a_kill_between_a_capture_and_its_line_loses_nothing(path: Path) -> None:
+    names = killed_after(path, 2)
+    with writer(path, prefix="later") as session:
+        assert [entry.index for entry in session.pending_entries()] == [2, 3, 4, 5]
+    assert verify(path).is_ok
+    assert names[1] in [record.file for record in Session(path).records]
+
+
+def test_raw_frames_without_their_capture_are_set_aside(path: Path) -> None:
+    names = killed_after(path, 1)
+    frames = (path / names[0]).read_bytes()
+    with writer(path, prefix="later") as session:
+        assert session.pending_entries()[0].index == 1
+        add(session, session.entries[1], raw_frames=(np.full((4, 5), 8, np.uint16),) * 3)
+    assert verify(path).is_ok
+    assert [file.read_bytes() for file in (path / "set-aside").iterdir()] == [frames]
+
+
+def test_more_than_a_kill_leaves_is_refused_and_nothing_is_written(path: Path) -> None:
+    whole_session(path)
+    for file in (path / "captures").glob("0004*"):
+        (path / "captures" / "0004_other.tif").write_bytes(file.read_bytes())
+    before = {file: file.read_bytes() for file in path.rglob("*") if file.is_file()}
+    with pytest.raises(SessionError) as refused:
+        writer(path)
+    assert refused.value.fault == "unknown files"
+    assert "captures/0004_other.tif" in str(refused.value)
+    assert {file: file.read_bytes() for file in path.rglob("*") if file.is_file()} == before
+
+
+def test_a_capture_that_appears_during_a_run_is_not_written_over(path: Path) -> None:
+    with writer(path) as session:
+        entry = session.entries[0]
+        there = path / "captures" / f"{entry.stem}.tif"
+        there.write_bytes(b"from somebody else")
+        with pytest.raises(SessionError) as refused:
+            add(session, entry)
+    assert refused.value.fault == "unknown files"
+    assert there.read_bytes() == b"from somebody else"
 
 
 @pytest.mark.parametrize(
@@ -311,7 +361,8 @@ def test_a_disk_that_fills_up_at_the_journal_line_leaves_a_session_that_resumes(
                 add(session, session.entries[0])
             assert refused.value.fault == "unwritable"
         assert session.captures == ()
-        add(session, session.entries[0])
+    with writer(path, prefix="later") as session:
+        assert [one.record.index for one in session.captures] == [0]
     report = verify(path)
     assert {check.state for check in report.files} == {"ok"}
 

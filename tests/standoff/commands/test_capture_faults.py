@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import pytest
 
 from acquisition.bench import BenchConfig
-from acquisition.session.durable_write import FileParts, atomic_write_hashed
+from acquisition.session.durable_write import FileParts, write_new_hashed
 from acquisition.session.reader import Session
 from acquisition.session.verification import verify
 from hil_mocks import SimulatedBench
@@ -110,14 +110,14 @@ def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
     words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     writes: list[Path] = []
 
-    def fill_up(path: Path, parts: FileParts) -> str:
+    def fill_up(path: Path, parts: FileParts, *seal: Callable[[str], bytes]) -> str:
         writes.append(path)
         if len(writes) > 2:
             raise OSError(errno.ENOSPC, "No space left on device")
-        return atomic_write_hashed(path, parts)
+        return write_new_hashed(path, parts, *seal)
 
     with monkeypatch.context() as patch:
-        patch.setattr("acquisition.session.writer.atomic_write_hashed", fill_up)
+        patch.setattr("acquisition.session.writer.write_new_hashed", fill_up)
         done = command(*words, "--yes")
     assert done.status == 1
     assert "No space left on device; check the disk and run the same command again" in done.err

@@ -71,7 +71,7 @@ def test_home_and_move_are_two_processes_where_the_controller_knows_its_position
     shown = json.loads(moved.out)
     assert shown["is_homed"]
     assert shown["state"] == "idle"
-    assert shown["limits_mm"] == [120.0, 500.0]
+    assert shown["limits_mm"] == [120.5 if protocol == "grbl" else 120.0, 500.0]
     assert shown["info"]["driver"] == protocol
     assert shown["position_mm"] == pytest.approx(140.25, abs=0.004)
     assert served.true_height_mm == pytest.approx(shown["position_mm"], abs=0.05)
@@ -87,19 +87,30 @@ def test_move_homes_first_where_it_is_told_to(command: Command, serve: Serve) ->
 
 
 @pytest.mark.slow
-def test_unlock_is_the_way_out_of_a_state_that_answers_nothing(
+def test_a_hard_limit_is_told_with_its_code_and_unlock_and_home_are_the_way_back(
     command: Command, serve: Serve
 ) -> None:
     served = serve("grbl", FASTER)
-    assert isinstance(served.firmware, GrblFirmware)
     bench = options("grbl", served)
-    served.firmware.raise_alarm(1)
-    stuck = command("stage", "status", *bench)
-    assert stuck.status == 1
+    port = open_serial_port(served.port, 115200)
+    port.write(b"$21=1\n$X\n$J=G91G21Z-500F1200\n")
+    heard, deadline = b"", time.monotonic() + START_TIMEOUT_S
+    while b"ALARM:1\r\n" not in heard and time.monotonic() < deadline:
+        heard += port.read()
+    port.close()
+    shown = json.loads(command("stage", "status", *bench, "--json").out)
+    assert shown["state"] == "alarm"
+    assert "ALARM:1 (a limit switch was hit" in shown["warnings"][0]
+    refused = command("stage", "home", *bench)
+    assert refused.status == 1
+    assert "ALARM:1 (" in refused.err
     unlocked = command("stage", "unlock", *bench, "--json")
     assert unlocked.status == 0, unlocked.err
-    assert json.loads(unlocked.out)["state"] == "idle"
-    assert not json.loads(unlocked.out)["is_homed"]
+    unlocked_stage = json.loads(unlocked.out)
+    assert (unlocked_stage["state"], unlocked_stage["is_homed"]) == ("idle", False)
+    assert unlocked_stage["warnings"] == []
+    assert command("stage", "move", "140", "--home", *bench).status == 0
+    assert served.true_height_mm == pytest.approx(140.0, abs=0.05)
 
 
 def test_a_port_in_use_says_how_to_stop_the_stage(command: Command, serve: Serve) -> None:

@@ -41,6 +41,7 @@ FUNCTIONS = {
     "session exclude": {"exclude_capture"},
     "session include": {"include_capture"},
     "session set-height": {"correct_height"},
+    "session set-aside": {"set_aside_files"},
     "session note": {"add_note"},
 }
 EXEMPT = {

@@ -1,11 +1,14 @@
 import string
 from math import inf, nan
+from random import Random
 
 import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.errors import DeviceProtocolError
 from acquisition.stages.grbl.wire import (
+    KNOWN_FIELDS,
+    KNOWN_STATES,
     Alarm,
     Banner,
     ErrorReply,
@@ -15,9 +18,12 @@ from acquisition.stages.grbl.wire import (
     Setting,
     StartupLine,
     StatusReport,
+    StoredLine,
     encode_line,
     jog_command,
+    old_grbl_version,
     parse_line,
+    passed_over,
 )
 
 POSITIONS = st.lists(
@@ -66,10 +72,100 @@ POSITIONS = st.lists(
             b"<Alarm:11|MPos:0.000,0.000,-1.000|Bf:35,1023|FS:0,0|Ov:100,100,100|H:0,3|FW:grblHAL>",
             StatusReport(state="Alarm", substate=11, machine=(0.0, 0.0, -1.0), homed=(0, 3)),
         ),
+        (b"error:79", ErrorReply(79)),
+        (b"ALARM:17", Alarm(17)),
+        (b"$N0=G54", StoredLine(0, "G54")),
+        (b"$N1=", StoredLine(1, "")),
+        (b">G54:error:3", StartupLine("G54:error:3")),
+        (b"$70=", Setting(70, "")),
+        (b"$302=192.168.5.1", Setting(302, "192.168.5.1")),
+        (b"$75=********", Setting(75, "********")),
+        ("$74=Werkstatt Süd".encode(), Setting(74, "Werkstatt Süd")),
+        (b"$300=Grbl 2", Setting(300, "Grbl 2")),
+        (b"$10240=1", Setting(10240, "1")),
+        (b"[HLP:$$ $# $G $I $N]", Feedback("HLP", "$$ $# $G $I $N")),
+        (b"[MSG:]", Feedback("MSG", "")),
+        (b"[MSG:Warning: not ready]", Feedback("MSG", "Warning: not ready")),
+        (b"[G59.1:0.000,0.000,0.000]", Feedback("G59.1", "0.000,0.000,0.000")),
+        (b"[NVS STORAGE:*FLASH 4K]", Feedback("NVS STORAGE", "*FLASH 4K")),
     ],
 )
 def test_the_published_lines_are_understood(line: bytes, message: GrblMessage) -> None:
     assert parse_line(line) == message
+
+
+# As grblHAL 1.1f.20260817 sent them; the first is what it reports after a hard limit.
+@pytest.mark.parametrize(
+    ("line", "report"),
+    [
+        (
+            b"<Alarm:1|MPos:0.000,0.000,-61.020|FS:0,0|H:1,4|$C:1>",
+            StatusReport(state="Alarm", substate=1, machine=(0.0, 0.0, -61.02), homed=(1, 4)),
+        ),
+        (
+            b"<Alarm:1|MPos:0.000,0.000,-399.988|Bf:99,1023|FS:0,0|Pn:Z|WCO:0.000,0.000,0.000|"
+            b"WCS:G54|Ov:100,100,100|A:|Sc:|MPG:0|H:1,4|T:0|P:0|TLR:0|FW:grblHAL|$C:1>",
+            StatusReport(
+                state="Alarm",
+                substate=1,
+                machine=(0.0, 0.0, -399.988),
+                offset=(0.0, 0.0, 0.0),
+                pins="Z",
+                homed=(1, 4),
+            ),
+        ),
+        (
+            b"<Home|MPos:0.000,0.000,0.732|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>",
+            StatusReport(state="Home", machine=(0.0, 0.0, 0.732)),
+        ),
+        (
+            b"<Run:1|WPos:0.000000,0.000000,1.250000,0.000000,0.000000,0.000000|AR:200>",
+            StatusReport(state="Run", substate=1, work=(0.0, 0.0, 1.25, 0.0, 0.0, 0.0)),
+        ),
+        (b"<Tool|MPos:0.000,0.000,0.000|T:2>", StatusReport(state="Tool", machine=(0.0,) * 3)),
+        (b"<Sleep|MPos:0.000,0.000,0.000>", StatusReport(state="Sleep", machine=(0.0,) * 3)),
+        (b"<Check|MPos:0.000,0.000,0.000>", StatusReport(state="Check", machine=(0.0,) * 3)),
+        (
+            b"<Door:4|MPos:0.000,0.000,0.000>",
+            StatusReport(state="Door", substate=4, machine=(0.0,) * 3),
+        ),
+    ],
+)
+def test_the_reports_of_grblhal_are_understood(line: bytes, report: StatusReport) -> None:
+    assert parse_line(line) == report
+
+
+def test_only_a_report_of_an_alarm_names_one() -> None:
+    def alarm(state: str) -> Alarm | None:
+        report = parse_line(f"<{state}|MPos:0.000,0.000,0.000>".encode())
+        assert isinstance(report, StatusReport)
+        return report.alarm
+
+    assert alarm("Alarm:1") == Alarm(1)
+    assert [alarm(state) for state in ("Alarm", "Alarm:0", "Hold:1", "Alarm:x")] == [None] * 4
+
+
+@pytest.mark.parametrize(
+    ("line", "names"),
+    [
+        (b"<Idle|MPos:0.0,0.0,0.0|$C:1|FW:grblHAL|New:a,b|$C:2>", ("field $C", "field New")),
+        (b"<Hold:7|MPos:0.0,0.0,0.0>", ("sub-state Hold:7",)),
+        (b"<Alarm:42|MPos:0.0,0.0,0.0>", ("sub-state Alarm:42",)),
+        (b"<Cooling|MPos:0.0,0.0,0.0>", ("state Cooling",)),
+        (b"<Door:4|MPos:0.0,0.0,0.0|Bf:1,2>", ()),
+        (b"[WIFI MAC:02:00:00:00:00:01]", ("line [WIFI MAC:...]",)),
+        (b"[VER:2.0.20300101:]", ("version 2.0.20300101:",)),
+        (b"[FIRMWARE:another]", ("firmware another",)),
+        (b"ALARM:42", ("alarm 42",)),
+        (b"[VER:1.1f.20260817:bench]", ()),
+        (b"[FIRMWARE:grblHAL]", ()),
+        (b"[NEWOPT:ENUMS,RT+,HOME,TC,SED]", ()),
+        (b"[AXS:3:XYZ]", ()),
+        (b"ok", ()),
+    ],
+)
+def test_what_is_passed_over_has_a_name(line: bytes, names: tuple[str, ...]) -> None:
+    assert tuple(dict.fromkeys(passed_over(parse_line(line)))) == names
 
 
 @pytest.mark.parametrize(
@@ -90,6 +186,22 @@ def test_the_published_lines_are_understood(line: bytes, message: GrblMessage) -
         b"<|MPos:0.000,0.000,0.000>",
         b"<Idle|MPos:0.0,0.0,0.0|MPos:1.0,1.0,1.0>",
         b"<Idle|MPos:0.0,0.0,0.0|H:x>",
+        b"<Idle|MPos:0.000,inf,0.000>",
+        b"<Idle|MPos:0.000,,0.000>",
+        b"<Idle|MPos:>",
+        b"<Idle|MPos>",
+        b"<Idle|WPos:1.0,2.0,x>",
+        b"<Idle|MPos:0.0,0.0,0.0|WCO:0.0,0.0,nan>",
+        b"<Idle|MPos:0.0,0.0,0.0|WPos:-,0.0,0.0>",
+        b"<Alarm:1|FS:0,0|H:1,4|$C:1>",
+        b"<Idle|MPos:0.0,0.0,0.0||FS:0,0>",
+        b"<Idle|MPos:0.0,0.0,0.0|:1>",
+        b"<Idle|MPos:0.0,0.0,0.0|FS:0,0<Idle|FS:0,0>",
+        b"<Idle|MPos:0.0,0.0,0.0|FS:0,\x000>",
+        b"<1|MPos:0.0,0.0,0.0>",
+        b"<Idle,MPos:0.000,0.000,0.000,WPos:0.000,0.000,0.000>",
+        b"$102=25\xff.000",
+        b"$=1",
         b"$J=G90",
         b"$I",
         b"?",
@@ -110,7 +222,7 @@ def test_arbitrary_bytes_never_crash_the_parser(line: bytes) -> None:
         return
 
 
-NEAR = st.text(alphabet="<>|:,.-$[]=okerrALARM:GblIdeMPos0123456789\x00é", max_size=60)
+NEAR = st.text(alphabet="<>|:,.-$[]=okerrALARM:GblIdeMPosWCOHPnN \t0123456789\x00é", max_size=60)
 
 
 @given(NEAR)
@@ -119,6 +231,54 @@ def test_text_that_looks_like_grbl_never_crashes_the_parser(text: str) -> None:
         parse_line(text.encode("utf-8"))
     except DeviceProtocolError:
         return
+
+
+VALUES = st.text(st.sampled_from(string.printable[:95]).filter(lambda c: c not in "|<>"))
+NEW_NAMES = st.from_regex(r"[A-Za-z$%#&@_][A-Za-z0-9$%_.]{0,8}", fullmatch=True).filter(
+    lambda name: name not in KNOWN_FIELDS
+)
+NEW_FIELDS = st.lists(st.tuples(NEW_NAMES, VALUES), max_size=4)
+UNUSED_FIELDS = st.lists(
+    st.tuples(st.sampled_from(sorted(KNOWN_FIELDS - {"MPos", "WPos", "WCO", "H", "Pn"})), VALUES),
+    max_size=4,
+    unique_by=lambda pair: pair[0],
+)
+
+
+@given(
+    st.sampled_from(["Idle", "Jog", "Alarm:1", "Hold:0", "Door:1"]),
+    POSITIONS,
+    NEW_FIELDS,
+    UNUSED_FIELDS,
+    st.randoms(use_true_random=False),
+)
+def test_fields_that_are_not_used_never_change_state_or_position(
+    state: str,
+    positions: list[float],
+    new: list[tuple[str, str]],
+    unused: list[tuple[str, str]],
+    order: Random,
+) -> None:
+    numbers = ",".join(f"{value:.3f}" for value in positions)
+    own = [f"MPos:{numbers}", f"WCO:{numbers}", "H:1,4", "Pn:Z"]
+    plain = parse_line(f"<{'|'.join([state, *own])}>".encode())
+    fields = [*own, *(f"{name}:{value}" for name, value in new + unused)]
+    order.shuffle(fields)
+    report = parse_line(f"<{'|'.join([state, *fields])}>".encode())
+    assert isinstance(report, StatusReport)
+    assert report == plain
+    assert report.machine == tuple(positions)
+    assert set(report.passed_over) == {f"field {name}" for name, _ in new}
+
+
+@given(st.sampled_from(sorted(KNOWN_STATES)), VALUES, POSITIONS)
+def test_a_sub_state_never_changes_state_or_position(
+    state: str, substate: str, positions: list[float]
+) -> None:
+    numbers = ",".join(f"{value:.3f}" for value in positions)
+    report = parse_line(f"<{state}:{substate}|MPos:{numbers}>".encode())
+    assert isinstance(report, StatusReport)
+    assert (report.state, report.machine) == (state, tuple(positions))
 
 
 @given(POSITIONS, st.sampled_from(["Idle", "Run", "Jog", "Home", "Door", "Sleep"]), st.booleans())
@@ -143,6 +303,42 @@ def test_codes_are_read_as_they_were_written(code: int) -> None:
 @given(st.integers(0, 9999), st.text(alphabet=string.digits + ".", max_size=10))
 def test_settings_are_read_as_they_were_written(number: int, value: str) -> None:
     assert parse_line(f"${number}={value}".encode()) == Setting(number, value)
+
+
+@given(st.integers(0, 9999), st.text(st.characters(exclude_categories=["C", "Z"]), max_size=30))
+def test_settings_may_be_any_text(number: int, value: str) -> None:
+    assert parse_line(f"${number}={value}".encode()) == Setting(number, value)
+
+
+@pytest.mark.parametrize("before", [b"$132=400.000", b"$300=Grbl 2", b"[MSG:Pgm End"])
+def test_a_greeting_or_an_alarm_that_follows_a_line_without_its_end_is_heard(before: bytes) -> None:
+    assert isinstance(parse_line(before + b"Grbl 1.1h ['$' for help]"), Banner)
+    assert parse_line(before + b"ALARM:3") == Alarm(3)
+
+
+@pytest.mark.parametrize(
+    ("line", "version"),
+    [
+        (b"Grbl 0.9j ['$' for help]", "0.9j"),
+        (b"\xff\x00Grbl 0.8c ['$' for help]", "0.8c"),
+        (b"[0.9j.20160316:]", "0.9j"),
+        (b"[0.9j.20160316:my stand]", "0.9j"),
+        (b"<Idle,MPos:0.000,0.000,0.000,WPos:0.000,0.000,0.000>", "0.9 or older"),
+        (b"error: Expected command letter", "0.9 or older"),
+        (b"ALARM: Hard limit", "0.9 or older"),
+        (b"Grbl 1.1h ['$' for help]", None),
+        (b"GrblHAL 1.1f ['$' or '$HELP' for help]", None),
+        (b"[VER:1.1f.20170801:]", None),
+        (b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>", None),
+        (b"error:5", None),
+        (b"ALARM:1", None),
+        (b"$27=1.000", None),
+    ],
+)
+def test_grbl_before_1_1_is_known_by_its_greeting_version_reports_and_errors(
+    line: bytes, version: str | None
+) -> None:
+    assert old_grbl_version(line) == version
 
 
 def test_the_homed_field_of_grblhal_is_read_for_the_axis() -> None:
