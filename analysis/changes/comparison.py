@@ -25,7 +25,6 @@ from analysis.changes.matching import (
     fit_pair,
     fit_tone_curve,
     relative_blur,
-    rounding_variance,
     smoothed,
     smoothing_for,
     white_noise_gain,
@@ -258,7 +257,7 @@ class _Matched:
     def rounding_variance_dn2(self) -> Float32Array | None:
         """Variance by rounding to the files' levels, without which shadows have none at all."""
         pair, gains = self.pair, self.gains
-        own, other = rounding_variance(pair.target), rounding_variance(pair.source)
+        own, other = pair.target_steps_dn2, pair.source_steps_dn2
         total = None if own is None else np.float32(gains.target) * own
         if other is not None:
             brought = np.float32(gains.source) * np.nan_to_num(pair.positions.seen(other))

@@ -43,6 +43,9 @@ class ChangeOptions:
     variance_dn2
         Variance of each pixel of the reference and the follow-up, where it is known, as of captures
         merged from several exposures; it comes before ``noise``.
+    step_variance_dn2
+        Variance of each pixel of the reference and the follow-up by the steps of their files, where
+        those are known; otherwise they are looked for among the levels.
     count_moved
         Whether what a shift explains is listed among the changes.
     """
@@ -58,4 +61,5 @@ class ChangeOptions:
     left_out: BoolArray | None = None
     white_level_dn: tuple[float | None, float | None] = (None, None)
     variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
+    step_variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
     count_moved: bool = False

@@ -10,6 +10,7 @@ from analysis.changes.matching import (
     Smoothing,
     ToneCurve,
     away_from,
+    rounding_variance,
     smoothed,
     spline_coefficients,
 )
@@ -47,6 +48,8 @@ class PhotographPair:
         Variance of that curve at the pixels.
     source_variance_dn2, target_variance_dn2
         Variance of their pixels, where it is known.
+    source_steps_dn2, target_steps_dn2
+        Their variance by the steps of their files, where it is known.
     """
 
     is_on_followup: bool
@@ -59,6 +62,8 @@ class PhotographPair:
     tone_variance_dn2: Float32Array | None = None
     source_variance_dn2: Float32Array | None = field(default=None, repr=False)
     target_variance_dn2: Float32Array | None = field(default=None, repr=False)
+    source_steps_dn2: Float32Array | None = field(default=None, repr=False)
+    target_steps_dn2: Float32Array | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -76,9 +81,13 @@ class PhotographPair:
         if options.left_out is not None:
             usable[1] &= ~options.left_out
         towards, variances = pose.to_reference_px, options.variance_dn2
+        steps = [
+            rounding_variance(image) if known is None else known
+            for image, known in zip(images, options.step_variance_dn2, strict=True)
+        ]
         if not is_on_followup:
             images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
-            variances = variances[::-1]
+            variances, steps = variances[::-1], steps[::-1]
         shapes = [(image.shape[0], image.shape[1]) for image in images]
         return cls(
             is_on_followup=is_on_followup,
@@ -89,6 +98,8 @@ class PhotographPair:
             target_usable=usable[1],
             source_variance_dn2=variances[0],
             target_variance_dn2=variances[1],
+            source_steps_dn2=steps[0],
+            target_steps_dn2=steps[1],
         )
 
     @property
@@ -103,6 +114,9 @@ class PhotographPair:
             source_variance_dn2=None,
             target_variance_dn2=None,
             target=curve.of(self.target),
+            target_steps_dn2=None
+            if self.target_steps_dn2 is None
+            else self.target_steps_dn2 * np.square(curve.slope(self.target)),
             tone_slope=smoothed(curve.slope(self.target), 1.0),
             tone_variance_dn2=smoothed(curve.variance(self.target), 1.0),
         )

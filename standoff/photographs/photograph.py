@@ -11,7 +11,7 @@ from acquisition.printable import on_one_line
 from calibration.choices import Pattern
 from calibration.notebook import html_table
 from calibration.psf import REC601_LUMA, luma_plane
-from simulation.arrays import AnyArray, FloatArray
+from simulation.arrays import AnyArray, Float32Array, FloatArray
 from standoff.errors import HintError, ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
@@ -215,6 +215,45 @@ class Photograph(PhotographHead):
             return self.variance_dn2
         weights = np.square(REC601_LUMA)
         return np.asarray(self.variance_dn2[:, :, :3] @ weights)
+
+    @property
+    def step_variance_dn2(self) -> Float32Array | None:
+        """Variance of the grey levels by the steps of the file; None where it holds no integers.
+
+        A twelfth of the squared step of each channel, through the decoding. Of a JPEG file the
+        steps of its luma's coefficients, each the density of the error at its frequency, weighted
+        as a Gaussian of 1 px does: the variance of white noise that is as large once smoothed.
+        """
+        if self.stored.dtype.kind != "u" or self.pattern is not None:
+            return None
+        slopes = self._decoding_slopes
+        weights = np.asarray(REC601_LUMA) if self.is_colour else np.ones(1)
+        planes = slopes.reshape(*slopes.shape[:2], -1)
+        variance = np.square(planes) @ np.square(weights) / 12
+        if self.luma_steps is not None:
+            density = np.square(self.luma_steps) / 12
+            gain = np.exp(-((2 * np.pi * np.arange(8) / 16) ** 2))
+            weight = np.outer(gain, gain)
+            coded = float((density * weight).sum() / weight.sum())
+            # Of colours luma is rounded before it is transformed, and once more with the chroma.
+            coded += 2 / 12 if self.is_colour else 0.0
+            variance += np.square(planes @ weights) * coded
+        return np.asarray(variance, dtype=np.float32)
+
+    @property
+    def _decoding_slopes(self) -> FloatArray:
+        """Linear levels for a step of the stored ones, at each pixel of each channel."""
+        count = int(self.white_dn) + 1
+        if self.encoding.is_linear or count > 1 << 16:
+            return np.ones(self.stored.shape)
+        codes = np.arange(count, dtype=self.stored.dtype)
+        channels = self.stored.shape[2:]
+        table = np.broadcast_to(codes.reshape(-1, *(1 for _ in channels)), (count, *channels))
+        levels = np.asarray(self.encoding.decode(table[:, np.newaxis], self.white_dn), np.float64)
+        slopes = np.gradient(levels[:, 0], axis=0)
+        if not channels:
+            return np.asarray(slopes[self.stored])
+        return np.stack([slopes[self.stored[..., c], c] for c in range(*channels)], axis=-1)
 
     @property
     def white_dn(self) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from analysis.changes.movement.joint_trial import JointTrial
+from analysis.changes.movement.seen_twice import is_seen_twice
 from analysis.changes.movement.trial import Images, Shift, Trial, ways_within
 from simulation.arrays import FloatArray, IntArray
 
@@ -108,6 +109,11 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
         for index in group:
             near[index] += [other for other in group if other not in (index, *near[index])]
     _add_followers(images, regions, found, near)
+    found = {
+        index: shift
+        for index, shift in found.items()
+        if is_seen_twice(images, regions[index].rows, regions[index].cols, shift.displacement_px)
+    }
     movements = _joined(images, regions, found, near)
     return _with_strips(movements, regions, images.smoothing_px)
 

@@ -297,6 +297,7 @@ def compared(
         left_out=rules.left_out,
         white_level_dn=(near.white_level_dn(stated), far.white_level_dn(stated)),
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
+        step_variance_dn2=(near.step_variance_dn2, far.step_variance_dn2),
     )
     try:
         found = changes_between(near.grey_dn, far.grey_dn, psf, options)

@@ -220,3 +220,24 @@ def test_along_an_edge_a_shift_is_as_good_as_unknown_and_across_it_known(
     variances = np.linalg.eigvalsh(np.linalg.inv(information))
     assert 0.999 * 0.1**2 < variances[0] <= variances[1] < 1.001 * 1000.0**2
     assert (np.diag(np.linalg.inv(information)) > 0).all()
+
+
+@pytest.mark.parametrize("radius_px", [3.0, 6.0])
+@pytest.mark.parametrize("is_put_in", [False, True])
+def test_what_is_gone_from_a_plain_ground_or_new_on_it_has_not_moved(
+    radius_px: float, is_put_in: bool
+) -> None:
+    """A plain ground is found everywhere around, and explains nothing: a mast before the sky."""
+    sky = 200.0 - 0.05 * Y
+    mast = np.clip((radius_px - np.abs(X - 44.0)) / 2 + 0.5, 0, 1) * (Y > 20)
+    thing = sky - 60.0 * mast
+    before, after = (sky, thing) if is_put_in else (thing, sky)
+    assert movements(compared(before, after)) == ()
+
+
+def test_a_thing_that_moved_over_a_plain_ground_by_more_than_its_size_has_moved() -> None:
+    sky = 200.0 - 0.05 * Y
+    before, after = sky - 60 * disc(30.0, 30.0, 4.0), sky - 60 * disc(36.0, 42.0, 4.0)
+    (found,) = movements(compared(before, after))
+    assert len(found.regions) == 2
+    assert found.displacement_px == pytest.approx((6.0, 12.0), abs=0.3)

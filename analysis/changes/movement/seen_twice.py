@@ -1,0 +1,80 @@
+"""Whether a thing is seen at both places, as it must be to have moved.
+
+What is gone before a plain ground seems to have come from anywhere around it: the ground that was
+uncovered is found beside it. So of before and after the one decides that has structure in the
+change which its surroundings do not have: what is there must be found, at its other place, in the
+other photograph.
+"""
+
+from math import ceil
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, map_coordinates
+
+from analysis.changes.movement.trial import Images
+from simulation.arrays import BoolArray, FloatArray, IntArray
+
+_RING_PX = (2.0, 8.0)
+"""Distances from the change of the surroundings with which it is compared."""
+
+_AS_STRUCTURED = 0.7
+"""A side counts that has at least so much of the structure of the other one."""
+
+_EXPLAINED = 0.8
+"""Share of the squared difference of the photographs that the shift has to explain: what moved is
+explained to 1.0, what vanished to at most 0.7 (things cut from and inpainted in photographs)."""
+
+_MARGIN_PX = 12
+
+
+def is_seen_twice(
+    images: Images, rows: IntArray, cols: IntArray, displacement_px: FloatArray
+) -> bool:
+    """Say whether what a change shows is at its other place in the other photograph.
+
+    Parameters
+    ----------
+    images
+        Before and after.
+    rows, cols
+        Pixels of the change.
+    displacement_px
+        ``(y, x)`` from before to after.
+    """
+    margin = _MARGIN_PX + ceil(float(np.abs(displacement_px).max()))
+    top, left = max(int(rows.min()) - margin, 0), max(int(cols.min()) - margin, 0)
+    crop = np.s_[top : int(rows.max()) + margin + 1, left : int(cols.max()) + margin + 1]
+    sides = [np.asarray(one[crop], np.float64) for one in (images.before_dn, images.after_dn)]
+    valid = images.valid[crop]
+    variance = float(np.mean(np.square(images.sd_dn[rows, cols], dtype=np.float64)))
+    inside = np.zeros(valid.shape, dtype=np.bool_)
+    inside[rows - top, cols - left] = True
+    apart_px = distance_transform_edt(~inside)
+    ring = (apart_px >= _RING_PX[0]) & (apart_px <= _RING_PX[1]) & valid
+    structures = [_structure(side, inside, ring) for side in sides]
+    squares = float(np.sum((sides[1] - sides[0])[inside] ** 2)) - variance * len(rows)
+    if squares <= 0:
+        return False
+    at = np.stack([rows - top, cols - left]).astype(np.float64)
+    shift = displacement_px[:, np.newaxis]
+    for own, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
+        if structures[own] < _AS_STRUCTURED * max(structures):
+            continue
+        seen = map_coordinates(sides[other], at + sign * shift, order=1, mode="nearest")
+        left_over = float(np.sum((sides[own][inside] - seen) ** 2)) - variance * len(rows)
+        if 1 - left_over / squares >= _EXPLAINED:
+            return True
+    return False
+
+
+def _structure(side: FloatArray, inside: BoolArray, ring: BoolArray) -> float:
+    """Mean square in the change about the plane through its surroundings, over that of those."""
+    y, x = np.nonzero(ring)
+    if len(y) < 3:
+        return 0.0
+    terms = np.stack([np.ones(len(y)), y, x], axis=1)
+    plane, *_ = np.linalg.lstsq(terms, side[ring], rcond=None)
+    around = float(np.mean((side[ring] - terms @ plane) ** 2))
+    own_y, own_x = np.nonzero(inside)
+    within = side[inside] - (plane[0] + plane[1] * own_y + plane[2] * own_x)
+    return float(np.mean(within**2)) / max(around, float(np.finfo(np.float32).tiny))
