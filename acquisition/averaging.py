@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.devices import Camera, CameraSettings, Frame, FrameImage
+from acquisition.devices import Camera, CameraSettings, Frame, FrameImage, StreamStatistics
 from acquisition.errors import CaptureError, DeviceError, DeviceTimeoutError
 from acquisition.frame_sums import FrameSums
 
@@ -29,9 +29,11 @@ changed more than any average is worth."""
 
 STALLED_REMEDY = "check the camera's power, cable and trigger, then run again"
 TORN_REMEDY = (
-    "check the network (cable, packet size, receive buffer, other traffic; `standoff doctor` says "
-    "more) or lower camera.frame_rate_hz, then run again"
+    "use larger packets (jumbo frames: MTU 9000), a larger receive buffer (net.core.rmem_max), a "
+    "lower camera.frame_rate_hz or camera.bandwidth_limit_bytes_per_s, or another cable, switch or "
+    "network card (`standoff doctor` says more), then run again"
 )
+SHAPE_REMEDY = "restart the camera, then run again"
 EXPOSURE_REMEDY = (
     "the camera states another exposure than it was set to; switch its automatic exposure and "
     "sequencer off, then run again"
@@ -121,8 +123,8 @@ def average_frames(
     if not 2 <= frames_asked <= MAX_FRAMES:
         raise ValueError(f"frames_asked must be from 2 to {MAX_FRAMES}, got {frames_asked}")
     settings = camera.settings
-    resent_before = camera.statistics().resent_packets
-    tally = _Tally(frames_asked)
+    before = camera.statistics()
+    tally = _Tally(frames_asked, resends=lambda: _Resends.between(before, camera.statistics()))
     sums = FrameSums((settings.height_px, settings.width_px), settings.max_level_dn)
     stamps_ns: list[int] = []
     with _streaming(camera):
@@ -157,7 +159,7 @@ def average_frames(
         variance_dn2=variance_dn2,
         frames_used=tally.good,
         incomplete_frames=tally.incomplete,
-        resent_packets=camera.statistics().resent_packets - resent_before,
+        resent_packets=camera.statistics().resent_packets - before.resent_packets,
         saturated_pixels=0 if is_saturated is None else int(np.count_nonzero(is_saturated)),
         min_dn=sums.min_dn,
         max_dn=sums.max_dn,
@@ -168,11 +170,39 @@ def average_frames(
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Resends:
+    """What became of lost packets, as far as camera and driver say."""
+
+    resent: int
+    is_possible: bool | None
+
+    @classmethod
+    def between(cls, before: StreamStatistics, now: StreamStatistics) -> "_Resends":
+        """What was sent again between two readings of the counts."""
+        return cls(
+            resent=now.resent_packets - before.resent_packets, is_possible=now.resends_packets
+        )
+
+    @property
+    def told(self) -> str:
+        """It in words, to be followed by others; empty where nothing is known."""
+        # Not how many were lost: Aravis counts all behind the first gap of a frame.
+        if self.is_possible is None:
+            return ""
+        if not self.is_possible:
+            return "this camera does not resend lost packets; "
+        if self.resent == 0:
+            return "the camera resent no lost packet, although it says that it can; "
+        return f"the camera resent {self.resent} lost packets, which was not enough; "
+
+
 @dataclass(slots=True)
 class _Tally:
     """What the stream has delivered after the skipped frame."""
 
     asked: int
+    resends: Callable[[], _Resends]
     good: int = 0
     incomplete: int = 0
     repeated: int = 0
@@ -195,13 +225,14 @@ class _Tally:
     def remedy(self) -> str:
         """What the operator can do about most of the frames that were refused."""
         if 2 * self.otherwise_set <= self.refused:
-            return TORN_REMEDY
+            return f"{self.resends().told}{TORN_REMEDY}" if self.incomplete else SHAPE_REMEDY
         return (
             EXPOSURE_REMEDY if self.otherwise_exposed >= self.otherwise_amplified else GAIN_REMEDY
         )
 
     def failure(self, reason: str) -> CaptureError:
         """Return the error that gives the count and the reason."""
+        resends = self.resends()
         counts = {
             "incomplete": self.incomplete,
             "with a repeated id": self.repeated,
@@ -211,13 +242,16 @@ class _Tally:
         }
         refused = {what: count for what, count in counts.items() if count}
         faults = ", ".join(f"{count} {what}" for what, count in refused.items())
+        came = self.good + self.refused + self.stale
         return CaptureError(
             f"only {self.good} of {self.asked} frames"
-            + (f" ({faults})" * bool(faults))
+            + (f" ({came} came: {faults})" * bool(faults))
             + f": {reason}",
             frames_complete=self.good,
             frames_asked=self.asked,
             frames_refused=refused,
+            packets_resent=resends.resent,
+            resends_packets=resends.is_possible,
         )
 
 

@@ -76,12 +76,17 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamStatistics:
-    """What a stream has delivered since it was opened."""
+    """What a stream has delivered since it was opened.
+
+    ``resends_packets`` is whether the camera sends lost packets again if it is asked to; None
+    where there are no packets, or the camera does not say.
+    """
 
     complete_frames: int
     incomplete_frames: int
     resent_packets: int
     missing_packets: int
+    resends_packets: bool | None = None
 
 
 @runtime_checkable

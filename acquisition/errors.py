@@ -52,6 +52,14 @@ class DeviceDisconnectedError(DeviceError, ConnectionError):
     """A device is gone: cable, power or another program."""
 
 
+class NoRouteError(DeviceDisconnectedError):
+    """No network interface of this computer leads to ``address``."""
+
+    def __init__(self, message: str, *, address: str) -> None:
+        super().__init__(message)
+        self.address = address
+
+
 class StreamInterruptedError(DeviceDisconnectedError):
     """A camera's stream was interrupted; the next start reopens the camera, so try once more."""
 
@@ -84,8 +92,43 @@ class CameraFeatureError(DeviceError):
         self.feature = feature
 
 
+class MissingFeatureError(CameraFeatureError):
+    """A camera has no feature of that name; ``names`` are all those that would have done."""
+
+    def __init__(self, message: str, *, names: tuple[str, ...]) -> None:
+        super().__init__(message, feature=names[0])
+        self.names = names
+
+
 class DeviceProtocolError(DeviceError):
     """A device sent an answer that its protocol does not allow."""
+
+
+DescriptionFault = Literal[
+    "not XML",
+    "too large",
+    "circle",
+    "missing node",
+    "node",
+    "register",
+    "formula",
+    "nowhere",
+    "packed",
+]
+
+
+class CameraDescriptionError(DeviceProtocolError):
+    """What a camera says of its own features cannot be used; nothing was evaluated.
+
+    ``nodes`` names those at fault; around a circle the first one stands at the end again.
+    """
+
+    def __init__(
+        self, message: str, *, fault: DescriptionFault, nodes: tuple[str, ...] = ()
+    ) -> None:
+        super().__init__(message)
+        self.fault: DescriptionFault = fault
+        self.nodes = nodes
 
 
 class DeviceRefusalError(DeviceError):
@@ -111,7 +154,9 @@ class DeviceResetError(DeviceError):
 class CaptureError(DeviceError):
     """A capture could not be completed; nothing of it is kept.
 
-    ``frames_refused`` counts the rejected frames by what was wrong with them.
+    ``frames_refused`` counts the rejected frames by what was wrong with them. ``packets_resent``
+    came meanwhile when they were asked for again; ``resends_packets`` is whether the camera sends
+    any again, None where it does not say.
     """
 
     def __init__(
@@ -121,8 +166,12 @@ class CaptureError(DeviceError):
         frames_complete: int,
         frames_asked: int,
         frames_refused: Mapping[str, int] | None = None,
+        packets_resent: int = 0,
+        resends_packets: bool | None = None,
     ) -> None:
         super().__init__(message)
+        self.packets_resent = packets_resent
+        self.resends_packets = resends_packets
         self.frames_complete = frames_complete
         self.frames_asked = frames_asked
         self.frames_refused = dict(frames_refused or {})
@@ -167,7 +216,14 @@ class StageStoppedError(DeviceError):
 
 
 SessionFault = Literal[
-    "not a session", "in use", "made otherwise", "damaged", "changed", "unwritable", "no capture"
+    "not a session",
+    "in use",
+    "made otherwise",
+    "damaged",
+    "changed",
+    "unwritable",
+    "no capture",
+    "unknown files",
 ]
 
 

@@ -15,13 +15,27 @@ from acquisition.aravis import (
     Bounds,
     CameraProbe,
     NetworkRoute,
+    bench_key,
     load_aravis,
     probe_camera,
     receive_buffer_limit_bytes,
     route_to,
 )
 from acquisition.bench import BenchConfig, CameraConfig, StageConfig, resolve_address
-from acquisition.errors import DeviceError, DriverMissingError
+from acquisition.errors import (
+    CameraDescriptionError,
+    CameraFeatureError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceInUseError,
+    DeviceProtocolError,
+    DeviceRefusalError,
+    DeviceTimeoutError,
+    DriverMissingError,
+    MissingFeatureError,
+    NoRouteError,
+)
+from acquisition.stages.grbl import expected_envelopes
 
 CheckStatus = Literal["ok", "warn", "fail"]
 
@@ -30,6 +44,11 @@ SCARCE_BYTES = 2 * 10**9
 """About 500 captures of 780x580 without raw frames."""
 
 TOO_FEW_BYTES = 100 * 10**6
+
+HELD = "close the other program; if killed, it holds the camera for a few more seconds"
+
+REQUIRED_KEYS = ("camera.exposure_us", "camera.gain_db", "camera.pixel_format", "camera.region_px")
+"""Keys of the bench file that no camera can do without what they set."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +81,8 @@ def examine(bench: BenchConfig | None, directory: Path) -> tuple[Check, ...]:
         )
     if bench is not None:
         checks.append(check_stage_port(bench.stage))
+        if bench.stage.driver == "grbl":
+            checks.append(check_stage_travel(bench.stage))
     checks.append(check_disk(directory))
     return tuple(checks)
 
@@ -134,6 +155,37 @@ def check_mtu(route: NetworkRoute) -> Check:
     )
 
 
+def advice_on(error: DeviceError) -> str:
+    """What to do about an error of a camera, by what kind of error it is."""
+    match error:
+        case NoRouteError():
+            return f"give the network card an address in the subnet of {error.address}"
+        case DeviceInUseError():
+            return HELD
+        case MissingFeatureError():
+            key = bench_key(error.feature)
+            if key is None:
+                return f"this camera model lacks {error.feature}: use another camera"
+            if key in REQUIRED_KEYS:
+                return f"this camera model lacks what {key} sets: use another camera"
+            return f"this camera model lacks what {key} sets: leave that out of the bench file"
+        case CameraFeatureError() if error.feature.isidentifier():
+            key = bench_key(error.feature)
+            change = "" if key is None else f"change {key} in the bench file, or "
+            return f"{change}set {error.feature} in the maker's viewer to what is possible"
+        case CameraDescriptionError():
+            return "install the maker's firmware in the camera anew, or use another camera"
+        case DeviceDisconnectedError() | DeviceTimeoutError():
+            return (
+                "check power, cable and firewall (UDP), and that camera.address or camera.id is "
+                "correct: standoff cameras searches for cameras"
+            )
+        case CameraFeatureError() | DeviceProtocolError() | DeviceRefusalError():
+            return "switch the camera off and on again; if that does not help, update its firmware"
+        case _:
+            return "correct camera.address in the bench file (standoff cameras lists addresses)"
+
+
 def check_camera(probe: CameraProbe) -> Check:
     """Whether this program may control the camera."""
     who = f"{probe.vendor} {probe.model} at {probe.name}"
@@ -143,7 +195,7 @@ def check_camera(probe: CameraProbe) -> Check:
         name="camera",
         status="fail",
         found=f"{who} is in use by another program",
-        remedy="close the other program; if killed, it holds the camera for a few more seconds",
+        remedy=HELD,
     )
 
 
@@ -152,6 +204,7 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
     rate = probe.frame_rate_hz
     formats = ", ".join(probe.pixel_formats)
     return (
+        *_check_resend(probe),
         _within("exposure", "camera.exposure_us", config.exposure_us, probe.exposure_us, "us"),
         _check_gain(probe, config),
         Check(
@@ -218,6 +271,33 @@ def check_stage_port(config: StageConfig) -> Check:
     return Check(name="stage", status="ok", found=f"{config.port} can be opened")
 
 
+def check_stage_travel(config: StageConfig) -> Check:
+    """Whether a Grbl controller reaches the whole of ``limits_mm``, by the bench file alone.
+
+    The settings are the expected ones of the bench file, as the port is not opened. What the
+    controller itself is set to is compared when the stage is used.
+    """
+    name, (low_mm, high_mm) = "stage travel", config.limits_mm
+    expected = expected_envelopes(config)
+    unnamed = " and ".join(expected.unnamed)
+    if expected.largest is None or expected.smallest is None:
+        found = (
+            f"limits_mm {low_mm:g} to {high_mm:g} mm; name {unnamed} in stage.expected_settings "
+            "to have them compared with the controller's travel"
+        )
+        return Check(name=name, status="ok", found=found)
+    if fault := expected.largest.fault(config.limits_mm):
+        return Check(name=name, status="fail", found=fault.found, remedy=fault.remedy)
+    if fault := expected.smallest.fault(config.limits_mm):
+        if expected.unnamed:
+            found = f"it depends on {unnamed}, not in stage.expected_settings: {fault.found}"
+        else:
+            found = f"on grblHAL: {fault.found}"
+        return Check(name=name, status="warn", found=found, remedy=fault.remedy)
+    found = f"limits_mm {low_mm:g} to {high_mm:g} mm, within {expected.largest.explanation}"
+    return Check(name=name, status="ok", found=found)
+
+
 def check_disk(
     directory: Path, free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free
 ) -> Check:
@@ -246,12 +326,30 @@ def _network_and_camera(config: CameraConfig) -> list[Check]:
     except DriverMissingError:
         return checks  # reported already by the check of the libraries
     except DeviceError as error:
-        remedy = (
-            "check power, cable and firewall (UDP), and that camera.address or camera.id is "
-            "correct: standoff cameras searches for cameras"
-        )
+        remedy = advice_on(error)
         return [*checks, Check(name=name, status="fail", found=str(error), remedy=remedy)]
     return [*checks, check_camera(probe), *check_camera_limits(probe, config)]
+
+
+def _check_resend(probe: CameraProbe) -> tuple[Check, ...]:
+    """Whether a lost packet costs its frame, of a camera on a network."""
+    if probe.resends_packets is None:
+        return ()
+    if probe.resends_packets:
+        found = "the camera sends lost packets again"
+        return (Check(name="packet resend", status="ok", found=found),)
+    return (
+        Check(
+            name="packet resend",
+            status="warn",
+            found="this camera does not resend lost packets: each one costs its frame",
+            remedy=(
+                "give it a network card and cable of its own, the receive buffer and MTU above, "
+                "and a camera.frame_rate_hz or camera.bandwidth_limit_bytes_per_s well below "
+                "what the link carries"
+            ),
+        ),
+    )
 
 
 def _check_gain(probe: CameraProbe, config: CameraConfig) -> Check:

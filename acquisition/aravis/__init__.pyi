@@ -7,6 +7,7 @@ from .discovery import (
     list_cameras as list_cameras,
     probe_camera as probe_camera,
 )
+from .feature_names import bench_key as bench_key
 from .features import Bounds as Bounds
 from .library import AravisLibrary as AravisLibrary, load_aravis as load_aravis
 from .route import (

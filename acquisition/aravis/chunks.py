@@ -7,7 +7,9 @@ from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.feature_names import FeatureName, names_for
 from acquisition.aravis.features import CameraFeatures
+from acquisition.aravis.frame_memory import BEYOND_BYTES
 from acquisition.aravis.library import AravisObject
+from acquisition.errors import CameraDescriptionError
 
 CHUNK_MODE = "ChunkModeActive"
 GAIN = "Gain"
@@ -57,6 +59,7 @@ class FrameChunks:
         for purpose in purposes:
             row = next((r for r in names_for(purpose, camera) if _enable(features, r)), None)
             if row is not None:
+                _require_within_frame(opened, row.name)
                 unit = features.unit_of(row.name) or row.unit
                 self._rows[purpose] = (row, US_PER_UNIT.get(unit, 1.0))
         if not self._rows:
@@ -98,6 +101,29 @@ class FrameChunks:
         if self._is_float[row.name]:
             return float(self._parser.get_float_value(buffer, row.name)) * scale
         return int(self._parser.get_integer_value(buffer, row.name)) * round(scale)
+
+
+def _require_within_frame(opened: OpenedDevice, feature: str) -> None:
+    """Refuse a chunk that would be read from memory behind the frame.
+
+    Raises
+    ------
+    CameraDescriptionError
+        If its register is said to lie there.
+    """
+    for node in opened.description.nodes_of(feature):
+        if node not in opened.description.in_chunks:
+            continue
+        with translated_errors(opened.library, feature):
+            address = int(opened.device.get_feature(node).get_address())
+            length = int(opened.device.get_feature(node).get_length())
+        if address + length > BEYOND_BYTES:
+            raise CameraDescriptionError(
+                f"the camera says that {feature} lies {address} bytes into its chunk; set "
+                "camera.chunk_data to false, or install its maker's firmware anew",
+                fault="register",
+                nodes=(feature, node),
+            )
 
 
 def _enable(features: CameraFeatures, row: FeatureName) -> bool:

@@ -1,6 +1,7 @@
 """Configure a camera from the bench file and read its settings back."""
 
 from dataclasses import dataclass, replace
+from math import inf
 
 from acquisition.aravis.chunks import FrameChunks
 from acquisition.aravis.controls import (
@@ -15,7 +16,8 @@ from acquisition.aravis.controls import (
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.feature_names import names_for
-from acquisition.aravis.features import CameraFeatures, FeatureValue
+from acquisition.aravis.features import CameraFeatures, FeatureValue, whole
+from acquisition.aravis.library import text_of
 from acquisition.aravis.packet_size import PACKET_SIZE, set_packet_size
 from acquisition.aravis.pixel_decoding import can_decode
 from acquisition.bench import CameraConfig
@@ -53,7 +55,8 @@ class CameraControls:
         # Without it, values out of range reach the camera, which clips some and accepts others.
         opened.camera.set_range_check_policy(opened.library.api.RangeCheckPolicy.ENABLE)
         with translated_errors(opened.library, "its identity"):
-            self._name = f"{opened.camera.get_vendor_name()} {opened.camera.get_model_name()}"
+            vendor = text_of(opened.camera.get_vendor_name)
+            self._name = f"{vendor} {text_of(opened.camera.get_model_name)}"
         self.levels = LevelControls(self.features, self._name)
         self.frame_rate = FrameRate(self.features, self._name, frame_rate_asked_hz)
 
@@ -120,8 +123,8 @@ class CameraControls:
         with translated_errors(self._opened.library, "PixelFormat"):
             pixel_format = str(self._opened.camera.get_pixel_format_as_string())
         settings = CameraSettings(
-            width_px=round(self.features.number("Width")),
-            height_px=round(self.features.number("Height")),
+            width_px=whole(self.features.number("Width"), "Width"),
+            height_px=whole(self.features.number("Height"), "Height"),
             pixel_format=pixel_format,
             exposure_us=self.levels.exposure_us(),
             gain_db=gain.decibels,
@@ -131,6 +134,7 @@ class CameraControls:
             gain_unit=gain.unit,
             features=features,
         )
+        require_usable(settings)
         return _with_black_level(settings, black_level)
 
     def _set_pixel_format(self, pixel_format: str) -> None:
@@ -175,8 +179,9 @@ class CameraControls:
         CameraFeatureError
             If the camera does not have it; the error names the step and the nearest that it has.
         """
-        bounds, step = self.features.bounds(feature), round(self.features.step(feature))
-        low, steps = round(bounds.low), int(bounds.high - bounds.low) // step
+        bounds, step = self.features.bounds(feature), max(1, round(self.features.step(feature)))
+        low = whole(bounds.low, feature)
+        steps = (whole(bounds.high, feature) - low) // step
         high = low + steps * step
         if high > MOST_PIXELS:
             raise CameraFeatureError(
@@ -212,6 +217,28 @@ class CameraControls:
 
     def _first(self, purpose: str) -> str | None:
         return self.features.first_of([row.name for row in names_for(purpose, self._name)])
+
+
+def require_usable(settings: CameraSettings) -> None:
+    """Refuse sizes and times that no frame can have, before anything is divided by them.
+
+    Raises
+    ------
+    CameraFeatureError
+        Names the first that is not possible.
+    """
+    for feature, value in (
+        ("Width", settings.width_px),
+        ("Height", settings.height_px),
+        ("ExposureTime", settings.exposure_us),
+        ("AcquisitionFrameRate", settings.frame_rate_hz),
+    ):
+        if not 0 < value < inf:
+            raise CameraFeatureError(
+                f"the camera states {feature} as {value:g}; restart it, or load its default "
+                "settings with the maker's program",
+                feature=feature,
+            )
 
 
 def _with_black_level(settings: CameraSettings, stated: StatedValue | None) -> CameraSettings:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from acquisition.aravis.configuration import CameraControls
 from acquisition.aravis.device import OpenedDevice, open_camera
 from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.library import text_of
 from acquisition.aravis.route import receive_buffer_limit_bytes
 from acquisition.aravis.stream import SOCKET_BUFFER_BYTES, FrameStream
 from acquisition.bench import CameraConfig
@@ -127,12 +128,12 @@ class AravisConnection:
         serial_number = features.first_of(SERIAL_NUMBER_NAMES)
         with translated_errors(self._opened.library, "DeviceVendorName"):
             return DeviceInfo(
-                vendor=str(self._opened.camera.get_vendor_name()),
-                model=str(self._opened.camera.get_model_name()),
+                vendor=text_of(self._opened.camera.get_vendor_name),
+                model=text_of(self._opened.camera.get_model_name),
                 serial_number=(
                     str(features.read(serial_number))
                     if serial_number is not None
-                    else str(self._opened.camera.get_device_serial_number())
+                    else text_of(self._opened.camera.get_device_serial_number)
                 ),
                 firmware="" if firmware is None else str(features.read(firmware)),
                 driver="aravis",

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 from acquisition.aravis.configuration import CameraControls
 from acquisition.aravis.controls import StatedValue
-from acquisition.aravis.device import open_camera
+from acquisition.aravis.device import GIGE_VISION, open_camera
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.features import Bounds
-from acquisition.aravis.library import AravisLibrary, load_aravis
+from acquisition.aravis.library import AravisLibrary, load_aravis, text_of
 from acquisition.bench import CameraConfig
 
 TEMPERATURE = "DeviceTemperature"
-GIGE_VISION = "GigEVision"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +36,8 @@ class CameraProbe:
 
     ``gain`` is its lowest and highest, as the camera states them. ``pixel_formats`` are those that
     can be decoded. ``temperature_c`` is None where the camera has no such feature,
-    ``packet_size_bytes`` where it is not on a network.
+    ``packet_size_bytes`` and ``resends_packets``, whether it sends lost packets again, where it is
+    not on a network.
     """
 
     vendor: str
@@ -50,6 +50,7 @@ class CameraProbe:
     pixel_formats: tuple[str, ...]
     packet_size_bytes: int | None
     temperature_c: float | None
+    resends_packets: bool | None = None
 
 
 def list_cameras(load: Callable[[], AravisLibrary] = load_aravis) -> tuple[FoundCamera, ...]:
@@ -65,16 +66,16 @@ def list_cameras(load: Callable[[], AravisLibrary] = load_aravis) -> tuple[Found
     found = [
         FoundCamera(
             address=(
-                str(api.get_device_address(index))
+                text_of(api.get_device_address, index)
                 if api.get_device_protocol(index) == GIGE_VISION
                 else ""
             ),
-            vendor=str(api.get_device_vendor(index)),
-            model=str(api.get_device_model(index)),
-            serial_number=str(api.get_device_serial_nbr(index)),
-            hardware_address=str(api.get_device_physical_id(index)),
-            id=str(api.get_device_id(index)),
-            transport=str(api.get_device_protocol(index)),
+            vendor=text_of(api.get_device_vendor, index),
+            model=text_of(api.get_device_model, index),
+            serial_number=text_of(api.get_device_serial_nbr, index),
+            hardware_address=text_of(api.get_device_physical_id, index),
+            id=text_of(api.get_device_id, index),
+            transport=text_of(api.get_device_protocol, index),
         )
         for index in range(api.get_n_devices())
     ]
@@ -95,8 +96,8 @@ def probe_camera(config: CameraConfig) -> CameraProbe:
         has_temperature = controls.features.has(TEMPERATURE)
         with translated_errors(opened.library, "its identity"):
             return CameraProbe(
-                vendor=str(opened.camera.get_vendor_name()),
-                model=str(opened.camera.get_model_name()),
+                vendor=text_of(opened.camera.get_vendor_name),
+                model=text_of(opened.camera.get_model_name),
                 name=opened.name,
                 is_controllable=opened.is_controller,
                 exposure_us=controls.levels.exposure_bounds_us(),
@@ -107,6 +108,7 @@ def probe_camera(config: CameraConfig) -> CameraProbe:
                     int(opened.camera.gv_get_packet_size()) if opened.is_gige else None
                 ),
                 temperature_c=controls.features.number(TEMPERATURE) if has_temperature else None,
+                resends_packets=opened.resends_packets,
             )
     finally:
         opened.close()

@@ -9,6 +9,8 @@ from acquisition.errors import (
     DeviceDisconnectedError,
     DeviceError,
     DeviceInUseError,
+    DeviceProtocolError,
+    MissingFeatureError,
 )
 
 
@@ -17,6 +19,8 @@ def translated_errors(library: AravisLibrary, feature: str) -> Iterator[None]:
     """Turn an Aravis error inside the block into one of ours that names the feature."""
     try:
         yield
+    except UnicodeDecodeError as error:
+        raise DeviceProtocolError(f"what the camera says of {feature} is not text") from error
     except library.glib.Error as error:
         raise _device_error(library, feature, error) from error
 
@@ -37,6 +41,8 @@ def _device_error(library: AravisLibrary, feature: str, error: AravisObject) -> 
         codes.GENICAM_NOT_FOUND,
     ):
         return DeviceDisconnectedError(f"the camera does not answer ({feature}: {error.message})")
+    if _is_code(error, codes.FEATURE_NOT_FOUND):
+        return MissingFeatureError(f"the camera has no feature {feature}", names=(feature,))
     return CameraFeatureError(f"the camera refuses {feature}: {error.message}", feature=feature)
 
 

@@ -16,6 +16,30 @@ from typing import Literal
 
 IfKept = Literal["refuse", "record", ""]
 
+_KEYS = {
+    "exposure": "camera.exposure_us",
+    "gain": "camera.gain_db",
+    "frame rate": "camera.frame_rate_hz",
+    "throughput": "camera.bandwidth_limit_bytes_per_s",
+    "throughput switch": "camera.bandwidth_limit_bytes_per_s",
+    "chunk exposure": "camera.chunk_data",
+    "chunk gain": "camera.chunk_data",
+    "chunk counter": "camera.chunk_data",
+    "chunk timestamp": "camera.chunk_data",
+    "PixelFormat": "camera.pixel_format",
+    "Width": "camera.region_px",
+    "Height": "camera.region_px",
+    "OffsetX": "camera.region_px",
+    "OffsetY": "camera.region_px",
+    "PayloadSize": "camera.region_px",
+    "GevSCPSPacketSize": "camera.packet_size_bytes",
+    "TriggerMode": "camera.trigger",
+    "TriggerSource": "camera.trigger",
+    "TriggerSoftware": "camera.trigger",
+    "TriggerActivation": "camera.trigger_edge",
+}
+"""Keys of the bench file by the purpose of a feature, or by its name where it has but one."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeatureName:
@@ -45,6 +69,13 @@ def names_for(purpose: str, camera: str) -> tuple[FeatureName, ...]:
         Vendor and model, as the camera names them.
     """
     return tuple(row for row in _table() if row.purpose == purpose and row.is_of(camera))
+
+
+def bench_key(feature: str) -> str | None:
+    """The key of the bench file that a feature is set by; None for one that it does not tell."""
+    purposes = (row.purpose for row in _table() if row.name == feature)
+    keys = (_KEYS.get(word) for word in (feature, *purposes))
+    return next((key for key in keys if key is not None), None)
 
 
 def neutral_features(camera: str) -> tuple[FeatureName, ...]:

@@ -3,10 +3,12 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import isfinite
 from typing import Literal
 
-from acquisition.aravis.device import OpenedDevice
+from acquisition.aravis.device import OpenedDevice, require_bounded
 from acquisition.aravis.errors import translated_errors
+from acquisition.aravis.library import text_of
 from acquisition.errors import CameraFeatureError, DeviceError
 
 FeatureValue = str | int | float | bool
@@ -22,6 +24,21 @@ class Bounds:
 
     low: float
     high: float
+
+
+def whole(value: float, feature: str) -> int:
+    """Return what a feature states as a whole number.
+
+    Raises
+    ------
+    CameraFeatureError
+        If it is infinite or no number.
+    """
+    if not isfinite(value):
+        raise CameraFeatureError(
+            f"the camera states {feature} as {value}, which is no size", feature=feature
+        )
+    return round(value)
 
 
 class CameraFeatures:
@@ -105,11 +122,24 @@ class CameraFeatures:
                 return int(self._opened.camera.get_integer(feature))
             if kind == "float":
                 return float(self._opened.camera.get_float(feature))
-            return str(self._opened.camera.get_string(feature))
+            require_bounded(self._opened, feature)
+            return text_of(self._opened.camera.get_string, feature)
 
     def number(self, feature: str) -> float:
-        """Present value of a number."""
-        return float(self.read(feature))
+        """Present value of a number.
+
+        Raises
+        ------
+        CameraFeatureError
+            If the feature is no number in this camera.
+        """
+        value = self.read(feature)
+        try:
+            return float(value)
+        except ValueError as error:
+            raise CameraFeatureError(
+                f"the camera states {feature} as {value!r}, which is no number", feature=feature
+            ) from error
 
     def write(self, feature: str, value: FeatureValue) -> None:
         """Set a feature to exactly ``value``, unless it already has that value.

@@ -8,6 +8,10 @@ from acquisition.aravis.library import AravisLibrary, AravisObject
 SENTINEL = bytes.fromhex("a5 3c f1 0e 96 69 d2 5b b4 87 e8 1d c3 7a 2f 50")
 """Laid at an image's end before its buffer is filled: still there, the image came too short."""
 
+BEYOND_BYTES = 4096
+"""Memory after each buffer: a register in a chunk may lie behind the end of what came, and Aravis
+0.8.26 reads it there all the same."""
+
 
 class FrameMemory:
     """The buffers of one stream.
@@ -52,7 +56,7 @@ class FrameMemory:
         self._addresses: dict[AravisObject, int] = {}
         self._blocks: dict[AravisObject, ctypes.Array[ctypes.c_uint8]] = {}
         for _ in range(buffers + lent_most):
-            block = (ctypes.c_uint8 * buffer_bytes)()
+            block = (ctypes.c_uint8 * (buffer_bytes + BEYOND_BYTES))()
             address = ctypes.addressof(block)
             buffer = library.api.Buffer.new(buffer_bytes, address)
             self._blocks[buffer], self._addresses[buffer] = block, address

@@ -1,6 +1,8 @@
 """The Aravis library, imported only when a bench asks for it."""
 
+import ctypes
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,6 +14,7 @@ AravisObject = Any
 """An object of the GObject bindings, which have no type annotations."""
 
 
+_LIBRARY_NAME = "libaravis-0.8.so.0"
 _LIBRARY_FILE = re.compile(r"/libaravis-0\.8\.so\.(\d+(?:\.\d+)+)$", re.MULTILINE)
 
 
@@ -59,6 +62,32 @@ def load_aravis() -> AravisLibrary:
         aravis_version=_loaded_version(Path("/proc/self/maps")),
         pygobject_version=".".join(str(part) for part in gi.version_info),
     )
+
+
+def text_of(read: Callable[..., object], *arguments: object) -> str:
+    """The text that a function of Aravis returns; bytes that are no UTF-8 show as question marks.
+
+    Texts lie in a camera's registers, where anything can be.
+    """
+    try:
+        return str(read(*arguments))
+    except UnicodeDecodeError as error:
+        return error.object.decode("utf-8", "replace")
+
+
+def description_of(device: AravisObject) -> bytes:
+    """The description that an ``Aravis.Device`` has of its camera.
+
+    The bindings take it for a text that ends with a zero byte, which it does not: they read on
+    behind its end (PyGObject 3.50 with Aravis 0.8.26). So the function is called directly.
+    """
+    read = ctypes.CDLL(_LIBRARY_NAME).arv_device_get_genicam_xml
+    read.restype = ctypes.c_void_p
+    pointer_of = ctypes.pythonapi.PyCapsule_GetPointer
+    pointer_of.restype, pointer_of.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_void_p)
+    size = ctypes.c_size_t()
+    start = read(ctypes.c_void_p(pointer_of(device.__gpointer__, None)), ctypes.byref(size))
+    return b"" if start is None else ctypes.string_at(start, size.value)
 
 
 def _loaded_version(maps: Path) -> str:

@@ -13,7 +13,7 @@ import time
 
 from acquisition.aravis.device import OpenedDevice
 from acquisition.aravis.errors import translated_errors
-from acquisition.aravis.features import CameraFeatures
+from acquisition.aravis.features import CameraFeatures, whole
 from acquisition.aravis.route import route_to
 from acquisition.errors import CameraFeatureError
 
@@ -60,8 +60,8 @@ def set_packet_size(
                 opened,
                 own_address=route.own_address,
                 mtu_bytes=route.mtu_bytes,
-                low=round(bounds.low),
-                high=round(bounds.high),
+                low=whole(bounds.low, PACKET_SIZE),
+                high=whole(bounds.high, PACKET_SIZE),
                 step=max(1, round(features.step(PACKET_SIZE))),
             )
         if packet_size_bytes is None:

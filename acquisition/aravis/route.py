@@ -5,7 +5,7 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquisition.errors import DeviceDisconnectedError
+from acquisition.errors import NoRouteError
 
 try:
     import fcntl
@@ -37,7 +37,7 @@ def route_to(ip_address: str) -> NetworkRoute:
 
     Raises
     ------
-    DeviceDisconnectedError
+    NoRouteError
         If no interface leads there.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -46,9 +46,10 @@ def route_to(ip_address: str) -> NetworkRoute:
             own_address = str(probe.getsockname()[0])
             mtu_bytes = probe.getsockopt(socket.IPPROTO_IP, IP_MTU)
         except OSError as error:
-            raise DeviceDisconnectedError(
+            raise NoRouteError(
                 f"no network interface leads to {ip_address} ({error.strerror}); give the "
-                "network card a static address in the camera's subnet"
+                "network card a static address in the camera's subnet",
+                address=ip_address,
             ) from error
     return NetworkRoute(
         address=ip_address,

@@ -11,7 +11,7 @@ from acquisition.aravis.frame_memory import FrameMemory
 from acquisition.aravis.library import AravisObject
 from acquisition.aravis.pixel_decoding import decode_pixels, encoded_bytes
 from acquisition.devices import CameraSettings, Frame, StreamStatistics
-from acquisition.errors import DeviceDisconnectedError
+from acquisition.errors import CameraFeatureError, DeviceDisconnectedError
 
 SOCKET_BUFFER_BYTES = 4 * 2**20
 """Room for over four frames of 780x580x2 in the kernel while this program is not scheduled."""
@@ -21,6 +21,11 @@ MIN_BUFFERS, MAX_BUFFERS = 8, 64
 """Length of the frame queue as a time; the bounds suit slow and fast cameras."""
 
 ABORT = "AcquisitionAbort"
+
+LARGEST_IMAGE_BYTES = 1 << 30
+LARGEST_CHUNKS_BYTES = 1 << 20
+"""What a frame may have beside its picture, and padding as large as that; memory is taken for
+dozens of frames, and a computer without any ends the program."""
 
 LENT_MOST = 6
 """Images in use before others are copied: an average takes them by fours."""
@@ -62,11 +67,14 @@ class FrameStream:
         with translated_errors(library, "the stream channel"):
             self._format_code = int(opened.camera.get_pixel_format())
             payload_bytes = int(opened.camera.get_payload())
+            image_bytes = encoded_bytes(self._format_name, self._shape)
+            _require_plausible(payload_bytes, image_bytes)
             if opened.is_gige:
                 # As root, Aravis reads a packet socket: that hides a small receive buffer.
                 opened.camera.gv_set_stream_options(
                     library.api.GvStreamOption.PACKET_SOCKET_DISABLED
                 )
+            self._resends_packets = opened.resends_packets
             self._made: AravisObject = opened.camera.create_stream(None, None)
         if opened.is_gige:
             self._stream.set_property("socket-buffer", library.api.GvStreamSocketBuffer.FIXED)
@@ -77,7 +85,7 @@ class FrameStream:
             self._made,
             buffers=min(max(wanted, MIN_BUFFERS), MAX_BUFFERS),
             buffer_bytes=payload_bytes,
-            image_bytes=encoded_bytes(self._format_name, self._shape),
+            image_bytes=image_bytes,
             lent_most=LENT_MOST,
         )
 
@@ -176,6 +184,7 @@ class FrameStream:
             incomplete_frames=int(incomplete),
             resent_packets=int(self._stream.get_info_uint64_by_name("n_resent_packets")),
             missing_packets=int(self._stream.get_info_uint64_by_name("n_missing_packets")),
+            resends_packets=self._resends_packets,
         )
 
     def close(self) -> None:
@@ -249,6 +258,27 @@ class FrameStream:
         return all(old is None or new is None or new != old for old, new in pairs)
 
 
+def _require_plausible(payload_bytes: int, image_bytes: int) -> None:
+    """Refuse a frame that no memory holds, or that does not hold its picture.
+
+    Raises
+    ------
+    CameraFeatureError
+        Names the feature at fault.
+    """
+    if image_bytes > LARGEST_IMAGE_BYTES:
+        raise CameraFeatureError(
+            f"a picture of {image_bytes} bytes is too large; set camera.region_px to a smaller one",
+            feature="Width",
+        )
+    if not image_bytes <= payload_bytes <= 2 * image_bytes + LARGEST_CHUNKS_BYTES:
+        raise CameraFeatureError(
+            f"the camera says that a frame has {payload_bytes} bytes (PayloadSize), of which its "
+            f"picture takes {image_bytes}; restart the camera, or install the firmware anew",
+            feature="PayloadSize",
+        )
+
+
 def total_statistics(one: StreamStatistics, other: StreamStatistics) -> StreamStatistics:
     """Counts of two streams together."""
     return StreamStatistics(
@@ -256,4 +286,5 @@ def total_statistics(one: StreamStatistics, other: StreamStatistics) -> StreamSt
         incomplete_frames=one.incomplete_frames + other.incomplete_frames,
         resent_packets=one.resent_packets + other.resent_packets,
         missing_packets=one.missing_packets + other.missing_packets,
+        resends_packets=other.resends_packets,
     )

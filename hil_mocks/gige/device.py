@@ -237,6 +237,19 @@ class GigeDevice:
         with self._lock:
             self._control.drop()
 
+    def serve_description(self, description: bytes, url: str | None = None) -> None:
+        """Serve this description, as damaged firmware may, until the camera's features change.
+
+        Parameters
+        ----------
+        description
+            Any bytes.
+        url
+            What the URL register says; where the description lies, if None.
+        """
+        with self._lock:
+            self._registers.serve(description, url)
+
     def pulse_line(self, name: str) -> None:
         """Pulse one of the camera's input lines, by the name that TriggerSource has for it."""
         (source,) = (f for f in self._features if f.name == "TriggerSource")

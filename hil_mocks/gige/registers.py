@@ -123,13 +123,15 @@ class RegisterMap:
 
     def describe(self, features: tuple[Feature, ...]) -> None:
         """Describe these features to clients from now on."""
-        identity = self._identity
-        description = describe(features, vendor=identity.vendor, model=identity.model)
+        self.serve(describe(features, vendor=self._identity.vendor, model=self._identity.model))
+
+    def serve(self, description: bytes, url: str | None = None) -> None:
+        """Serve this description from now on, at this URL or where it lies."""
         # Clients read whole blocks: memory beyond the end exists and is zero.
         padded = -(-len(description) // 4) * 4 + READMEM_LIMIT_BYTES
         self._description = description.ljust(padded, b"\0")
-        url = f"Local:{DESCRIPTION_FILE};{DESCRIPTION_ADDRESS:x};{len(description):x}"
-        self._bootstrap = bytes(bootstrap_page(identity, self._address, url))
+        url = url or f"Local:{DESCRIPTION_FILE};{DESCRIPTION_ADDRESS:x};{len(description):x}"
+        self._bootstrap = bytes(bootstrap_page(self._identity, self._address, url))
 
     def power_up(self) -> None:
         """Set the registers to their values at power-up."""

@@ -9,6 +9,7 @@ from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import DeviceStatus
 from standoff.doctor import (
     Check,
+    advice_on,
     check_disk,
     check_libraries,
     check_mtu,
@@ -26,7 +27,7 @@ def bench_checks(hub: BenchHub) -> tuple[Check, ...]:
         try:
             route = route_to(resolve_address(bench.camera.address))
         except DeviceError as error:
-            remedy = "correct camera.address in the bench file"
+            remedy = advice_on(error)
             checks.append(Check(name="network", status="fail", found=str(error), remedy=remedy))
         else:
             checks += [check_route(route), check_mtu(route)]

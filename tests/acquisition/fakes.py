@@ -101,6 +101,7 @@ class ScriptedCamera:
         self.is_streaming = False
         self.starts = 0
         self.resent_per_frame = 0
+        self.resends_packets: bool | None = None
         self.stop_error: Exception | None = None
         self._delivered = 0
 
@@ -141,6 +142,7 @@ class ScriptedCamera:
             incomplete_frames=0,
             resent_packets=self._delivered * self.resent_per_frame,
             missing_packets=0,
+            resends_packets=self.resends_packets,
         )
 
     def close(self) -> None:

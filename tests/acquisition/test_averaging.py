@@ -198,7 +198,7 @@ def test_an_average_that_takes_minutes_is_given_up() -> None:
     [
         ([], "cable"),
         ([frame(0, i, is_complete=False) for i in range(1, 400)], "standoff doctor"),
-        ([frame(0, 1)] * 400, "standoff doctor"),
+        ([frame(0, 1)] * 400, "restart the camera"),
     ],
     ids=["mute", "torn", "frozen"],
 )
@@ -206,6 +206,31 @@ def test_a_failed_capture_says_what_to_do(script: list[Frame], remedy: str) -> N
     with pytest.raises(CaptureError, match=remedy) as failed:
         average(ScriptedCamera(script), 10)
     assert str(failed.value).endswith("then run again")
+
+
+@pytest.mark.parametrize(
+    ("resends", "per_frame", "told"),
+    [
+        (False, 0, "this camera does not resend lost packets"),
+        (True, 0, "the camera resent no lost packet"),
+        (True, 3, "which was not enough"),
+        (None, 0, "no good frame"),
+    ],
+)
+def test_an_average_that_failed_for_lost_packets_says_whether_they_were_sent_again(
+    resends: bool | None, per_frame: int, told: str
+) -> None:
+    camera = ScriptedCamera([frame(0, i, is_complete=False) for i in range(1, 400)])
+    camera.resends_packets, camera.resent_per_frame = resends, per_frame
+    with pytest.raises(CaptureError, match=told) as failed:
+        average(camera, 10)
+    assert failed.value.resends_packets is resends
+    came = failed.value.frames_refused["incomplete"]
+    assert failed.value.packets_resent == per_frame * (came + 1)  # and of the skipped one
+    assert f"only 0 of 10 frames ({came} came: {came} incomplete)" in str(failed.value)
+    for remedy in ("MTU 9000", "net.core.rmem_max", "camera.bandwidth_limit_bytes_per_s", "cable"):
+        assert remedy in str(failed.value)
+    assert "\n" not in str(failed.value)
 
 
 def slow_camera(frame_s: float) -> ScriptedCamera:

@@ -5,8 +5,11 @@ from functools import cache
 
 from hypothesis import strategies as st
 
+from acquisition.aravis.description import require_sound_description
+from acquisition.aravis.description.nodes import DescriptionError
+from acquisition.aravis.description.unpacking import unpack
 from acquisition.aravis.pixel_decoding import decode_pixels
-from acquisition.errors import DeviceError
+from acquisition.errors import CameraDescriptionError, DeviceError
 from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
 from hil_mocks.gige.control import ControlChannel
 from hil_mocks.gige.faults import GigeFaults
@@ -18,6 +21,8 @@ from hil_mocks.stages.grbl import GrblFirmware
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.serial_line import LineFaults, SerialLine
 from hil_mocks.stages.zaber import ZaberFirmware
+from tests.acquisition.aravis.description.test_unpacking import packed
+from tests.acquisition.aravis.description_texts import simulated, with_nodes
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget
 from tests.hil_mocks.gige_wire import (
@@ -169,6 +174,13 @@ def decode_frame(data: bytes) -> None:
     decode_pixels(data[1:], ("Mono8", "Mono12", "Mono12Packed")[data[0] % 3], (4, 6))
 
 
+ODD_NODES = (
+    '<IntSwissKnife Name="A"><pVariable Name="V">Width</pVariable><Constant Name="C">-1</Constant>'
+    '<Expression Name="X">V % 7</Expression><Formula>(X ** 2) / C ? ~V : abs(V)</Formula>'
+    '</IntSwissKnife><IntReg Name="B"><pAddress>A</pAddress><pIndex pOffset="A">A</pIndex>'
+    "<Length>4</Length><pPort>Device</pPort></IntReg>"
+)
+
 GRBL_LINES = (
     b"$X\n$J=G90G21Z-10.000F600\n?\n$$\n$H\n",
     b"\x18\x85$I\n$130=400\n$13=1\nG0Z1\n",
@@ -196,6 +208,19 @@ WIRE_TARGETS = (
         read=control_camera,
         documented=(GvcpError,),
         examples=300,
+    ),
+    FuzzTarget(
+        name="description of a camera",
+        data=damaged_bytes((simulated(), with_nodes(ODD_NODES))),
+        read=lambda data: require_sound_description(data, "the camera"),
+        documented=(CameraDescriptionError,),
+    ),
+    FuzzTarget(
+        name="packed description of a camera",
+        data=damaged_bytes((packed(simulated()),)),
+        read=unpack,
+        documented=(DescriptionError,),
+        examples=200,
     ),
     FuzzTarget(
         name="pixels of a frame",

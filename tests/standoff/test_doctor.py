@@ -15,10 +15,11 @@ from acquisition.aravis.discovery import CameraProbe, FoundCamera
 from acquisition.aravis.features import Bounds
 from acquisition.aravis.library import AravisLibrary
 from acquisition.aravis.route import NetworkRoute
-from acquisition.bench import BenchConfig
+from acquisition.bench import BenchConfig, StageConfig, load_bench
 from acquisition.errors import DriverMissingError
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
+from hil_mocks.stages import SerialStage
 from standoff.doctor import (
     Check,
     check_camera,
@@ -28,8 +29,10 @@ from standoff.doctor import (
     check_mtu,
     check_receive_buffer,
     check_stage_port,
+    check_stage_travel,
     examine,
 )
+from standoff.shipped_configs import shipped_config
 from tests.acquisition.aravis_bench import camera_config, needs_aravis
 from tests.acquisition.session_fixtures import bench_of
 from tests.hil_mocks.gige_bench import gige_bench
@@ -178,6 +181,66 @@ def test_a_port_of_another_group_says_which_group_to_join(monkeypatch: pytest.Mo
     monkeypatch.setattr("os.access", lambda *_: False)
     port = bench_of().stage.model_copy(update={"port": "/dev/null"})
     assert "dialout" in check_stage_port(port).remedy
+
+
+def grbl_stage(low_mm: float, high_mm: float, **expected: float) -> StageConfig:
+    """Height 519.5 mm where the controller reads 0; expected settings as ``s27=1.0``."""
+    return StageConfig.model_validate(
+        {
+            "driver": "grbl",
+            "port": "/dev/null",
+            "limits_mm": [low_mm, high_mm],
+            "home_offset_mm": 519.5,
+            "expected_settings": {f"${key[1:]}": value for key, value in expected.items()},
+        }
+    )
+
+
+# By hand: the travel of 400 mm is 119.5 to 519.5 mm, homing ends 1 mm above its lower end.
+@pytest.mark.parametrize(
+    ("low_mm", "high_mm", "expected", "status"),
+    [
+        (120.5, 500.0, {}, "ok"),
+        (0.0, 900.0, {"s27": 1.0}, "ok"),
+        (120.5, 518.5, {"s27": 1.0, "s132": 400.0}, "ok"),
+        (119.5, 519.5, {"s21": 0.0, "s27": 1.0, "s132": 400.0}, "ok"),
+        (120.0, 500.0, {"s27": 1.0, "s132": 400.0}, "warn"),
+        (120.5, 519.0, {"s21": 1.0, "s23": 4.0, "s27": 1.0, "s132": 400.0}, "warn"),
+        (120.0, 500.0, {"s21": 1.0, "s23": 4.0, "s27": 1.0, "s132": 400.0}, "fail"),
+        (119.0, 500.0, {"s27": 1.0, "s132": 400.0}, "fail"),
+        (120.5, 520.0, {"s21": 0.0, "s27": 1.0, "s132": 400.0}, "fail"),
+    ],
+)
+def test_limits_beyond_the_travel_of_the_expected_settings_are_told(
+    low_mm: float, high_mm: float, expected: dict[str, float], status: str
+) -> None:
+    check = check_stage_travel(grbl_stage(low_mm, high_mm, **expected))
+    assert (check.name, check.status) == ("stage travel", status)
+    assert bool(check.remedy) == (status != "ok")
+
+
+def test_a_travel_that_the_pull_off_shortens_is_told_in_numbers_with_what_to_change() -> None:
+    expected = {"s21": 1.0, "s23": 4.0, "s27": 1.0, "s132": 400.0}
+    check = check_stage_travel(grbl_stage(119.5, 500.0, **expected))
+    for words in ("119.5 to 500 mm", "120.5 to 519.5 mm", "$132 = 400 mm", "$27 = 1 mm", "$21=1"):
+        assert words in check.found
+    assert "limits_mm = [120.5, 500]" in check.remedy
+    assert "$27" in check.remedy
+
+
+def test_settings_that_are_missing_for_the_comparison_are_named() -> None:
+    assert "$132" in check_stage_travel(grbl_stage(120.5, 500.0, s27=1.0)).found
+    doubtful = check_stage_travel(grbl_stage(120.0, 500.0, s27=1.0, s132=400.0))
+    assert "$21 and $23" in doubtful.found
+
+
+def test_the_shipped_grbl_bench_and_the_stage_that_is_served_for_it_pass(tmp_path: Path) -> None:
+    with SerialStage("grbl") as served:
+        settings = {"stage.port": served.port, "camera.driver": "files", "camera.address": None}
+        bench = load_bench(shipped_config("grbl_stage.toml"), settings)
+        checks = {check.name: check for check in examine(bench, tmp_path)}
+    assert checks["stage"].status == checks["stage travel"].status == "ok"
+    assert "120.5 to 500 mm" in checks["stage travel"].found
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from math import log10
 
 from acquisition.aravis.feature_names import FeatureName, names_for
 from acquisition.aravis.features import Bounds, CameraFeatures
-from acquisition.errors import CameraFeatureError, DeviceError
+from acquisition.errors import CameraFeatureError, MissingFeatureError
 
 US_PER_UNIT = {"ns": 1e-3, "us": 1.0, "µs": 1.0, "μs": 1.0, "ms": 1e3, "s": 1e6}
 COUNTS = "counts"
@@ -180,6 +180,10 @@ class LevelControls:
     def _row(self, purpose: str) -> FeatureName:
         row = self._found(purpose)
         if row is None:
-            names = dict.fromkeys(row.name for row in names_for(purpose, self._camera))
-            raise DeviceError(f"the camera has no feature {' or '.join(names)}; it cannot be used")
+            names = tuple(dict.fromkeys(row.name for row in names_for(purpose, self._camera)))
+            raise MissingFeatureError(
+                f"{self._camera} has no feature {' or '.join(names)}, by which its {purpose} is "
+                "set; it cannot be used",
+                names=names,
+            )
         return row

@@ -16,8 +16,11 @@ from acquisition.devices import (
     StreamStatistics,
 )
 from acquisition.errors import (
+    CameraFeatureError,
     DeviceDisconnectedError,
     DeviceError,
+    DeviceInUseError,
+    DeviceProtocolError,
     DeviceTimeoutError,
     DriverMissingError,
     StreamInterruptedError,
@@ -26,6 +29,7 @@ from standoff.console.devices.device_status import DeviceStatus
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster
 from standoff.console.devices.lent_camera import SLICE_S, LentCamera
 from standoff.console.devices.long_exposure import Exposing, ExposureClock
+from standoff.doctor import advice_on
 
 RETRY_S = 1.0
 STALL_S = 1.0
@@ -48,6 +52,8 @@ ABSENT_REMEDY = (
     "the Doctor page says more. The console keeps trying."
 )
 DRIVER_REMEDY = "Install it, then start the console again."
+FAULTS_OF_ITS_OWN = (CameraFeatureError, DeviceInUseError, DeviceProtocolError)
+"""Of a camera that is there; neither its power nor its cable is to blame."""
 
 
 class CameraService:
@@ -252,6 +258,9 @@ class CameraService:
         remedy = LOST_REMEDY if self._settings is not None else ABSENT_REMEDY
         if isinstance(error, DriverMissingError):
             remedy = DRIVER_REMEDY
+        elif isinstance(error, FAULTS_OF_ITS_OWN):
+            advice = advice_on(error)
+            remedy = f"{advice[0].upper()}{advice[1:]}. The console keeps trying."
         self._status = DeviceStatus(state="lost", text=str(error), remedy=remedy)
 
     def _run(self) -> None:

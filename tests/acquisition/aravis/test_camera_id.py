@@ -17,7 +17,12 @@ from acquisition.aravis.discovery import list_cameras, probe_camera
 from acquisition.aravis.library import load_aravis
 from acquisition.averaging import average_frames
 from acquisition.bench import CameraConfig
-from acquisition.errors import CameraFeatureError, DeviceDisconnectedError
+from acquisition.errors import (
+    CameraDescriptionError,
+    CameraFeatureError,
+    DeviceDisconnectedError,
+)
+from tests.acquisition.aravis.description_texts import with_width
 from tests.acquisition.aravis_bench import needs_aravis
 from tests.hil_mocks.gige_bench import gige_bench
 from tests.hil_mocks.own_network import run_in_own_network
@@ -117,3 +122,36 @@ def test_a_camera_of_the_network_is_opened_by_the_id_that_it_is_listed_with() ->
     assert (captured["serial_number"], captured["frames"]) == (f"SIM-{number}", 3)
     # White paper: 12,000 of 30,000 electrons in 8 ms are some 50 DN of Mono8 in 4 ms.
     assert captured["mean_dn"] > 30
+
+
+def list_with_odd_names() -> list[str]:
+    """The cameras found, of which one has a name that is no text; in a network of its own."""
+    with gige_bench() as bench:
+        registers = bench.camera._registers
+        page = bytearray(registers._bootstrap)
+        page[0x48:0x68] = b"\xff\xfem\xfcller".ljust(32, b"\0")
+        registers._bootstrap = bytes(page)
+        return [camera.vendor for camera in list_cameras()]
+
+
+@pytest.mark.slow
+def test_a_camera_whose_name_is_no_text_is_listed_like_any_other() -> None:
+    (vendor,) = run_in_own_network(f"{__name__}:list_with_odd_names")
+    assert vendor.endswith("m\N{REPLACEMENT CHARACTER}ller")
+
+
+def capture_circular_by_id() -> str:
+    """What comes of a camera by its id whose description refers to itself; in its own network."""
+    with gige_bench() as bench:
+        bench.camera.serve_description(with_width("<pValue>Width</pValue>"))
+        (found,) = list_cameras()
+        try:
+            AravisCamera.open(config(found.id, region_px=None)).close()
+        except CameraDescriptionError as error:
+            return error.fault
+    return ""
+
+
+@pytest.mark.slow
+def test_the_description_of_a_camera_by_id_is_checked_as_well() -> None:
+    assert run_in_own_network(f"{__name__}:capture_circular_by_id") == "circle"

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from math import sqrt
 from pathlib import Path
@@ -98,16 +99,24 @@ def test_lost_packets_are_sent_again_and_every_average_succeeds(
         assert sum(resent) >= expected - 4 * sqrt(expected)
 
 
-def test_lost_packets_that_are_not_sent_again_end_in_an_error_with_the_count() -> None:
-    with (
-        gige_bench(simulated__width_px=780, simulated__height_px=580) as bench,
-        opened(bench) as camera,
-    ):
-        bench.camera.faults = GigeFaults(packet_loss_rate=0.01, resend_disabled=True, seed=1)
+@pytest.mark.parametrize("is_said", [True, False])
+def test_lost_packets_that_are_not_sent_again_end_in_an_error_with_the_count_and_the_reason(
+    is_said: bool,
+) -> None:
+    lossy = GigeFaults(packet_loss_rate=0.01, resend_disabled=True, seed=1)
+    with gige_bench(simulated__width_px=780, simulated__height_px=580) as bench, ExitStack() as its:
+        if is_said:
+            bench.camera.faults = GigeFaults(resend_disabled=True)
+        camera = its.enter_context(opened(bench))
+        assert camera.statistics().resends_packets is not is_said
+        bench.camera.faults = lossy
         begin_s = time.monotonic()
         with pytest.raises(CaptureError) as refused:
             average_frames(camera, 10)
         assert refused.value.frames_refused["incomplete"] > 0
+        assert (refused.value.resends_packets, refused.value.packets_resent) == (not is_said, 0)
+        reason = "this camera does not resend" if is_said else "the camera resent no lost packet"
+        assert reason in str(refused.value)
         assert time.monotonic() - begin_s < PATIENCE_S + BUSY_S
         recover(bench)
         assert average_frames(camera, 2).frames_used == 2
