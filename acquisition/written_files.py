@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from acquisition.quantities import ImplausibleQuantityError, understood
 from acquisition.regular_files import read_regular_file
@@ -14,6 +14,8 @@ from acquisition.units import UnknownUnitError
 from acquisition.untrusted import parse_toml
 
 _MOST_FAULTS = 12
+NO_NUMBER = "expected a number; true and false are none"
+
 _BY_A_PERSON = {"is_by_a_person": True}
 
 
@@ -22,7 +24,7 @@ class WrittenTable(BaseModel):
 
     Read by `validate_written`, its numbers may state their units (``"9 ms"``), and one that is
     implausible without is refused. Otherwise, as in a session's records, numbers are taken as
-    they are.
+    they are. A boolean is no number.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
@@ -30,6 +32,11 @@ class WrittenTable(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _is_understood(cls, value: object, info: ValidationInfo) -> object:
+        if info.field_name is not None and _holds_boolean(value):
+            kind = cls.model_fields[info.field_name].annotation
+            kinds = {kind, *_arguments(kind)}
+            if kinds & {int, float} and bool not in kinds:
+                raise PydanticCustomError("boolean", "{text}", {"text": NO_NUMBER})
         if info.context != _BY_A_PERSON or info.field_name is None:
             return value
         return understood(info.field_name, value)
@@ -118,6 +125,12 @@ def _line(fault: ErrorDetails, known: list[str]) -> str:
     if fault["type"] == "too_long" and _has_twice_as_many(fault.get("ctx", {})):
         what += "; write decimals with a point, as commas separate the numbers"
     return f"{key}: {what}" if key else what
+
+
+def _holds_boolean(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return any(map(_holds_boolean, value))
+    return isinstance(value, bool)
 
 
 def _has_twice_as_many(sizes: dict[str, Any]) -> bool:

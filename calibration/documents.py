@@ -1,21 +1,29 @@
 """Documents as JSON files: each is a pydantic model that names its schema."""
 
 import json
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import is_dataclass
+from functools import cache
 from math import isfinite
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 from pydantic_core import to_json
 
 from acquisition.regular_files import read_regular_file
 from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
+from acquisition.written_files import NO_NUMBER
 from calibration.errors import DocumentError
 
 Document = TypeVar("Document", bound=BaseModel)
 _Nested = dict[str, object] | list[object]
+_Keys = tuple[str | int, ...]
+_Kinds = frozenset[object]
 
 
 def json_object(document: BaseModel) -> dict[str, Any]:
@@ -122,11 +130,66 @@ def fitted(
     DocumentError
         As ``failure``, if they do not fit; it names ``source`` and the value at fault.
     """
+    keys = _boolean_for_number(document, frozenset({model}))
+    if keys is not None:
+        place = _dotted(keys)
+        raise failure(f"{source}: {place}: {NO_NUMBER}", source=source, key=place)
     try:
         return model.model_validate(document)
     except ValidationError as error:
         fault = error.errors()[0]
-        key = ".".join(str(part) for part in fault["loc"]) or None
+        key = _dotted(fault["loc"]) or None
         problem = fault["msg"].removeprefix("Value error, ")
         where = source if key is None else f"{source}: {key}"
         raise failure(f"{where}: {problem}", source=source, key=key) from error
+
+
+def _boolean_for_number(value: object, kinds: _Kinds) -> _Keys | None:
+    """Where a boolean stands in the place of a number; pydantic would take it for 1 or 0.
+
+    ``kinds`` are the types that a value may have; what no type names is not looked at.
+    """
+    if isinstance(value, bool):
+        return () if kinds & {int, float} and not kinds & {bool, object, Any} else None
+    named, others = _kinds_inside(kinds)
+    if not isinstance(value, dict | list) or not (named or others):
+        return None
+    for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+        if isinstance(inner, bool | dict | list):
+            found = _boolean_for_number(inner, named.get(key, others))
+            if found is not None:
+                return (key, *found)
+    return None
+
+
+@cache
+def _kinds_inside(kinds: _Kinds) -> tuple[dict[object, _Kinds], _Kinds]:
+    """The types of what these types hold: by key, as models do, and of any other."""
+    named = defaultdict[object, _Kinds](frozenset)
+    others: _Kinds = frozenset()
+    for kind in kinds:
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            for name, field in kind.model_fields.items():
+                named[field.alias or name] |= _members(field.annotation)
+        elif isinstance(kind, type) and is_dataclass(kind):
+            for name, hint in get_type_hints(kind).items():
+                named[name] |= _members(hint)
+        elif get_origin(kind) is np.ndarray:
+            others |= {kind, float}
+        else:
+            inside = get_args(kind)[1:] if get_origin(kind) is dict else get_args(kind)
+            others = others.union(*(_members(one) for one in inside if one is not Ellipsis))
+    return {key: one | others for key, one in named.items()}, others
+
+
+def _members(kind: object) -> _Kinds:
+    """The types of a union, or the one type."""
+    if get_origin(kind) is Annotated:
+        return _members(get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return frozenset[object]().union(*map(_members, get_args(kind)))
+    return frozenset({kind})
+
+
+def _dotted(keys: Sequence[str | int]) -> str:
+    return ".".join(map(str, keys))

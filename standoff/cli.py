@@ -6,11 +6,13 @@ The application and the libraries of its command are imported when it runs; that
 import gc
 import os
 import sys
+from pathlib import Path
 
 from standoff.compile_notice import announce_compiling
-from standoff.compiled_cache import drop_stale_code
+from standoff.compiled_cache import drop_stale_code, provide_folder, user_cache
 from standoff.interrupts import interruption
 from standoff.shadowing import HiddenPackageError, refuse_hidden_packages
+from standoff.streams import flush_output, open_streams
 
 EXIT_REPORTED = 1
 EXIT_INTERRUPTED = 130
@@ -23,8 +25,13 @@ _OBJECTS_A_COLLECTION = 10_000
 
 def main() -> None:
     """Run the command line and exit."""
+    open_streams()
     with interruption() as interrupted:
         status = _imported_and_run(sys.argv[1:])
+        fault = flush_output()
+    if fault is not None:
+        sys.stderr.write(f"standoff: {fault}\n" if fault else "")
+        status = status or EXIT_REPORTED
     # What is left is freed by the system at once, not object by object for a third of a second.
     gc.freeze()
     ended = interrupted.terminated and status == EXIT_INTERRUPTED
@@ -41,6 +48,7 @@ def _imported_and_run(arguments: list[str]) -> int:
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")
         refuse_hidden_packages()
         drop_stale_code()
+        provide_folder(Path(__file__).parents[1] / "calibration" / "edge_fit", user_cache())
         announce_compiling(_tell_of_compiling)
         return run(arguments)
     except HiddenPackageError as error:

@@ -5,11 +5,14 @@ whether they are out of date. A function that calls one from another module cont
 which is not updated when the other module changes.
 """
 
+import atexit
 import os
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 
 OF_THE_DEMO = (("edges",), ("profiles", "demo", "changes"))
 EVERYTHING = (("edges", "benchmark"), ("profiles", "demo", "changes", "pairs"))
@@ -47,6 +50,37 @@ def _drop(folder: Path) -> int:
             return dropped
         dropped += 1
     return dropped
+
+
+def provide_folder(package: Path, cache: Path) -> None:
+    """Let numba keep compiled functions for this process alone where no folder can be written.
+
+    It keeps them beside their modules or among the user's cached files, and does not import a
+    module where it can do neither: in a container, say, for a user without a home.
+
+    Parameters
+    ----------
+    package, cache
+        A folder of modules with compiled functions, and the user's cached files.
+    """
+    if "NUMBA_CACHE_DIR" in os.environ or _can_be_written(package) or _can_be_written(cache):
+        return
+    folder = mkdtemp(prefix="standoff-compiled-")
+    os.environ["NUMBA_CACHE_DIR"] = folder
+    atexit.register(rmtree, folder, ignore_errors=True)
+
+
+def user_cache() -> Path:
+    """Where numba keeps what it cannot keep beside a module."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+
+
+def _can_be_written(folder: Path) -> bool:
+    try:
+        there = next(each for each in (folder, *folder.parents) if each.exists())
+    except OSError:  # a folder above that may not be entered
+        return False
+    return os.access(there, os.W_OK | os.X_OK)
 
 
 def holds_code() -> bool:

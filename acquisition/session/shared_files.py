@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
+from acquisition.printable import beginning_of
 from acquisition.session.journal_chain import JOURNAL_NAME
 from acquisition.session.manifest import MANIFEST_NAME
 
@@ -62,12 +63,8 @@ def part_of(path: Path) -> Path:
 
 def _part_head(name: str) -> str:
     """The beginning of a part's name: that of its file, or a short form of a long one."""
-    if len(os.fsencode(name)) <= _LONGEST_HEAD_BYTES:
-        return name
-    head = name
-    while len(os.fsencode(head)) > _LONGEST_HEAD_BYTES:
-        head = head[:-1]
-    return f"{head}~{sha256(os.fsencode(name)).hexdigest()[:8]}"
+    head = beginning_of(name, _LONGEST_HEAD_BYTES)
+    return name if head == name else f"{head}~{sha256(os.fsencode(name)).hexdigest()[:8]}"
 
 
 def clear_parts(folder: Path, name: str = "") -> None:

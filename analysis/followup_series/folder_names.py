@@ -9,14 +9,19 @@ from typing import Self
 
 import numpy as np
 
+from acquisition.printable import beginning_of
 from analysis.sweep import Manifest
 
 _HASH_DIGITS = 12
+_LONGEST_STEM_BYTES = 200
+"""Before a hash; a name has 255 at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class FolderNames:
     """A photograph's folder is named by its stem, or by stem and path where the stem is taken.
+
+    The same where a letter of the stem is not printable, which no document and no page may hold.
 
     ``taken`` holds the hashes of stems that several photographs have, or that are not to be used.
     Whether a file system tells capitals from small letters does not matter.
@@ -36,10 +41,12 @@ class FolderNames:
 
     def name_of(self, path: Path) -> str:
         """Return the name of the folder for a photograph's results."""
-        if _hash(path.stem) not in self.taken:
-            return path.stem
+        stem = path.stem
+        if stem.isprintable() and _hash(stem) not in self.taken:
+            return stem
+        shown = "".join(letter if letter.isprintable() else "_" for letter in stem)
         digest = hashlib.sha256(os.fsencode(path)).hexdigest()
-        return f"{path.stem}-{digest[:_HASH_DIGITS]}"
+        return f"{beginning_of(shown, _LONGEST_STEM_BYTES)}-{digest[:_HASH_DIGITS]}"
 
 
 def _hash(name: str) -> int:

@@ -14,6 +14,7 @@ from analysis.errors import AnalysisError, OverlapError, ResultsFileError
 from analysis.pose.decision import PoseDecision, Verdict, decide
 from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
+from calibration.documents import fitted
 from calibration.provenance import Provenance
 from simulation.arrays import FloatArray
 
@@ -223,11 +224,14 @@ def read_pose(path: Path) -> PoseSummary:
         If it cannot be read, or a value is missing or wrong.
     """
     source = str(path)
+    what = "this is not what standoff pose --json prints for one follow-up"
     try:
-        return PoseSummary.model_validate(parse_json(read_regular_file(path)))
+        document = parse_json(read_regular_file(path))
     except OSError as error:
         raise ResultsFileError(f"cannot read {path}: {error.strerror}", source=source) from error
     except ValueError as error:
-        raise ResultsFileError(
-            f"{path}: not what standoff pose --json prints for one follow-up", source=source
-        ) from error
+        raise ResultsFileError(f"{path}: {what}", source=source) from error
+    try:
+        return fitted(document, PoseSummary, ResultsFileError, source)
+    except ResultsFileError as error:
+        raise ResultsFileError(f"{error}; {what}", source=source, key=error.key) from error

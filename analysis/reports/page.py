@@ -1,7 +1,9 @@
 """One self-contained HTML file with a whole report: text, tables and figures."""
 
+import warnings
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import wraps
@@ -199,7 +201,7 @@ def new_figure(width_in: float = 6.4, height_in: float = 3.2) -> Figure:
 def png_bytes(figure: Figure) -> bytes:
     """Draw a figure as a PNG file."""
     data = BytesIO()
-    with mpl.rc_context(_STYLE):
+    with _drawing():
         _lay_out(figure)
         figure.savefig(
             data, format="png", dpi=_PNG_DPI, pil_kwargs={"compress_level": _PNG_COMPRESSION}
@@ -210,10 +212,18 @@ def png_bytes(figure: Figure) -> bytes:
 def svg_bytes(figure: Figure) -> bytes:
     """Draw a figure as an SVG file."""
     data = BytesIO()
-    with mpl.rc_context(_STYLE):
+    with _drawing():
         _lay_out(figure)
         figure.savefig(data, format="svg", metadata={"Date": None})
     return data.getvalue()
+
+
+@contextmanager
+def _drawing() -> Iterator[None]:
+    """Draw in the report's style; names of files may have letters that its font lacks."""
+    with mpl.rc_context(_STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)
+        yield
 
 
 def _lay_out(figure: Figure) -> None:

@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.printable import beginning_of
 from analysis.float_tiff import tiff_bytes
 from analysis.sr_dataset.photograph import PairPhotograph
 from analysis.sr_dataset.png_file import png_bytes
 from analysis.sr_dataset.settings import SrDatasetSettings
 from simulation.sr_pairs import SrPair, sr_pairs
+
+_LONGEST_STEM_BYTES = 180
+"""With the digest, the number and what a file has until it is whole, a name has 255 at most."""
 
 _PNG_BYTES_MOST = 2
 """Of a sample; PNG specification, third edition, 11.2.1."""
@@ -52,6 +56,7 @@ def encoded_pairs(photograph: PairPhotograph, settings: SrDatasetSettings) -> It
     )
     stored: np.dtype[Any] = photograph.stored.dtype
     is_float = settings.is_float or stored.kind != "u" or stored.itemsize > _PNG_BYTES_MOST
+    stem = beginning_of(photograph.path.stem, _LONGEST_STEM_BYTES)
     for number, pair in enumerate(pairs):
         high = _stored_crop(photograph, pair, settings.crop_px)
         low = photograph.encode(pair.low)
@@ -61,7 +66,7 @@ def encoded_pairs(photograph: PairPhotograph, settings: SrDatasetSettings) -> It
             levels = np.clip(np.rint(low), 0, np.iinfo(stored).max).astype(stored)
             files = tuple(photograph.marked(png_bytes(image)) for image in (high, levels))
         yield EncodedPair(
-            key=f"{photograph.path.stem}_{photograph.sha256[:8]}_{number:05d}",
+            key=f"{stem}_{photograph.sha256[:8]}_{number:05d}",
             suffix=".tif" if is_float else ".png",
             top_px=pair.top_px,
             left_px=pair.left_px,

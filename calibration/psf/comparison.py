@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from scipy.special import chdtrc
 
 from calibration.errors import CalibrationError
+from calibration.psf.covariance import Estimate
 from calibration.psf.document import PsfCalibration
 from calibration.psf.repeatability import scatter_err
 from simulation.arrays import FloatArray
@@ -24,6 +25,8 @@ PARAMETERS = (
     "optical_rho",
 )
 """The parameters compared, as psf.json names them."""
+
+_WIDTHS = ("sigma_x_px", "sigma_y_px")
 
 CHANGED_P = 0.01
 """Significance level, over all parameters together, below which a change counts as real."""
@@ -119,21 +122,25 @@ class PsfChange:
 def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
     """Compare two calibrations by a z-test of each parameter that both give with an error.
 
+    The remarks name the widths that are left out, and what only one of the two gives.
+
     Raises
     ------
     CalibrationError
-        If they share no parameter with standard errors.
+        If they share no width with standard errors; the message names those that are missing.
     """
-    known = []
-    for name in PARAMETERS:
-        a, b = first.estimate(name), second.estimate(name)
-        if a is not None and b is not None and a.err > 0 and b.err > 0:
-            known.append((name, a, b))
-    if not known:
+    pairs = [(name, _known(first, name), _known(second, name)) for name in PARAMETERS]
+    known = [(name, a, b) for name, a, b in pairs if a is not None and b is not None]
+    if not any(name in _WIDTHS for name, _, _ in known):
         raise CalibrationError(
-            "the two calibrations share no parameter with standard errors; "
-            "write both with standoff calibrate, from edges of the same orientations"
+            f"no width in common: {_lacking(first, second, _WIDTHS)}; write both with "
+            "standoff calibrate, from edges of the same orientations"
         )
+    left_out = [
+        name
+        for name, a, b in pairs
+        if (a is None) != (b is None) or (a is None and name in _WIDTHS)
+    ]
     p_values = [_two_sided((b.value - a.value) / hypot(a.err, b.err)) for _, a, b in known]
     return PsfChange(
         parameters=tuple(
@@ -147,7 +154,7 @@ def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
             )
             for (name, a, b), p_holm in zip(known, _holm(p_values), strict=True)
         ),
-        remarks=_remarks(first, second),
+        remarks=(*_remarks(first, second), *_left_out(first, second, left_out)),
         shared_inputs=_shared_inputs(first, second),
     )
 
@@ -273,6 +280,32 @@ def _described(one: ParameterChange) -> str:
         return f"{one.name} by {one.difference:+.4f} (p = {one.p_value_holm:.1g})"
     share = 100 * one.difference / one.first
     return f"{one.name} by {share:+.2f} % (p = {one.p_value_holm:.1g})"
+
+
+def _known(psf: PsfCalibration, name: str) -> Estimate | None:
+    """A parameter that can be compared: one with a standard error."""
+    found = psf.estimate(name)
+    return found if found is not None and found.err > 0 else None
+
+
+def _left_out(
+    first: PsfCalibration, second: PsfCalibration, names: Sequence[str]
+) -> tuple[str, ...]:
+    return (f"not compared: {_lacking(first, second, names)}",) if names else ()
+
+
+def _lacking(first: PsfCalibration, second: PsfCalibration, names: Sequence[str]) -> str:
+    """Say which of the parameters each of them does not determine, or gives without an error."""
+    said = []
+    for which, psf in (("first", first), ("second", second)):
+        missing = [name for name in names if _known(psf, name) is None]
+        open_ones = ", ".join(name for name in missing if getattr(psf, name) is None)
+        bare = ", ".join(name for name in missing if getattr(psf, name) is not None)
+        if open_ones:
+            said.append(f"the {which} does not determine {open_ones}")
+        if bare:
+            said.append(f"the {which} has no standard error of {bare}")
+    return "; ".join(said)
 
 
 def _remarks(first: PsfCalibration, second: PsfCalibration) -> tuple[str, ...]:

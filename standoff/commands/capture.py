@@ -13,6 +13,7 @@ from typer import BadParameter, Option
 
 from standoff import library, terminal
 from standoff.errors import ApplicationError
+from standoff.library.files import require_folder
 
 if TYPE_CHECKING:
     from acquisition.capture import CaptureProgress, PlanPreview
@@ -54,6 +55,7 @@ def capture(
         _print_plan(preview, out, json=json)
         terminal.note(*preview.notes)
         return
+    require_folder(out, is_written=True)
     placements = preview.estimate.placements
     is_simulated = "simulated" in (config.camera.driver, config.stage.driver)
     if placed and not is_simulated and placements > 1:

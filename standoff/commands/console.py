@@ -15,6 +15,7 @@ from typer import BadParameter, Option
 from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff import terminal
 from standoff.errors import ApplicationError
+from standoff.library.files import require_folder
 from standoff.shipped_configs import shipped_config
 
 DEFAULT_PORT = 8470
@@ -81,6 +82,8 @@ def console(
 
     _refuse_open_door(host, token, MIN_TOKEN_CHARS, is_loopback=is_loopback_host(host))
     layout = terminal.charuco_board(board)
+    for folder in (sessions, *(plans or ())):
+        require_folder(folder)
     config = terminal.read_bench(bench, settings)
     choice = terminal.curve_choice(model, observer, noise, contrast)
     hub = BenchHub(

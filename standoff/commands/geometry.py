@@ -46,6 +46,7 @@ def geometry(
 ) -> None:
     """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
     terminal.refuse_overwriting([out, report], force=force)
+    library.require_writable([out, report])
     layout = terminal.charuco_board(board)
     for option, value in (("--scale", scale), ("--focal-length-px", focal_length_px)):
         if value is not None and not (math.isfinite(value) and value > 0):

@@ -7,6 +7,7 @@ from typer import Argument, Option
 
 from acquisition.choices import CaptureKind
 from standoff import library, terminal
+from standoff.library.files import require_folder
 
 
 def import_photographs(
@@ -35,6 +36,7 @@ def import_photographs(
 
     Each photograph is a target of its own, named after its file.
     """
+    require_folder(out, is_written=True)
     found = library.import_photographs(
         images,
         out,

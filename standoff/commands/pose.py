@@ -126,6 +126,8 @@ def pose(
         _show_series(out, series, sweep, json=json)
         return
     if followups:
+        if out is not None:
+            raise BadParameter("--out needs several follow-ups, or a folder of them")
         terminal.refuse_sweep_of_one(sweep, parquet=parquet)
         found = library.judge_pose(reference, followups[0], curves, min_dprime, **how)
         if picture is not None:

@@ -161,6 +161,7 @@ def simulate(
     read = [image, psf, noise, homography, correct]
     read += [reference] if isinstance(reference, Path) else []
     terminal.refuse_overwriting([out, nearer, uncertainty], read, force=force)
+    library.require_writable([out, nearer, uncertainty])
     try:
         camera = library.CaptureOptions(
             exposure=exposure,

@@ -1,6 +1,5 @@
 """The bench as the console sees it: devices, picture, session; it outlives every page."""
 
-import getpass
 import shutil
 import time
 from collections import deque
@@ -34,6 +33,7 @@ from standoff.console.pose_curves import GivenCurves, PoseCurves
 from standoff.console.results import ResultJobs
 from standoff.console.session_library import SNAPSHOTS_FOLDER, SessionLibrary
 from standoff.console.snapshot_library import SnapshotLibrary
+from standoff.library import login_name
 
 STOP_AGAIN_S = 0.3
 STOP_TRIES = 100
@@ -133,7 +133,7 @@ class BenchHub:
     @property
     def operator(self) -> str:
         """Name of the operator: whoever is in control, else the login name."""
-        return self.control.operator() or getpass.getuser()
+        return self.control.operator() or login_name()
 
     def free_bytes(self) -> int:
         """Free bytes on the disk of the sessions, at most two seconds old."""

@@ -31,7 +31,7 @@ from .benchmark import (
     score_benchmark as score_benchmark,
 )
 from .call import Call as Call, Progress as Progress
-from .caller import called_as as called_as
+from .caller import called_as as called_as, login_name as login_name
 from .choices import (
     BenchmarkSize as BenchmarkSize,
     ChangeSigns as ChangeSigns,

@@ -1,5 +1,7 @@
 """Who calls the library, as provenance names it: a command line, or the function itself."""
 
+import getpass
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -20,3 +22,11 @@ def called_as(command_line: str) -> Iterator[None]:
 def caller(function: str) -> str:
     """Return the command line that runs; for a script, the name of the public function."""
     return _COMMAND_LINE.get() or f"standoff.{function}"
+
+
+def login_name() -> str:
+    """The login name of whoever works here, or the number of a user whom the system cannot name."""
+    try:
+        return getpass.getuser()
+    except (ImportError, KeyError, OSError):
+        return f"user {os.getuid()}" if hasattr(os, "getuid") else "unknown"

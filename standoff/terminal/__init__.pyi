@@ -1,5 +1,6 @@
 from .app import application as application, run_application as run_application
-from .command_help import EXAMPLES as EXAMPLES, Command as Command, examples_text as examples_text
+from .command import Command as Command
+from .command_help import EXAMPLES as EXAMPLES, examples_text as examples_text
 from .invocation import is_same_command as is_same_command
 from .live_line import (
     LiveLine as LiveLine,

@@ -3,7 +3,9 @@
 0 done, 1 a device or data error in one line, 2 wrong usage, 130 interrupted, 143 SIGTERM.
 """
 
+import os
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -12,9 +14,12 @@ from typer.exceptions import TyperException
 from acquisition.spelling import decimal_comma_remedy
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS, ArgumentError
-from standoff.terminal.command_help import Command, examples_text
+from standoff.library.files import refusal_text
+from standoff.streams import STANDARD_OUTPUT, output_fault
+from standoff.terminal.command import Command
+from standoff.terminal.command_help import examples_text
 from standoff.terminal.invocation import invocation
-from standoff.terminal.output import say_error
+from standoff.terminal.output import print_text, say_error
 
 EXIT_REPORTED = 1
 EXIT_USAGE = 2
@@ -74,6 +79,8 @@ def application(arguments: list[str]) -> typer.Typer:
     for name in _needed(arguments):
         command = _imported(COMMANDS[name])
         if isinstance(command, typer.Typer):
+            for one in command.registered_commands:
+                one.cls = Command
             app.add_typer(command, epilog=examples_text(name))
         else:
             app.command(name, cls=Command, epilog=examples_text(name))(command)
@@ -94,7 +101,7 @@ def _imported(path: str) -> Any:  # noqa: ANN401 - a function, or a group of the
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"standoff {__version__}")
+        print_text(f"standoff {__version__}")
         raise typer.Exit
 
 
@@ -107,7 +114,7 @@ def _show_help(
 ) -> None:
     """Show the help if no command is given."""
     if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+        print_text(context.get_help())
         raise typer.Exit(EXIT_USAGE)
 
 
@@ -127,11 +134,25 @@ def run_application(app: typer.Typer, arguments: list[str]) -> int:
     except REPORTED_ERRORS as error:
         say_error(error)
         return EXIT_REPORTED
+    except OSError as error:
+        fault = _refusal(error)
+        if fault:
+            say_error(fault)
+        return EXIT_REPORTED
     except (typer.Abort, KeyboardInterrupt):
         status = EXIT_INTERRUPTED
     if status == EXIT_INTERRUPTED:
         say_error("interrupted; run the same command again")
     return status or 0
+
+
+def _refusal(error: OSError) -> str:
+    """What the system refused, of which no part of the command has told."""
+    if error.filename == STANDARD_OUTPUT:
+        return output_fault(error)
+    if isinstance(error.filename, str | bytes):
+        return refusal_text(Path(os.fsdecode(error.filename)), error)
+    return error.strerror or str(error) or type(error).__name__
 
 
 def _decimal_comma(error: TyperException) -> str:

@@ -1,10 +1,6 @@
-"""What the help of a command shows besides its docstring: what lists are made of, and examples."""
+"""What the help of a command shows besides its docstring: examples."""
 
-from functools import partial
 from itertools import groupby
-from typing import Any, get_args
-
-from typer.core import TyperCommand
 
 _EXAMPLES = """\
 standoff demo --out demo-output
@@ -66,22 +62,3 @@ def examples_text(name: str) -> str:
     shown = EXAMPLES[name]
     title = "Example:" if len(shown) == 1 else "Examples:"
     return "\n".join([title, *(f"  {line}" for line in shown)])
-
-
-class Command(TyperCommand):
-    """A command whose help names what a list is made of: ``<path>``, not ``<list[Path]>``."""
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:  # noqa: ANN401 - typer's own
-        super().__init__(*args, **kwargs)
-        for parameter in self.params:
-            descriptor = getattr(parameter, "type_descriptor", None)
-            if descriptor is not None and descriptor.is_list and not descriptor.is_choice:
-                [part] = get_args(descriptor.annotation)
-                shown = partial(_constant, f"<{part.__name__.lower()}>")
-                is_argument = parameter.nargs != 1  # shown by its type besides its name
-                if is_argument or parameter.metavar is None:
-                    vars(parameter).update(display_type=shown, display_type_rich=shown)
-
-
-def _constant(text: str, ctx: object) -> str:
-    return text

@@ -10,6 +10,7 @@ from typer import BadParameter, Context
 
 from acquisition.remote_files import is_url, url_of
 from standoff.errors import ApplicationError
+from standoff.library.files import require_place, require_reachable
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +119,7 @@ def refuse_overwriting(
     BadParameter
         If a result is an input or another result.
     ApplicationError
-        If there is a file at its place already; the message names it.
+        If there is a file at its place already, or none can be put there; the message names it.
     """
     # Path.resolve raises where symbolic links form a loop; the reader names that better.
     taken = {realpath(path) for path in inputs if path is not None}
@@ -128,6 +129,7 @@ def refuse_overwriting(
             raise BadParameter(f"{path} is already an input or output; name another file")
         taken.add(realpath(path))
     for path in results:
+        require_reachable(path)
         if is_url(path):
             from standoff.library.files import is_there  # with what computes
 
@@ -136,6 +138,12 @@ def refuse_overwriting(
                     f"{url_of(path)} exists already; --force replaces it, or name another"
                 )
             continue
+        from acquisition.session import refuse_capture  # with what reads sessions
+
+        try:
+            refuse_capture(path)
+        except OSError as error:
+            raise ApplicationError(f"cannot write {path}: {error.strerror}") from error
         if path.is_dir():
             raise ApplicationError(f"cannot write {path}: it is a folder")
         if path.exists() and not path.is_file():
@@ -144,6 +152,7 @@ def refuse_overwriting(
             raise ApplicationError(
                 f"{path} exists already; --force replaces it, or name another file"
             )
+        require_place(path)
 
 
 REPORTS = {".html", ".htm", ".pdf"}

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -9,7 +10,6 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from pathlib import Path
 
-import typer
 from pydantic import BaseModel
 from rich.console import Console
 from rich.markup import escape
@@ -25,6 +25,7 @@ from rich.table import Table
 from rich.text import Text
 
 from acquisition.printable import on_one_line
+from standoff.streams import as_shown
 
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
 NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
@@ -40,6 +41,7 @@ _PLAIN_EVERY_S = 30.0
 _WITHOUT_A_TERMINAL = 10_000
 _LONGEST_ERROR = 4000
 _WIDEST_TEXT = 120
+_BEYOND_ASCII = re.compile(r"[^\x00-\x7f]")
 _RESULTS = Console(
     soft_wrap=True, highlight=False, width=None if sys.stdout.isatty() else _WITHOUT_A_TERMINAL
 )
@@ -141,14 +143,26 @@ def print_json(document: object) -> None:
         from calibration.documents import json_object
 
         document = json_object(document)
-    typer.echo(json.dumps(document, indent=1, allow_nan=False))
+    print_text(json.dumps(document, indent=1, allow_nan=False))
 
 
 def print_json_file(path: Path) -> None:
     """Print the JSON document of a file on stdout; it need not fit into memory."""
+    takes_any = _RESULTS.encoding.startswith("utf")
     with path.open(encoding="utf-8") as file:
         for line in file:
-            typer.echo(line, nl=False)
+            sys.stdout.write(line if takes_any else _BEYOND_ASCII.sub(_json_escape, line))
+    sys.stdout.flush()
+
+
+def _json_escape(letter: re.Match[str]) -> str:
+    return json.dumps(letter[0])[1:-1]
+
+
+def print_text(text: str) -> None:
+    """Print a text as it is, and what ends its last line."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
 
 
 def say(*lines: str) -> None:
@@ -199,8 +213,11 @@ def print_table(
     With ``ends_in_words`` the last column is text, too. Then everything wraps, at the width of the
     terminal, elsewhere at 120 characters.
     """
+    # Laid out as they will be shown: what the encoding lacks is wider where it is spelt out.
+    columns = [_as_shown(column) for column in columns]
+    rows = [[_as_shown(cell) for cell in row] for row in rows]
     # Names of files and folders may contain brackets, which are not markup.
-    table = Table(title=Text(on_one_line(title)), title_justify="left", title_style="bold")
+    table = Table(title=Text(_as_shown(title)), title_justify="left", title_style="bold")
     for index, column in enumerate(columns):
         is_text = index == 0 or (ends_in_words and index == len(columns) - 1)
         if is_text or ends_in_words:
@@ -211,5 +228,9 @@ def print_table(
                 Text(column), justify="right", no_wrap=True, min_width=max(widest, len(column))
             )
     for row in rows:
-        table.add_row(*(Text(on_one_line(cell)) for cell in row))
+        table.add_row(*map(Text, row))
     _RESULTS.print(table, width=min(_RESULTS.width, _WIDEST_TEXT) if ends_in_words else None)
+
+
+def _as_shown(text: str) -> str:
+    return as_shown(on_one_line(text), _RESULTS.encoding)

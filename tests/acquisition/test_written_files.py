@@ -1,5 +1,6 @@
 """Slips in a bench file, a plan and an override are named; what was captured before is read."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from acquisition.bench import BenchConfig, load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError
 from acquisition.plan import load_plan, parse_plan
+from calibration.errors import LimitsFileError
 from calibration.sharpness import read_limits
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -160,3 +162,37 @@ def test_no_shipped_file_is_asked_about(path: Path) -> None:
         read_limits(path)
     else:
         load_bench(path)
+
+
+def number_keys() -> list[str]:
+    """Lines of the shipped bench file that set a number, or numbers."""
+    lines = BENCH.read_text("utf-8").splitlines()
+    return [line for line in lines if re.match(r"\w+ = (-?\d[\d_.]*|\[-?\d.*\])( *#.*)?$", line)]
+
+
+@pytest.mark.parametrize("line", number_keys())
+def test_a_boolean_is_no_number_of_a_bench_file(line: str, tmp_path: Path) -> None:
+    key = line.partition(" = ")[0]
+    for written in ("true", "[true, 2.0]" if "[" in line else "false"):
+        with pytest.raises(BenchConfigError) as refused:
+            bench_with(f"{line}\n", f"{key} = {written}\n", tmp_path)
+        assert any(found.endswith(f".{key}") for found in refused.value.keys)
+        assert "expected a number" in str(refused.value)
+
+
+def test_a_boolean_is_no_number_of_an_override_a_plan_or_limits(tmp_path: Path) -> None:
+    assert refused_override("stage.settle_s=true").keys == ("stage.settle_s",)
+    plan = write_plan("heights_mm = [", "heights_mm = [true, ", tmp_path)
+    with pytest.raises(PlanError) as refused:
+        load_plan(plan)
+    assert "heights_mm" in refused.value.keys
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[zones]\ncorner_radius = true\n", encoding="utf-8")
+    with pytest.raises(LimitsFileError) as unlimited:
+        read_limits(limits)
+    assert "zones.corner_radius: expected a number" in str(unlimited.value)
+
+
+def test_a_boolean_is_taken_where_one_belongs(tmp_path: Path) -> None:
+    config = bench_with("[camera]", "[camera]\nchunk_data = false", tmp_path)
+    assert config.camera.chunk_data is False

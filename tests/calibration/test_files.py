@@ -10,7 +10,8 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibration.documents import json_object, read_document, write_document
-from calibration.errors import DocumentError
+from calibration.errors import DocumentError, HomographyFileError
+from calibration.files import read_homography
 
 
 class LensFileError(DocumentError):
@@ -31,6 +32,24 @@ class Lens(BaseModel):
         return self
 
 
+class Mount(BaseModel):
+    back_focus_mm: float
+    is_locked: bool | None = None
+
+
+class Rig(Lens):
+    mount: Mount | None = None
+    shifts_px: dict[str, tuple[tuple[float, ...], ...]] = {}
+    matrix: list[list[float]] | None = None
+    is_new: bool = True
+    facts: dict[str, bool | float] = {}
+
+
+RIG = {
+    "schema": "standoff.lens/1",
+    "focal_length_mm": 16,
+    "facts": {"stabilised": True, "zoom": 2},
+}
 LENS = Lens(focal_length_mm=16.0, stops=(2.8, 4.0))
 
 
@@ -151,3 +170,43 @@ def test_a_full_disk_leaves_the_old_file_as_it_was(
     assert isinstance(refused.value.__cause__, OSError)
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["lens.json"]
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"focal_length_mm": True}, "focal_length_mm"),
+        ({"stops": [2, False]}, "stops.1"),
+        ({"mount": {"back_focus_mm": True}}, "mount.back_focus_mm"),
+        ({"shifts_px": {"left": [[0.5], [True]]}}, "shifts_px.left.1.0"),
+        ({"matrix": [[1.0, True]]}, "matrix.0.1"),
+    ],
+)
+def test_a_boolean_is_no_number(tmp_path: Path, change: dict[str, object], key: str) -> None:
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(RIG | change), encoding="utf-8")
+    with pytest.raises(LensFileError) as refused:
+        read_document(path, Rig, LensFileError, "write it anew")
+    assert refused.value.key == key
+    assert "expected a number" in str(refused.value)
+
+
+def test_a_boolean_is_taken_where_one_may_stand_and_where_nobody_looks(tmp_path: Path) -> None:
+    path = tmp_path / "rig.json"
+    more = {"is_new": False, "mount": {"back_focus_mm": 46.5, "is_locked": True}}
+    path.write_text(json.dumps(RIG | more | {"of a later version": [True]}), encoding="utf-8")
+    found = read_document(path, Rig, LensFileError, "write it anew")
+    assert found.mount == Mount(back_focus_mm=46.5, is_locked=True)
+    assert found.is_new is False
+    assert found.facts == {"stabilised": True, "zoom": 2.0}
+
+
+def test_a_boolean_in_the_pose_of_a_camera_is_no_number(tmp_path: Path) -> None:
+    # Its matrix is an array, which takes true for 1.
+    path = tmp_path / "H.json"
+    matrix: list[list[object]] = [[True, 0, 0], [0, 1, 0], [0, 0, 1]]
+    document = {"schema": "standoff.homography/1", "matrix": matrix, "size": [8, 6]}
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(HomographyFileError) as refused:
+        read_homography(path)
+    assert refused.value.key == "matrix.0.0"

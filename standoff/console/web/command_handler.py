@@ -1,6 +1,5 @@
 """Executes the commands of whoever is in control; anybody may stop."""
 
-import getpass
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from standoff.console.web.plan_commands import PlanCommands
 from standoff.console.web.pose import pose_commands
 from standoff.console.web.session_commands import SessionCommands
 from standoff.errors import ApplicationError
-from standoff.library import PlannedComparisons, make_folder
+from standoff.library import PlannedComparisons, login_name, make_folder
 
 WITHOUT_CONTROL = (messages.Preview, messages.CheckPlan, messages.Probe, messages.Profile)
 """Messages that change nothing: those who watch may send them, too."""
@@ -71,7 +70,7 @@ class CommandHandler:
                 self._hub.stop()
                 return None
             case messages.TakeControl():
-                self._hub.control.join(viewer, message.name.strip() or getpass.getuser())
+                self._hub.control.join(viewer, message.name.strip() or login_name())
                 self._hub.control.take(viewer)
                 return None
             case messages.Release():

@@ -1,7 +1,6 @@
 """Every page's websocket: what it sends is read, carried out and answered."""
 
 import asyncio
-import getpass
 import time
 from collections import deque
 from collections.abc import Awaitable
@@ -17,6 +16,7 @@ from standoff.console.web.command_handler import CommandHandler
 from standoff.console.web.state_cache import StateCache
 from standoff.console.web.viewer import Viewer
 from standoff.errors import REPORTED_ERRORS
+from standoff.library import login_name
 
 HELLO_TIMEOUT_S = 10.0
 
@@ -70,7 +70,7 @@ class LiveSockets:
             wants_pictures=hello.pictures,
         )
         self._viewers[hello.viewer], self._sockets[hello.viewer] = viewer, socket
-        self._hub.control.join(hello.viewer, hello.name or getpass.getuser())
+        self._hub.control.join(hello.viewer, hello.name or login_name())
         sending = asyncio.create_task(viewer.send_all())
         try:
             await self._receive(socket, viewer)

@@ -1,6 +1,5 @@
 """Opens and closes the two devices of a bench for a script, and moves its stage."""
 
-import getpass
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
@@ -14,6 +13,7 @@ from acquisition.stages import home_timeout_s, move_timeout_s
 from hil_mocks import SimulatedBench
 from standoff.library.bench.devices import OpenBench, open_bench
 from standoff.library.bench.plan_preview import bench_config
+from standoff.library.caller import login_name
 from standoff.library.inputs import FilePath
 
 
@@ -29,7 +29,7 @@ class MovableBench:
         ask: Callable[[str], str] | None = None,
     ) -> None:
         self.config = bench_config(bench, settings)
-        self.operator = operator or getpass.getuser()
+        self.operator = operator or login_name()
         self._ask = ask
         self._resources = ExitStack()
         self._opened: OpenBench | None = None

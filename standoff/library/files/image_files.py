@@ -27,7 +27,7 @@ def each_image(paths: Iterable[Path]) -> Iterator[Path]:
         if is_url(path):
             yield from _images_of_url(path)
             continue
-        if not path.is_dir():
+        if not is_folder(path):
             yield path
             continue
         is_empty = True
@@ -41,6 +41,14 @@ def each_image(paths: Iterable[Path]) -> Iterator[Path]:
             raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
         if is_empty:
             raise ApplicationError(f"{path}: the folder holds no image")
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a folder is there; what cannot be reached is left to whoever reads it as a file."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 def _images_of_url(path: Path) -> Iterator[Path]:

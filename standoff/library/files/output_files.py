@@ -11,8 +11,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from acquisition.remote_files import is_url, remote_status, url_of, write_remote
-from acquisition.session import MANIFEST_NAME, clear_parts, fsync_directory, part_of, write_shared
+from acquisition.session import (
+    MANIFEST_NAME,
+    clear_parts,
+    fsync_directory,
+    part_of,
+    refuse_capture,
+    write_shared,
+)
 from standoff.errors import ApplicationError
+from standoff.library.files.reachable import require_place, require_reachable
 
 RESULTS_FOLDER = "results"
 """Folder of a session for the results obtained from it."""
@@ -32,12 +40,14 @@ def require_writable(paths: Iterable[Path | None]) -> None:
         if is_url(path):
             is_there(path)
             continue
+        require_reachable(path)
         if path.parent.name == RESULTS_FOLDER and (path.parent.parent / MANIFEST_NAME).is_file():
             make_results_folder(path.parent.parent)
         if not path.parent.is_dir():
             raise ApplicationError(f"cannot write {path}: {path.parent} is not a folder")
         if path.is_dir():
             raise ApplicationError(f"cannot write {path}: it is a folder")
+        require_place(path)
         if path.suffix.lower() == ".pdf":
             require_pdf()
 
@@ -70,6 +80,7 @@ def make_folder(path: Path) -> Path:
         If it cannot be created.
     """
     try:
+        refuse_capture(path)
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ApplicationError(f"cannot create the folder {path}: {error.strerror}") from error
@@ -136,6 +147,7 @@ def written_together(document: Path) -> Iterator[Path]:
         return
     part = part_of(document.with_name(f".{document.name}"))
     try:
+        refuse_capture(document)
         clear_parts(document.parent, f".{document.name}")
         make_folder(part)
         yield part

@@ -21,7 +21,7 @@ from calibration.provenance import Provenance
 from calibration.psf import PsfCalibration, PsfChange, compare_psfs as change_between
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
-from standoff.library.files import require_writable, write_page
+from standoff.library.files import require_folder, require_writable, write_page
 from standoff.library.inputs import FilePath, path_of
 
 
@@ -34,7 +34,7 @@ class PsfComparison(PsfChange):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Why the two may not be comparable."""
+        """Why the two may not be comparable, and what only one of them gives."""
         return self.remarks
 
     def to_json(self) -> dict[str, Any]:
@@ -63,12 +63,13 @@ def compare_psfs(
     Returns
     -------
     PsfComparison
-        A z-test of each parameter that both give; ``verdict`` says it in a sentence.
+        A z-test of each parameter that both give; ``verdict`` says it in a sentence, ``notes``
+        what only one of them gives.
 
     Raises
     ------
     CalibrationError
-        If a file cannot be read, or the two share no parameter with standard errors.
+        If a file cannot be read, or the two share no width with standard errors.
 
     Examples
     --------
@@ -149,7 +150,7 @@ def psf_history(
     CalibrationError
         If a file that was named cannot be read.
     ApplicationError
-        If there is none.
+        If there is none, or a folder cannot be read.
 
     Examples
     --------
@@ -163,6 +164,7 @@ def psf_history(
         if not path.is_dir():
             found.append((str(path), read_psf(path)))
             continue
+        require_folder(path)
         for file in sorted(path.rglob("*psf*.json")):
             try:
                 found.append((str(file), read_psf(file)))

@@ -39,7 +39,7 @@ from standoff.library.comparison import (
     limit_files,
 )
 from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.files import each_image, write_file, write_page
+from standoff.library.files import each_image, is_folder, write_file, write_page
 from standoff.library.inputs import (
     FilePath,
     NoiseLike,
@@ -83,7 +83,7 @@ def is_series(followups: Iterable[Path]) -> bool:
         If a folder holds no image, or cannot be read.
     """
     paths = list(followups)
-    folders = [path for path in paths if path.is_dir()]
+    folders = [path for path in paths if is_folder(path)]
     for folder in folders:
         next(iter(each_image([folder])))
     return len(paths) > 1 or bool(folders)
@@ -342,7 +342,7 @@ def _write_pages(
 
 def _refuse_pairs(references: Path, followups: tuple[Path, ...]) -> None:
     """Check that a folder of references comes with a folder of follow-ups, another one."""
-    if len(followups) != 1 or not followups[0].is_dir():
+    if len(followups) != 1 or not is_folder(followups[0]):
         raise ApplicationError(
             f"{references} is a folder of references, paired by name with one folder of "
             "follow-ups; give that, or one photograph as the reference"
@@ -354,8 +354,8 @@ def _refuse_pairs(references: Path, followups: tuple[Path, ...]) -> None:
 
 
 def _followups(given: tuple[Path, ...], reference: OneReference) -> Iterator[Path]:
-    named = (path for path in given if not path.is_dir())
-    inside = each_image(path for path in given if path.is_dir())
+    named = (path for path in given if not is_folder(path))
+    inside = each_image(path for path in given if is_folder(path))
     others = (path for path in inside if _absolute(path) != reference.path)
     return chain(named, others)
 

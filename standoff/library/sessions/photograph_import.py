@@ -1,9 +1,10 @@
 """Makes a capture session from photographs taken by another program."""
 
-import getpass
+import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from acquisition.printable import on_one_line
 from acquisition.session import Photograph, SessionWriter
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
+from standoff.library.caller import login_name
 from standoff.library.inputs import FilePath, path_of
 from standoff.photographs import (
     Photograph as ReadPhotograph,
@@ -23,6 +25,9 @@ from standoff.photographs import (
     ReadOptions,
     shared_facts,
 )
+
+_LONGEST_TARGET = 200
+"""Letters that a plan accepts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +121,7 @@ def import_photographs(
             plan=plan,
             bench=None,
             devices=_devices(facts),
-            operator=operator or getpass.getuser(),
+            operator=operator or login_name(),
         ) as session,
         call.bar("importing", len(paths)) as advance_to,
     ):
@@ -143,7 +148,7 @@ def _plan_of(images: Sequence[Path], kind: CaptureKind, height_mm: float) -> Cap
             "targets": [
                 {
                     "kind": kind,
-                    "target": on_one_line(path.name),
+                    "target": _target_of(path),
                     "heights_mm": [height_mm],
                 }
                 for path in images
@@ -151,6 +156,15 @@ def _plan_of(images: Sequence[Path], kind: CaptureKind, height_mm: float) -> Cap
         },
         source="import",
     )
+
+
+def _target_of(path: Path) -> str:
+    """The name of a photograph, shortened where it is longer than that of a target may be."""
+    shown = on_one_line(path.name)
+    if len(shown) <= _LONGEST_TARGET:
+        return shown
+    digest = sha256(os.fsencode(path.name)).hexdigest()[:8]
+    return f"{shown[: _LONGEST_TARGET - 9]}~{digest}"
 
 
 def _devices(facts: Sequence[PhotographFacts]) -> dict[str, dict[str, object]]:

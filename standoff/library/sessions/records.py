@@ -1,6 +1,5 @@
 """What a capture session holds, whether it is whole, and what is noted in it."""
 
-import getpass
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from acquisition.session import (
     verify,
 )
 from standoff.errors import ApplicationError
+from standoff.library.caller import login_name
 from standoff.library.files import refusal_text
 from standoff.library.inputs import FilePath, opened_session, path_of
 
@@ -118,12 +118,14 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
         raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
     found = []
     for one in folders:
+        manifest = one / MANIFEST_NAME
         try:
-            if (one / MANIFEST_NAME).exists():
+            if manifest.exists():
                 found.append(Session(one).summary)
-        except (OSError, SessionError) as error:
-            said = refusal_text(one, error) if isinstance(error, OSError) else str(error)
-            found.append({"session": str(one), "error": said})
+        except SessionError as error:
+            found.append({"session": str(one), "error": str(error)})
+        except OSError as error:
+            found.append({"session": str(one), "error": refusal_text(manifest, error)})
     return found
 
 
@@ -300,4 +302,4 @@ def set_aside_files(
 
 def _notes(session: Session | FilePath, operator: str | None) -> SessionNotes:
     path = session.path if isinstance(session, Session) else path_of(session, "session")
-    return SessionNotes(path, operator=operator or getpass.getuser())
+    return SessionNotes(path, operator=operator or login_name())

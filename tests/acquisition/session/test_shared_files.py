@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.shared_files import clear_parts, part_of, whole_file
+from acquisition.session.shared_files import clear_parts, part_of, whole_file, write_shared
 
 LETTERS = "0123456789abcdef" * 2
 
@@ -47,3 +47,29 @@ def test_an_error_leaves_the_file_as_it_was_and_no_part(tmp_path: Path) -> None:
         file.writelines([b"half", "no bytes"])  # type: ignore[list-item]
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["n" * 255, "é" * 127 + "x", "n" * 200 + "é.json"])
+def test_a_file_of_the_longest_name_is_written_through_a_part_of_a_shorter_one(
+    tmp_path: Path, name: str
+) -> None:
+    part = part_of(tmp_path / name)
+    assert len(os.fsencode(part.name)) <= 255
+    write_shared(tmp_path / name, b"whole")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_what_a_killed_writer_left_of_a_long_name_goes_and_that_of_another_stays(
+    tmp_path: Path,
+) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    names = ["n" * 250 + "1", "n" * 250 + "2"]
+    left = [
+        tmp_path / part_of(tmp_path / name).name.replace(f".{os.getpid()}.", f".{ended.pid}.")
+        for name in names
+    ]
+    for part in left:
+        part.touch()
+    clear_parts(tmp_path, names[0])
+    assert list(tmp_path.iterdir()) == [left[1]]

@@ -33,3 +33,19 @@ def test_no_folder_takes_the_place_of_another_file(tmp_path: Path, path: str) ->
     (name,) = names(tmp_path, path, reserved=("summary.json",))
     assert name not in {".", "..", "summary.json"}
     assert Path(name).name == name
+
+
+@pytest.mark.parametrize("stem", ["two\nlines", "\x1b[31mred", "no-\udcff-utf", "n" * 251])
+def test_a_folder_has_letters_that_can_be_printed_and_a_name_that_is_not_too_long(
+    tmp_path: Path, stem: str
+) -> None:
+    other = f"/q/{stem}.tif" if len(stem) > 200 else f"/q/{stem}2.tif"
+    found = names(tmp_path, f"/p/{stem}.tif", other)
+    assert len(set(found)) == 2
+    for name in found:
+        assert name.isprintable()
+        assert len(name.encode()) <= 255
+
+
+def test_a_long_stem_that_one_photograph_has_stays_as_it_is(tmp_path: Path) -> None:
+    assert names(tmp_path, f"/p/{'n' * 251}.tif") == ["n" * 251]

@@ -138,3 +138,25 @@ def test_one_calibration_tells_no_repeatability() -> None:
     assert focus_repeatability([psf()]) is None
     assert focus_repeatability([psf(), psf(sigma_y_px=None)]) is None
     assert focus_repeatability([]) is None
+
+
+def test_a_width_that_one_does_not_determine_is_left_out_and_named() -> None:
+    whole = PsfCalibration(sigma_x_px=0.8, sigma_x_err_px=0.01, sigma_y_px=0.7, sigma_y_err_px=0.01)
+    horizontal = PsfCalibration(sigma_y_px=0.7, sigma_y_err_px=0.01)
+    change = compare_psfs(whole, horizontal)
+    assert [one.name for one in change.parameters] == ["sigma_y_px"]
+    assert change.remarks == ("not compared: the second does not determine sigma_x_px",)
+    both = "the first does not determine sigma_x_px; the second does not determine sigma_x_px"
+    assert compare_psfs(horizontal, horizontal).remarks == (f"not compared: {both}",)
+
+
+@pytest.mark.parametrize("others", [{}, {"rho": 0.1, "rho_err": 0.01}, {"optical_rho": 0.0}])
+def test_without_a_width_of_both_there_is_nothing_to_compare(others: dict[str, float]) -> None:
+    widths = {"sigma_x_px": 0.8, "sigma_x_err_px": 0.01}, {"sigma_y_px": 0.7, "sigma_y_err_px": 0.0}
+    vertical, horizontal = (PsfCalibration.model_validate(one | others) for one in widths)
+    with pytest.raises(CalibrationError) as refused:
+        compare_psfs(vertical, horizontal)
+    said = str(refused.value)
+    assert "the first does not determine sigma_y_px" in said
+    assert "the second does not determine sigma_x_px" in said
+    assert "the second has no standard error of sigma_y_px" in said

@@ -33,7 +33,7 @@ CRASHED = 70
 """Exit status of a command that ended in a traceback."""
 
 
-_NOT_LOADED = {"console", "aravis", "__main__", "kernelgan", "worker_process"}
+_NOT_LOADED = {"console", "aravis", "__main__", "kernelgan", "worker_process", "hil_mocks"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,12 +103,21 @@ def serve() -> None:
         answers.flush()
 
 
-def _load_everything() -> None:
-    """Import every module of ours, and with them the libraries, but not what serves or drives."""
-    for package in ("acquisition", "calibration", "simulation", "analysis", "standoff"):
+def load_modules(others: tuple[str, ...] = ()) -> None:
+    """Import every module of ours, and with them the libraries, but not what serves or drives.
+
+    ``others`` are packages, or parts of names, that are loaded as well.
+    """
+    packages = ("acquisition", "calibration", "simulation", "analysis", "standoff", "hil_mocks")
+    left_out = _NOT_LOADED.difference(others)
+    for package in packages:
         for module in walk_packages([package], f"{package}."):
-            if not any(part in _NOT_LOADED for part in module.name.split(".")):
+            if not any(part in left_out for part in module.name.split(".")):
                 import_module(module.name)
+
+
+def _load_everything() -> None:
+    load_modules()
     # Most of the time that figures take goes into their pixels, which nobody looks at here.
     patch("analysis.reports.page._PNG_DPI", 20).start()
     gc.collect()

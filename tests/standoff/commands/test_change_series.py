@@ -355,3 +355,17 @@ def test_any_number_of_workers_writes_the_same_bytes(process: Command, root: Pat
         assert found.model_dump(exclude={"provenance"}) == expected.model_dump(
             exclude={"provenance"}
         )
+
+
+def test_follow_ups_of_letters_that_no_page_may_hold_are_compared_and_named(
+    command: Command, root: Path
+) -> None:
+    photographs, out = root / "photographs", root / "out"
+    for name, odd in (("same", "no-\udcff-utf"), ("other", "two\nlines \x1b[31m 九月")):
+        (photographs / f"{name}.tif").rename(photographs / f"{odd}.tif")
+    done = command(*asked(root, photographs), "--out", out)
+    assert done.status == 0, done.err
+    assert all(line.isprintable() for line in (done.out + done.err).splitlines())
+    folders = [one.folder for one in read_changes_series(out / "summary.json").followups]
+    assert all(folder is not None and folder.isprintable() for folder in folders)
+    assert [one.folder for one in read_time_line(out / "series.json").followups] == folders

@@ -59,7 +59,8 @@ def test_files_without_errors_are_refused_by_name(command: Command, tmp_path: Pa
     b = psf_file(tmp_path / "b.json", 0.80, sigma_x_err_px=None, sigma_y_err_px=None)
     done = command("compare", a, b)
     assert done.status == 1
-    assert f"{a} and {b}: the two calibrations share no parameter with standard errors" in done.err
+    assert f"{a} and {b}: no width in common" in done.err
+    assert "the second has no standard error of sigma_x_px, sigma_y_px" in done.err
 
 
 def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> None:
@@ -164,3 +165,23 @@ def test_a_history_says_how_well_the_focus_repeats(command: Command, tmp_path: P
     assert camera["focus_scatter_err_px2"] > 0.01
     (alone,) = json.loads(command("compare", "--history", a, "--json").out)["cameras"]
     assert alone["focus_scatter_px2"] is None
+
+
+def test_null_widths_are_named_as_not_compared_or_end_the_command(
+    command: Command, tmp_path: Path
+) -> None:
+    optical = {"optical_sigma_x_px": 0.7, "optical_sigma_x_err_px": 0.002}
+    a = psf_file(tmp_path / "a.json", 0.80, **optical)
+    b = psf_file(tmp_path / "b.json", 0.80, **optical, sigma_y_px=None)
+    done = command("compare", a, b, "--json")
+    assert done.status == 0
+    assert done.err == "note: not compared: the second does not determine sigma_y_px\n"
+    document = json.loads(done.out)
+    assert document["remarks"] == ["not compared: the second does not determine sigma_y_px"]
+    names = {one["name"] for one in document["parameters"]}
+    assert names == {"sigma_x_px", "optical_sigma_x_px"}
+    content = json.loads(b.read_text("utf-8")) | {"sigma_x_px": None}
+    b.write_text(json.dumps(content), encoding="utf-8")
+    done = command("compare", a, b)
+    assert (done.status, done.out, done.err.count("\n")) == (1, "", 1)
+    assert "the second does not determine sigma_x_px, sigma_y_px" in done.err

@@ -261,3 +261,12 @@ def test_one_follow_up_has_no_parts(
 def _content(path: Path) -> dict[str, bytes]:
     files = [path] if path.is_file() else sorted(path.glob("*.json"))
     return {file.name: file.read_bytes() for file in files}
+
+
+def test_a_folder_for_the_results_of_one_follow_up_is_refused(
+    command: Command, asked: Asked, folder: Path, tmp_path: Path
+) -> None:
+    done = command(*asked(folder / "frame-0.tif"), "--out", tmp_path / "out")
+    assert (done.status, done.err.count("\n")) == (2, 1)
+    assert "--out needs several follow-ups, or a folder of them" in done.err
+    assert not (tmp_path / "out").exists()

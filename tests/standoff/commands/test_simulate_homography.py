@@ -37,7 +37,7 @@ def test_a_lens_that_distorts_bends_both_images(
     ("k1", "message"),
     [
         ("much", "distortion_k1: 'much' is not a number"),
-        (True, "distortion_k1: True is not a number"),
+        (True, "distortion_k1: expected a number"),
         (10**400, "distortion_k1: 1000"),
         (0.5, "k1 must be between"),
         (-0.15, "k1 must be between"),

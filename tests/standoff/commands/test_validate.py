@@ -223,7 +223,7 @@ def test_what_cannot_be_read_or_written_is_one_line(
     for session, calibration, out, message in (
         (tmp_path, psf, tmp_path / "v", "is not a capture session"),
         (series, tmp_path / "none.json", tmp_path / "v", "none.json"),
-        (series, psf, tmp_path / "file" / "v", "cannot create the folder"),
+        (series, psf, tmp_path / "file" / "v", "file is not a folder"),
     ):
         done = command(
             "validate", "--session", session, "--psf", calibration, "--out", out,

@@ -26,7 +26,7 @@ def test_the_demo_refuses_a_directory_it_cannot_write(command: Command, tmp_path
     (tmp_path / "file").write_text("in the way")
     done = command("demo", "--out", tmp_path / "file" / "demo")
     assert done.status == 1
-    assert "cannot create the folder" in done.err
+    assert "file is not a folder" in done.err
 
 
 @pytest.mark.slow

@@ -1,8 +1,10 @@
 """What tables show where room is short, and of names with brackets."""
 
 import io
+import json
 import time
 from itertools import count
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -12,6 +14,7 @@ from standoff.terminal.output import (
     NOTED,
     note,
     note_in_passing,
+    print_json_file,
     print_table,
     progress_bar,
     say_error,
@@ -96,3 +99,30 @@ def test_the_title_of_a_table_is_on_one_printable_line(capsys: pytest.CaptureFix
     assert title.isprintable()
     assert title.startswith("Captures of a")
     assert title.rstrip().endswith("b")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"), [("ascii", "\\u4e5d\\ud83d\\ude00"), ("utf-8", "九😀")]
+)
+def test_a_json_file_is_printed_with_escapes_where_the_stream_lacks_its_letters(
+    encoding: str, shown: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, printed = tmp_path / "summary.json", io.BytesIO()
+    path.write_text('{"followup":\n "九😀.tif"}\n', encoding="utf-8")
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(printed, encoding))
+    print_json_file(path)
+    text = printed.getvalue().decode(encoding)
+    assert f'"{shown}.tif"' in text
+    assert json.loads(text) == {"followup": "九😀.tif"}
+
+
+def test_a_table_is_laid_out_as_the_stream_shows_its_letters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    printed = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(printed, "ascii"))
+    print_table("± at 95 %", ["", "µm ±"], [["a", "1.0 ± 0.2 px²"], ["März", "12"]])
+    title, *lines = printed.getvalue().decode("ascii").splitlines()
+    assert title.strip() == "+/- at 95 %"
+    assert len({len(line) for line in lines}) == 1
+    assert "| M\\xe4rz |               12 |" in lines

@@ -58,7 +58,7 @@ def test_widths_are_drawn_with_their_intervals() -> None:
 def test_what_cannot_be_compared_says_so() -> None:
     bare = PsfCalibration.model_validate({"sigma_x_px": 0.8, "camera": {"serial": "A7"}})
     [_, second] = ordered_history([("a", bare), ("b", bare)])["A7"]
-    assert second.verdict.startswith("not comparable: the two calibrations share no parameter")
+    assert second.verdict.startswith("not comparable: no width in common")
 
 
 def test_a_width_that_no_calibration_has_is_not_drawn() -> None:
