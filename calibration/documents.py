@@ -43,14 +43,20 @@ def write_document(path: Path, document: BaseModel, failure: type[DocumentError]
     Raises
     ------
     DocumentError
-        As ``failure``, if the file cannot be written.
+        As ``failure``, if the file cannot be written, or a text in it not be stored as UTF-8.
     ValueError
         If a number is infinite or NaN.
     """
     content = json_object(document)
     json.dumps(content, allow_nan=False)  # refuses numbers that are none; indented, it is slow
     try:
-        write_shared(path, to_json(content, indent=1) + b"\n")
+        data = to_json(content, indent=1)
+    except ValueError as error:
+        raise failure(
+            f"cannot write {path}: a name in it is not UTF-8; rename that file", source=str(path)
+        ) from error
+    try:
+        write_shared(path, data + b"\n")
     except OSError as error:
         raise failure(f"cannot write {path}: {error.strerror}", source=str(path)) from error
 

@@ -1,6 +1,7 @@
 """The measured noise of a camera, as noise.json stores it."""
 
 import hashlib
+import os
 from io import BytesIO
 from math import hypot
 from pathlib import Path
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
-from acquisition.session import atomic_write
+from acquisition.session import write_shared
 from acquisition.untrusted import TiffDamageError, read_tiff
 from calibration.errors import NoiseFileError
 from calibration.noise.correction_maps import CorrectionMaps, Nonuniformity
@@ -180,7 +181,19 @@ def _with_err(value: float, err: float | None) -> str:
 
 
 def map_paths(path: Path) -> dict[str, Path]:
-    """Paths of the maps of a noise.json: ``noise_dark.tif`` and so on, beside it."""
+    """Paths of the maps of a noise.json: ``noise_dark.tif`` and so on, beside it.
+
+    Raises
+    ------
+    NoiseFileError
+        If its name is not UTF-8, as that of every file is that a document names.
+    """
+    try:
+        _as_text(path.stem)
+    except UnicodeDecodeError as error:
+        raise NoiseFileError(
+            f"cannot write {path}: its name is not UTF-8; choose another", source=str(path)
+        ) from error
     return {name: path.with_name(f"{path.stem}_{name}.tif") for name in _NAMES}
 
 
@@ -209,12 +222,14 @@ def write_map_files(path: Path, maps: CorrectionMaps) -> dict[str, MapFile]:
         )
         data = buffer.getvalue()
         try:
-            atomic_write(map_path, data)
+            write_shared(map_path, data)
         except OSError as error:
             raise NoiseFileError(
                 f"cannot write {map_path}: {error.strerror}", source=str(map_path)
             ) from error
-        written[name] = MapFile(file=map_path.name, sha256=hashlib.sha256(data).hexdigest())
+        written[name] = MapFile(
+            file=_as_text(map_path.name), sha256=hashlib.sha256(data).hexdigest()
+        )
     return written
 
 
@@ -244,6 +259,11 @@ def read_map_files(path: Path, noise: NoiseCalibration) -> CorrectionMaps:
         raise NoiseFileError(f"{path}: {error}", source=str(path), key="maps") from error
 
 
+def _as_text(name: str) -> str:
+    """The name of a file as text, whatever encoding the system takes its names for."""
+    return os.fsencode(name).decode("utf-8")
+
+
 def _is_name(text: str) -> bool:
     return Path(text).name == text and "\0" not in text
 
@@ -254,7 +274,7 @@ def _plane(path: Path, name: str, entry: MapFile | None) -> NDArray[Any]:
         raise NoiseFileError(
             f"{path}: {key} does not name a file beside it", source=str(path), key=key
         )
-    map_path = path.with_name(entry.file)
+    map_path = path.with_name(os.fsdecode(entry.file.encode("utf-8")))
     try:
         data = read_regular_file(map_path, LARGEST_IMAGE_BYTES)
     except OSError as error:

@@ -152,7 +152,17 @@ def _refusal(error: OSError) -> str:
         return output_fault(error)
     if isinstance(error.filename, str | bytes):
         return refusal_text(Path(os.fsdecode(error.filename)), error)
+    if isinstance(error, FileNotFoundError) and not _has_folder():
+        return "the folder in which the command runs has been removed; change to another"
     return error.strerror or str(error) or type(error).__name__
+
+
+def _has_folder() -> bool:
+    try:
+        Path.cwd()
+    except OSError:
+        return False
+    return True
 
 
 def _decimal_comma(error: TyperException) -> str:

@@ -210,3 +210,12 @@ def test_a_boolean_in_the_pose_of_a_camera_is_no_number(tmp_path: Path) -> None:
     with pytest.raises(HomographyFileError) as refused:
         read_homography(path)
     assert refused.value.key == "matrix.0.0"
+
+
+def test_a_name_that_is_no_utf_8_is_not_half_written(tmp_path: Path) -> None:
+    class Named(Lens):
+        file: str = "no-\udcff-utf.tif"
+
+    with pytest.raises(LensFileError):
+        write_document(tmp_path / "lens.json", Named(focal_length_mm=8.0), LensFileError)
+    assert list(tmp_path.iterdir()) == []

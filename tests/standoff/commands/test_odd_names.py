@@ -106,3 +106,25 @@ def test_training_pairs_of_a_photograph_of_the_longest_name_are_written(
     done = command(*words)
     assert done.status == 0, done.err
     assert list(out.glob("*/high/nnn*.png"))
+
+
+def test_a_document_that_names_files_needs_a_name_in_utf_8(
+    command: Command, tmp_path: Path
+) -> None:
+    done = command("noise", "--session", tmp_path, "--out", tmp_path / "no-\udcff-utf.json")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "its name is not UTF-8; choose another" in done.err
+
+
+def test_a_folder_that_was_removed_is_told_as_that(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    done = command("doctor")
+    assert done.status == 1
+    assert done.err == (
+        "standoff: the folder in which the command runs has been removed; change to another\n"
+    )
