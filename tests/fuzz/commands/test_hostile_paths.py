@@ -3,15 +3,18 @@
 The places are found in the application: a new option is asked as soon as there is one.
 """
 
+import codecs
 import signal
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 
 import pytest
+import typer
 
-from standoff.cli import run
+from standoff.terminal import application, run_application
 from tests.fuzz.commands.hostile_paths import (
     DATA,
     HOSTILE_PATHS,
@@ -36,6 +39,8 @@ OF_SWEEPS = {"out", "out.sweep", "evaluation.sweep"}
 def root() -> Iterator[Path]:
     """A folder of sound files and of hostile places, which any user may enter."""
     load_modules(("console", "hil_mocks"))
+    for encoding in ("ascii", "latin-1", "utf-8", "utf-16-le", "idna"):
+        codecs.lookup(encoding)  # Python's own files may be out of reach of an ordinary user
     folder = Path(mkdtemp())
     folder.chmod(0o755)
     for name in ("sound", "work"):
@@ -48,12 +53,23 @@ def root() -> Iterator[Path]:
     rmtree(folder, ignore_errors=True)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def made_once() -> Iterator[None]:
+    """Make each command from its function once: that takes longer than its refusal."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(typer.main, "get_command", cache(typer.main.get_command))
+        yield
+
+
+application_of = cache(lambda command: application([command]))
+
+
 def status_of(words: list[str]) -> int:
     """Run a command; one that waits for ever, as those that serve, is interrupted."""
     kept = signal.signal(signal.SIGALRM, signal.default_int_handler)
     signal.alarm(HANGS_AFTER_S)
     try:
-        return run(words)
+        return run_application(application_of(words[0]), words)
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, kept)
@@ -65,6 +81,8 @@ def faults_of(ended: tuple[int, str, str], allowed: tuple[int, ...]) -> list[str
     faults = []
     if status not in allowed:
         faults.append(f"status {status}")
+    if status == USAGE and any(word in err for word in ("ermission", "readable", "you may not")):
+        faults.append("wrong usage for what the system refuses")
     lines = err.splitlines()
     if len(lines) != 1 or not lines[0].startswith("standoff: "):
         faults.append("not one line")
