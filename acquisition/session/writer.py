@@ -156,7 +156,8 @@ class SessionWriter:
         Raises
         ------
         SessionError
-            If it cannot be written; the capture then does not exist.
+            If it cannot be written. A capture of which only the line is missing is taken in by
+            the next run.
         """
         averaged, settings = take.averaged, take.settings
         record = CaptureRecord(
@@ -202,7 +203,8 @@ class SessionWriter:
         Raises
         ------
         SessionError
-            If it cannot be written; the capture then does not exist.
+            If it cannot be written. A capture of which only the line is missing is taken in by
+            the next run.
         """
         image_dn = photograph.image_dn
         now = utc_text(self._stamps.utc_now())

@@ -2,8 +2,8 @@
 
 What is seen somewhere after may be what was elsewhere before, and what was there before may be
 seen elsewhere after: a change is a movement if either holds, by the same shift, on nearly all that
-stands out. Parallax and things that moved are found so; what vanished and what appeared is one
-movement.
+stands out, and if the thing itself is seen at both places. Parallax and things that moved are found
+so; what vanished and what appeared is one movement.
 """
 
 from collections.abc import Sequence
