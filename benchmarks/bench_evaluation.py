@@ -18,7 +18,7 @@ from itertools import product
 import cv2
 import numpy as np
 
-from analysis.detectors import BUILT_IN_DETECTORS, DetectorSpec, open_detector
+from analysis.detectors import DetectorSpec, open_detector
 from analysis.evaluation.roc import auc_interval
 from benchmarks.bench_changes import bench_of
 from benchmarks.harness import Recorder, bench_parser
@@ -222,7 +222,7 @@ def main() -> None:
     with Recorder.of(arguments, "evaluation", packages=("numpy", "scipy")) as record:
         truth = bench_of(0.0)
         off: dict[str, list[float]] = {}
-        for detector in record.pick(BUILT_IN_DETECTORS, ("ssim", "ncc")):
+        for detector in record.pick(tuple(CONTRASTS), ("ssim", "ncc")):
             is_slow = detector == "changes"
             targets = TARGETS * 2
             for zoom, tilt in product(record.pick(ZOOMS, (1.5,)), record.pick(TILTS_DEG, (0.0,))):

@@ -16,6 +16,7 @@ from analysis.changes.matching import (
     LAPLACIAN,
     FittedScatter,
     PairFit,
+    PairModel,
     RelativeBlur,
     Smoothing,
     VarianceTerms,
@@ -24,10 +25,8 @@ from analysis.changes.matching import (
     calibrated_factor,
     fit_pair,
     fit_tone_curve,
-    relative_blur,
     smoothed,
     smoothing_for,
-    white_noise_gain,
 )
 from analysis.changes.options import ChangeOptions
 from analysis.changes.photograph_pair import PhotographPair
@@ -89,8 +88,8 @@ class Comparison:
     extra_blur_px2, extra_blur_err_px2
         Variance by which the follow-up is softer than the calibration says, or than the reference
         where there is none, in follow-up pixels; and its standard error, infinite without detail.
-    gain
-        Mean gain of light, follow-up over reference.
+    gain, gain_err
+        Mean gain of light, follow-up over reference, and its standard error.
     noise_factor
         Fitted noise variance over that of the noise model; over 1 DN^2 where none was given.
     registration_err_px, width_err_px2
@@ -115,6 +114,7 @@ class Comparison:
     extra_blur_px2: float
     extra_blur_err_px2: float
     gain: float
+    gain_err: float
     noise_factor: float
     registration_err_px: float
     width_err_px2: float
@@ -195,7 +195,7 @@ class _Matched:
     terms, floor_dn2
         Of the variance.
     fit
-        Kernel and variance.
+        Model and variance.
     """
 
     pair: PhotographPair
@@ -211,23 +211,28 @@ class _Matched:
     @classmethod
     def of(cls, pair: PhotographPair, rough: BoolArray, noise: CaptureNoise | None) -> "_Matched":
         """Measure the blur on the pixels ``rough``, smooth, and fit."""
-        guess = pair.guessed_blur_px2
-        blur = relative_blur(pair.source, pair.target, pair.positions, rough, guess)
+        guess, zoom = pair.guessed_blur_px2, pair.positions.zoom
+        blur = pair.blur(rough, guess)
         smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
         valid = pair.valid(smoothing)
         seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
         terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions, pair.tone_slope)
-        fit, floor = fit_pair(seen, target, terms, valid, None, smoothing.target_px), None
         known = [
             noise.variance_dn2(image).astype(np.float32) if one is None and noise else one
             for one, image in zip(pair.known_variances(smoothing), (target, seen), strict=True)
         ]
+        gains = PairModel(gain=blur.gain, offset_dn=0.0).noise_gain(smoothing, zoom)
+        floor = None
         if any(one is not None for one in known):
             # The photographs' own scatter is not less than what their noise is known to be.
-            gains = white_noise_gain(fit.kernel.taps, smoothing, pair.positions.zoom)
             own, other = (np.float32(0) if one is None else one for one in known)
             floor = np.asarray(np.float32(gains.target) * own + np.float32(gains.source) * other)
-            fit = fit_pair(seen, target, terms, valid, floor, smoothing.target_px)
+        steps = pair.rounding_variance_dn2(gains, smoothing)
+        least = floor if steps is None else steps if floor is None else np.maximum(floor, steps)
+        # Its mean has no noise that goes with that of the difference.
+        noises = (gains.source * blur.noises_dn[0] ** 2, gains.target * blur.noises_dn[1] ** 2)
+        share = noises[0] / sum(noises) if sum(noises) > 0 else 0.5
+        fit = fit_pair(seen, target, terms, valid, least, smoothing.target_px, share)
         return cls(
             pair=pair,
             blur=blur,
@@ -256,18 +261,12 @@ class _Matched:
     @property
     def rounding_variance_dn2(self) -> Float32Array | None:
         """Variance by rounding to the files' levels, without which shadows have none at all."""
-        pair, gains = self.pair, self.gains
-        own, other = pair.target_steps_dn2, pair.source_steps_dn2
-        total = None if own is None else np.float32(gains.target) * own
-        if other is not None:
-            brought = np.float32(gains.source) * np.nan_to_num(pair.positions.seen(other))
-            total = brought if total is None else total + brought
-        return None if total is None else smoothed(total, self.smoothing.target_px)
+        return self.pair.rounding_variance_dn2(self.gains, self.smoothing)
 
     @property
     def gains(self) -> WhiteNoiseGain:
         """Of white noise in either photograph."""
-        return white_noise_gain(self.fit.kernel.taps, self.smoothing, self.pair.positions.zoom)
+        return self.fit.model.noise_gain(self.smoothing, self.pair.positions.zoom)
 
     @property
     def noise_factor(self) -> float:
@@ -333,10 +332,13 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     pair, smoothing, valid, fit = matched.pair, matched.smoothing, matched.valid, matched.fit
     seen, target = matched.seen, matched.target
     # In place where it can be: a large frame's images are most of what a comparison holds.
-    difference = fit.kernel.of(seen)
-    np.subtract(target, difference, out=difference)
+    difference = fit.model.difference(seen, target)
     sd, share = _scatter(matched, difference)
-    gain, offset = fit.kernel.light((seen.shape[0], seen.shape[1]))
+    compared, may_be_more, may_be_less = pair.compared(smoothing)
+    # What may be larger still is at least what is seen, and what is seen of the other sign is none.
+    np.maximum(difference, 0, out=difference, where=may_be_more)
+    np.minimum(difference, 0, out=difference, where=may_be_less)
+    gain, offset = fit.model.light((seen.shape[0], seen.shape[1]))
     mean_gain = float(gain[valid].mean())
     if not (mean_gain and isfinite(mean_gain)):
         raise AnalysisError(
@@ -344,7 +346,6 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
             "given, and that they show the same scene"
         )
     plain = smoothed(pair.seen(0.0), smoothing.target_px)
-    plain -= np.float32(fit.kernel.level_dn)
     plain *= gain
     np.subtract(target, plain, out=plain)
     plain -= offset
@@ -356,7 +357,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         scale = 1 / pair.tone_slope
     else:
         scale = None
-    left_out = ~valid
+    left_out = ~compared
     for image in (difference, plain):
         if scale is not None:
             image *= scale
@@ -368,7 +369,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         difference_dn=difference,
         plain_difference_dn=plain,
         sd_dn=sd,
-        valid=valid,
+        valid=compared,
         smoothing_px=smoothing.target_px,
         target_dn=target,
         matched_scale=1.0 if scale is None else scale,
@@ -376,6 +377,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         extra_blur_px2=focus.extra_px2,
         extra_blur_err_px2=focus.err_px2,
         gain=mean_gain if pair.is_on_followup else 1 / mean_gain,
+        gain_err=matched.blur.gain_err * (1 if pair.is_on_followup else 1 / mean_gain**2),
         noise_factor=matched.noise_factor,
         registration_err_px=sqrt(fit.sizes[GRADIENT]) / abs(mean_gain),
         width_err_px2=sqrt(fit.sizes[LAPLACIAN]) / abs(mean_gain),

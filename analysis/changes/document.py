@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Sequence
 from io import StringIO
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -84,8 +85,8 @@ class ChangeSummary(ResultsDocument):
     threshold_sd, false_alarms_px
         Standard deviations beyond which a pixel counts as changed, and how many of a frame do so
         by chance.
-    gain
-        Mean of the fitted gain of light.
+    gain, gain_err
+        Mean of the fitted gain of light, and its standard error; infinite in files of before.
     extra_blur_px2, extra_blur_err_px2
         Variance by which the follow-up is softer than the calibrated PSF predicts, or than the
         reference where there is none, in follow-up pixels, and its standard error, infinite without
@@ -128,6 +129,7 @@ class ChangeSummary(ResultsDocument):
     threshold_sd: float
     false_alarms_px: float
     gain: float
+    gain_err: InfiniteAsNull = inf
     extra_blur_px2: float
     extra_blur_err_px2: InfiniteAsNull
     noise_factor: float

@@ -22,6 +22,7 @@ from analysis.changes.document import ChangeSummary
 from analysis.changes.followup_grid import FollowupGrid
 from analysis.changes.matching import PixelPositions
 from analysis.changes.moved_changes import ToldApart, moved_apart
+from analysis.changes.one_view import nearest_shift, one_view
 from analysis.changes.options import ChangeOptions
 from analysis.changes.prediction import meet
 from analysis.changes.unusable import clipped_at_white
@@ -142,7 +143,7 @@ def find_changes(
     options = options or ChangeOptions()
     aligned = _aligned(reference, followup, psf, options)
     pose = aligned.pose
-    compared = compare(reference, followup, psf, pose, options)
+    compared = compare(*aligned.photographs, psf, pose, options)
     grid = FollowupGrid.of(compared, pose)
     detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
@@ -187,9 +188,13 @@ def find_changes(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Alignment:
-    """A pose, the error of its distortion if that was fitted, and what to check."""
+    """A pose, the photographs, the error of its distortion if that was fitted, and what to check.
+
+    Those of one view are as files that are coded alike have them.
+    """
 
     pose: DistortedPose
+    photographs: tuple[AnyArray, AnyArray]
     k1_err: float | None = None
     warnings: tuple[str, ...] = ()
 
@@ -198,13 +203,25 @@ def _aligned(
     reference: AnyArray, followup: AnyArray, psf: Psf | PsfField | None, options: ChangeOptions
 ) -> _Alignment:
     """The pose that is given, or found."""
-    found = None if options.pose is None else _Alignment(pose=options.pose)
+    given = reference, followup
+    found = None if options.pose is None else _Alignment(pose=options.pose, photographs=given)
+    if found is None and options.hints is None and np.shape(reference) == np.shape(followup):
+        alike = given if options.coded_alike is None else options.coded_alike()
+        view = one_view(*alike, options)
+        found = None if view is None else _Alignment(pose=view, photographs=alike)
     if found is None:
         hints = options.hints or RegistrationHints()
         if hints.left_out is None:
             hints = replace(hints, left_out=options.left_out)
         made = register(reference, followup, None if psf is None else psf.gaussian, hints)
-        found = _Alignment(pose=made.pose, k1_err=made.k1_err, warnings=made.warnings)
+        shift = nearest_shift(made.pose)
+        view = None if shift is None else one_view(*given, options, shift)
+        found = _Alignment(
+            pose=view or made.pose,
+            photographs=given,
+            k1_err=made.k1_err if view is None else None,
+            warnings=made.warnings,
+        )
     _refuse_horizon(found.pose)
     return found
 
@@ -282,6 +299,7 @@ class _Detected:
             false_alarms_px=options.false_alarms,
             false_discovery_rate=options.false_discovery_rate,
             gain=compared.gain,
+            gain_err=compared.gain_err,
             extra_blur_px2=compared.extra_blur_px2,
             extra_blur_err_px2=compared.extra_blur_err_px2,
             noise_factor=compared.noise_factor,

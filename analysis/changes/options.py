@@ -1,11 +1,12 @@
 """How two photographs are compared."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from analysis.choices import FALSE_ALARMS, SPOT_SIGMA_PX
 from calibration.registration import DistortedPose, RegistrationHints
-from simulation.arrays import BoolArray, Float32Array
+from simulation.arrays import AnyArray, BoolArray, Float32Array
 from simulation.capture_noise import CaptureNoise
 
 if TYPE_CHECKING:
@@ -46,6 +47,9 @@ class ChangeOptions:
     step_variance_dn2
         Variance of each pixel of the reference and the follow-up by the steps of their files, where
         those are known; otherwise they are looked for among the levels.
+    coded_alike
+        Gives reference and follow-up as they would be in files that are coded alike, for
+        photographs whose pixels lie upon each other.
     count_moved
         Whether what a shift explains is listed among the changes.
     """
@@ -62,4 +66,5 @@ class ChangeOptions:
     white_level_dn: tuple[float | None, float | None] = (None, None)
     variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
     step_variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
+    coded_alike: Callable[[], tuple[AnyArray, AnyArray]] | None = None
     count_moved: bool = False

@@ -1,5 +1,6 @@
 """Two photographs in the roles that their comparison gives them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -7,22 +8,30 @@ import numpy as np
 from analysis.changes.matching import (
     KERNEL_RADIUS_PX,
     PixelPositions,
+    RelativeBlur,
     Smoothing,
     ToneCurve,
+    WhiteNoiseGain,
     away_from,
+    relative_blur,
     rounding_variance,
     smoothed,
-    spline_coefficients,
 )
 from analysis.changes.options import ChangeOptions
-from analysis.changes.unusable import unusable
+from analysis.changes.unusable import clipped_at_black, clipped_at_white
 from calibration.registration import DistortedPose
 from simulation.arrays import AnyArray, BoolArray, Float32Array
 
 _COMMON_PSF_PX2 = 0.64
 """Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
 
+Ends = tuple[BoolArray, BoolArray]
+"""Pixels at black, and at white."""
+
 _BORDER_SD = 3.0
+_LEAST_SHARE, _LEAST_PIXELS = 0.2, 1000
+"""Of the pixels within the border, between the ends of the scale, for models to be fitted there."""
+
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
 
@@ -39,8 +48,10 @@ class PhotographPair:
         The nearer photograph and the other one.
     positions
         Where the target's pixels lie in the source.
-    source_usable, target_usable
+    source_finite, target_finite
         Pixels that count.
+    source_ends, target_ends
+        Those at black and those at white.
     tone_slope
         Slope of the tone curve that took the target to the source's levels, at its pixels; None
         if it is as it was.
@@ -56,8 +67,10 @@ class PhotographPair:
     source: Float32Array = field(repr=False)
     target: Float32Array = field(repr=False)
     positions: PixelPositions = field(repr=False)
-    source_usable: BoolArray = field(repr=False)
-    target_usable: BoolArray = field(repr=False)
+    source_finite: BoolArray = field(repr=False)
+    target_finite: BoolArray = field(repr=False)
+    source_ends: Ends = field(repr=False)
+    target_ends: Ends = field(repr=False)
     tone_slope: Float32Array | None = None
     tone_variance_dn2: Float32Array | None = None
     source_variance_dn2: Float32Array | None = field(default=None, repr=False)
@@ -71,13 +84,14 @@ class PhotographPair:
     ) -> "PhotographPair":
         """Give the photographs their roles: the coarser one is the target."""
         is_on_followup = pose.zoom >= 1
-        images, usable = [], []
+        images, usable, ends = [], [], []
         for image, white in zip((reference, followup), options.white_level_dn, strict=True):
             levels = np.asarray(image, dtype=np.float32)
             finite = np.isfinite(levels)
             levels = np.where(finite, levels, np.float32(0))
             images.append(levels)
-            usable.append(finite & ~unusable(levels, white))
+            usable.append(finite)
+            ends.append((clipped_at_black(levels), clipped_at_white(levels, white)))
         if options.left_out is not None:
             usable[1] &= ~options.left_out
         towards, variances = pose.to_reference_px, options.variance_dn2
@@ -87,6 +101,7 @@ class PhotographPair:
         ]
         if not is_on_followup:
             images, usable, towards = images[::-1], usable[::-1], pose.to_followup_px
+            ends = ends[::-1]
             variances, steps = variances[::-1], steps[::-1]
         shapes = [(image.shape[0], image.shape[1]) for image in images]
         return cls(
@@ -94,8 +109,10 @@ class PhotographPair:
             source=images[0],
             target=images[1],
             positions=PixelPositions.of(towards, shapes[1], shapes[0]),
-            source_usable=usable[0],
-            target_usable=usable[1],
+            source_finite=usable[0],
+            target_finite=usable[1],
+            source_ends=ends[0],
+            target_ends=ends[1],
             source_variance_dn2=variances[0],
             target_variance_dn2=variances[1],
             source_steps_dn2=steps[0],
@@ -106,6 +123,27 @@ class PhotographPair:
     def guessed_blur_px2(self) -> float:
         """How much blurrier the target is if one camera took both."""
         return _COMMON_PSF_PX2 * (1 - 1 / self.positions.zoom**2)
+
+    def blur(self, valid: BoolArray, expected_px2: float) -> RelativeBlur:
+        """Measure how much blurrier the target is, on the pixels ``valid``, from a first guess."""
+        steps = tuple(
+            0.0 if one is None else float(np.mean(one))
+            for one in (self.source_steps_dn2, self.target_steps_dn2)
+        )
+        return relative_blur(
+            self.source, self.target, self.positions, valid, expected_px2, (steps[0], steps[1])
+        )
+
+    def rounding_variance_dn2(
+        self, gains: WhiteNoiseGain, smoothing: Smoothing
+    ) -> Float32Array | None:
+        """Variance of the difference by the steps of the files; None where these are not known."""
+        own, other = self.target_steps_dn2, self.source_steps_dn2
+        total = None if own is None else np.float32(gains.target) * own
+        if other is not None:
+            brought = np.float32(gains.source) * np.nan_to_num(self.positions.seen(other))
+            total = brought if total is None else total + brought
+        return None if total is None else smoothed(total, smoothing.target_px)
 
     def with_tone(self, curve: ToneCurve) -> "PhotographPair":
         """Return the pair with the target in the source's levels; its variance is fitted then."""
@@ -122,13 +160,61 @@ class PhotographPair:
         )
 
     def valid(self, smoothing: Smoothing) -> BoolArray:
-        """Pixels of the target that neither a border nor anything unusable reaches."""
+        """Pixels of the target that models are fitted to.
+
+        Neither a border nor a pixel at an end of the scale reaches them, unless that leaves next to
+        nothing: of drawings and scans, the ends are the scene.
+        """
+        inside = self._inside(smoothing)
+        sound = self._away(inside, smoothing, [source | target for source, target in self._ends])
+        least = max(_LEAST_SHARE * np.count_nonzero(inside), _LEAST_PIXELS)
+        return sound if np.count_nonzero(sound) >= least else inside
+
+    def compared(self, smoothing: Smoothing) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """Pixels that are compared, and those whose difference may be larger, or smaller.
+
+        What is at white may be brighter, what is at black darker. Where both photographs are at
+        one end, nothing is known.
+        """
+        inside = self._inside(smoothing)
+        (source_black, target_black), (source_white, target_white) = self._ends
+        may_be_more, may_be_less = (
+            ~self._away(inside, smoothing, ends)
+            for ends in ((target_white | source_black,), (target_black | source_white,))
+        )
+        return inside & ~(may_be_more & may_be_less), may_be_more, may_be_less
+
+    @property
+    def _ends(self) -> tuple[tuple[BoolArray, BoolArray], tuple[BoolArray, BoolArray]]:
+        """Of source and target, the target's pixels at black; and those at white."""
+        brought = [
+            self.positions.inside(end, 0.0) if end.any() else np.zeros_like(self.target_finite)
+            for end in self.source_ends
+        ]
+        return (brought[0], self.target_ends[0]), (brought[1], self.target_ends[1])
+
+    def _away(
+        self, inside: BoolArray, smoothing: Smoothing, ends: Sequence[BoolArray]
+    ) -> BoolArray:
+        """Pixels that none at an end reaches, by the smoothing and by what lenses scatter.
+
+        Of one view, both photographs scatter alike.
+        """
+        reach_px = 0.0
+        if self.positions.whole_shift is None:
+            reach_px = _CLIPPED_PX + _CLIPPED_SD * max(smoothing.source_px, smoothing.target_px)
+        sound = inside.copy()
+        for end in ends:
+            sound &= away_from(end, reach_px)
+        return sound
+
+    def _inside(self, smoothing: Smoothing) -> BoolArray:
         zoom = self.positions.zoom
         source_px, target_px = smoothing.source_px, smoothing.target_px
         border_px = KERNEL_RADIUS_PX + _BORDER_SD * max(source_px, target_px)
-        sound = away_from(~self.source_usable, _CLIPPED_PX + _CLIPPED_SD * source_px * zoom)
+        sound = away_from(~self.source_finite, _CLIPPED_PX + _CLIPPED_SD * source_px * zoom)
         inside = self.positions.inside(sound, border_px * zoom)
-        inside &= away_from(~self.target_usable, _CLIPPED_PX + _CLIPPED_SD * target_px)
+        inside &= away_from(~self.target_finite, _CLIPPED_PX + _CLIPPED_SD * target_px)
         width = int(np.ceil(border_px))
         inside[:width] = inside[-width:] = False
         inside[:, :width] = inside[:, -width:] = False
@@ -145,12 +231,12 @@ class PhotographPair:
             target = smoothed(target, smoothing.target_px * 0.5**0.5)
         if source is not None:
             width_px = smoothing.source_px * self.positions.zoom * 0.5**0.5
-            seen = self.positions.seen(spline_coefficients(source, width_px))
+            seen = self.positions.seen(self.positions.coefficients(source, width_px))
             source = np.maximum(np.nan_to_num(seen, copy=False, nan=float(np.mean(source))), 0)
         return target, source
 
     def seen(self, smoothing_px: float) -> Float32Array:
         """The source on the target's pixels, smoothed; its mean where it shows nothing."""
         width_px = smoothing_px * self.positions.zoom
-        seen = self.positions.seen(spline_coefficients(self.source, width_px))
+        seen = self.positions.seen(self.positions.coefficients(self.source, width_px))
         return np.nan_to_num(seen, copy=False, nan=float(np.mean(self.source)))

@@ -3,7 +3,12 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import AbstractPathEffect, withStroke
+
+from analysis.screen import on_screen, white_level_dn
+from simulation.arrays import AnyArray
 
 if TYPE_CHECKING:
     from analysis.changes.filter import ChangeResult
@@ -13,16 +18,28 @@ _DRAWN_PX = 1500
 """Longest side of what is drawn: a panel has some 700 pixels."""
 
 
-def changes_figure(found: "ChangeResult") -> Figure:
-    """Show the follow-up with its changes outlined, both differences and the significance."""
-    rows, cols = found.followup_dn.shape
+def changes_figure(found: "ChangeResult", colours_dn: AnyArray | None = None) -> Figure:
+    """Show the follow-up with its changes outlined, both differences and the significance.
+
+    Parameters
+    ----------
+    found
+        What the comparison found.
+    colours_dn
+        The follow-up in colour, shape ``(rows, cols, 3)``, linear in light; None shows it in grey.
+    """
+    rows, cols = found.valid.shape
     figure = Figure(figsize=(9.0, 0.8 + 7.2 * rows / cols), layout="constrained")
     panels = figure.subplots(2, 2)
     step = -(-max(rows, cols) // _DRAWN_PX)
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
     threshold = found.summary.threshold_sd
     reach = max(float(np.percentile(np.abs(found.plain_difference_dn[found.valid]), 99.5)), 1e-6)
-    panels[0, 0].imshow(found.followup_dn[::step, ::step], cmap="gray", extent=extent)
+    _draw_followup(panels[0, 0], found, colours_dn, step, extent)
+    # On a photograph that has the colour of the marks, they would not be seen.
+    halo: list[AbstractPathEffect] = (
+        [] if colours_dn is None else [withStroke(linewidth=2.5, foreground="white")]
+    )
     if found.is_change.any():
         # Of blocks, lest a change of one pixel is stepped over.
         changed = np.maximum.reduceat(
@@ -30,7 +47,7 @@ def changes_figure(found: "ChangeResult") -> Figure:
             np.arange(0, cols, step),
             axis=1,
         )
-        panels[0, 0].contour(
+        outlines = panels[0, 0].contour(
             np.arange(changed.shape[1]) * step,
             np.arange(changed.shape[0]) * step,
             changed,
@@ -38,6 +55,7 @@ def changes_figure(found: "ChangeResult") -> Figure:
             colors="#D55E00",
             linewidths=1.0,
         )
+        outlines.set_path_effects(halo)
     for number, change in enumerate(found.summary.changes[:_NUMBERED], 1):
         panels[0, 0].annotate(
             str(number),
@@ -46,6 +64,7 @@ def changes_figure(found: "ChangeResult") -> Figure:
             textcoords="offset points",
             color="#D55E00",
             fontsize=8,
+            path_effects=halo,
         )
     count = len(found.summary.changes)
     changes = f"{count} change{'' if count == 1 else 's'}"
@@ -69,3 +88,18 @@ def changes_figure(found: "ChangeResult") -> Figure:
         axes.set(xticks=[], yticks=[])
         axes.grid(visible=False)
     return figure
+
+
+def _draw_followup(
+    axes: Axes,
+    found: "ChangeResult",
+    colours_dn: AnyArray | None,
+    step: int,
+    extent: tuple[float, float, float, float],
+) -> None:
+    if colours_dn is None:
+        axes.imshow(found.followup_dn[::step, ::step], cmap="gray", extent=extent)
+        return
+    drawn, valid = colours_dn[::step, ::step], found.valid[::step, ::step]
+    white_dn = white_level_dn(drawn[valid] if valid.any() else drawn)
+    axes.imshow(on_screen(drawn, white_dn), extent=extent)

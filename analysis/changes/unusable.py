@@ -29,10 +29,7 @@ _FULL_SCALES: Final = (1.0, *(2.0**bits - 1 for bits in (8, 10, 12, 14, 16)))
 
 
 def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
-    """Mark pixels that are clipped: at white, or on a plateau at black.
-
-    Of those at black, whose light is missing no more than noise where they are single, only the
-    ones amid others. The mask is to be dilated by the reach of what is computed from it.
+    """Mark pixels that are clipped, at either end.
 
     Parameters
     ----------
@@ -41,7 +38,16 @@ def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
     white_level_dn
         Level at which the photograph is clipped, if it is known; a plateau counts anyway.
     """
-    lost = clipped_at_white(image_dn, white_level_dn)
+    return clipped_at_white(image_dn, white_level_dn) | clipped_at_black(image_dn)
+
+
+def clipped_at_black(image_dn: FloatImage) -> BoolArray:
+    """Mark pixels on a plateau at the lowest level, or at 0.
+
+    Of those whose light is missing no more than noise where they are single, only the ones amid
+    others.
+    """
+    lost: BoolArray = np.zeros(image_dn.shape, dtype=np.bool_)
     if image_dn.min() == 0:
         lost |= _clusters(np.asarray(image_dn == 0))
     black = _plateau(-image_dn)

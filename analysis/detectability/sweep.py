@@ -77,12 +77,16 @@ class SceneImage:
         How its levels were read.
     notes
         What is worth saying of that, by kind.
+    colours
+        Makes the red, green and blue levels, shape ``(rows, cols, 3)``, linear in light; None of
+        a grey photograph, or where grey levels alone are measured.
     """
 
     grey_dn: FloatArray
     sha256: str
     encoding: str = "linear"
     notes: Mapping[str, str] = field(default_factory=dict)
+    colours: Callable[[], FloatArray] | None = None
 
 
 def tiles_per_side(images: int) -> int:

@@ -1,6 +1,10 @@
 from .built_in import structural_dissimilarity as structural_dissimilarity
 from .checked import CheckedDetector as CheckedDetector
-from .detector import Detector as Detector, DetectorAnswer as DetectorAnswer
+from .detector import (
+    Detector as Detector,
+    DetectorAnswer as DetectorAnswer,
+    takes_colour as takes_colour,
+)
 from .followup_view import (
     FollowupView as FollowupView,
     followup_view as followup_view,

@@ -1,6 +1,6 @@
 """Detectors that come with the project: the ones that everybody tries first, and our own.
 
-Each is a pure function with the arguments of a `Detector` and gives a map. All but ``changes`` see
+Each has the arguments of a `Detector`, is pure and gives a map. All but ``changes`` see
 the reference on the follow-up's pixels by a cubic spline; where it shows nothing the map is 0.
 """
 
@@ -13,7 +13,7 @@ from skimage.metrics import structural_similarity
 
 from analysis.changes import ChangeOptions, find_changes
 from analysis.detectors.detector import Detector
-from analysis.detectors.followup_view import followup_view, in_light_of
+from analysis.detectors.followup_view import FollowupView, followup_view, in_light_of
 from analysis.detectors.ir_mad import ir_mad_statistic
 from analysis.errors import AnalysisError
 from calibration.registration import DistortedPose
@@ -48,8 +48,27 @@ def absolute_difference(
     smoothed by a Gaussian of 1 px before its sign is dropped.
     """
     seen = followup_view(reference, _shape(followup), homography)
-    brought = in_light_of(followup, seen.levels, seen.inside)
-    return _map(np.abs(gaussian_filter(followup - brought, SMOOTHING_PX)), seen.inside)
+    return _map(_difference(followup, seen), seen.inside)
+
+
+class ColourDifference:
+    """The largest of the absolute differences of red, green and blue.
+
+    Each as of `absolute_difference`, with a gain and an offset of its own.
+    """
+
+    colour: Final = True
+
+    def __call__(
+        self, reference: Float32Array, followup: Float32Array, homography: FloatArray
+    ) -> Float32Array:
+        """See `Detector`."""
+        seen = [
+            followup_view(reference[:, :, channel], _shape(followup), homography)
+            for channel in range(3)
+        ]
+        found = [_difference(followup[:, :, channel], one) for channel, one in enumerate(seen)]
+        return _map(np.max(found, axis=0), seen[0].inside)
 
 
 def ncc(reference: Float32Array, followup: Float32Array, homography: FloatArray) -> Float32Array:
@@ -151,12 +170,19 @@ def changes(
 FUNCTIONS: Final = MappingProxyType[str, Detector](
     {
         "absolute-difference": absolute_difference,
+        "colour-difference": ColourDifference(),
         "ncc": ncc,
         "ssim": ssim,
         "ir-mad": ir_mad,
         "changes": changes,
     }
 )
+
+
+def _difference(followup: Float32Array, seen: FollowupView) -> FloatArray:
+    """Absolute difference of one plane, in the follow-up's light."""
+    brought = in_light_of(followup, seen.levels, seen.inside)
+    return np.abs(gaussian_filter(followup - brought, SMOOTHING_PX))
 
 
 def _shape(image: AnyArray) -> tuple[int, int]:

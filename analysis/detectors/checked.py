@@ -6,14 +6,20 @@ import numpy as np
 
 from analysis.detectors.answers import exception_line, plain_answer
 from analysis.detectors.child_host import unlike_the_followup
-from analysis.detectors.detector import Detector, DetectorAnswer
+from analysis.detectors.detector import Detector, DetectorAnswer, takes_colour
 from analysis.detectors.followup_view import sees_reference
 from analysis.errors import DetectorError, OverlapError
+from calibration.psf import luma_plane
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 
 
 class DetectorHost(Protocol):
     """Where a detector runs. What it raises lacks the detector's name."""
+
+    @property
+    def takes_colour(self) -> bool:
+        """Whether it is given colours; known once it has started."""
+        ...
 
     def start(self) -> None:
         """Make ready for the first pair."""
@@ -45,6 +51,11 @@ class InProcess:
 
     def __init__(self, function: Detector) -> None:
         self._function = function
+
+    @property
+    def takes_colour(self) -> bool:
+        """Whether the detector says so."""
+        return takes_colour(self._function)
 
     def start(self) -> None:
         """Do nothing."""
@@ -91,6 +102,11 @@ class CheckedDetector:
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.name}>"
 
+    @property
+    def takes_colour(self) -> bool:
+        """Whether the detector is given colours; known once it has started."""
+        return self._host.takes_colour
+
     def start(self) -> None:
         """Load the detector, so that one that is not there is found before the first pair.
 
@@ -112,7 +128,8 @@ class CheckedDetector:
         Parameters
         ----------
         reference, followup
-            Finite, shape ``(rows, cols)`` each, linear in light. The detector gets copies.
+            Finite, shape ``(rows, cols)`` or ``(rows, cols, 3)`` each, linear in light. The
+            detector gets copies: colours if it takes them, or else grey levels.
         homography
             Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres.
 
@@ -126,7 +143,7 @@ class CheckedDetector:
             If a photograph or the homography is none.
         """
         before, after = (
-            _photograph(image, name)
+            self._given(_photograph(image, name))
             for image, name in ((reference, "reference"), (followup, "followup"))
         )
         matrix = np.array(homography, dtype=np.float64)
@@ -146,14 +163,25 @@ class CheckedDetector:
         except DetectorError as error:
             raise self._named(error) from error
 
+    def _given(self, levels: Float32Array) -> Float32Array:
+        """A photograph as the detector takes it."""
+        if self.takes_colour == (levels.ndim == 3):
+            return levels
+        if self.takes_colour:
+            return np.repeat(levels[:, :, np.newaxis], 3, axis=2)
+        return luma_plane(levels).astype(np.float32)
+
     def _named(self, error: DetectorError) -> DetectorError:
         return DetectorError(f"detector {self.name}: {error}", reason=error.reason)
 
 
 def _photograph(image: AnyArray, name: str) -> Float32Array:
     levels = np.array(image, dtype=np.float32, order="C")
-    if levels.ndim != 2 or not levels.size:
-        raise ValueError(f"{name}: expected an array of rows and columns, got shape {levels.shape}")
+    if levels.ndim not in (2, 3) or levels.shape[2:] not in ((), (3,)) or not levels.size:
+        raise ValueError(
+            f"{name}: expected an array of rows and columns, or of those and three colours, got "
+            f"shape {levels.shape}"
+        )
     if not np.isfinite(levels).all():
         raise ValueError(f"{name}: expected finite levels")
     return levels

@@ -40,6 +40,12 @@ class ChildHost:
         self._spec = spec
         self._timeout_s = timeout_s
         self._child: _Child | None = None
+        self._takes_colour = False
+
+    @property
+    def takes_colour(self) -> bool:
+        """Whether the detector said so when it was loaded."""
+        return self._takes_colour
 
     def start(self) -> None:
         """Start the process and load the detector, if it is not there.
@@ -58,7 +64,9 @@ class ChildHost:
             "kind": self._spec.kind,
             "target": self._spec.text,
         }
-        self._exchange([json.dumps(told).encode()], None, STARTS_WITHIN_S)
+        self._takes_colour = bool(
+            self._exchange([json.dumps(told).encode()], None, STARTS_WITHIN_S)
+        )
 
     def answer(
         self, reference: Float32Array, followup: Float32Array, homography: FloatArray
@@ -77,7 +85,7 @@ class ChildHost:
             "homography": homography.tolist(),
         }
         parts = [json.dumps(header).encode(), _bytes_of(reference), _bytes_of(followup)]
-        return self._exchange(parts, followup.shape, self._timeout_s)
+        return self._exchange(parts, followup.shape[:2], self._timeout_s)
 
     def renew(self) -> None:
         """End the process; the next call finds a new one."""
@@ -149,14 +157,14 @@ class _Child:
             os.close(write_answer)
 
     def asked(self, parts: list[Any], shape: tuple[int, ...] | None) -> float | Float32Array:
-        """Send a request and return the answer; 0 for "ready"."""
+        """Send a request and return the answer; of one that is loaded whether it takes colours."""
         for part in parts:
             self._requests.send_bytes(part)
         header = json.loads(self._answers.recv_bytes())
         if "fault" in header:
             raise DetectorError(header["line"], reason=header["fault"])
         if "map" not in header:
-            return float(header.get("score", 0))
+            return float(header.get("score", header.get("colour", False)))
         found = tuple(header["map"])
         if found != shape:
             raise DetectorError(unlike_the_followup(found, shape or ()), reason="shape")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from analysis.detectors.answers import exception_line, plain_answer
-from analysis.detectors.detector import Detector
+from analysis.detectors.detector import Detector, takes_colour
 from analysis.errors import DetectorError, DetectorFault
 from simulation.arrays import Float32Array, FloatArray
 
@@ -17,8 +17,9 @@ from simulation.arrays import Float32Array, FloatArray
 def serve(requests: Connection, answers: Connection, told: dict[str, Any]) -> None:
     """Load the detector that the parent told, say so, and answer until the pipe is closed.
 
-    A request is its header as JSON, then the bytes of both photographs. An answer is a header with
-    ``score``, with ``map`` (the shape; its bytes follow) or with ``fault`` and ``line``.
+    It says so with ``colour``, whether the detector takes colours. A request is its header as JSON,
+    then the bytes of both photographs. An answer is a header with ``score``, with ``map`` (the
+    shape; its bytes follow) or with ``fault`` and ``line``.
     """
     loaders: dict[str, Callable[[str], Detector]] = {
         "function": _imported,
@@ -27,11 +28,12 @@ def serve(requests: Connection, answers: Connection, told: dict[str, Any]) -> No
     }
     try:
         detector = loaders[told["kind"]](told["target"])
+        is_colour = takes_colour(detector)
     except DetectorError as error:
         return _say_fault(answers, error.reason, str(error))
     except BaseException as error:  # noqa: BLE001 - whatever the user's module raises, also exits
         return _say_fault(answers, "missing", f"it cannot be loaded: {exception_line(error)}")
-    _say(answers, {"ready": True})
+    _say(answers, {"colour": is_colour})
     while True:
         try:
             asked = json.loads(requests.recv_bytes())

@@ -40,6 +40,11 @@ class CommandHost:
         self._folder = spec.folder
         self._timeout_s = timeout_s
 
+    @property
+    def takes_colour(self) -> bool:
+        """False: nothing says it of a command."""
+        return False
+
     def start(self) -> None:
         """Do nothing: each pair has its own process."""
 

@@ -15,10 +15,17 @@ from uuid import uuid4
 import cloudpickle
 
 from acquisition.printable import on_one_line
-from analysis.detectors.detector import Detector
+from analysis.detectors.detector import Detector, takes_colour
 from analysis.errors import DetectorError
 
-BUILT_IN_DETECTORS: Final = ("absolute-difference", "ncc", "ssim", "ir-mad", "changes")
+BUILT_IN_DETECTORS: Final = (
+    "absolute-difference",
+    "colour-difference",
+    "ncc",
+    "ssim",
+    "ir-mad",
+    "changes",
+)
 """Names of the detectors that come with the project."""
 
 PLACEHOLDERS: Final = ("{reference}", "{followup}", "{homography}", "{out}")
@@ -119,6 +126,8 @@ class DetectorSpec:
             digest.update(cloudpickle.dumps(function))
         except Exception:  # noqa: BLE001 - objects refuse to be pickled with any error
             digest.update(uuid4().bytes)
+        if takes_colour(function):
+            digest.update(b"colour")  # what is pickled by its name may lack its attributes
         with suppress(TypeError, OSError):
             plain = function if inspect.isroutine(function) else type(function)
             digest.update(Path(inspect.getsourcefile(plain) or "").read_bytes())

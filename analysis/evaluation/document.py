@@ -134,13 +134,15 @@ class Evaluation(ResultsDocument):
     """A detector's curves: the document of evaluation.json.
 
     ``photographs`` gave pairs; ``crops`` is the number of pairs of each kind that were cut from
-    each, for each point. ``failed`` are the first pairs without a score, of ``failed_pairs``.
+    each, for each point, in colour from ``colour_photographs`` of them. ``failed`` are the first
+    pairs without a score, of ``failed_pairs``.
     """
 
     schema_name: Literal["standoff.evaluation/1"] = Field(default=EVALUATION_SCHEMA, alias="schema")
     note: str = _NOTE
     detector: str
     photographs: int
+    colour_photographs: int = 0
     crops: int
     crop_px: int
     reference_zoom: float

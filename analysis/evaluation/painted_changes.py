@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.detectability import GaussianSignal
+from calibration.psf import luma_plane
 from simulation.arrays import FloatArray
 
 _LEAST_ALPHA = 0.05
@@ -41,13 +42,16 @@ class PaintedChange(Protocol):
     def painted(
         self, scene_dn: FloatArray, centre_px: tuple[float, float], contrast_dn: float
     ) -> FloatArray:
-        """Return the scene with the change, its centre at ``(x, y)``; the scene stays as it is."""
+        """Return the scene with the change, its centre at ``(x, y)``; the scene stays as it is.
+
+        The scene has shape ``(rows, cols)`` or, in colour, ``(rows, cols, 3)``.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spot(GaussianSignal):
-    """A Gaussian spot that adds ``contrast_dn exp(-r^2 / (2 sigma^2))``.
+    """A Gaussian spot that adds ``contrast_dn exp(-r^2 / (2 sigma^2))``, to each channel alike.
 
     Raises
     ------
@@ -78,7 +82,8 @@ class Spot(GaussianSignal):
             np.exp(-0.5 * ((np.arange(size) - at) / self.sigma_px) ** 2)
             for size, at in zip(scene_dn.shape[1::-1], centre_px, strict=True)
         )
-        return np.asarray(scene_dn + contrast_dn * np.outer(down, across))
+        spot = contrast_dn * np.outer(down, across)
+        return np.asarray(scene_dn + (spot if scene_dn.ndim == 2 else spot[:, :, np.newaxis]))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -86,12 +91,15 @@ class Patch:
     """A picture that covers the scene as far as its alpha says, at any subpixel place.
 
     Where alpha is 1 the scene takes the patch's levels; ``contrast_dn`` scales what it changes, 1
-    being the patch as it is.
+    being the patch as it is. A grey scene takes the luma of a patch in colour, and all channels of
+    a scene in colour take the levels of a grey patch.
 
     Parameters
     ----------
-    levels_dn, alpha
-        Shape ``(rows, cols)`` each, levels linear in light, alpha from 0 to 1.
+    levels_dn
+        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` in colour, linear in light.
+    alpha
+        Shape ``(rows, cols)``, from 0 to 1.
     name
         What to call it.
 
@@ -107,7 +115,7 @@ class Patch:
 
     def __post_init__(self) -> None:
         levels, alpha = self.levels_dn, self.alpha
-        if levels.ndim != 2 or levels.shape != alpha.shape:
+        if alpha.ndim != 2 or levels.shape not in (alpha.shape, (*alpha.shape, 3)):
             raise ValueError("a patch needs levels and an alpha of one shape (rows, cols)")
         if not (np.all(np.isfinite(levels)) and np.all((alpha >= 0) & (alpha <= 1))):
             raise ValueError("a patch needs finite levels and an alpha from 0 to 1")
@@ -141,9 +149,10 @@ class Patch:
         shift = np.array([[1.0, 0.0, left - x], [0.0, 1.0, top - y]])
         size = cols + 2, rows + 2
         # Levels weighted with alpha: what is transparent has no levels.
+        covering = self.alpha if scene_dn.ndim == 2 else np.repeat(self.alpha[..., None], 3, 2)
         alpha, weighted = (
             np.asarray(cv2.warpAffine(plane, shift, size, flags=cv2.INTER_LINEAR), np.float64)
-            for plane in (self.alpha, self.alpha * self.levels_dn)
+            for plane in (covering, covering * self._levels_for(scene_dn))
         )
         out = np.array(scene_dn, dtype=np.float64)
         y0, y1 = max(y, 0), min(y + size[1], out.shape[0])
@@ -155,6 +164,12 @@ class Patch:
         out[y0:y1, x0:x1] = under + contrast_dn * (weighted[part] - alpha[part] * under)
         return out
 
+    def _levels_for(self, scene_dn: FloatArray) -> FloatArray:
+        """The levels as the scene has them, grey or for each channel."""
+        if scene_dn.ndim == 2:
+            return self.levels_dn if self.levels_dn.ndim == 2 else luma_plane(self.levels_dn)
+        return np.atleast_3d(self.levels_dn)
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LaterScene:
@@ -163,9 +178,10 @@ class LaterScene:
     Parameters
     ----------
     after_dn
-        Shape ``(rows, cols)``, levels as in the photograph before.
+        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` in colour; levels as in the photograph
+        before.
     mask
-        Where it changed; the same shape.
+        Where it changed, shape ``(rows, cols)``.
 
     Raises
     ------
@@ -177,15 +193,22 @@ class LaterScene:
     mask: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        if self.after_dn.ndim != 2 or self.after_dn.shape != self.mask.shape:
+        if self.after_dn.shape not in (self.mask.shape, (*self.mask.shape, 3)):
             raise ValueError(
                 f"the mask has {_size(self.mask.shape)}, the later photograph "
-                f"{_size(self.after_dn.shape)}"
+                f"{_size(self.after_dn.shape[:2])}"
             )
         if not np.all(np.isfinite(self.after_dn)):
             raise ValueError("the later photograph has levels that are not finite")
         if not self.mask.any():
             raise ValueError("the mask of the later photograph is empty: nothing changed")
+
+    @property
+    def in_grey(self) -> "LaterScene":
+        """The same without its colours."""
+        if self.after_dn.ndim == 2:
+            return self
+        return LaterScene(after_dn=luma_plane(self.after_dn), mask=self.mask)
 
     @property
     def middle_px(self) -> tuple[float, float]:

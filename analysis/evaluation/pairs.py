@@ -27,7 +27,7 @@ class ChangePair:
     Parameters
     ----------
     reference, followup
-        Levels in DN, linear in light.
+        Levels in DN, linear in light, shape ``(rows, cols)`` or, in colour, ``(rows, cols, 3)``.
     homography
         From follow-up to reference pixels, shape (3, 3).
     place
@@ -61,14 +61,15 @@ class PairMaker:
 
     Parameters
     ----------
-    grey_dn
-        The photograph, shape ``(rows, cols)``, linear in light.
+    levels_dn
+        The photograph, linear in light: shape ``(rows, cols)``, or ``(rows, cols, 3)`` for pairs in
+        colour, each channel of which has noise of its own.
     digest
         Hash of its content, in hexadecimal digits.
     task, psf
         What pairs are asked for, and the camera's total PSF.
     later
-        The scene as it was later, instead of the task's change.
+        The scene as it was later, instead of the task's change; in colour as the photograph is.
 
     Raises
     ------
@@ -77,22 +78,22 @@ class PairMaker:
         into a crop.
     """
 
-    grey_dn: FloatArray
+    levels_dn: FloatArray
     digest: str
     task: EvaluationTask
     psf: Psf | None
     later: LaterScene | None = None
 
     def __post_init__(self) -> None:
-        side, least = min(self.grey_dn.shape), self._side_px
+        side, least = min(self.levels_dn.shape[:2]), self._side_px
         if side < least:
             raise RefusedPhotographError(
-                f"it has {self.grey_dn.shape[1]} x {self.grey_dn.shape[0]} px; pairs of "
+                f"it has {self.levels_dn.shape[1]} x {self.levels_dn.shape[0]} px; pairs of "
                 f"{self.task.crop_px} px at zoom {self.task.zooms[-1]:g} need {least} px a side"
             )
         if self.later is None:
             return
-        if self.later.after_dn.shape != self.grey_dn.shape:
+        if self.later.after_dn.shape != self.levels_dn.shape:
             raise RefusedPhotographError("the photograph of later has another size")
         if 2 * self.later.radius_px > self.task.reference_zoom * self.task.crop_px:
             raise RefusedPhotographError(
@@ -123,6 +124,11 @@ class PairMaker:
             )
 
     @property
+    def is_colour(self) -> bool:
+        """Whether the pairs are in colour."""
+        return self.levels_dn.ndim == 3
+
+    @property
     def _side_px(self) -> int:
         gaussian = None if self.psf is None else self.psf.gaussian
         sigma = 0.0 if gaussian is None else max(gaussian.sigma_x_px, gaussian.sigma_y_px)
@@ -147,8 +153,8 @@ class PairMaker:
         rng, side = self._rng(crop, 0, 0), self._side_px
         if self.later is not None:
             return self._later_scenes(self.later, rng, contrast_dn)
-        top, left = (int(rng.integers(0, size - side + 1)) for size in self.grey_dn.shape)
-        part = np.asarray(self.grey_dn[top : top + side, left : left + side], np.float64)
+        top, left = (int(rng.integers(0, size - side + 1)) for size in self.levels_dn.shape[:2])
+        part = np.asarray(self.levels_dn[top : top + side, left : left + side], np.float64)
         reach = self.task.reference_zoom * self.task.crop_px / 2
         free = max(min((1 - 2 * _AWAY) * reach, reach - self.task.change.reach_px), 0.0)
         # Seen at a tilt, the corners of a crop are lost.
@@ -162,13 +168,14 @@ class PairMaker:
         side, (x, y) = self._side_px, later.middle_px
         free = max(self.task.reference_zoom * self.task.crop_px / 2 - later.radius_px, 0.0)
         corner = []
-        for middle, size in ((y, self.grey_dn.shape[0]), (x, self.grey_dn.shape[1])):
+        for middle, size in ((y, self.levels_dn.shape[0]), (x, self.levels_dn.shape[1])):
             wanted = middle - (side - 1) / 2 + rng.uniform(-free, free)
             corner.append(min(max(round(wanted), 0), size - side))
         top, left = corner
         window = np.s_[top : top + side, left : left + side]
-        part = np.asarray(self.grey_dn[window], np.float64)
-        added = np.where(later.mask[window], later.after_dn[window] - part, 0.0)
+        part = np.asarray(self.levels_dn[window], np.float64)
+        mask = later.mask[window] if part.ndim == 2 else later.mask[window][:, :, np.newaxis]
+        added = np.where(mask, later.after_dn[window] - part, 0.0)
         return part, part + contrast * added, (x - left, y - top)
 
     def _grid(self, zoom: float, side_px: int) -> SamplingGrid:
@@ -225,12 +232,16 @@ class PairMaker:
 def refocused(image: FloatArray, added_px2: float) -> FloatArray:
     """Return an image whose PSF has this much more variance, or less, as another focus gives it.
 
+    The image is grey or in colour.
+
     The spectrum is multiplied by ``exp(-2 pi^2 v f^2)``, mirrored at the borders.
     """
-    spectrum = dctn(image, norm="ortho")
-    fy, fx = (np.arange(size) / (2 * size) for size in image.shape)
+    spectrum = dctn(image, axes=(0, 1), norm="ortho")
+    fy, fx = (np.arange(size) / (2 * size) for size in image.shape[:2])
     gain = np.exp(-2 * np.pi**2 * added_px2 * (fy[:, None] ** 2 + fx**2))
-    return np.asarray(idctn(gain * spectrum, norm="ortho"), np.float64)
+    if image.ndim == 3:
+        gain = gain[:, :, np.newaxis]
+    return np.asarray(idctn(gain * spectrum, axes=(0, 1), norm="ortho"), np.float64)
 
 
 @lru_cache(maxsize=256)

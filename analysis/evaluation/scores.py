@@ -48,6 +48,8 @@ class PhotographScores:
         x, y and radius of the change in the follow-up, shape (crops, conditions, 3).
     failed
         Pairs without a score.
+    is_colour
+        Whether the pairs are in colour.
     """
 
     path: str
@@ -58,6 +60,7 @@ class PhotographScores:
     marks: NDArray[np.float32]
     places: NDArray[np.float32]
     failed: list[FailedPair] = field(default_factory=list)
+    is_colour: bool = False
 
     @classmethod
     def empty(cls, path: str, sha256: str, encoding: str, shape: tuple[int, int]) -> Self:
@@ -101,6 +104,7 @@ def scores_bytes(key: str, photographs: Sequence[PhotographScores], about: objec
         {
             **{name: getattr(one, name) for name in ("path", "sha256", "encoding")},
             "failed": [failed.model_dump() for failed in one.failed],
+            "is_colour": one.is_colour,
         }
         for one in photographs
     ]
@@ -131,6 +135,7 @@ def read_scores(path: Path, key: str) -> tuple[list[PhotographScores], object] |
                     **{name: told[name] for name in ("path", "sha256", "encoding")},
                     **{name: stored[f"{name}{number}"] for name in _ARRAYS},
                     failed=[FailedPair.model_validate(one) for one in told["failed"]],
+                    is_colour=told.get("is_colour", False),  # earlier files lack it
                 )
                 for number, told in enumerate(head["photographs"])
             ]

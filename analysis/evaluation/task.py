@@ -49,7 +49,7 @@ class EvaluationTask:
         Tilts of the follow-up about the middle of a crop; other than 0 they need
         ``focal_length_px`` and one of ``simulation.choices.POSE_MODELS``.
     noises_dn
-        Standard deviations of white noise, added to both photographs.
+        Standard deviations of white noise, added to each channel of both photographs.
     contrasts_dn
         Peaks of a spot in DN; of a patch, how much of what it changes.
     change
@@ -69,7 +69,7 @@ class EvaluationTask:
     focus_scatter_px2
         Standard deviation of what the focus of either photograph adds to the PSF's variance.
     light_scatter
-        Standard deviation of the follow-up's exposure, relative.
+        Standard deviation of the follow-up's exposure, relative, the same for all channels.
     seed
         Of all that is random.
 
@@ -161,7 +161,8 @@ class EvaluationTask:
         """Text that differs where pairs or scores would."""
         change: object = [self.change.name, self.change.sigma_px]
         if isinstance(self.change, Patch):
-            planes = np.stack([self.change.levels_dn, self.change.alpha]).astype("<f8")
+            layers = np.atleast_3d(self.change.levels_dn), np.atleast_3d(self.change.alpha)
+            planes = np.concatenate(layers, axis=2).transpose(2, 0, 1).astype("<f8")
             change = sha256(planes.tobytes()).hexdigest()
         stated = {
             name: getattr(self, name) for name in self.__slots__ if name not in {"change", "crops"}

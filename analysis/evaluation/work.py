@@ -97,9 +97,10 @@ class EvaluationWork(ShardWork):
         for number, item in enumerate(shard.items):
             try:
                 scene = self.load(item.path)
-                kept = self._kept(shard, number, item.path, scene)
+                maker = self._maker(scene, item.path)
+                kept = self._kept(shard, number, item.path, scene, is_colour=maker.is_colour)
                 found_done += bool(kept.is_done.all())
-                self._complete(kept, scene, item.path, partial(self._save, shard, number))
+                self._complete(kept, maker, partial(self._save, shard, number))
                 photographs.append(kept)
             except (RefusedPhotographError, ValueError) as error:
                 given.append((refusal_line(item.path, str(error)), {}))
@@ -158,8 +159,25 @@ class EvaluationWork(ShardWork):
     def _save(self, shard: Shard, photograph: int, kept: PhotographScores) -> None:
         commit_file(self._file(shard, photograph), scores_bytes(self._key(shard), [kept], ""))
 
+    def _maker(self, scene: SceneImage, path: Path) -> PairMaker:
+        """Makes the pairs of a photograph: in colour if it is, and the detector takes colours."""
+        later = None if self.later is None else self.later(path)
+        levels_dn = scene.grey_dn
+        colours = scene.colours if later is None or later.after_dn.ndim == 3 else None
+        if colours is not None and self._own_detector.detector.takes_colour:
+            levels_dn = colours()
+        if later is not None and levels_dn.ndim == 2:
+            later = later.in_grey
+        return PairMaker(
+            levels_dn=levels_dn, digest=scene.sha256, task=self.task, psf=self.psf, later=later
+        )
+
+    @property
+    def _own_detector(self) -> "_Opened":
+        return _opened(self.detector, self.timeout_s)
+
     def _kept(
-        self, shard: Shard, photograph: int, path: Path, scene: SceneImage
+        self, shard: Shard, photograph: int, path: Path, scene: SceneImage, *, is_colour: bool
     ) -> PhotographScores:
         """Scores that an earlier run gave, however it was cut; failed pairs are tried again."""
         names = (file.name.partition(".")[0] for file in self.folder.glob(f"*{self._suffix}"))
@@ -172,24 +190,17 @@ class EvaluationWork(ShardWork):
                     np.logical_and(one.is_done, np.isfinite(one.scores).all(-1), out=one.is_done)
                     return one
         shape = self.task.crops, len(self.task.conditions)
-        return PhotographScores.empty(on_one_line(path), scene.sha256, scene.encoding, shape)
+        empty = PhotographScores.empty(on_one_line(path), scene.sha256, scene.encoding, shape)
+        return replace(empty, is_colour=is_colour)
 
     def _complete(
         self,
         kept: PhotographScores,
-        scene: SceneImage,
-        path: Path,
+        maker: PairMaker,
         save: Callable[[PhotographScores], None],
     ) -> None:
         """Score the pairs that no earlier run has scored."""
-        maker = PairMaker(
-            grey_dn=scene.grey_dn,
-            digest=scene.sha256,
-            task=self.task,
-            psf=self.psf,
-            later=None if self.later is None else self.later(path),
-        )
-        judge = _Judge(work=self, opened=_opened(self.detector, self.timeout_s), kept=kept)
+        judge = _Judge(work=self, opened=self._own_detector, kept=kept)
         saved_s = monotonic()
         try:
             for crop, number in zip(*np.nonzero(~kept.is_done), strict=True):

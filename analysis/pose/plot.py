@@ -1,12 +1,15 @@
 """Figures of a pose's quality and of the allowed movement."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from matplotlib.patheffects import withStroke
 
 from analysis.detectability import draw_curve
+from analysis.screen import on_screen, white_level_dn
+from calibration.psf import luma_plane
+from simulation.arrays import AnyArray
 
 if TYPE_CHECKING:
     from analysis.pose.limits import PoseLimits
@@ -14,28 +17,52 @@ if TYPE_CHECKING:
 
 
 _BLUE, _RED = "#0072B2", "#D55E00"
+_DRAWN_PX = 1500
+"""Longest side of a photograph in colour: a panel has some 700 pixels."""
 
 
-def pose_figure(followup: NDArray[np.floating[Any]], quality: "PoseQuality") -> Figure:
-    """Show d' over the follow-up, with the border of what is below the threshold."""
+def pose_figure(followup: AnyArray, quality: "PoseQuality") -> Figure:
+    """Show d' over the follow-up, with the border of what is below the threshold.
+
+    The map lies on grey levels: on colours, its own would be others. A follow-up in colour is shown
+    beside it with the same border.
+
+    Parameters
+    ----------
+    followup
+        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` in colour, linear in light.
+    quality
+        Of its pose.
+    """
     rows, cols = followup.shape[:2]
-    figure = Figure(figsize=(6.0, 1.0 + 4.6 * rows / cols), layout="constrained")
-    axes = figure.subplots()
-    axes.imshow(followup, cmap="gray")
+    panels = 2 if followup.ndim == 3 else 1
+    width_in = (6.0, 10.8)[panels - 1]
+    figure = Figure(figsize=(width_in, 1.0 + 4.6 * rows / cols), layout="constrained")
+    *beside, axes = figure.subplots(1, panels, squeeze=False)[0]
+    axes.imshow(luma_plane(followup) if beside else followup, cmap="gray")
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
     top = max(float(np.nanmax(quality.d_prime)), quality.min_d_prime)
     shown = axes.imshow(
         quality.d_prime, extent=extent, cmap="viridis", vmin=0, vmax=top, alpha=0.55
     )
+    for coloured in beside:
+        step = -(-max(rows, cols) // _DRAWN_PX)
+        drawn = followup[::step, ::step]
+        coloured.imshow(on_screen(drawn, white_level_dn(drawn)), extent=extent)
+        coloured.set(title="follow-up", xlabel="follow-up x / px", ylabel="follow-up y / px")
+        coloured.grid(visible=False)
     low, high = np.nanmin(quality.d_prime), np.nanmax(quality.d_prime)
     if low < quality.min_d_prime <= high:
-        axes.contour(
-            np.linspace(0, cols - 1, quality.d_prime.shape[1]),
-            np.linspace(0, rows - 1, quality.d_prime.shape[0]),
-            quality.d_prime,
-            levels=[quality.min_d_prime],
-            colors=_RED,
-        )
+        for panel in (*beside, axes):
+            border = panel.contour(
+                np.linspace(0, cols - 1, quality.d_prime.shape[1]),
+                np.linspace(0, rows - 1, quality.d_prime.shape[0]),
+                quality.d_prime,
+                levels=[quality.min_d_prime],
+                colors=_RED,
+            )
+            if panel is not axes:
+                border.set_path_effects([withStroke(linewidth=3, foreground="white")])
     figure.colorbar(shown, ax=axes, label="local d′ (upper bound)", shrink=0.85)
     verdict = "accepted" if quality.is_accepted else "rejected"
     axes.set(

@@ -10,6 +10,7 @@ from .calibrations import (
     render_history_report as render_history_report,
 )
 from .changes import (
+    ColourPair as ColourPair,
     changes_section as changes_section,
     compared_pictures as compared_pictures,
     count_text as count_text,

@@ -49,6 +49,11 @@ def render_evaluation_report(evaluation: Evaluation) -> str:
             ),
             provenance=(
                 ("change", evaluation.change),
+                *(
+                    [("pairs in colour", f"of {evaluation.colour_photographs} photographs")]
+                    if evaluation.colour_photographs
+                    else []
+                ),
                 ("capture model", first.model),
                 ("crop", f"{evaluation.crop_px} px"),
                 ("focus scatter", f"{evaluation.focus_scatter_px2:g} px²"),

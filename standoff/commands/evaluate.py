@@ -33,7 +33,7 @@ def evaluate(
         Argument(
             help="module:function, a command line with {reference}, {followup}, {homography} and "
             "{out}, an ONNX file, a learned detector (.pt), or a built-in one: "
-            "absolute-difference, ncc, ssim, ir-mad or changes.",
+            "absolute-difference, colour-difference, ncc, ssim, ir-mad or changes.",
             show_default=False,
         ),
     ],

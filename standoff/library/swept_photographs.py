@@ -2,14 +2,18 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Protocol
+
+import numpy as np
 
 from acquisition.session import file_sha256
 from analysis.detectability import SceneImage
 from analysis.errors import RefusedPhotographError
+from simulation.arrays import FloatArray
 from standoff.errors import HintError, ImageFileError
-from standoff.photographs import Inputs, ReadOptions, read_image
+from standoff.photographs import Inputs, Photograph, ReadOptions, read_image
 
 _MOST_INPUTS = 10_000
 """Of more photographs, provenance names the list alone."""
@@ -54,6 +58,29 @@ def scene_image(options: ReadOptions, path: Path) -> SceneImage:
             encoding=photograph.encoding.name,
             notes=photograph.remarks,
         )
+
+
+def colour_scene_image(options: ReadOptions, path: Path) -> SceneImage:
+    """Read a photograph of a scene with its colours, if it has any.
+
+    Raises
+    ------
+    RefusedPhotographError
+        If it cannot be read.
+    """
+    with refusing():
+        photograph = read_image(path, options)
+        return SceneImage(
+            grey_dn=photograph.grey_dn,
+            sha256=photograph.sha256 or "",
+            encoding=photograph.encoding.name,
+            notes=photograph.remarks,
+            colours=partial(_colours_dn, photograph) if photograph.is_colour else None,
+        )
+
+
+def _colours_dn(photograph: Photograph) -> FloatArray:
+    return np.asarray(photograph.colour_planes, dtype=np.float64)
 
 
 def list_inputs(

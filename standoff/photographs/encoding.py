@@ -12,6 +12,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from analysis.screen import linear_to_srgb
 from simulation.arrays import AnyArray, FloatArray
 
 _GAMMA = re.compile(r"gamma:([0-9]+(?:\.[0-9]+)?)")
@@ -114,13 +115,6 @@ def srgb_to_linear(encoded: FloatArray) -> FloatArray:
     """IEC 61966-2-1:1999, section 5.2, from 0 to 1."""
     power = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
     return np.where(encoded <= 0.04045, encoded / 12.92, power)
-
-
-def linear_to_srgb(linear: FloatArray) -> FloatArray:
-    """IEC 61966-2-1:1999, section 5.3, from 0 to 1."""
-    threshold = 0.04045 / 12.92
-    power = 1.055 * np.maximum(linear, threshold) ** (1 / 2.4) - 0.055
-    return np.where(linear <= threshold, linear * 12.92, power)
 
 
 def _interpolation(at: FloatArray, values: FloatArray) -> _Curve:

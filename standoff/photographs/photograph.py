@@ -1,6 +1,6 @@
 """A photograph with levels that are linear in light, and all that is known of it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -16,6 +16,7 @@ from standoff.errors import HintError, ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import refuse_unusable
+from standoff.photographs.jpeg_coding import JpegCoding
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,6 +97,8 @@ class Photograph(PhotographHead):
     luma_steps
         Of a JPEG file, the quantisation table of its luma, shape ``(8, 8)``, rows by vertical
         frequency; the blocks start at the first pixel.
+    jpeg_coding
+        How a JPEG file was coded, if another photograph can be coded alike.
     variance_dn2, frames
         Temporal variance of one frame and the number of them, for the mean of a stack.
     has_modelled_variance
@@ -107,6 +110,7 @@ class Photograph(PhotographHead):
     saturation_dn: float | None = None
     is_jpeg: bool = False
     luma_steps: FloatArray | None = field(default=None, repr=False)
+    jpeg_coding: JpegCoding | None = None
     variance_dn2: FloatArray | None = field(default=None, repr=False)
     frames: int = 1
     has_modelled_variance: bool = False
@@ -209,12 +213,41 @@ class Photograph(PhotographHead):
         return luma_plane(self.colour_planes)
 
     @property
+    def shown_dn(self) -> AnyArray:
+        """Linear levels of a picture of it: its colours if it has any, or else ``grey_dn``.
+
+        Raises
+        ------
+        ImageFileError
+            If it is a raw mosaic.
+        """
+        return self.colour_planes if self.is_colour else self.grey_dn
+
+    @property
     def grey_variance_dn2(self) -> FloatArray | None:
         """Temporal variance of the grey levels of one frame, where the file is a capture."""
         if self.variance_dn2 is None or self.variance_dn2.ndim == 2:
             return self.variance_dn2
         weights = np.square(REC601_LUMA)
         return np.asarray(self.variance_dn2[:, :, :3] @ weights)
+
+    def coded_as(self, other: "Photograph") -> "Photograph":
+        """The photograph as a file like that of the other one would hold it.
+
+        Only where the other one is a JPEG, or a coarser one, of levels of the same kind: what
+        coding takes from one alone would else pass for a change, or for blur.
+        """
+        coding, own = other.jpeg_coding, self.jpeg_coding
+        if (
+            coding is None
+            or coding == own
+            or (own is not None and own.coarseness >= coding.coarseness)
+            or self.stored.dtype != np.uint8
+            or self.stored.ndim != other.stored.ndim
+            or self.encoding.name != other.encoding.name
+        ):
+            return self
+        return replace(self, stored=coding.of_levels(self.stored))
 
     @property
     def step_variance_dn2(self) -> Float32Array | None:

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.reports import new_figure
+from analysis.screen import on_screen, white_level_dn
 from standoff.photographs.encoding import SRGB
 
 if TYPE_CHECKING:
@@ -17,8 +18,12 @@ _BRIGHTEST = 99.9  # percentile shown as white, so that a single hot pixel does 
 def photograph_figure(photograph: "Photograph") -> Figure:
     """Return a figure of the photograph, encoded for a screen; axes in px of the file."""
     planes = np.asarray(photograph.linear_planes, dtype=np.float64)
-    dark, bright = planes.min(), max(float(np.percentile(planes, _BRIGHTEST)), planes.min() + 1e-9)
-    shown = SRGB.encode(np.clip((planes - dark) / (bright - dark), 0.0, 1.0), 1.0)
+    if photograph.is_colour:
+        shown = on_screen(planes, white_level_dn(planes))
+    else:
+        dark = planes.min()
+        bright = max(float(np.percentile(planes, _BRIGHTEST)), dark + 1e-9)
+        shown = SRGB.encode(np.clip((planes - dark) / (bright - dark), 0.0, 1.0), 1.0)
     figure = new_figure(6.4, 6.4 * shown.shape[0] / shown.shape[1] + 0.6)
     axes = figure.subplots()
     axes.imshow(shown, cmap="gray", vmin=0.0, vmax=1.0)

@@ -23,6 +23,7 @@ from standoff.photographs.encoding import LINEAR, SRGB, Encoding
 from standoff.photographs.exif import PhotographFacts, is_srgb
 from standoff.photographs.guard import TOO_LARGE, refuse_giant, refuse_many_scans
 from standoff.photographs.icc import read_profile
+from standoff.photographs.jpeg_coding import JpegCoding
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
 
 _FORMATS = ("PNG", "JPEG", "BMP", "DIB", "GIF", "PPM", "WEBP", "JPEG2000", "AVIF")
@@ -79,6 +80,7 @@ def read_raster_image(data: bytes) -> StoredImage:
             facts=PhotographFacts.of_tags(tags, image.width),
             is_jpeg=is_jpeg,
             luma_steps=_luma_steps(image) if is_jpeg else None,
+            jpeg_coding=JpegCoding.of(image) if is_jpeg else None,
             white_dn=white_dn,
         )
 

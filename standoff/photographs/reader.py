@@ -106,6 +106,7 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         saturation_dn=saturation,
         is_jpeg=stored.is_jpeg,
         luma_steps=stored.luma_steps,
+        jpeg_coding=stored.jpeg_coding,
         pattern=stored.pattern,
         facts=stored.facts,
         variance_dn2=variance,

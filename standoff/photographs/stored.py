@@ -15,6 +15,7 @@ from calibration.choices import Pattern
 from simulation.arrays import FloatArray
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
+from standoff.photographs.jpeg_coding import JpegCoding
 
 
 class DecodingError(ValueError):
@@ -45,6 +46,8 @@ class StoredImage:
     luma_steps
         Of a JPEG, the quantisation table of its luma, shape ``(8, 8)``, rows by vertical frequency;
         None where the levels are no luma compressed as that.
+    jpeg_coding
+        How a JPEG was coded, if another one can be coded alike.
     variance_dn2, frames
         Of a capture of a session: temporal variance of a frame, and the frames in the mean.
     has_modelled_variance
@@ -58,6 +61,7 @@ class StoredImage:
     facts: PhotographFacts = field(default_factory=PhotographFacts)
     is_jpeg: bool = False
     luma_steps: FloatArray | None = field(default=None, repr=False)
+    jpeg_coding: JpegCoding | None = None
     white_dn: float | None = None
     saturation_dn: float | None = None
     pattern: Pattern | None = None

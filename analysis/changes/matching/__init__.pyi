@@ -7,7 +7,12 @@ from .matching_kernel import (
     white_noise_gain as white_noise_gain,
 )
 from .pair_fit import PairFit as PairFit, fit_pair as fit_pair
-from .pixels import away_from as away_from, sampled as sampled
+from .pair_model import PairModel as PairModel
+from .pixels import (
+    away_from as away_from,
+    pixel_noise_dn as pixel_noise_dn,
+    sampled as sampled,
+)
 from .relative_blur import (
     RelativeBlur as RelativeBlur,
     Smoothing as Smoothing,

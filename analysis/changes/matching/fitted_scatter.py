@@ -3,27 +3,15 @@
 from dataclasses import dataclass
 from typing import Self
 
-import cv2
 import numpy as np
 
 from analysis.changes.matching.matching_kernel import WhiteNoiseGain
 from analysis.changes.matching.pair_fit import PairFit
-from analysis.changes.matching.pixels import sampled
+from analysis.changes.matching.pixels import pixel_noise_dn, sampled
 from analysis.changes.matching.residual_variance import GRADIENT, LAPLACIAN, VarianceTerms
-from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, Float32Array
 
 _SAMPLE_PX = 25_000
-
-_FINEST = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32) / 6
-"""Passes the finest detail, along both axes at once, of which a lens leaves little; white noise
-keeps its variance.
-
-J. Immerkaer, "Fast noise variance estimation", Computer Vision and Image Understanding 64 (1996).
-"""
-
-_STEP = 2
-"""Pixels from one to the next of those that the noise is told by."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,10 +59,10 @@ class FittedScatter:
         whole = np.maximum(parts.sum(axis=0), floor)
         shares = np.mean(parts / whole, axis=1)
         # What varies of a displacement is in the kernel to first order; its square is left as blur.
-        bent = fit.kernel.varying_shift_px2**2 * float(np.mean(at[LAPLACIAN] / whole))
+        bent = fit.model.varying_shift_px2**2 * float(np.mean(at[LAPLACIAN] / whole))
         noise_dn2 = float(np.mean(np.maximum(parts[:GRADIENT].sum(axis=0), floor)))
-        source_dn = _pixel_noise_dn(images[0], np.ones(images[0].shape, dtype=np.bool_))
-        target_dn = _pixel_noise_dn(images[1], valid)
+        source_dn = pixel_noise_dn(images[0])
+        target_dn = pixel_noise_dn(images[1], valid)
         white_dn2 = gains.source * source_dn**2 + gains.target * target_dn**2
         return cls(
             gains=gains,
@@ -99,9 +87,3 @@ class FittedScatter:
     def unlike_share(self) -> float:
         """The part of it by what is not alike in both photographs: aliasing, compression, blur."""
         return self.unexplained_share - self.displaced_share
-
-
-def _pixel_noise_dn(image: Float32Array, counts: BoolArray) -> float:
-    """Standard deviation of the noise that single pixels show."""
-    finest = np.asarray(cv2.filter2D(image, -1, _FINEST), dtype=np.float32)
-    return robust_sigma(finest[::_STEP, ::_STEP][counts[::_STEP, ::_STEP]])

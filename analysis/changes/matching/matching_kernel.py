@@ -1,7 +1,7 @@
-"""The kernel that turns one smoothed photograph into the other, fitted to the pair.
+"""The kernel that makes the difference of two smoothed photographs of their mean.
 
-``Y(p) = sum over q of (a_q + b_q x + c_q y) T(p + q)
-        + T {x^2, x y, y^2} + {1, x, y, x^2, x y, y^2}``
+``D(p) = sum over q of (a_q + b_q x + c_q y) M(p + q)
+        + M {x^2, x y, y^2} + {1, x, y, x^2, x y, y^2}``
 
 with x and y from -1 to 1 over the grid: a kernel that changes over the frame with the blur and
 the light, and an offset. The weights are robust: changes are outliers.
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.changes.matching.relative_blur import Smoothing
-from simulation.arrays import Float32Array, FloatArray, IntArray
+from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from simulation.compiled import compiled, compiled_part
 
 KERNEL_RADIUS_PX = 3
@@ -28,6 +28,16 @@ _TAPS = _SIDE * _SIDE
 CENTRE_TAP = _TAPS // 2
 _LINEAR = 3 * _TAPS
 _COLUMNS = _LINEAR + 9
+
+_LIGHT = np.zeros(_COLUMNS, dtype=np.bool_)
+_LIGHT[[CENTRE_TAP, _LINEAR + 3]] = True
+_FIELDS = _LIGHT.copy()
+_FIELDS[[CENTRE_TAP + _TAPS, CENTRE_TAP + 2 * _TAPS]] = _FIELDS[_LINEAR:] = True
+_ONE_KERNEL = _FIELDS.copy()
+_ONE_KERNEL[:_TAPS] = True
+LADDER = (_LIGHT, _FIELDS, _ONE_KERNEL, np.ones(_COLUMNS, dtype=np.bool_))
+"""Columns of models from the simplest on: gain and offset; both changing over the frame; a kernel;
+one that changes over the frame."""
 _RIDGE = 1e-4
 """Over the power of the source, most of which lies at frequencies that a blur leaves alone: 1e-2
 holds back the change of blur over a frame that is tilted by 4 degrees, which then scatters by 1.2
@@ -65,10 +75,11 @@ class MatchingKernel:
     def varying_shift_px2(self) -> float:
         """Mean square over the frame of what varies of the kernel's centroid: of a displacement."""
         one, of_x, of_y = self.coefficients[:_LINEAR].reshape(3, _SIDE, _SIDE)
+        whole = 1.0 + one.sum()
         q = np.arange(_SIDE) - KERNEL_RADIUS_PX
         slopes = [[taps.sum(axis=0) @ q, taps.sum(axis=1) @ q] for taps in (of_x, of_y)]
         # x and y from -1 to 1: their mean squares are 1/3.
-        return float(np.sum(np.square(slopes)) / 3 / one.sum() ** 2)
+        return float(np.sum(np.square(slopes)) / 3 / whole**2)
 
     def light(self, shape: tuple[int, int]) -> tuple[Float32Array, Float32Array]:
         """Gain, which is the sum of the kernel, and offset at every pixel."""
@@ -78,6 +89,12 @@ class MatchingKernel:
 
     def of(self, source: Float32Array) -> Float32Array:
         """Apply the kernel and the light."""
+        taps = self.coefficients[:_LINEAR].reshape(3, _TAPS)
+        if not np.delete(taps, CENTRE_TAP, axis=1).any():
+            gain, offset = self.light((source.shape[0], source.shape[1]))
+            gain *= source - np.float32(self.level_dn)
+            gain += offset
+            return gain
         return _applied(source, self.level_dn, self.coefficients)
 
     def at(self, source: Float32Array, rows: IntArray, cols: IntArray) -> FloatArray:
@@ -211,29 +228,57 @@ def design_matrix(
     return design
 
 
-def solve(
-    design: FloatArray, target_dn: FloatArray, weight: FloatArray, prior: FloatArray | None = None
-) -> FloatArray:
-    """Coefficients by weighted least squares with a ridge towards a single tap.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NormalEquations:
+    """Of weighted least squares with a ridge, for all columns or for some."""
 
-    ``prior`` is a matrix to add to the normal equations, for columns beyond the kernel's.
-    """
-    root = np.sqrt(weight)[:, None]
-    rooted = design * root
-    normal = rooted.T @ rooted
-    right = rooted.T @ (target_dn * root[:, 0])
-    centre = CENTRE_TAP
-    ridge = np.zeros(design.shape[1])
-    ridge[:_TAPS], ridge[_TAPS:_LINEAR] = 1.0, _SLOPES
-    ridge[[centre, centre + _TAPS, centre + 2 * _TAPS]] *= _CENTRE
-    ridge *= _RIDGE * normal[centre, centre]
-    right[centre] += ridge[centre]
-    # The ridge leaves the gain's squares and the offset alone; a flat frame does not tell them.
-    ridge += 1e-9 * np.diag(normal) + 1e-300
-    normal[np.diag_indices_from(normal)] += ridge
-    if prior is not None:
-        normal += prior
-    return np.asarray(np.linalg.solve(normal, right))
+    normal: FloatArray
+    right: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        design: FloatArray,
+        target_dn: FloatArray,
+        weight: FloatArray,
+        prior: FloatArray | None = None,
+        centre: float = 0.0,
+    ) -> "NormalEquations":
+        """Set them up.
+
+        Parameters
+        ----------
+        design, target_dn, weight
+            Shapes ``(pixels, columns)``, ``(pixels,)`` and ``(pixels,)``.
+        prior
+            A matrix to add, for columns beyond the kernel's.
+        centre
+            What the ridge holds the centre tap to; the others it holds to 0.
+        """
+        root = np.sqrt(weight)[:, None]
+        rooted = design * root
+        normal = rooted.T @ rooted
+        right = rooted.T @ (target_dn * root[:, 0])
+        ridge = np.zeros(design.shape[1])
+        ridge[:_TAPS], ridge[_TAPS:_LINEAR] = 1.0, _SLOPES
+        ridge[[CENTRE_TAP, CENTRE_TAP + _TAPS, CENTRE_TAP + 2 * _TAPS]] *= _CENTRE
+        ridge *= _RIDGE * normal[CENTRE_TAP, CENTRE_TAP]
+        right[CENTRE_TAP] += centre * ridge[CENTRE_TAP]
+        # The ridge leaves the gain's squares and the offset alone; a flat frame does not tell them.
+        ridge += 1e-9 * np.diag(normal) + 1e-300
+        normal[np.diag_indices_from(normal)] += ridge
+        if prior is not None:
+            normal += prior
+        return cls(normal=normal, right=right)
+
+    def solution(self, columns: BoolArray | None = None) -> FloatArray:
+        """Coefficients, of these columns alone if they are given; 0 of the others."""
+        if columns is None or columns.all():
+            return np.asarray(np.linalg.solve(self.normal, self.right))
+        some = np.flatnonzero(columns)
+        made = np.zeros(len(self.right))
+        made[some] = np.linalg.solve(self.normal[np.ix_(some, some)], self.right[some])
+        return made
 
 
 def biweight(deviations: FloatArray) -> FloatArray:
@@ -249,25 +294,33 @@ class WhiteNoiseGain:
     target: float
 
 
-def white_noise_gain(taps: FloatArray, smoothing: Smoothing, zoom: float) -> WhiteNoiseGain:
-    """What smoothing and kernel leave of white noise, in closed form.
+def white_noise_gain(
+    taps: FloatArray, smoothing: Smoothing, zoom: float, target_taps: FloatArray | None = None
+) -> WhiteNoiseGain:
+    """What smoothing and kernels leave of white noise, in closed form.
 
     A Gaussian of width s leaves ``1 / (4 pi s^2)``, correlated as ``exp(-d^2 / (4 s^2))``.
 
     Parameters
     ----------
     taps
-        The kernel, shape ``(side, side)``.
+        Kernel of the source, shape ``(side, side)``.
     smoothing
         Of the two photographs.
     zoom
         Source pixels per pixel of the grid, along a line.
+    target_taps
+        Kernel of the target, if it has one.
     """
-    y, x = np.indices(taps.shape).reshape(2, -1)
-    square = (y[:, None] - y) ** 2 + (x[:, None] - x) ** 2
-    correlation = np.exp(-square / (4 * smoothing.source_px**2))
-    passed = float(taps.ravel() @ correlation @ taps.ravel())
+    passed = _passed(taps, smoothing.source_px)
+    own = 1.0 if target_taps is None else _passed(target_taps, smoothing.target_px)
     return WhiteNoiseGain(
         source=passed / (4 * np.pi * (smoothing.source_px * zoom) ** 2),
-        target=1 / (4 * np.pi * smoothing.target_px**2),
+        target=own / (4 * np.pi * smoothing.target_px**2),
     )
+
+
+def _passed(taps: FloatArray, width_px: float) -> float:
+    y, x = np.indices(taps.shape).reshape(2, -1)
+    square = (y[:, None] - y) ** 2 + (x[:, None] - x) ** 2
+    return float(taps.ravel() @ np.exp(-square / (4 * width_px**2)) @ taps.ravel())

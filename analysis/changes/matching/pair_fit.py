@@ -1,18 +1,24 @@
-"""Kernel, light and scatter fitted to two smoothed photographs, in turns."""
+"""Light, kernel and scatter fitted to two smoothed photographs, as simple as the pair allows.
 
-from dataclasses import dataclass
+Parts of the frame that a model was not fitted to decide how much it needs: gain and offset, light
+that changes over the frame, a kernel, one that changes. Kernel and scatter are fitted in turns.
+"""
+
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 
 from analysis.changes.matching.matching_kernel import (
     CENTRE_TAP,
+    LADDER,
     MatchingKernel,
+    NormalEquations,
     biweight,
     design_matrix,
-    solve,
 )
-from analysis.changes.matching.pixels import sampled
+from analysis.changes.matching.pair_model import PairModel
+from analysis.changes.matching.pixels import light_at_first, sampled
 from analysis.changes.matching.residual_variance import VarianceTerms, fit_sizes
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
@@ -22,6 +28,14 @@ _OUTLIER_SD, _OUTLIER_REACH_PX = 4.5, 2.0
 """Pixels that are left out of the last round, with their neighbours."""
 
 _LEAST_DN2 = 1e-12
+
+_LIGHT_ROUNDS = 6
+_BLOCK_PX = 24
+_SURELY = 3.0
+"""Standard errors by which a model must do better on parts that were held out, to be taken."""
+
+_MOST_LOSS = 9.0
+"""Of a pixel, by the square of its standard deviations; changes are outliers."""
 
 _POWERS = (2, 3, 4)
 _CURVED_CHI2 = 60.0
@@ -35,15 +49,15 @@ class PairFit:
 
     Parameters
     ----------
-    kernel
-        Kernel and light.
+    model
+        Light and kernel.
     sizes
         Of the terms of the variance.
     is_curved
         Whether the levels of the two are not in proportion, beyond what chance does.
     """
 
-    kernel: MatchingKernel
+    model: PairModel
     sizes: FloatArray
     is_curved: bool
 
@@ -55,8 +69,9 @@ def fit_pair(
     valid: BoolArray,
     floor_dn2: Float32Array | None,
     smoothing_px: float,
+    target_share: float = 0.5,
 ) -> PairFit:
-    """Fit kernel and variance to a sample of the pixels.
+    """Fit model and variance to a sample of the pixels.
 
     Parameters
     ----------
@@ -67,36 +82,117 @@ def fit_pair(
     valid
         Pixels that count, the kernel's radius away from the border.
     floor_dn2
-        Variance that a noise model gives the difference, if there is one.
+        Variance that the difference has at least, by a noise model or the files' steps.
     smoothing_px
         Width of the Gaussian that makes neighbours alike.
+    target_share
+        Share of the source's noise in both, in the target's light: see `PairModel`.
     """
     rows, cols = sampled(valid, _SAMPLE_PX)
-    level = float(source[rows, cols].mean())
-    design = design_matrix(source, level, rows, cols)
-    measured = target[rows, cols].astype(np.float64)
-    at = terms.at(rows, cols)
-    floor = None if floor_dn2 is None else floor_dn2[rows, cols].astype(np.float64)
-    weight, kept = np.ones(len(rows)), np.ones(len(rows), dtype=np.bool_)
+    sample = _Sample(
+        rows=rows,
+        cols=cols,
+        source=source[rows, cols].astype(np.float64),
+        target=target[rows, cols].astype(np.float64),
+        at=terms.at(rows, cols),
+        floor=np.full(len(rows), _LEAST_DN2)
+        if floor_dn2 is None
+        else np.maximum(floor_dn2[rows, cols].astype(np.float64), _LEAST_DN2),
+    )
+    light = sample.light(target_share)
+    middle = light.middle(source, target)
+    level = float(middle[rows, cols].mean())
+    design = design_matrix(middle, level, rows, cols)
+    apart = sample.target - (light.gain * sample.source + light.offset_dn)
+    weight, sizes = sample.weights(apart - np.median(apart))
+    columns = _needed(design, apart, weight, sample, target.shape[1])
+    kept = np.ones(len(rows), dtype=np.bool_)
     for number in range(_ROUNDS):
-        coefficients = solve(design, measured, weight * kept)
-        residual = measured - design @ coefficients
-        sizes = fit_sizes(residual[kept], at[:, kept], None if floor is None else floor[kept])
-        variance = np.maximum(sizes @ at, _LEAST_DN2 if floor is None else floor)
-        weight = biweight(residual / np.sqrt(variance)) / variance
-        kernel = MatchingKernel(coefficients=coefficients, level_dn=level)
+        equations = NormalEquations.of(design, apart, weight * kept)
+        kernel = MatchingKernel(coefficients=equations.solution(columns), level_dn=level)
+        residual = apart - design @ kernel.coefficients
+        weight, sizes = sample.weights(residual, kept)
+        model = replace(light, kernel=kernel)
         if number == _ROUNDS - 2:
             beside = _Neighbours.of(rows, cols, valid)
-            near_floor = None if floor_dn2 is None else floor_dn2[beside.rows, beside.cols]
-            near_variance = sizes @ terms.at(beside.rows, beside.cols)
+            floor = None if floor_dn2 is None else floor_dn2[beside.rows, beside.cols]
+            variance = sizes @ terms.at(beside.rows, beside.cols)
             reach = _OUTLIER_SD * np.sqrt(
-                np.maximum(near_variance, _LEAST_DN2 if near_floor is None else near_floor)
+                np.maximum(variance, _LEAST_DN2 if floor is None else floor)
             )
-            made = kernel.at(source, beside.rows, beside.cols)
-            kept = ~beside.any_of(np.abs(target[beside.rows, beside.cols] - made) > reach)
+            left = model.difference_at(source, target, middle, beside.rows, beside.cols)
+            kept = ~beside.any_of(np.abs(left) > reach)
     alike = 4 * pi * smoothing_px**2 / np.count_nonzero(valid) * len(rows) + 1
     curved = _curvature_chi2(design, residual, weight * kept / alike) > _CURVED_CHI2
-    return PairFit(kernel=kernel, sizes=sizes, is_curved=curved)
+    return PairFit(model=model, sizes=sizes, is_curved=curved)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Sample:
+    """Pixels that a fit is made to: levels, terms of the variance, and what it is at least."""
+
+    rows: IntArray
+    cols: IntArray
+    source: FloatArray
+    target: FloatArray
+    at: FloatArray
+    floor: FloatArray
+
+    def weights(
+        self, residual: FloatArray, kept: BoolArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Robust weights of the pixels, and the sizes of the variance's terms."""
+        some = np.ones(len(residual), dtype=np.bool_) if kept is None else kept
+        sizes = fit_sizes(residual[some], self.at[:, some], self.floor[some])
+        variance = np.maximum(sizes @ self.at, self.floor)
+        return biweight(residual / np.sqrt(variance)) / variance, sizes
+
+    def light(self, target_share: float) -> PairModel:
+        """Gain and offset by robust regression of the difference on the mean of both."""
+        gain, offset = light_at_first(self.source, self.target)
+        weight = np.ones(len(self.source))
+        for _ in range(_LIGHT_ROUNDS):
+            brought = gain * self.source + offset
+            middle = (1 - target_share) * brought + target_share * self.target
+            apart = self.target - brought
+            total = weight.sum()
+            mean = float(weight @ middle) / total
+            level = middle - mean
+            spread = float(weight @ level**2)
+            grown = float(weight @ (level * apart)) / spread if spread > 0 else 0.0
+            added = float(weight @ apart) / total
+            weight, _ = self.weights(apart - grown * level - added)
+            if not weight.any():
+                weight = np.ones(len(self.source))
+            more, less = 1 + (1 - target_share) * grown, 1 - target_share * grown
+            gain, offset = gain * more / less, (offset * more + added - grown * mean) / less
+        return PairModel(gain=gain, offset_dn=offset, target_share=target_share)
+
+
+def _needed(
+    design: FloatArray, apart: FloatArray, weight: FloatArray, sample: _Sample, width: int
+) -> BoolArray:
+    """Columns of the simplest model that does as well as any where it was not fitted."""
+    block_row, block_col = sample.rows // _BLOCK_PX, sample.cols // _BLOCK_PX
+    half = (block_row + block_col) % 2 == 0
+    block = block_row * (width // _BLOCK_PX + 1) + block_col
+    losses = np.zeros((len(LADDER), len(apart)))
+    for own in (half, ~half):
+        if np.count_nonzero(own) < design.shape[1] or np.count_nonzero(~own) < design.shape[1]:
+            return LADDER[-1]
+        equations = NormalEquations.of(design[own], apart[own], weight[own])
+        for number, columns in enumerate(LADDER):
+            residual = apart - design @ equations.solution(columns)
+            sizes = fit_sizes(residual[own], sample.at[:, own], sample.floor[own])
+            variance = np.maximum(sizes @ sample.at, sample.floor)[~own]
+            ratio = np.minimum(residual[~own] ** 2 / variance, _MOST_LOSS)
+            losses[number, ~own] = np.log(variance) + ratio
+    best = int(np.argmin(losses.sum(axis=1)))
+    for number in range(best):
+        worse = np.bincount(block, weights=losses[number] - losses[best])
+        if worse.sum() < _SURELY * np.sqrt(np.sum(np.square(worse))):
+            return LADDER[number]
+    return LADDER[best]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,10 +223,7 @@ class _Neighbours:
 
 
 def _curvature_chi2(design: FloatArray, residual: FloatArray, weight: FloatArray) -> float:
-    """Chi-squared that powers of the source's level take from the residuals.
-
-    The target's noise is in none of them.
-    """
+    """Chi-squared that powers of the mean level take from the residuals."""
     level = design[:, CENTRE_TAP]
     contrast = np.clip(level / max(float(level.std()), 1e-9), -3, 3)
     root = np.sqrt(weight)

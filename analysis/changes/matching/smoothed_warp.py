@@ -58,12 +58,16 @@ class PixelPositions:
         ``(rows, cols)`` of the grid and of the other photograph.
     nodes_y, nodes_x
         Positions of a coarse grid of pixels, whose first node is one step before the first pixel.
+    whole_shift
+        ``(rows, cols)`` by which each pixel lies further on in the other photograph, where all are
+        such numbers of pixels: then nothing is interpolated.
     """
 
     shape: tuple[int, int]
     source_shape: tuple[int, int]
     nodes_y: FloatArray
     nodes_x: FloatArray
+    whole_shift: tuple[int, int] | None = None
 
     @classmethod
     def of(
@@ -82,6 +86,7 @@ class PixelPositions:
             source_shape=source_shape,
             nodes_y=np.where(is_far, np.nan, nodes_y),
             nodes_x=np.where(is_far, np.nan, nodes_x),
+            whole_shift=_whole_shift(nodes_y - y[:, None], nodes_x - x),
         )
 
     @property
@@ -110,15 +115,44 @@ class PixelPositions:
         """The window of all pixels."""
         return slice(0, self.shape[0]), slice(0, self.shape[1])
 
+    def coefficients(self, image: Float32Array, sigma_px: float) -> Float32Array:
+        """What ``seen`` takes to show a photograph that is smoothed by ``sigma_px``."""
+        if self.whole_shift is None:
+            return spline_coefficients(image, sigma_px)
+        return smoothed(image, sigma_px) if sigma_px > 0 else image
+
     def seen(self, coefficients: Float32Array, window: Window | None = None) -> Float32Array:
         """Levels that the pixels of a window see; NaN where they look past the photograph."""
         rows, cols = window or self.whole
+        if self.whole_shift is not None:
+            return _cut_out(coefficients, rows, cols, self.whole_shift)
         corner = np.array([rows.start, cols.start, rows.stop, cols.stop])
         return _seen(coefficients, self.nodes_y, self.nodes_x, corner)
 
     def inside(self, mask: BoolArray, border_px: float) -> BoolArray:
         """Pixels that see the photograph, this far from its border, and a pixel of the mask."""
         return _inside(mask, self.nodes_y, self.nodes_x, np.array(self.shape), border_px)
+
+
+def _whole_shift(further_y: FloatArray, further_x: FloatArray) -> tuple[int, int] | None:
+    """The shift, if it is the same everywhere and of whole pixels."""
+    y, x = float(further_y.flat[0]), float(further_x.flat[0])
+    if not (y.is_integer() and x.is_integer()):
+        return None
+    is_same = np.all(further_y == y) and np.all(further_x == x)
+    return (int(y), int(x)) if is_same else None
+
+
+def _cut_out(image: Float32Array, rows: slice, cols: slice, shift: tuple[int, int]) -> Float32Array:
+    """A window of the photograph, moved; NaN beyond its border."""
+    cut = np.full((rows.stop - rows.start, cols.stop - cols.start), np.nan, dtype=np.float32)
+    own, there = [], []
+    for part, by, size in zip((rows, cols), shift, image.shape, strict=True):
+        first, last = max(part.start + by, 0), min(part.stop + by, size)
+        there.append(slice(first, max(last, first)))
+        own.append(slice(first - by - part.start, max(last, first) - by - part.start))
+    cut[tuple(own)] = image[tuple(there)]
+    return cut
 
 
 @compiled_part()

@@ -10,7 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from analysis.changes.matching.matching_kernel import biweight, design_matrix, solve
+from analysis.changes.matching.matching_kernel import (
+    NormalEquations,
+    biweight,
+    design_matrix,
+)
 from analysis.changes.matching.pixels import sampled
 from analysis.changes.matching.smoothed_warp import smoothed
 from calibration.robust import robust_sigma
@@ -109,7 +113,8 @@ def fit_tone_curve(
     weight = np.ones(len(rows))
     alike = 4 * np.pi * smoothing_px**2 / np.count_nonzero(valid) * len(rows) + 1
     for _ in range(_ROUNDS):
-        coefficients = solve(joint, measured, weight, prior=bends.T @ bends)
+        equations = NormalEquations.of(joint, measured, weight, bends.T @ bends, centre=1.0)
+        coefficients = equations.solution()
         residual = measured - joint @ coefficients
         scale = robust_sigma(residual) + 1e-9
         weight = biweight(residual / scale) / (scale**2 * alike)

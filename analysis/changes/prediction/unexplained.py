@@ -87,7 +87,7 @@ def unexplained(
     told = np.zeros_like(valid)
     told[sampled(valid, _SAMPLE_PX)] = True
     fit = fit_pair(seen, target, terms, told, None, smoothing.target_px)
-    difference = np.where(valid, target - fit.kernel.of(seen), 0.0)
+    difference = np.where(valid, fit.model.difference(seen, target), 0.0)
     rows, cols = (np.flatnonzero(valid.any(axis=axis)) for axis in (1, 0))
     return Unexplained(
         difference_dn=difference[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1],

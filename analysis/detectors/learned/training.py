@@ -92,7 +92,7 @@ def train_detector(
     Parameters
     ----------
     pairs
-        Read once; some with and some without a change.
+        Read once; some with and some without a change. Of colours the luma is looked at.
     options
         How to train.
     progress

@@ -15,6 +15,7 @@ from acquisition.regular_files import read_regular_file
 from acquisition.session import commit_file
 from analysis.detectors.followup_view import followup_view
 from analysis.errors import DetectorError, ResultsFileError
+from calibration.psf import luma_plane
 from simulation.arrays import Float32Array, FloatArray
 
 if TYPE_CHECKING:
@@ -111,13 +112,14 @@ class LearnedDetector:
 def on_one_grid(
     reference: Float32Array, followup: Float32Array, homography: FloatArray
 ) -> Float32Array:
-    """Return both photographs on the follow-up's grid, shape ``(2, rows, cols)``.
+    """Return the grey levels of both photographs on the follow-up's grid, ``(2, rows, cols)``.
 
     Where the reference shows nothing it is the follow-up, as in what an ONNX file is given.
     """
-    seen = followup_view(reference, (followup.shape[0], followup.shape[1]), homography)
-    before = np.where(seen.inside, seen.levels, followup)
-    return np.stack([before, followup]).astype(np.float32)
+    near, far = (luma_plane(one) if one.ndim == 3 else one for one in (reference, followup))
+    seen = followup_view(near, (far.shape[0], far.shape[1]), homography)
+    before = np.where(seen.inside, seen.levels, far)
+    return np.stack([before, far]).astype(np.float32)
 
 
 @contextmanager

@@ -24,13 +24,14 @@ class LabelledPair:
     Parameters
     ----------
     reference, followup
-        Shape ``(rows, cols)`` each, levels in DN, linear in light.
+        Shape ``(rows, cols)`` each, or ``(rows, cols, 3)`` of a photograph in colour; levels in DN,
+        linear in light.
     homography
         Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres.
     is_changed
         Whether there is a change.
     mask
-        The follow-up's pixels that show more than half of the change's peak, in its shape.
+        The follow-up's pixels that show more than half of the change's peak, ``(rows, cols)``.
     condition
         Pose, noise and contrast; the contrast also of a pair without a change.
     sigma_px
@@ -49,9 +50,9 @@ class LabelledPair:
 def pairs_bytes(pairs: Sequence[LabelledPair]) -> bytes:
     """Return the content of a file of pairs, an ``.npz``.
 
-    It has ``reference`` (pairs, rows, cols), ``homography`` (pairs, 3, 3), ``is_changed`` (pairs,),
-    for each pair ``followup_K`` and ``mask_K``, whose shapes differ, and ``conditions``, the bytes
-    of a JSON list.
+    It has ``reference`` (pairs, rows, cols), or (pairs, rows, cols, 3) in colour, ``homography``
+    (pairs, 3, 3), ``is_changed`` (pairs,), for each pair ``followup_K`` and ``mask_K``, whose
+    shapes differ, and ``conditions``, the bytes of a JSON list.
     """
     told = [{**asdict(pair.condition), "sigma_px": pair.sigma_px} for pair in pairs]
     arrays: dict[str, NDArray[np.generic]] = {
@@ -103,6 +104,8 @@ def read_pairs(path: Path) -> list[LabelledPair]:
 
 
 def _image(levels: FloatArray) -> Float32Array:
-    if levels.ndim != 2 or levels.dtype != np.float32:
+    if levels.ndim not in (2, 3) or levels.shape[2:] not in ((), (3,)):
+        raise ValueError("no image")
+    if levels.dtype != np.float32:
         raise ValueError("no image")
     return np.asarray(levels, np.float32)

@@ -13,6 +13,7 @@ from analysis.evaluation.change_pairs.pair_file import LabelledPair
 from analysis.evaluation.painted_changes import Spot
 from analysis.evaluation.pairs import PairMaker
 from analysis.evaluation.task import Condition, EvaluationTask
+from calibration.psf import luma_plane
 from simulation import Model, Psf
 from simulation.arrays import BoolArray, FloatArray
 from simulation.choices import DEFAULT_MODEL
@@ -46,7 +47,8 @@ class ChangePairsTask(BaseModel):
         Tilt of the follow-up, from 0; above 0 it needs ``focal_length_px`` and one of
         ``simulation.choices.POSE_MODELS``.
     noises_dn
-        Standard deviation of the white noise of both photographs; from 0, it is drawn evenly.
+        Standard deviation of the white noise of both photographs, in each channel of colours; from
+        0, it is drawn evenly.
     contrasts_dn
         Absolute peak of the change, a Gaussian spot, in DN.
     changes
@@ -157,16 +159,16 @@ class ChangePairsTask(BaseModel):
 class _Photograph:
     """What all pairs of a photograph share."""
 
-    grey_dn: FloatArray
+    levels_dn: FloatArray
     digest: str
     psf: Psf | None
 
     def maker(self, task: EvaluationTask) -> PairMaker:
-        return PairMaker(grey_dn=self.grey_dn, digest=self.digest, task=task, psf=self.psf)
+        return PairMaker(levels_dn=self.levels_dn, digest=self.digest, task=task, psf=self.psf)
 
 
 def labelled_pairs(
-    grey_dn: FloatArray, digest: str, task: ChangePairsTask, psf: Psf | None
+    levels_dn: FloatArray, digest: str, task: ChangePairsTask, psf: Psf | None
 ) -> Iterator[LabelledPair]:
     """Yield the pairs of a photograph, of each crop the one without and then the one with a change.
 
@@ -174,8 +176,8 @@ def labelled_pairs(
 
     Parameters
     ----------
-    grey_dn
-        Shape ``(rows, cols)``, linear in light.
+    levels_dn
+        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` for pairs in colour, linear in light.
     digest
         Hash of the photograph's content, in hexadecimal digits.
     task, psf
@@ -186,7 +188,7 @@ def labelled_pairs(
     RefusedPhotographError
         If the photograph is too small for the widest pair.
     """
-    photograph = _Photograph(grey_dn=grey_dn, digest=digest, psf=psf)
+    photograph = _Photograph(levels_dn=levels_dn, digest=digest, psf=psf)
     photograph.maker(task.widest)  # refuses a small photograph as a whole
     content = int(digest[:16] or "0", 16)
     for crop in range(task.pairs):
@@ -214,7 +216,7 @@ def _changed_pixels(photograph: _Photograph, task: EvaluationTask, crop: int) ->
     before, after = (
         pair.followup.astype(np.float64) for pair in photograph.maker(clean).pairs(crop, condition)
     )
-    added = np.sign(condition.contrast_dn) * (after - before)
+    added = np.sign(condition.contrast_dn) * luma_plane(after - before)
     if not added.max() > 0:
         raise RefusedPhotographError("its levels are so large that a change is lost in rounding")
     return np.asarray(added > _PEAK_SHARE * added.max())

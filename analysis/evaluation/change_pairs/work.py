@@ -30,7 +30,7 @@ from simulation import Psf
 
 STATE_NAME = "shards"
 _NAME_LETTERS = 24
-_VERSION = 1
+_VERSION = 2
 """Of the pairs; files of others are made again."""
 
 
@@ -149,7 +149,8 @@ class ChangePairsWork(ShardWork):
         order, name = json.dumps(os.fspath(item.path)), on_one_line(item.path.name)
         try:
             scene = self.load(item.path)
-            made = list(labelled_pairs(scene.grey_dn, scene.sha256, self.task, self.psf))
+            levels_dn = scene.grey_dn if scene.colours is None else scene.colours()
+            made = list(labelled_pairs(levels_dn, scene.sha256, self.task, self.psf))
         except (RefusedPhotographError, ValueError) as error:
             is_unread = isinstance(error, RefusedPhotographError) and error.is_unread
             return PairsOfPhotograph(

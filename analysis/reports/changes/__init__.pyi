@@ -1,5 +1,9 @@
 from .limit_map import limit_figure as limit_figure
-from .pictures import ComparedPictures as ComparedPictures, compared_pictures as compared_pictures
+from .pictures import (
+    ColourPair as ColourPair,
+    ComparedPictures as ComparedPictures,
+    compared_pictures as compared_pictures,
+)
 from .sections import (
     changes_section as changes_section,
     count_text as count_text,

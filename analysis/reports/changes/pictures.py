@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.changes import ChangeResult
+from analysis.screen import on_screen, white_level_dn
 from calibration.registration import DistortedPose
-from simulation.arrays import BoolArray, FloatArray, FloatImage
+from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 
 Bytes = NDArray[np.uint8]
 
@@ -32,6 +33,14 @@ _BOX_SIGMA = 12**-0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ColourPair:
+    """Reference and follow-up in colour: shape ``(rows, cols, 3)`` each, linear in light."""
+
+    reference_dn: AnyArray
+    followup_dn: AnyArray
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ComparedPictures:
     """Pictures of one size, which may be smaller than the follow-up, as bytes of files.
 
@@ -44,6 +53,8 @@ class ComparedPictures:
         PNG with opacity: pixels that were not compared, by reason.
     reach_dn
         Difference at the ends of the colour scale.
+    is_colour
+        Whether the photographs are shown in colour.
     """
 
     before: bytes
@@ -51,40 +62,71 @@ class ComparedPictures:
     difference: bytes
     masks: bytes
     reach_dn: float
+    is_colour: bool = False
 
 
 def compared_pictures(
-    reference_dn: FloatArray, found: ChangeResult, left_out: BoolArray | None
+    reference_dn: FloatArray,
+    found: ChangeResult,
+    left_out: BoolArray | None,
+    colours: ColourPair | None = None,
 ) -> ComparedPictures:
     """Draw the pictures of a comparison.
+
+    Grey levels are stretched between their ends, and those of the reference get the follow-up's
+    mean and contrast. Colours are only made brighter or darker, by one factor for all channels,
+    which leaves hues as they are: the follow-up's by what makes its brightest pixels white, the
+    reference's by what gives it the follow-up's mean level.
 
     Parameters
     ----------
     reference_dn
-        The reference, shape ``(rows, cols)``.
+        The reference in grey, shape ``(rows, cols)``.
     found
         What the comparison found.
     left_out
         Follow-up pixels that the operator left out, if any.
+    colours
+        Both photographs in colour; None if one of them is grey.
     """
-    after_dn = _smaller(found.followup_dn)
-    step = _step(found.valid.shape)
-    valid = found.valid[::step, ::step]
-    before_dn = _in_light_of(after_dn, _on_followup(reference_dn, found.pose), valid)
-    low, high = _display_ends(after_dn, valid)
+    before, after = (
+        _grey_pictures(reference_dn, found) if colours is None else _colour_pictures(colours, found)
+    )
     reach_dn = _reach_dn(found)
     difference_dn = _smaller(np.where(found.valid, found.difference_dn, np.float32(0)))
     return ComparedPictures(
-        before=_jpeg(_displayed(before_dn, low, high)),
-        after=_jpeg(_displayed(after_dn, low, high)),
+        before=before,
+        after=after,
         difference=_jpeg(_coloured(0.5 + difference_dn / (2 * reach_dn))),
         masks=_png(_masks(found, left_out)),
         reach_dn=reach_dn,
+        is_colour=colours is not None,
     )
 
 
-def _on_followup(reference_dn: FloatArray, pose: DistortedPose) -> FloatImage:
-    """The reference on the picture's pixels; NaN beyond its border."""
+def _grey_pictures(reference_dn: FloatArray, found: ChangeResult) -> tuple[bytes, bytes]:
+    """Before and after."""
+    after_dn, valid = _smaller(found.followup_dn), _fewer(found.valid)
+    before_dn = _in_light_of(after_dn, _on_followup(reference_dn, found.pose), valid)
+    low, high = _display_ends(after_dn, valid)
+    return _jpeg(_displayed(before_dn, low, high)), _jpeg(_displayed(after_dn, low, high))
+
+
+def _colour_pictures(colours: ColourPair, found: ChangeResult) -> tuple[bytes, bytes]:
+    """Before and after."""
+    after_dn = _smaller(np.asarray(colours.followup_dn, dtype=np.float32))
+    before_dn = _on_followup(colours.reference_dn, found.pose)
+    used = _fewer(found.valid) & np.isfinite(before_dn).all(axis=2)
+    white_dn = white_level_dn(after_dn[used] if used.any() else after_dn)
+    mean_before, mean_after = (
+        float(one[used].mean()) if used.any() else 0.0 for one in (before_dn, after_dn)
+    )
+    gain = mean_after / mean_before if mean_before > 0 and mean_after > 0 else 1.0
+    return _colour_jpeg(gain * before_dn, white_dn), _colour_jpeg(after_dn, white_dn)
+
+
+def _on_followup(reference_dn: AnyArray, pose: DistortedPose) -> FloatImage:
+    """The reference, grey or in colour, on the picture's pixels; NaN beyond its border."""
     rows, cols = pose.followup_shape
     step = _step((rows, cols))
     y, x = (np.arange(-(-side // step)) * step + (step - 1) / 2 for side in (rows, cols))
@@ -105,6 +147,8 @@ def _on_followup(reference_dn: FloatArray, pose: DistortedPose) -> FloatImage:
     is_inside = (
         np.abs(places_y - (reference_dn.shape[0] - 1) / 2) <= reference_dn.shape[0] / 2
     ) & (np.abs(places_x - (reference_dn.shape[1] - 1) / 2) <= reference_dn.shape[1] / 2)
+    if seen.ndim == 3:
+        is_inside = is_inside[:, :, np.newaxis]
     return np.asarray(np.where(is_inside, seen, np.nan))
 
 
@@ -172,12 +216,18 @@ def _smaller(image: FloatImage) -> FloatImage:
     step = _step(image.shape)
     if step == 1:
         return image
-    rows, cols = image.shape
+    rows, cols = image.shape[:2]
     size = (-(-cols // step), -(-rows // step))
     return np.asarray(
         cv2.resize(np.asarray(image, dtype=np.float32), size, interpolation=cv2.INTER_AREA),
         dtype=np.float64,
     )
+
+
+def _fewer(mask: BoolArray) -> BoolArray:
+    """A mask on the picture's pixels."""
+    step = _step(mask.shape)
+    return mask[::step, ::step]
 
 
 def _step(shape: tuple[int, ...]) -> int:
@@ -186,6 +236,15 @@ def _step(shape: tuple[int, ...]) -> int:
 
 def _jpeg(picture: Bytes) -> bytes:
     return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+
+
+def _colour_jpeg(colours_dn: FloatImage, white_dn: float) -> bytes:
+    share = np.nan_to_num(on_screen(colours_dn, white_dn), nan=0.5)
+    shown = np.rint(255 * share[..., ::-1]).astype(np.uint8)  # OpenCV's order
+    # Colours of every pixel: JPEG halves their resolution otherwise, and with it small changes.
+    sampling = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY, *sampling]
+    return cv2.imencode(".jpg", np.ascontiguousarray(shown), options)[1].tobytes()
 
 
 def _png(picture: Bytes) -> bytes:

@@ -28,12 +28,14 @@ from analysis.reports.page import (
     render_report,
 )
 from analysis.reports.session import versions
-from simulation.arrays import FloatArray
+from analysis.screen import on_screen, white_level_dn
+from simulation.arrays import AnyArray
 
 _LISTED = 300
 """Follow-ups in the table of a page; changes.csv has all."""
 
 _TRACKS_LISTED, _TRACKS_DRAWN, _TRACKS_ON_MAP = 100, 8, 40
+_DRAWN_PX = 1500  # longest side of a reference in colour
 _NORMAL_95 = 1.96
 _LEVEL_LETTERS = 6  # of names that fit side by side
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5C00", "#000000")
@@ -45,7 +47,7 @@ def render_series_report(
     series: ChangesSeries,
     followups: Sequence[ComparedFollowup],
     time_line: ChangeTimeLine | None,
-    reference_dn: FloatArray | None,
+    reference_dn: AnyArray | None,
 ) -> str:
     """Return the report of several follow-ups as one HTML document.
 
@@ -58,7 +60,8 @@ def render_series_report(
     time_line
         Of the changes; None for pairs, or for very many follow-ups.
     reference_dn
-        The reference, for a map of the tracks.
+        The reference, for a map of the tracks: shape ``(rows, cols)``, or ``(rows, cols, 3)`` in
+        colour, linear in light.
     """
     sections = [] if time_line is None else [_time_line_section(time_line, reference_dn)]
     return render_report(
@@ -139,7 +142,7 @@ def _address(folder: str) -> str:
     return f"{quote(folder)}/report.html"
 
 
-def _time_line_section(line: ChangeTimeLine, reference_dn: FloatArray | None) -> ReportSection:
+def _time_line_section(line: ChangeTimeLine, reference_dn: AnyArray | None) -> ReportSection:
     order = "the time that their files state" if line.order == "time" else "their names"
     text = [
         f"Follow-ups are in the order of {order}. A track is a change at the same place of the "
@@ -277,13 +280,19 @@ def plot_sightings(line: ChangeTimeLine) -> Figure:
 
 
 @in_report_style
-def plot_track_map(line: ChangeTimeLine, reference_dn: FloatArray) -> Figure:
-    """Draw the tracks on the reference."""
-    rows, cols = reference_dn.shape
+def plot_track_map(line: ChangeTimeLine, reference_dn: AnyArray) -> Figure:
+    """Draw the tracks on the reference, which may be in colour."""
+    rows, cols = reference_dn.shape[:2]
     figure = new_figure(5.6, min(5.6 * rows / cols, 6.5))
     axes = figure.subplots()
-    low, high = np.percentile(reference_dn, (0.5, 99.5))
-    axes.imshow(reference_dn, cmap="gray", vmin=low, vmax=max(high, low + 1e-9))
+    if reference_dn.ndim == 3:
+        step = -(-max(rows, cols) // _DRAWN_PX)
+        drawn, extent = reference_dn[::step, ::step], (-0.5, cols - 0.5, rows - 0.5, -0.5)
+        axes.imshow(on_screen(drawn, white_level_dn(drawn)), extent=extent)
+    else:
+        levels = np.asarray(reference_dn, dtype=np.float64)
+        low, high = np.percentile(levels, (0.5, 99.5))
+        axes.imshow(levels, cmap="gray", vmin=low, vmax=max(high, low + 1e-9))
     for number, track in enumerate(line.tracks[:_TRACKS_ON_MAP], 1):
         colour = "#D55E00" if _strongest_dn(track) > 0 else "#0072B2"
         x, y = track.reference_x_px, track.reference_y_px

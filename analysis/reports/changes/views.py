@@ -41,8 +41,13 @@ def view_figures(
     marks += "".join(
         _mark(number, change, size[0]) for number, change in enumerate(changes[:_MOST_MARKED], 1)
     )
+    light = (
+        "as bright as the follow-up; its hues are its own"
+        if pictures.is_colour
+        else "in the follow-up's light"
+    )
     captions = {
-        "before": "Before: the reference on the follow-up's pixels, in the follow-up's light.",
+        "before": f"Before: the reference on the follow-up's pixels, {light}.",
         "after": "After: the follow-up. Rings and numbers are the changes of the list: "
         "orange brighter, blue darker than before" + ("; dashed green: moved." if moved else "."),
         "difference": "After minus before, less what pose, light and blur explain: red is "

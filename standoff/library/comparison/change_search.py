@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from analysis.changes import (
 from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError
 from analysis.reports import (
+    ColourPair,
     compared_pictures,
     limit_figure,
     plot_changes,
@@ -57,6 +58,9 @@ from standoff.library.inputs import (
 )
 from standoff.library.psf import frame_psf
 from standoff.photographs import Photograph, ReadOptions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CHANGE_FILES = (
     "difference.tif",
@@ -114,14 +118,28 @@ class ComparedPhotographs(ChangeResult):
     left_out: BoolArray | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def colours(self) -> ColourPair | None:
+        """Both photographs in colour; None if one of them is grey."""
+        if not (self.reference.is_colour and self.followup.is_colour):
+            return None
+        return ColourPair(
+            reference_dn=self.reference.colour_planes, followup_dn=self.followup.colour_planes
+        )
+
+    def plot(self) -> "Figure":
+        """Return a figure of the follow-up with its changes, both differences, significance."""
+        followup = self.followup
+        return plot_changes(self, followup.colour_planes if followup.is_colour else None)
+
     def to_json(self) -> dict[str, Any]:
         """Return the list of changes as ``standoff changes --json`` prints it, without folder."""
         return json_object(self.summary)
 
     def page(self) -> str:
         """Return the report as one HTML document."""
-        rows, cols = self.followup_dn.shape
-        pictures = compared_pictures(self.reference.grey_dn, self, self.left_out)
+        rows, cols = self.valid.shape
+        pictures = compared_pictures(self.reference.grey_dn, self, self.left_out, self.colours)
         return render_changes_report(
             self.summary,
             view_figures(pictures, self.summary.changes, (cols, rows), self.summary.moved),
@@ -298,6 +316,7 @@ def compared(
         white_level_dn=(near.white_level_dn(stated), far.white_level_dn(stated)),
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
         step_variance_dn2=(near.step_variance_dn2, far.step_variance_dn2),
+        coded_alike=lambda: (near.coded_as(far).grey_dn, far.coded_as(near).grey_dn),
     )
     try:
         found = changes_between(near.grey_dn, far.grey_dn, psf, options)
@@ -344,7 +363,7 @@ def write_changes(out: Path, found: ComparedPhotographs) -> None:
     write_mask(out / "changes.png", found.is_change)
     write_mask(out / "compared.png", found.valid)
     with _DRAWING:
-        write_figure(out / "changes-figure.png", plot_changes(found))
+        write_figure(out / "changes-figure.png", found.plot())
     write_file(out / "changes.csv", change_table((*found.summary.changes, *found.summary.moved)))
     write_file(out / "report.html", found.page().encode("utf-8"))
     write_results(out / "changes.json", found.summary)

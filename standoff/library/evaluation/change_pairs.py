@@ -19,7 +19,7 @@ from standoff.library.call import Call, Progress
 from standoff.library.files import each_image
 from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
 from standoff.library.psf import camera_psf
-from standoff.library.swept_photographs import scene_image
+from standoff.library.swept_photographs import colour_scene_image
 from standoff.photographs import ReadOptions
 
 
@@ -105,7 +105,7 @@ def change_pairs(
         out=path_of(out, "out").absolute(),
         task=task,
         psf=known,
-        load=partial(scene_image, options),
+        load=partial(colour_scene_image, options),
         reading=str(options),
     )
     paths = each_image(listed_paths(photographs, "photographs"))

@@ -12,7 +12,7 @@ from analysis.evaluation import LaterScene, Patch
 from simulation.arrays import FloatArray
 from standoff.errors import ApplicationError
 from standoff.library.inputs import FilePath
-from standoff.library.swept_photographs import scene_image
+from standoff.library.swept_photographs import colour_scene_image
 from standoff.photographs import ReadOptions, read_image
 
 _SAME_NAME = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr", ".dng")
@@ -48,9 +48,9 @@ def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
     >>> task = standoff.EvaluationTask(change=crack, contrasts_dn=(1.0,))
     """
     file = Path(path)
-    levels = read_image(file, reading or ReadOptions()).grey_dn
+    levels = np.asarray(read_image(file, reading or ReadOptions()).shown_dn, np.float64)
     stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-    alpha: FloatArray = np.ones(levels.shape)
+    alpha: FloatArray = np.ones(levels.shape[:2])
     if stored is not None and stored.ndim == 3 and stored.shape[2] == 4:
         full = {"uint8": 255.0, "uint16": 65535.0}.get(stored.dtype.name, 1.0)
         alpha = np.asarray(stored[:, :, 3] / full, np.float64)
@@ -68,10 +68,11 @@ def later_scene(after: Path, masks: Path, options: ReadOptions, photograph: Path
     RefusedPhotographError
         If one is missing, or they do not fit together.
     """
-    later = scene_image(options, _named_as(photograph, after, "photograph of later"))
-    mask = scene_image(options, _named_as(photograph, masks, "mask"))
+    later = colour_scene_image(options, _named_as(photograph, after, "photograph of later"))
+    mask = colour_scene_image(options, _named_as(photograph, masks, "mask"))
     try:
-        return LaterScene(after_dn=later.grey_dn, mask=mask.grey_dn > 0)
+        after_dn = later.grey_dn if later.colours is None else later.colours()
+        return LaterScene(after_dn=after_dn, mask=mask.grey_dn > 0)
     except ValueError as error:
         raise RefusedPhotographError(str(error)) from error
 

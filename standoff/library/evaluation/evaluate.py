@@ -26,6 +26,7 @@ from analysis.evaluation import (
     Evaluation,
     EvaluationTask as EvaluationTask,
     EvaluationWork,
+    FailedPair,
     Patch as Patch,
     PhotographScores,
     Spot as Spot,
@@ -42,7 +43,7 @@ from standoff.library.evaluation.changes import later_scene
 from standoff.library.files import each_image, write_figure, write_page, written_together
 from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
 from standoff.library.psf import camera_psf
-from standoff.library.swept_photographs import list_inputs, scene_image
+from standoff.library.swept_photographs import colour_scene_image, list_inputs
 from standoff.photographs import ReadOptions
 
 if TYPE_CHECKING:
@@ -130,7 +131,8 @@ def evaluate(
     ----------
     detector
         A function of reference, follow-up and the homography from follow-up to reference pixels
-        that returns a number, or a map of the follow-up's shape, higher where it is more changed;
+        that returns a number, or a map of the follow-up's shape, higher where it is more changed,
+        given red, green and blue if it has an attribute ``colour = True`` and grey levels if not;
         or ``module:function``, a command line with ``{reference}``, ``{followup}``,
         ``{homography}`` and ``{out}``, an ONNX file, or the name of a built-in detector.
     photographs
@@ -194,7 +196,7 @@ def evaluate(
             detector=_spec(detector),
             task=task,
             psf=known,
-            load=partial(scene_image, options),
+            load=partial(colour_scene_image, options),
             later=later,
             reading=str((str(options), *map(str, () if later is None else later.args[:2]))),
             folder=path_of(state, "state").absolute(),
@@ -232,19 +234,24 @@ def _evaluated(
                 yield from work.scores(shard)
 
         list_inputs(call.inputs, summary.images, scores(), work.folder)
-        failed = [one for photograph in scores() for one in photograph.failed]
+        failed: list[FailedPair] = []
+        colour_photographs = 0
+        for one in scores():
+            failed += one.failed
+            colour_photographs += one.is_colour
         if failed and not any(np.isfinite(one.scores).any() for one in scores()):
             first = failed[0]
             raise ApplicationError(
                 f"the detector gave no score for any pair; {first.photograph}, {first.pair}: "
                 f"{first.message}"
             )
-        bounds = _bounds(call, work, scores, manifest)
+        bounds = _bounds(call, work, scores, manifest, is_colour=colour_photographs > 0)
         with call.bar("computing curves", len(work.task.conditions)) as advance_to:
             curves = evaluation_curves(work.task, work.detector.name, scores, bounds, advance_to)
     found = Evaluation(
         detector=work.detector.name,
         photographs=summary.images,
+        colour_photographs=colour_photographs,
         crops=work.task.crops,
         crop_px=work.task.crop_px,
         reference_zoom=work.task.reference_zoom,
@@ -264,6 +271,8 @@ def _bounds(
     work: EvaluationWork,
     scores: Callable[[], Iterator[PhotographScores]],
     manifest: Manifest,
+    *,
+    is_colour: bool,
 ) -> dict[tuple[float, float], DetectabilityCurve]:
     """D' of Hotelling's observer on a few photographs, by noise and contrast; of spots alone."""
     task = work.task
@@ -276,6 +285,9 @@ def _bounds(
             f"no bound is given: of changes wider than {_WIDEST_WINDOW_PX // 12} px (sigma on the "
             "reference) it takes too long"
         )
+        return {}
+    if is_colour:
+        call.announce("no bound is given: it is that of grey levels, and these pairs are in colour")
         return {}
     least = nsmallest(MOST_SCENES, ((one.sha256, one.path) for one in scores()))
     wanted = {path for _, path in least}

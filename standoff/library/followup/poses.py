@@ -17,10 +17,11 @@ from simulation import (
     simulate_pose as simulate_pose_of_array,
 )
 from simulation.choices import DEFAULT_MODEL, PoseModel, PsfShape
-from simulation.followup import zoomed_out
+from simulation.followup import from_pose, zoomed_out
 from standoff.library.call import Call
+from standoff.library.followup.channels import each_channel
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, colour_planes
-from standoff.library.psf import frame_psf
+from standoff.library.psf import channel_psfs, frame_psf
 
 
 def zoom_out(
@@ -38,7 +39,8 @@ def zoom_out(
     psf
         The camera's PSF: a ``GaussianPsf``, a ``MeasuredPsf``, a calibration or the path of a
         psf.json, of which the best is taken. ``matched`` and ``lmmse`` use a PSF that varies over
-        the frame if the image is a whole frame. ``bicubic`` needs no PSF.
+        the frame if the image is a whole frame. ``bicubic`` needs no PSF. Of a calibration that has
+        one for each colour, each channel of an image in colour takes its own.
     model
         ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
 
@@ -69,7 +71,14 @@ def zoom_out(
     frame = planes.shape[1], planes.shape[0]
     shape: PsfShape = "gaussian" if model == "paper" else "best"
     camera = None if psf is None else frame_psf(Call("zoom_out"), psf, frame, model, shape)
-    return zoomed_out(planes, zoom, camera, model).image
+    own_psfs = None
+    if psf is not None and camera is not None and model != "bicubic":
+        own_psfs = channel_psfs(Call("zoom_out"), psf, planes, camera)
+    if own_psfs is None:
+        return zoomed_out(planes, zoom, camera, model).image
+    return each_channel(
+        planes, own_psfs, lambda plane, own: zoomed_out(plane, zoom, own, model)
+    ).image
 
 
 def simulate_pose(
@@ -89,7 +98,7 @@ def simulate_pose(
         Maps follow-up pixels ``(x, y, 1)`` to pixels of the image: shape (3, 3), or the path of
         an H.json.
     psf
-        The camera's PSF.
+        The camera's PSF; channels take their own as in ``zoom_out``.
     size
         ``(width, height)`` of the follow-up; by default that of H.json, or else of the image.
     model
@@ -116,13 +125,21 @@ def simulate_pose(
     planes = colour_planes(image)
     frame = planes.shape[1], planes.shape[0]
     pose = given_homography(homography, size or frame)
-    return simulate_pose_of_array(
-        planes,
-        pose.matrix,
-        size or pose.size,
-        frame_psf(Call("simulate_pose"), psf, frame if pose.size == frame else None, model),
+    call, options = (
+        Call("simulate_pose"),
         PoseOptions(model=model, distortion_k1=pose.distortion_k1),
     )
+    known = frame_psf(call, psf, frame if pose.size == frame else None, model)
+    matrix, size = pose.matrix, size or pose.size
+    own_psfs = channel_psfs(call, psf, planes, known)
+    if own_psfs is None:
+        return simulate_pose_of_array(planes, matrix, size, known, options)
+    made = each_channel(
+        planes, own_psfs, lambda plane, own: from_pose(plane, matrix, size, own, options)
+    )
+    assert made.nearer is not None
+    assert made.outside is not None
+    return SimulatedPose(image=made.image, nearer=made.nearer, outside=made.outside)
 
 
 def given_homography(

@@ -37,6 +37,7 @@ from simulation.resampling import reference_shape
 from simulation.uncertainty import SimulatedView
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
+from standoff.library.followup.channels import each_channel
 from standoff.library.followup.learned_kernel import FoundKernel, found_kernel
 from standoff.library.followup.poses import given_homography
 from standoff.library.followup.simulated_photograph import SimulatedPhotograph
@@ -47,7 +48,7 @@ from standoff.library.followup.uncertainty import (
     simulation_uncertainty,
 )
 from standoff.library.inputs import FilePath, ImageLike, NoiseLike, PsfLike, camera_noise
-from standoff.library.psf import frame_psf
+from standoff.library.psf import channel_psfs, frame_psf
 from standoff.photographs import Photograph, ReadOptions
 
 
@@ -85,7 +86,8 @@ def simulate(
         Instead of ``zoom``: maps follow-up pixels ``(x, y, 1)`` to pixels of the image; shape
         (3, 3), or the path of an H.json.
     psf
-        The camera's PSF: needed by ``matched``, ``paper`` and ``lmmse``.
+        The camera's PSF: needed by ``matched``, ``paper`` and ``lmmse``. Of a calibration that has
+        one for each colour, each channel of a photograph in colour takes its own.
     model
         ``lmmse``, ``matched``, ``paper`` (equation 1), ``bicubic``, ``kernelgan`` or
         ``gaussian-kernelgan``.
@@ -185,7 +187,10 @@ def simulate(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Made:
-    """A follow-up, with the kernel that it was learned by, or with what a kernel was made of."""
+    """A follow-up, with the kernel that it was learned by, or with what a kernel was made of.
+
+    ``psf`` is the one for all channels, even if each took its own (``is_by_channel``).
+    """
 
     followup: FollowUp
     reference: AnyArray
@@ -194,6 +199,7 @@ class _Made:
     view: SimulatedView | None = None
     given: PsfLike | None = None
     psf: Psf | PsfField | None = None
+    is_by_channel: bool = False
 
 
 def _stated(
@@ -217,6 +223,8 @@ def _stated(
         noise=made.how.noise,
         is_corrected=photograph[1],
     )
+    if made.is_by_channel:
+        call.note("the uncertainty of each channel is that by one PSF for all, not by its own")
     return simulation_uncertainty(call, done, made.given, options)
 
 
@@ -252,9 +260,22 @@ def _posed(
         threads=how.threads,
         distortion_k1=pose.distortion_k1,
     )
-    followup = from_pose(reference, pose.matrix, pose.size, known, options, how.noise)
+
+    def made(image: AnyArray, own: Psf | PsfField) -> FollowUp:
+        return from_pose(image, pose.matrix, pose.size, own, options, how.noise)
+
+    own_psfs = channel_psfs(call, psf, reference, known)
+    followup = each_channel(reference, own_psfs, made) if own_psfs else made(reference, known)
     view = SimulatedView.of_pose(reference_shape(reference), pose.matrix, pose.size, options)
-    return _Made(followup=followup, reference=reference, how=how, view=view, given=psf, psf=known)
+    return _Made(
+        followup=followup,
+        reference=reference,
+        how=how,
+        view=view,
+        given=psf,
+        psf=known,
+        is_by_channel=own_psfs is not None,
+    )
 
 
 def _zoomed(
@@ -270,9 +291,24 @@ def _zoomed(
     # The paper's model knows a Gaussian only.
     form = "gaussian" if model == "paper" else transfer
     known = None if psf is None else frame_psf(call, psf, frame, model, form)
-    followup = zoomed_out(reference, zoom, known, model, how)
+
+    def made(image: AnyArray, own: Psf | PsfField | None) -> FollowUp:
+        return zoomed_out(image, zoom, own, model, how)
+
+    own_psfs = None
+    if psf is not None and known is not None and model != "bicubic":
+        own_psfs = channel_psfs(call, psf, reference, known)
+    followup = each_channel(reference, own_psfs, made) if own_psfs else made(reference, known)
     view = SimulatedView.at_zoom(reference_shape(reference), zoom, model, how.threads)
-    return _Made(followup=followup, reference=reference, how=how, view=view, given=psf, psf=known)
+    return _Made(
+        followup=followup,
+        reference=reference,
+        how=how,
+        view=view,
+        given=psf,
+        psf=known,
+        is_by_channel=own_psfs is not None,
+    )
 
 
 def _refuse_uncertainty(model: Model | KernelModel, camera: CaptureOptions | None) -> None:

@@ -22,6 +22,7 @@ from .edges import (
 from .psf_files import (
     calibration_of as calibration_of,
     camera_psf as camera_psf,
+    channel_psfs as channel_psfs,
     frame_psf as frame_psf,
     psf_and_field as psf_and_field,
 )

@@ -6,9 +6,12 @@ from pathlib import Path
 from calibration.files import read_psf
 from calibration.psf import PsfCalibration
 from simulation import GaussianPsf, MeasuredPsf, Model, Psf, PsfField, SeparablePsf
+from simulation.arrays import AnyArray
 from simulation.choices import POSE_MODELS, PsfShape
 from standoff.library.call import Call
 from standoff.library.inputs import PsfLike, kind_of
+
+_COLOURS = ("red", "green", "blue")
 
 
 def camera_psf(call: Call, psf: PsfLike, shape: PsfShape = "best") -> Psf:
@@ -111,6 +114,53 @@ def calibration_of(psf: PsfLike) -> PsfCalibration | None:
     if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
         return None
     return _calibration(psf)[0]
+
+
+def channel_psfs(
+    call: Call, psf: PsfLike, image: AnyArray, known: Psf | PsfField
+) -> tuple[Psf, Psf, Psf] | None:
+    """Return the PSFs of red, green and blue; None where one PSF is for all of an image.
+
+    A calibration has the Gaussian of each colour of a mosaic. A shape that was measured is that of
+    one colour, and is stretched to the widths of the others.
+
+    Parameters
+    ----------
+    call
+        Takes the notes.
+    psf
+        What is known of the camera.
+    image
+        Shape ``(rows, cols)`` or ``(rows, cols, channels)``.
+    known
+        The PSF that was found in it for the whole image.
+    """
+    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
+        return None
+    stored, name = _calibration(psf)
+    if stored.channels is None or image.ndim != 3 or image.shape[2] != len(_COLOURS):
+        return None
+    red, green, blue = (_of_colour(stored, colour, known) for colour in _COLOURS)
+    if red is None or green is None or blue is None:
+        call.note(f"{name}: one PSF is used for all colours; it has none for each that serves here")
+        return None
+    call.note(f"{name}: red, green and blue have a PSF each")
+    return red, green, blue
+
+
+def _of_colour(stored: PsfCalibration, colour: str, known: Psf | PsfField) -> Psf | None:
+    """The PSF of one colour; None if its widths, or a shape of them, are not known."""
+    widths = (stored.channels or {}).get(colour)
+    if widths is None or isinstance(known, PsfField | SeparablePsf):
+        return None
+    if colour == stored.channel:
+        return known
+    if widths.sigma_x_px is None or widths.sigma_y_px is None:
+        return None
+    gaussian = GaussianPsf(
+        sigma_x_px=widths.sigma_x_px, sigma_y_px=widths.sigma_y_px, rho=widths.rho or 0.0
+    )
+    return known.stretched_to(gaussian) if isinstance(known, MeasuredPsf) else gaussian
 
 
 def _field(

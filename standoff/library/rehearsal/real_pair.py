@@ -102,7 +102,7 @@ class RealPair:
         found, limit = self.painted, self.unchanged.summary.detection_limit
         assert limit is not None
         rows, cols = found.followup_dn.shape
-        pictures = compared_pictures(found.reference.grey_dn, found, None)
+        pictures = compared_pictures(found.reference.grey_dn, found, None, found.colours)
         views = view_figures(pictures, found.summary.changes, (cols, rows), found.summary.moved)
         changes = changes_section(found.summary, views)
         missed = limit_section(limit, limit_figure(self.unchanged))

@@ -118,7 +118,7 @@ class JudgedPose:
 
     def plot(self) -> "Figure":
         """Return a map of d' over the follow-up."""
-        return plot_pose(self.followup.grey_dn, self.quality)
+        return plot_pose(self.followup.shown_dn, self.quality)
 
     def write_picture(self, path: FilePath) -> None:
         """Write the map of d', PNG or SVG.

@@ -9,7 +9,7 @@ from typing import Self
 from acquisition.printable import on_one_line
 from analysis.followup_series import References
 from analysis.sweep import SweepItem
-from simulation.arrays import FloatArray
+from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.library.files import each_image
 from standoff.library.swept_photographs import refusing
@@ -67,9 +67,9 @@ class OneReference(_PhotographReferences):
         return _same_photograph(self)
 
     @property
-    def grey_dn(self) -> FloatArray:
-        """Grey levels of the one reference."""
-        return _same_photograph(self).grey_dn
+    def shown_dn(self) -> AnyArray:
+        """Levels of a picture of the one reference, grey or in colour."""
+        return _same_photograph(self).shown_dn
 
     def name_for(self, followup: Path) -> None:
         """Nothing: all share one."""

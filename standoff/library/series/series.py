@@ -26,7 +26,7 @@ from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.reports import render_series_report
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions
-from simulation.arrays import FloatArray
+from simulation.arrays import AnyArray
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
@@ -209,7 +209,7 @@ def find_changes_of_series(
             has_parquet=parquet,
             others=(TIME_LINE_NAME, PAGE_NAME),
             finish=lambda rows, document: _write_pages(
-                call, (folder, page), document, rows, None if shared is None else shared.grey_dn
+                call, (folder, page), document, rows, None if shared is None else shared.shown_dn
             ),
         )
         return replace(run_series(call, work, manifest, tables, sweep), notes=call.notes)
@@ -318,7 +318,7 @@ def _write_pages(
     where: tuple[Path, Path | None],
     series: ChangesSeries,
     rows: Iterable[Row],
-    reference_dn: FloatArray | None,
+    reference_dn: AnyArray | None,
 ) -> None:
     """Write the time line of the changes, if they have one reference, and a page on all.
 
@@ -328,7 +328,7 @@ def _write_pages(
     listed = [ComparedFollowup.model_validate(row) for row in islice(rows, _ON_PAGE_MOST)]
     line = None
     if reference_dn is not None and series.compared <= _TIME_LINE_MOST:
-        line = time_line_of(out, series, rows, reference_dn.shape)
+        line = time_line_of(out, series, rows, reference_dn.shape[:2])
         write_results(out / TIME_LINE_NAME, line)
     elif reference_dn is not None:
         call.note(

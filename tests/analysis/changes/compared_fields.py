@@ -78,6 +78,7 @@ def comparison(
         extra_blur_px2=0.0,
         extra_blur_err_px2=1.0,
         gain=1.0,
+        gain_err=0.01,
         noise_factor=1.0,
         registration_err_px=0.0,
         width_err_px2=0.0,

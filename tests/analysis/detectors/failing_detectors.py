@@ -52,6 +52,13 @@ def difference(reference, followup, homography):
     return abs(reference)
 
 
+def channels(reference, followup, homography):
+    return float(followup.shape[2] + followup[0, 0, 1] - reference[0, 0, 2])
+
+
+channels.colour = True
+
+
 class Nested:
     @staticmethod
     def moment(reference, followup, homography):

@@ -7,7 +7,7 @@ from hypothesis.extra import numpy as npst
 from scipy.ndimage import gaussian_filter
 from skimage.metrics import structural_similarity
 
-from analysis.detectors import BUILT_IN_DETECTORS, ir_mad_statistic
+from analysis.detectors import BUILT_IN_DETECTORS, ir_mad_statistic, takes_colour
 from analysis.detectors.built_in import FUNCTIONS, absolute_difference, changes, ir_mad, ncc, ssim
 from simulation.arrays import Float32Array
 
@@ -180,7 +180,10 @@ def test_any_finite_photographs_give_a_finite_map_of_the_followups_shape(
         LEVELS if name == "changes" else st.floats(width=32, allow_nan=False, allow_infinity=False)
     )
     before, after = data.draw(images(levels)), data.draw(images(levels))
-    found = FUNCTIONS[name](before, after, data.draw(POSES))
+    shown = (before, after)
+    if takes_colour(FUNCTIONS[name]):
+        shown = np.stack([before] * 3, axis=2), np.stack([after] * 3, axis=2)
+    found = FUNCTIONS[name](*shown, data.draw(POSES))
     assert isinstance(found, np.ndarray)
     assert found.shape == after.shape
     assert found.dtype == np.float32

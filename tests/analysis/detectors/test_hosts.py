@@ -204,6 +204,21 @@ def test_a_callable_runs_here_and_its_faults_are_caught() -> None:
         assert detector(wanting(CALLS), FOLLOWUP, SAME).score == 2
 
 
+def test_a_module_says_by_its_attribute_that_its_detector_takes_colours() -> None:
+    colours = np.stack([FOLLOWUP, FOLLOWUP + 7, FOLLOWUP], axis=2)
+    with open_detector(DetectorSpec.parse("failing:channels")) as detector:
+        assert detector.takes_colour
+        assert detector(colours, colours, SAME).score == 3 + 7
+        assert detector(FOLLOWUP, FOLLOWUP, SAME).score == 3  # one plane three times
+    with open_detector(DetectorSpec.parse("failing:difference")) as detector:
+        assert not detector.takes_colour
+        answer = detector(colours, FOLLOWUP, SAME)
+        assert answer.map is not None
+        assert answer.map.shape == FOLLOWUP.shape
+        # The second plane is the green of the luma.
+        np.testing.assert_allclose(answer.map, 0.587 * 7, rtol=1e-5)
+
+
 def test_pixels_outside_of_the_reference_do_not_count() -> None:
     def detector(_: Float32Array, followup: Float32Array, __: object) -> Float32Array:
         found = followup.copy()
@@ -355,7 +370,7 @@ def test_a_time_that_is_none_and_photographs_that_are_none_are_refused() -> None
         with pytest.raises(ValueError, match="timeout_s"), open_detector(spec, timeout_s):
             pass
     with open_detector(spec) as detector:
-        for reference in (np.zeros((3, 3, 3)), np.zeros((0, 3)), np.full((3, 3), np.nan)):
+        for reference in (np.zeros((3, 3, 4)), np.zeros((0, 3)), np.full((3, 3), np.nan)):
             with pytest.raises(ValueError, match="reference"):
                 detector(reference, FOLLOWUP, SAME)
         with pytest.raises(ValueError, match="homography"):

@@ -7,7 +7,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from analysis.detectors import DetectorSpec, followup_view, open_detector
+from analysis.detectors import DetectorSpec, followup_view, open_detector, takes_colour
 from analysis.detectors.onnx_model import onnx_detector
 from analysis.errors import DetectorError, DetectorFault
 from simulation.arrays import Float32Array
@@ -72,6 +72,25 @@ def test_a_network_gets_the_reference_on_the_followups_pixels_and_returns_a_map(
     assert answer.score == pytest.approx(expected.max(), abs=1e-4)
     assert again.map is not None
     assert again.map.shape == (7, 15)
+
+
+def test_a_network_of_six_channels_gets_the_colours_of_both(tmp_path: Path) -> None:
+    path = network(tmp_path / "colours.onnx", "ReduceMean", (["N", 6, "H", "W"],), axes=[2, 3])
+    network_of = onnx_detector(str(path))
+    assert takes_colour(network_of)
+    given: list[Float32Array] = []
+
+    class Session:
+        def run(self, _: None, asked: dict[str, Float32Array]) -> list[Float32Array]:
+            given.extend(asked.values())
+            return [np.zeros((1, 1), np.float32)]
+
+    network_of._session = Session()  # type: ignore[attr-defined]
+    rng = np.random.default_rng(6)
+    reference, followup = rng.normal(100, 10, (2, 9, 11, 3)).astype(np.float32)
+    assert network_of(reference, followup, np.eye(3)) == 0.0
+    planes = np.concatenate([reference, followup], axis=2).transpose(2, 0, 1)
+    np.testing.assert_allclose(given[0], planes[np.newaxis], rtol=1e-5)
 
 
 def test_a_network_may_return_a_number(tmp_path: Path) -> None:

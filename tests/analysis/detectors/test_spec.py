@@ -122,6 +122,12 @@ def test_the_identity_of_a_callable_is_that_of_its_code_and_state() -> None:
     assert one.identity != other.identity
 
 
+def test_one_that_takes_colours_is_another_detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = DetectorSpec.of_callable(mean_level).identity
+    monkeypatch.setattr(mean_level, "colour", True, raising=False)
+    assert DetectorSpec.of_callable(mean_level).identity != before
+
+
 def test_what_is_no_callable_is_refused() -> None:
     with pytest.raises(TypeError, match="expected a callable, got str"):
         DetectorSpec.of_callable("ssim")  # type: ignore[arg-type]

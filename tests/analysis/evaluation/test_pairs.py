@@ -30,7 +30,7 @@ def task(**more: object) -> EvaluationTask:
 
 
 def maker(image: FloatArray, asked: EvaluationTask, later: LaterScene | None = None) -> PairMaker:
-    return PairMaker(grey_dn=image, digest="a1b2c3d4e5f60718", task=asked, psf=PSF, later=later)
+    return PairMaker(levels_dn=image, digest="a1b2c3d4e5f60718", task=asked, psf=PSF, later=later)
 
 
 def textured(side_px: int = 256) -> FloatArray:

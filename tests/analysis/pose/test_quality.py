@@ -104,8 +104,18 @@ def test_the_quantile_forgives_a_small_corner() -> None:
     threshold = strict.decisive_d_prime * 1.005
     assert not judge_pose(matrix, size, size, curve(), threshold).is_accepted
     assert judge_pose(matrix, size, size, curve(), threshold, "quantile").is_accepted
-    figure = plot_pose(np.zeros((480, 640)), judge_pose(matrix, size, size, curve(), threshold))
+    judged = judge_pose(matrix, size, size, curve(), threshold)
+    figure = plot_pose(np.zeros((480, 640)), judged)
     assert "rejected" in figure.axes[0].get_title()
+    # In colour there is the photograph beside the map, which lies on grey: its colours mean d'.
+    colours = np.ones((480, 640, 3)) * (200.0, 100.0, 20.0)
+    photograph, map_axes, _ = plot_pose(colours, judged).axes
+    assert "rejected" in map_axes.get_title()
+    shown, below = (axes.images[0].get_array() for axes in (photograph, map_axes))
+    assert shown is not None
+    assert below is not None
+    assert shown.ndim == 3
+    assert below.ndim == 2
 
 
 def test_no_overlap_is_an_error() -> None:

@@ -163,3 +163,48 @@ def test_the_papers_mode_is_its_equation_whether_a_correlation_is_known_or_not(
         assert json.loads(done.out)["psf_form"] == "gaussian"
         # The kernel's faint ends are cut off: 0.05 of 255.
         assert np.abs(tifffile.imread(out) - expected).max() < 0.05
+
+
+def test_each_channel_of_a_photograph_in_colour_takes_the_psf_of_its_colour(
+    command: Command, tmp_path: Path
+) -> None:
+    widths_px = {"red": 1.1, "green": 0.8, "blue": 0.6}
+    each = {
+        colour: {"sigma_x_px": width, "sigma_y_px": width, "rho": 0.0}
+        for colour, width in widths_px.items()
+    }
+    document = {"schema": "standoff.psf/1", **each["green"], "channel": "green", "channels": each}
+    psf, image = tmp_path / "psf.json", tmp_path / "image.tif"
+    psf.write_text(json.dumps(document))
+    pixels = np.random.default_rng(0).uniform(0, 255, (60, 80, 3)).astype(np.float32)
+    tifffile.imwrite(image, pixels, photometric="rgb")
+    (tmp_path / "H.json").write_text(
+        json.dumps(
+            {
+                "schema": "standoff.homography/1",
+                "matrix": [[1.3, 0.02, 2.0], [0.01, 1.25, 3.0], [1e-5, 0.0, 1.0]],
+                "size": [55, 40],
+            }
+        )
+    )
+    for pose in (("--zoom", 1.6), ("--homography", tmp_path / "H.json")):
+        out = tmp_path / "far.tif"
+        words = "simulate", image, *pose, "--psf", psf, "--out", out, "--force"
+        done = command(*words)
+        assert done.status == 0, done.err
+        assert "red, green and blue have a PSF each" in done.err
+        far = tifffile.imread(out)
+        assert far.shape[2] == 3
+        for number, colour in enumerate(widths_px):
+            alone = tmp_path / f"{colour}.json"
+            alone.write_text(json.dumps({"schema": "standoff.psf/1", **each[colour]}))
+            plane = tmp_path / "plane.tif"
+            tifffile.imwrite(plane, pixels[:, :, number])
+            done = command("simulate", plane, *pose, "--psf", alone, "--out", out, "--force")
+            assert done.status == 0, done.err
+            np.testing.assert_array_equal(tifffile.imread(out), far[:, :, number])
+    # One that lacks a colour is one PSF for all.
+    del each["blue"]
+    psf.write_text(json.dumps(document))
+    done = command(*words)
+    assert "one PSF is used for all colours" in done.err

@@ -6,8 +6,8 @@ from scipy.ndimage import gaussian_filter, laplace, map_coordinates
 
 from analysis.changes.matching.matching_kernel import (
     MatchingKernel,
+    NormalEquations,
     design_matrix,
-    solve,
     white_noise_gain,
 )
 from analysis.changes.matching.relative_blur import Smoothing, smoothing_for
@@ -31,8 +31,9 @@ def fitted(source: Float32Array, target: FloatImage) -> MatchingKernel:
     rows, cols = (part.ravel() for part in np.mgrid[5 : SHAPE[0] - 5 : 2, 5 : SHAPE[1] - 5 : 2])
     level = float(source.mean())
     design = design_matrix(source, level, rows, cols)
-    coefficients = solve(design, target[rows, cols].astype(np.float64), np.ones(len(rows)))
-    return MatchingKernel(coefficients=coefficients, level_dn=level)
+    measured = target[rows, cols].astype(np.float64)
+    equations = NormalEquations.of(design, measured, np.ones(len(rows)), centre=1.0)
+    return MatchingKernel(coefficients=equations.solution(), level_dn=level)
 
 
 def test_a_known_kernel_light_and_offset_are_recovered() -> None:

@@ -14,7 +14,9 @@ from analysis.detectors.learned import (
     load_learned,
     train_detector,
 )
+from analysis.detectors.learned.weights import on_one_grid
 from analysis.errors import DetectorError
+from calibration.psf import luma_plane
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 torch = pytest.importorskip("torch")
@@ -220,3 +222,12 @@ def test_its_file_is_named_as_a_detector_and_runs_in_a_process_of_its_own(tmp_pa
     assert DetectorSpec.parse(str(path)).identity != spec.identity
     with pytest.raises(DetectorError, match="is damaged"), open_detector(spec):
         pass
+
+
+def test_colours_are_looked_at_by_their_luma() -> None:
+    rng = np.random.default_rng(3)
+    colours = rng.normal(100, 10, (2, 20, 24, 3)).astype(np.float32)
+    greys = [luma_plane(one).astype(np.float32) for one in colours]
+    pose = np.array([[1.0, 0, 1.5], [0, 1, 0.5], [0, 0, 1]])
+    found = on_one_grid(colours[0], colours[1], pose)
+    np.testing.assert_allclose(found, on_one_grid(*greys, pose), rtol=1e-5)

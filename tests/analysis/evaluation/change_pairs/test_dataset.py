@@ -13,6 +13,7 @@ import tifffile
 import standoff
 from analysis.errors import ResultsFileError
 from analysis.evaluation.change_pairs import labelled_pairs, read_change_pairs, work as pairs_work
+from analysis.evaluation.change_pairs.pair_file import read_pairs
 from analysis.sweep import shards
 from standoff.errors import ApplicationError
 
@@ -84,6 +85,28 @@ def test_only_new_photographs_are_cut_however_the_others_were_put_together(
     whole = standoff.change_pairs(files, tmp_path / "whole", PSF, TASK)
     assert contents(tmp_path / "grown") == contents(tmp_path / "whole")
     assert grown.dataset.files == whole.dataset.files
+
+
+def test_pairs_of_a_photograph_in_colour_are_in_colour(tmp_path: Path) -> None:
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    rng = np.random.default_rng(8)
+    means = np.array([100.0, 60.0, 30.0])
+    levels = (means + 2 * rng.standard_normal((150, 160, 3))).astype(np.float32)
+    tifffile.imwrite(folder / "colour.tif", levels, photometric="rgb")
+    tifffile.imwrite(folder / "grey.tif", levels[:, :, 0])
+    made = standoff.change_pairs(folder, tmp_path / "out", PSF, TASK)
+    pairs = {one.photograph: read_pairs(tmp_path / "out" / one.file) for one in made.dataset.files}
+    for pair in pairs["grey.tif"]:
+        assert (pair.reference.ndim, pair.followup.ndim) == (2, 2)
+    for pair in pairs["colour.tif"]:
+        assert pair.reference.shape == (48, 48, 3)
+        assert pair.followup.shape == (*pair.mask.shape, 3)
+        # Hues are the photograph's: red, green and blue are those of the file.
+        np.testing.assert_allclose(pair.reference.mean((0, 1)), means, atol=1.0)
+        if pair.is_changed:  # a spot adds the same to all channels, where the mask says
+            added = pair.followup[pair.mask].mean(0) - means
+            assert np.ptp(added) < 0.3 * np.abs(added).max()
 
 
 @pytest.mark.slow(minutes=0.3)

@@ -19,11 +19,13 @@ from analysis.changes.detection.chance import FilterWidth
 from analysis.changes.document import Change, ChangeSummary
 from analysis.changes.filter import ChangeResult
 from analysis.changes.focus_sentence import describe_focus
+from analysis.changes.plot import changes_figure
 from analysis.changes.warning_sentences import ChangeMasks
-from analysis.reports.changes.pictures import LONGEST_SIDE_PX, compared_pictures
+from analysis.reports.changes.pictures import LONGEST_SIDE_PX, ColourPair, compared_pictures
 from analysis.reports.changes.sections import q_text, render_changes_report
-from analysis.reports.changes.time_line import render_series_report
+from analysis.reports.changes.time_line import plot_track_map, render_series_report
 from analysis.reports.changes.views import view_figures
+from analysis.screen import on_screen, white_level_dn
 from calibration.registration.distorted_pose import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 from tests.analysis.html_page import Page
@@ -112,6 +114,69 @@ def test_both_photographs_lie_on_one_grid_in_one_light() -> None:
     # JPEG of quality 92 leaves one or two levels.
     assert np.abs(shown[0] - shown[1])[inside].max() < 8
     assert shown[1].std() > 40
+
+
+def coloured(levels: FloatArray, hue: tuple[float, float, float]) -> FloatArray:
+    return np.asarray(levels[:, :, np.newaxis] * np.array(hue))
+
+
+def test_photographs_in_colour_keep_their_hues_whatever_their_light() -> None:
+    # Worked example: the follow-up is half as bright, and a disc of it is green instead of orange.
+    y, x = np.indices(SHAPE)
+    levels = 100 + 40 * np.sin(x / 6.0) * np.cos(y / 5.0)
+    before = coloured(levels, (1.0, 0.5, 0.1))
+    after = 0.5 * before
+    distance = np.hypot(x - 40, y - 30)
+    disc, away = distance < 6, np.abs(distance - 6) > 8  # an edge rings over a block of JPEG
+    after[disc] = 0.5 * coloured(levels, (0.2, 1.0, 0.1))[disc]
+    found = result(after.mean(2), np.zeros(SHAPE, np.bool_))
+    pair = ColourPair(reference_dn=before, followup_dn=after)
+    pictures = compared_pictures(before.mean(2), found, None, pair)
+    assert pictures.is_colour
+    shown = [decoded(one)[..., ::-1].astype(float) for one in (pictures.before, pictures.after)]
+    assert [one.shape for one in shown] == [(*SHAPE, 3)] * 2
+    white_dn = white_level_dn(after)
+    # As sRGB stores them, with one white for all channels; JPEG leaves a few levels.
+    expected = 255 * on_screen(after, white_dn)
+    np.testing.assert_allclose(shown[1][away], expected[away], atol=8)
+    red, green, _ = shown[1][disc].mean(0)
+    assert green > 1.5 * red
+    # The earlier one is made as bright as the later one, by one factor: the disc makes it darker.
+    gain = after.mean() / before.mean()
+    np.testing.assert_allclose(shown[0], 255 * on_screen(gain * before, white_dn), atol=8)
+    captions = [one.caption for one in view_figures(pictures, CHANGES, (SHAPE[1], SHAPE[0]))]
+    assert "its hues are its own" in captions[0]
+
+
+def test_a_change_of_one_pixel_keeps_its_colour_in_the_page() -> None:
+    before = coloured(np.full(SHAPE, 100.0), (1.0, 1.0, 1.0))
+    after = before.copy()
+    after[31, 41] = (20.0, 20.0, 100.0)
+    found = result(after.mean(2), np.zeros(SHAPE, np.bool_))
+    pair = ColourPair(reference_dn=before, followup_dn=after)
+    blue, _, red = decoded(compared_pictures(before.mean(2), found, None, pair).after)[31, 41]
+    # sRGB of 0.2 and of 1 are 124 and 255; colours of half the resolution would mix four pixels.
+    assert int(blue) - int(red) > 100
+
+
+def test_a_large_photograph_in_colour_is_averaged_down_for_the_page() -> None:
+    levels = np.random.default_rng(0).normal(100, 10, (40, 2 * LONGEST_SIDE_PX + 5))
+    after = coloured(levels, (1.0, 0.6, 0.3))
+    found = result(levels, np.zeros(levels.shape, np.bool_))
+    pair = ColourPair(reference_dn=after, followup_dn=after)
+    pictures = compared_pictures(levels, found, None, pair)
+    sizes = {decoded(one).shape[1] for one in (pictures.before, pictures.after, pictures.masks)}
+    assert sizes == {-(-levels.shape[1] // 3)}
+
+
+def test_the_figure_shows_a_follow_up_in_colour_in_its_colours() -> None:
+    y, x = np.indices(SHAPE)
+    after = coloured(100 + 40 * np.sin(x / 6.0) * np.cos(y / 5.0), (1.0, 0.5, 0.1))
+    found = result(after.mean(2), np.zeros(SHAPE, np.bool_))
+    for colours_dn, channels in ((None, 2), (after, 3)):
+        drawn = np.asarray(changes_figure(found, colours_dn).axes[0].images[0].get_array())
+        assert drawn.ndim == channels
+    np.testing.assert_allclose(drawn, on_screen(after, white_level_dn(after)))
 
 
 def test_masks_are_drawn_where_they_are_and_nowhere_else() -> None:
@@ -230,6 +295,11 @@ def test_the_page_of_a_series_shows_the_time_line_and_links_each_follow_up() -> 
     assert "2 of 4" in read.text
     pairs = Page(render_series_report(series, rows, None, None))
     assert "Time line" not in pairs.headings
+    colours = coloured(reference, (1.0, 0.5, 0.1))
+    for levels_dn, channels in ((reference, 2), (colours, 3)):
+        drawn = plot_track_map(line, levels_dn).axes[0].images[0].get_array()
+        assert drawn is not None
+        assert drawn.ndim == channels
 
 
 @pytest.mark.slow

@@ -1,0 +1,72 @@
+"""Whether two photographs are of one view, so that each pixel lies upon its own in the other."""
+
+from typing import Final
+
+import numpy as np
+
+from analysis.changes.matching import smoothing_for
+from analysis.changes.options import ChangeOptions
+from analysis.changes.photograph_pair import PhotographPair
+from calibration.registration import DistortedPose
+from simulation.arrays import AnyArray
+
+_LEAST_PIXELS: Final = 1000
+_MOST_UNLIKE: Final = 0.25
+"""Mean square of what differs over that of the scene: 2 for two unrelated ones, 0.2 at a noise as
+large as the scene."""
+
+_NEAR_PX: Final = 0.5
+"""A pose so near to a shift by whole pixels may be one."""
+
+_MOST_PX, _SURELY, _MOST_ERR_PX = 0.03, 3.0, 0.1
+"""Displacement at a corner that does not matter, the standard errors up to which it is none, and
+the error beyond which nothing is known of it. Registration is no better than 0.01 to 0.03 px."""
+
+
+def one_view(
+    reference: AnyArray,
+    followup: AnyArray,
+    options: ChangeOptions,
+    shift_px: tuple[int, int] = (0, 0),
+) -> DistortedPose | None:
+    """Return the pose of one view, if the photographs are such; None if they are to be aligned.
+
+    A camera that stood still is not to be aligned: the errors of that would be the only ones.
+
+    Parameters
+    ----------
+    reference, followup
+        Grey, shape ``(rows, cols)`` each.
+    options
+        Masks and white levels.
+    shift_px
+        ``(y, x)`` of the follow-up's first pixel in the reference.
+    """
+    matrix = np.array([[1.0, 0.0, shift_px[1]], [0.0, 1.0, shift_px[0]], [0.0, 0.0, 1.0]])
+    shapes = [
+        (int(one.shape[0]), int(one.shape[1])) for one in map(np.asarray, (reference, followup))
+    ]
+    pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=shapes[0], followup_shape=shapes[1])
+    pair = PhotographPair.of(reference, followup, pose, options)
+    valid = pair.valid(smoothing_for(0.0))
+    if np.count_nonzero(valid) < _LEAST_PIXELS:
+        return None
+    found = pair.blur(valid, 0.0)
+    apart_px, err_px = found.most_displaced
+    # Written so that NaN is no view.
+    if not (found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX):
+        return None
+    return pose if apart_px <= max(_MOST_PX, _SURELY * err_px) else None
+
+
+def nearest_shift(pose: DistortedPose) -> tuple[int, int] | None:
+    """Whole pixels ``(y, x)`` by which a pose moves the frame; None if it is no such shift."""
+    rows, cols = pose.followup_shape
+    y, x = (
+        np.array([0.0, 0.0, rows - 1.0, rows - 1.0]),
+        np.array([0.0, cols - 1.0, 0.0, cols - 1.0]),
+    )
+    to_y, to_x = pose.to_reference_px(y, x)
+    shift_y, shift_x = round(float(np.mean(to_y - y))), round(float(np.mean(to_x - x)))
+    apart = np.hypot(to_y - y - shift_y, to_x - x - shift_x)
+    return (shift_y, shift_x) if float(apart.max()) < _NEAR_PX else None
