@@ -13,6 +13,8 @@ RegistrationReason = Literal[
     "no_matches",
     "no_common_pose",
     "inside_out",
+    "mirrored",
+    "not_mirrored",
     "nearer",
     "little_overlap",
     "unlike",

@@ -15,6 +15,7 @@ from .filter import (
     find_changes as find_changes,
 )
 from .focus_sentence import describe_focus as describe_focus
+from .least import describe_least as describe_least
 from .limit_sentence import (
     describe_limit as describe_limit,
     describe_prediction as describe_prediction,

@@ -47,10 +47,6 @@ alarms are more than stated: 6 for 1 at 0.2 to 0.5 (rectangles through a lens of
 noise of 0.3 DN), 3 for 1 at 0.1 to 0.28 (0.6 DN), as stated at up to 0.13 (other lenses and JPEG,
 noise of 0.3 to 1.2 DN)."""
 
-_MOST_ROUNDING = 0.75
-"""Share of the variance that is rounding from which on the noise, less than 0.17 of a step, no
-longer makes it random: at 0.1 of a step 8 for 1, at 0.3 as stated."""
-
 _BLUR_ERR_PX2 = 1.0
 """How far the relative blur may be from that guess."""
 
@@ -323,8 +319,6 @@ def _scatter(matched: _Matched, difference: Float32Array) -> tuple[Float32Array,
     rounding = matched.rounding_variance_dn2
     if rounding is not None:
         np.maximum(sd, np.sqrt(rounding), out=sd)
-        coarse = float(np.mean(rounding[valid] / np.square(sd[valid])))
-        share = coarse if coarse > _MOST_ROUNDING else share
     return sd, share
 
 

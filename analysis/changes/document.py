@@ -24,13 +24,16 @@ CHANGES_SCHEMA: Final = "standoff.changes/1"
 KernelOrigin = Literal["calibrated", "pair", "both"]
 """Where the blur between two photographs is known from: psf.json, themselves, or both."""
 
+Happened = Literal["gone", "new", "brighter", "darker", "colour", "moved"]
+"""What happened to a thing: gone and new only where one photograph shows what surrounds it."""
+
 _Row3 = tuple[float, float, float]
 
 
 class Change(StoredValues):
-    """One connected change of one sign, or one movement, at its strongest place.
+    """One thing that changed or moved: connected changes that touch, or lie in one outline.
 
-    A thing that moved, where its shift is not told, is two: what vanished, and what appeared.
+    Of a thing of one part the place is the strongest one, of one with several their middle.
 
     Parameters
     ----------
@@ -52,6 +55,11 @@ class Change(StoredValues):
         added signal, and its standard errors; None where none does.
     is_moved
         Whether one does: ``area_px`` is then that of all the connected changes that it explains.
+    what
+        What happened to it; None in files of before.
+    parts
+        The connected changes of one sign that it consists of, the most significant first, where
+        they are several; of a movement, what is left over beside it.
     """
 
     x_px: float
@@ -67,6 +75,8 @@ class Change(StoredValues):
     displacement_px: tuple[float, float] | None = None
     displacement_err_px: tuple[float, float] | None = None
     is_moved: bool = False
+    what: Happened | None = None
+    parts: tuple["Change", ...] = ()
 
 
 class ChangeSummary(ResultsDocument):
@@ -99,10 +109,13 @@ class ChangeSummary(ResultsDocument):
     psf_form
         What the shape of the camera's PSF was known as; None in files of before.
     changes
-        What changed, the most significant first.
+        What changed, first what catches the eye first: by contrast and the root of the area.
     moved, moved_px
         What a shift explains, likewise, and its pixels; none where that was counted among the
         changes.
+    least_dn, below_least
+        Amplitude below which changes are not listed, where it was asked for, and how many there
+        are; by default the files' own steps decide, at each place.
     false_discovery_rate
         Share of false ones among the changes that was asked for, if it decided the threshold.
     saturated_px
@@ -140,6 +153,8 @@ class ChangeSummary(ResultsDocument):
     changes: tuple[Change, ...] = ()
     moved: tuple[Change, ...] = ()
     moved_px: int = 0
+    least_dn: float | None = None
+    below_least: int = 0
     false_discovery_rate: float | None = None
     saturated_px: int = 0
     kernel: KernelOrigin | None = None
@@ -183,7 +198,7 @@ _PARTS = {
 
 
 def _flat(change: Change) -> dict[str, float | bool | None]:
-    values = change.model_dump()
+    values = change.model_dump(exclude={"parts"})
     for name, columns in _PARTS.items():
         values |= dict(zip(columns, values.pop(name) or (None, None), strict=True))
     return values
@@ -192,7 +207,12 @@ def _flat(change: Change) -> dict[str, float | bool | None]:
 def change_table(changes: Sequence[Change]) -> bytes:
     """Return the list of changes as CSV, a line a change."""
     text = StringIO(newline="")
-    columns = [column for name in Change.model_fields for column in _PARTS.get(name, (name,))]
+    columns = [
+        column
+        for name in Change.model_fields
+        if name != "parts"
+        for column in _PARTS.get(name, (name,))
+    ]
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
     writer.writerows(map(_flat, changes))

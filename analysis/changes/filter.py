@@ -20,11 +20,13 @@ from analysis.changes.detection import (
 )
 from analysis.changes.document import ChangeSummary
 from analysis.changes.followup_grid import FollowupGrid
+from analysis.changes.least import large_enough
 from analysis.changes.matching import PixelPositions
 from analysis.changes.moved_changes import ToldApart, moved_apart
 from analysis.changes.one_view import nearest_shift, one_view
 from analysis.changes.options import ChangeOptions
 from analysis.changes.prediction import meet
+from analysis.changes.things import as_things
 from analysis.changes.unusable import clipped_at_white
 from analysis.changes.warning_sentences import ChangeMasks, change_warnings
 from analysis.errors import AnalysisError
@@ -238,8 +240,8 @@ class _Detected:
         Follow-up pixels that were compared, and all.
     widths, threshold_sd
         Of the filters, and their common threshold.
-    found, apart
-        All that exceeds it; changes and movements in it.
+    found, apart, below_least
+        All that exceeds it; changes and movements in it; and how many are too small to be listed.
     limits
         Of detection.
     """
@@ -251,6 +253,7 @@ class _Detected:
     threshold_sd: float
     found: FoundChanges
     apart: ToldApart
+    below_least: int
     limits: LimitMaps
 
     @classmethod
@@ -267,8 +270,13 @@ class _Detected:
         else:
             threshold = discovery_threshold(levels, options.false_discovery_rate)
         found = link_levels(levels, threshold)
-        listed = list_changes(found.regions, levels, compared, pose)
-        apart = moved_apart(compared, pose, found.regions, listed)
+        every = list_changes(found.regions, levels, compared, pose)
+        kept = large_enough(every, options, compared.gain)
+        regions = [found.regions[index] for index in np.flatnonzero(kept).tolist()]
+        listed = [every[index] for index in np.flatnonzero(kept).tolist()]
+        apart = moved_apart(compared, pose, regions, listed)
+        if options.count_moved:
+            apart = apart.together()
         return cls(
             pose=pose,
             compared_px=compared_px,
@@ -276,7 +284,8 @@ class _Detected:
             widths=widths,
             threshold_sd=threshold,
             found=found,
-            apart=apart.together() if options.count_moved else apart,
+            apart=as_things(apart, compared, pose),
+            below_least=len(every) - len(listed),
             limits=LimitMaps.of(compared, levels, threshold, grid.followup_px),
         )
 
@@ -308,6 +317,8 @@ class _Detected:
             width_err_px2=compared.width_err_px2,
             changes=self.apart.changes,
             moved=self.apart.moved,
+            least_dn=options.least_dn,
+            below_least=self.below_least,
             saturated_px=int(np.count_nonzero(masks.clipped | masks.reference_clipped)),
             kernel=compared.kernel,
             detection_limit=limit,

@@ -17,30 +17,64 @@ from analysis.changes.movement import (
     find_movements,
 )
 from calibration.registration import DistortedPose
-from simulation.arrays import FloatArray
+from simulation.arrays import FloatArray, IntArray
 
 _MOST_TRIED = 300
 """Changes of which it is asked; a frame with more is another scene."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Entry:
+    """One entry of the list, with the regions that it stands for."""
+
+    change: Change
+    regions: tuple[LinkedRegion, ...]
+
+    @property
+    def pixels(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns on the comparison's grid, of the strongest region first."""
+        return (
+            np.concatenate([region.rows for region in self.regions]),
+            np.concatenate([region.cols for region in self.regions]),
+        )
+
+    @property
+    def area_px(self) -> int:
+        """Pixels of the grid."""
+        return sum(len(region.rows) for region in self.regions)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToldApart:
-    """Changes and movements, the most significant first each, with the regions of both."""
+    """Changes and movements, the most significant first each until they are ordered as things."""
 
-    changes: tuple[Change, ...]
-    moved: tuple[Change, ...]
-    changed_regions: tuple[LinkedRegion, ...]
-    moved_regions: tuple[LinkedRegion, ...]
+    found: tuple[Entry, ...]
+    shifted: tuple[Entry, ...]
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """What changed."""
+        return tuple(entry.change for entry in self.found)
+
+    @property
+    def moved(self) -> tuple[Change, ...]:
+        """What moved."""
+        return tuple(entry.change for entry in self.shifted)
+
+    @property
+    def changed_regions(self) -> tuple[LinkedRegion, ...]:
+        """Of what changed."""
+        return tuple(region for entry in self.found for region in entry.regions)
+
+    @property
+    def moved_regions(self) -> tuple[LinkedRegion, ...]:
+        """Of what moved."""
+        return tuple(region for entry in self.shifted for region in entry.regions)
 
     def together(self) -> "ToldApart":
         """Count movements among the changes."""
-        both = sorted((*self.changes, *self.moved), key=lambda change: -change.significance)
-        return ToldApart(
-            changes=tuple(both),
-            moved=(),
-            changed_regions=(*self.changed_regions, *self.moved_regions),
-            moved_regions=(),
-        )
+        both = sorted((*self.found, *self.shifted), key=lambda one: -one.change.significance)
+        return ToldApart(found=tuple(both), shifted=())
 
 
 def moved_apart(
@@ -70,18 +104,26 @@ def moved_apart(
         )
         for region in regions[:_MOST_TRIED]
     ]
-    movements = find_movements(_images(compared), tried) if tried else ()
+    movements = find_movements(images_of(compared), tried) if tried else ()
     explained = {index for movement in movements for index in movement.regions}
-    moved = [_as_change(movement, changes, tried, compared, pose) for movement in movements]
+    moved = [
+        Entry(
+            change=_as_change(movement, changes, tried, compared, pose),
+            regions=tuple(regions[index] for index in movement.regions),
+        )
+        for movement in movements
+    ]
     return ToldApart(
-        changes=tuple(one for index, one in enumerate(changes) if index not in explained),
-        moved=tuple(sorted(moved, key=lambda change: -change.significance)),
-        changed_regions=tuple(one for i, one in enumerate(regions) if i not in explained),
-        moved_regions=tuple(one for i, one in enumerate(regions) if i in explained),
+        found=tuple(
+            Entry(change=change, regions=(region,))
+            for index, (change, region) in enumerate(zip(changes, regions, strict=True))
+            if index not in explained
+        ),
+        shifted=tuple(sorted(moved, key=lambda one: -one.change.significance)),
     )
 
 
-def _images(compared: Comparison) -> Images:
+def images_of(compared: Comparison) -> Images:
     """Both photographs in the levels that were matched."""
     scale = compared.matched_scale
     difference, sd = (

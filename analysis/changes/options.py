@@ -47,6 +47,11 @@ class ChangeOptions:
     step_variance_dn2
         Variance of each pixel of the reference and the follow-up by the steps of their files, where
         those are known; otherwise they are looked for among the levels.
+    least_dn
+        Amplitude below which what is significant is counted and not listed; None for the step of
+        the files, at each place.
+    step_dn
+        Steps of the levels of reference and follow-up, at each pixel, where they are known.
     coded_alike
         Gives reference and follow-up as they would be in files that are coded alike, for
         photographs whose pixels lie upon each other.
@@ -66,5 +71,7 @@ class ChangeOptions:
     white_level_dn: tuple[float | None, float | None] = (None, None)
     variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
     step_variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
+    least_dn: float | None = None
+    step_dn: tuple[Float32Array | None, Float32Array | None] = (None, None)
     coded_alike: Callable[[], tuple[AnyArray, AnyArray]] | None = None
     count_moved: bool = False

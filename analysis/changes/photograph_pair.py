@@ -32,6 +32,10 @@ _BORDER_SD = 3.0
 _LEAST_SHARE, _LEAST_PIXELS = 0.2, 1000
 """Of the pixels within the border, between the ends of the scale, for models to be fitted there."""
 
+_BETWEEN_LEVELS = np.float32(3.0)
+"""Light half-way between two levels takes either by chance: a quarter of the squared step, where a
+twelfth is the mean over all light. Of a smooth surface whole places lie there."""
+
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
 
@@ -137,13 +141,13 @@ class PhotographPair:
     def rounding_variance_dn2(
         self, gains: WhiteNoiseGain, smoothing: Smoothing
     ) -> Float32Array | None:
-        """Variance of the difference by the steps of the files; None where these are not known."""
+        """Most that the steps of the files give the difference; None where these are not known."""
         own, other = self.target_steps_dn2, self.source_steps_dn2
         total = None if own is None else np.float32(gains.target) * own
         if other is not None:
             brought = np.float32(gains.source) * np.nan_to_num(self.positions.seen(other))
             total = brought if total is None else total + brought
-        return None if total is None else smoothed(total, smoothing.target_px)
+        return None if total is None else smoothed(total * _BETWEEN_LEVELS, smoothing.target_px)
 
     def with_tone(self, curve: ToneCurve) -> "PhotographPair":
         """Return the pair with the target in the source's levels; its variance is fitted then."""

@@ -50,7 +50,7 @@ def render_evaluation_report(evaluation: Evaluation) -> str:
             provenance=(
                 ("change", evaluation.change),
                 *(
-                    [("pairs in colour", f"of {evaluation.colour_photographs} photographs")]
+                    [("photographs in colour", str(evaluation.colour_photographs))]
                     if evaluation.colour_photographs
                     else []
                 ),

@@ -38,6 +38,7 @@ _OPEN_SIGNIFICANCE = 3.5
 _OPEN_MATCHES = 12
 """Standard deviations, or matched features, from which a closer look may show more."""
 
+_TRUSTED_MATCHES = 20
 _RIVAL_CORRELATION = 0.6
 _RIVAL_EVIDENCE = 0.3
 """Of the best pose's: shares of its correlation and evidence with which another is its rival."""
@@ -142,10 +143,13 @@ class Candidate:
     @property
     def is_open(self) -> bool:
         """Whether a closer look may show more."""
-        matches = self.hypothesis.matches
-        return self.agreement.significance >= _OPEN_SIGNIFICANCE or (
-            matches is not None and len(matches.followup_px) >= _OPEN_MATCHES
-        )
+        is_matched = self.hypothesis.match_count >= _OPEN_MATCHES
+        return self.agreement.significance >= _OPEN_SIGNIFICANCE or is_matched
+
+    @property
+    def is_well_matched(self) -> bool:
+        """Whether so many features agree on the pose that it needs no second look."""
+        return self.hypothesis.match_count >= _TRUSTED_MATCHES and not self.hypothesis.is_tilted
 
     @property
     def is_clear(self) -> bool:
@@ -230,9 +234,15 @@ def _coarse_to_fine(target: AlignedPhotograph, factor: int) -> list[int]:
     return factors
 
 
-def chosen(pair: PhotographPair, hypotheses: Iterable[PoseHypothesis]) -> Choice | None:
-    """The hypothesis with most evidence, and its rival; None if none leaves an overlap."""
-    best: Candidate | None = None
+def best_of(
+    pair: PhotographPair, hypotheses: Iterable[PoseHypothesis], best: Candidate | None = None
+) -> Candidate | None:
+    """The hypothesis with most evidence; None if none leaves an overlap.
+
+    ``best`` is one that is known already; from one that is clear on no other is judged.
+    """
+    if best is not None and best.is_clear:
+        return best
     for hypothesis in hypotheses:
         candidate = judged(pair, hypothesis)
         if candidate is None:
@@ -241,11 +251,7 @@ def chosen(pair: PhotographPair, hypotheses: Iterable[PoseHypothesis]) -> Choice
             best = candidate
         if best.is_clear:
             break
-    if best is None:
-        return None
-    if not best.is_significant:
-        return Choice(best=best)
-    return with_rival(pair, best)
+    return best
 
 
 def with_rival(pair: PhotographPair, best: Candidate) -> Choice:

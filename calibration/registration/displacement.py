@@ -54,6 +54,13 @@ class SmoothDisplacement:
             photograph="followup" if self.photograph == "reference" else "reference",
         )
 
+    def mirrored(self) -> Self:
+        """Return the displacement of the photograph with its columns reversed."""
+        signs = np.array([1.0, -1.0])[:, None, None]
+        return type(self)(
+            knots_px=self.knots_px[..., ::-1] * signs, shape=self.shape, photograph=self.photograph
+        )
+
     def _at(self, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
         """Displacement along y and x; constant beyond the frame."""
         places = [

@@ -99,6 +99,14 @@ class DistortedPose:
             displacement=None if self.displacement is None else self.displacement.swapped(),
         )
 
+    def mirrored(self) -> Self:
+        """Return the pose of the follow-up with its columns reversed; twice, it is the same."""
+        bend = self.displacement
+        if bend is not None and bend.photograph == "followup":
+            bend = bend.mirrored()
+        # Distortion is the same on both sides of the frame's centre.
+        return self.with_(mirrored_matrix(self.matrix, self.followup_shape), self.k1, bend)
+
     def to_reference_px(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Reference coordinates ``(y, x)`` of follow-up coordinates, in the same shape."""
         bend = self.displacement
@@ -146,6 +154,12 @@ class DistortedPose:
     @property
     def _lens(self) -> FloatArray:
         return lens_of(self.k1, self.reference_shape, self.followup_shape)
+
+
+def mirrored_matrix(matrix: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    """Homography from a follow-up of ``shape`` with its columns reversed."""
+    flip = np.array([[-1.0, 0.0, shape[1] - 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(matrix @ flip)
 
 
 def _warped(

@@ -74,6 +74,26 @@ class ImageFeatures:
             )
         return FeatureMatches(followup.points_px[pairs[:, 0]], self.points_px[pairs[:, 1]])
 
+    def mirrored(self) -> Self:
+        """Return the features of the image with its columns reversed, without looking for them.
+
+        A descriptor has 4 x 4 cells of 8 directions, the first of which is the feature's own: along
+        it nothing changes, across it cells and directions change sides.
+        """
+        cells = self.descriptors.reshape(-1, 4, 4, 8)[:, ::-1]
+        descriptors = cells[..., -np.arange(8) % 8].reshape(-1, 128)
+        points, frames = self.points_px.copy(), self.frames.copy()
+        points[:, 0] = self.shape[1] - 1 - points[:, 0]
+        frames[:, 1] = np.pi - frames[:, 1]
+        return type(self)(points, np.ascontiguousarray(descriptors), frames, self.shape)
+
+    def some(self, most: int) -> Self:
+        """Return at most about so many of the features, evenly chosen."""
+        chosen = np.s_[:: max(len(self.points_px) // most, 1)]
+        return type(self)(
+            self.points_px[chosen], self.descriptors[chosen], self.frames[chosen], self.shape
+        )
+
     def pairs_with(
         self, followup: Self, ratio: float, mask: NDArray[np.uint8] | None = None
     ) -> NDArray[np.int64]:

@@ -1,9 +1,11 @@
 """What an operator knows of an alignment beforehand."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
+from calibration.registration.distorted_pose import mirrored_matrix
 from calibration.registration.feature_matches import FeatureMatches
 from simulation.arrays import BoolArray, FloatArray
 
@@ -27,6 +29,9 @@ class RegistrationHints:
         refined, and kept with a warning where that fails.
     left_out
         Follow-up pixels that do not count, of the follow-up's shape.
+    mirrored
+        Whether one of the two shows the scene as in a mirror. A pose that is given is then the one
+        of the follow-up as it is: its determinant is negative.
 
     Raises
     ------
@@ -44,6 +49,7 @@ class RegistrationHints:
     matrix: FloatArray | None = None
     points: FeatureMatches | None = None
     left_out: BoolArray | None = None
+    mirrored: bool = False
 
     def __post_init__(self) -> None:
         if self.zoom is not None and not 0 < self.zoom < np.inf:
@@ -58,3 +64,17 @@ class RegistrationHints:
             raise ValueError(
                 f"{POINTS_MIN} pairs of points are needed, got {len(self.points.followup_px)}"
             )
+
+    def with_columns_reversed(self, shape: tuple[int, int]) -> Self:
+        """Return the hints for the mirror image of a follow-up of ``(rows, cols)``."""
+        matrix, points, left_out = self.matrix, self.points, self.left_out
+        if matrix is not None:
+            matrix = mirrored_matrix(matrix, shape)
+        if points is not None:
+            reversed_px = points.followup_px * (-1, 1) + (shape[1] - 1, 0)
+            points = FeatureMatches(reversed_px, points.reference_px)
+        if left_out is not None:
+            left_out = np.ascontiguousarray(left_out[:, ::-1])
+        return replace(
+            self, matrix=matrix, points=points, left_out=left_out, mirrored=not self.mirrored
+        )

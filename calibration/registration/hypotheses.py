@@ -53,18 +53,27 @@ class PoseHypothesis:
     is_expected: bool = False
     is_tilted: bool = False
 
+    @property
+    def match_count(self) -> int:
+        """Number of matches that speak for it."""
+        return 0 if self.matches is None else len(self.matches.followup_px)
+
 
 def given_poses(hints: RegistrationHints) -> Iterator[PoseHypothesis]:
     """Hypotheses that an operator has given: points first, as they are more precise."""
     points = hints.points
     if points is not None:
-        found, _ = cv2.findHomography(points.followup_px, points.reference_px, 0)
-        if np.shape(found) == (3, 3):
-            yield PoseHypothesis(
-                matrix=np.asarray(found, dtype=np.float64), matches=points, is_given=True
-            )
+        matrix = points_homography(points)
+        if matrix is not None:
+            yield PoseHypothesis(matrix=matrix, matches=points, is_given=True)
     if hints.matrix is not None:
         yield PoseHypothesis(matrix=hints.matrix, is_given=True)
+
+
+def points_homography(points: FeatureMatches) -> FloatArray | None:
+    """Homography, shape (3, 3), that all pairs of points determine; None where they do not."""
+    found, _ = cv2.findHomography(points.followup_px, points.reference_px, 0)
+    return np.asarray(found, dtype=np.float64) if np.shape(found) == (3, 3) else None
 
 
 def feature_poses(
@@ -94,12 +103,12 @@ def _centred_mask(near: ImageFeatures, far: ImageFeatures, zoom: float) -> NDArr
     """Pairs of features that lie together where both frames have the same centre."""
     middles = [(np.array(one.shape[1::-1]) - 1) / 2 for one in (near, far)]
     expected = (far.points_px - middles[1]) * zoom + middles[0]
-    return _within(expected, near.points_px, 2 * _VOTE_REACH * max(near.shape))
+    return within(expected, near.points_px, 2 * _VOTE_REACH * max(near.shape))
 
 
 @compiled(nogil=True)
-def _within(left: FloatArray, right: FloatArray, reach_px: float) -> NDArray[np.uint8]:
-    """Whether points lie nearer to each other than that, of every pair."""
+def within(left: FloatArray, right: FloatArray, reach_px: float) -> NDArray[np.uint8]:
+    """Whether points ``(x, y)`` lie nearer to each other than that: 1 of every pair that does."""
     found = np.empty((len(left), len(right)), np.uint8)
     for i in range(len(left)):
         for j in range(len(right)):

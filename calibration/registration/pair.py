@@ -6,7 +6,9 @@ fine. What cannot be told from chance is refused; what may be one of several is 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import Self
 
 import numpy as np
 
@@ -16,15 +18,22 @@ from calibration.registration.candidates import (
     Choice,
     DirectedPose,
     PhotographPair,
-    chosen,
+    best_of,
+    with_rival,
 )
 from calibration.registration.dense import AlignedPhotograph, RefinedPose, refined_pose
-from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.features import features_of
+from calibration.registration.distorted_pose import DistortedPose, mirrored_matrix
 from calibration.registration.hints import RegistrationHints
 from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
+from calibration.registration.mirrored import (
+    MirrorImage,
+    mirrored,
+    not_mirrored,
+    refuse_contradiction,
+)
 from calibration.registration.reference import RegistrationReference
 from calibration.registration.search import searched_poses
+from calibration.registration.second_look import look_at, looked_again
 from calibration.registration.tilted_views import tilted_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
@@ -35,6 +44,9 @@ _PLACE_ERR_MAX_PX = 3.0
 
 _GIVEN_ERR_PX = 3.0
 """Standard error of a hint that could not be refined: what the operator is asked for."""
+
+_ASIDE_WARN_PX = 1.0
+"""Of a flat scene, details match to .3 to .9 px of the coarser photograph."""
 
 _INLIER_PX = 3.0
 
@@ -91,6 +103,13 @@ class Registration:
         """Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to the reference's, ideal lens."""
         return self.pose.matrix
 
+    def mirrored(self) -> Self:
+        """Return the registration of the follow-up with its columns reversed."""
+        matrix = mirrored_matrix(self.feature_matrix, self.pose.followup_shape)
+        return replace(
+            self, pose=self.pose.mirrored(), feature_matrix=np.asarray(matrix / matrix[2, 2])
+        )
+
 
 def register(
     reference: AnyArray | RegistrationReference,
@@ -114,49 +133,69 @@ def register(
     Raises
     ------
     RegistrationError
-        If the two cannot be aligned; the message names the ways on.
+        If the two cannot be aligned, or one is the mirror image of the other and the hints do not
+        say so; the message names the ways on.
     ValueError
         If an image is not grey with finite values, or a hint does not fit the follow-up.
     """
     hints = hints or RegistrationHints()
     if not isinstance(reference, RegistrationReference):
         reference = RegistrationReference.of(reference)
-    pair = PhotographPair(
-        reference=reference.photograph,
-        followup=AlignedPhotograph.of(followup, hints.left_out),
-        psf=psf,
-    )
+    photograph = AlignedPhotograph.of(followup, hints.left_out)
+    refuse_contradiction(hints, photograph.shape)
+    if not hints.mirrored:
+        return _registered(reference, photograph, psf, hints, mirrored())
+    hints = hints.with_columns_reversed(photograph.shape)
+    return _registered(reference, photograph.mirrored(), psf, hints, not_mirrored()).mirrored()
+
+
+def _registered(
+    reference: RegistrationReference,
+    photograph: AlignedPhotograph,
+    psf: GaussianPsf | None,
+    hints: RegistrationHints,
+    of_mirror_image: RegistrationError,
+) -> Registration:
+    """Pose of a photograph that is not mirrored; an error where its mirror image agrees better."""
+    pair = PhotographPair(reference=reference.photograph, followup=photograph, psf=psf)
     _refuse_without_detail(pair)
     given = list(given_poses(hints))
-    choice = chosen(pair, given)
-    if choice is not None and choice.best.is_significant:
+    best = best_of(pair, given)
+    if best is not None and best.is_significant:
         # Of several periods the operator has chosen one.
-        return _refined(pair, Choice(best=choice.best))
+        return _refined(pair, Choice(best=best))
     if given:
-        if choice is None:
+        if best is None:
             raise RegistrationError(
                 "the given pose leaves nothing in common; check its direction: it takes follow-up "
                 "pixels to reference pixels",
                 reason="little_overlap",
             )
-        return _as_given(pair, choice.best)
-    choice = chosen(pair, _hypotheses(reference, pair, hints.zoom))
-    if choice is None or not choice.best.is_significant:
-        raise _not_found(choice)
-    return _refined(pair, choice)
+        return _as_given(pair, best)
+    # A follow-up's features are wanted several times, too.
+    followup, zoom = RegistrationReference(photograph), hints.zoom
+    best = best_of(pair, _matched_poses(reference, followup, zoom))
+    plain = tuple(one.features(is_closer_look=False) for one in (reference, followup))
+    mirror_image = MirrorImage(pair, (plain[0], plain[1]), zoom)
+    if mirror_image.is_matched_better(best):
+        raise of_mirror_image
+    searched = searched_poses(pair.reference, pair.followup, zoom)
+    tilted = tilted_poses((pair.reference, pair.followup), (plain[0], plain[1]), zoom)
+    best = best_of(pair, chain(searched, tilted), best)
+    if mirror_image.is_searched_better(best):
+        raise of_mirror_image
+    if best is None or not best.is_significant:
+        raise _not_found(best)
+    best = looked_again(pair, best)
+    return _refined(pair, with_rival(pair, best))
 
 
-def _hypotheses(
-    reference: RegistrationReference, pair: PhotographPair, zoom: float | None
+def _matched_poses(
+    reference: RegistrationReference, followup: RegistrationReference, zoom: float | None
 ) -> Iterator[PoseHypothesis]:
-    followup = pair.followup
     for is_closer_look in (False, True):
-        near = reference.features(is_closer_look=is_closer_look)
-        far = features_of(followup.levels, followup.usable, is_closer_look=is_closer_look)
+        near, far = (one.features(is_closer_look=is_closer_look) for one in (reference, followup))
         yield from feature_poses(near, far, zoom)
-    yield from searched_poses(pair.reference, pair.followup, zoom)
-    plain = reference.features(is_closer_look=False), features_of(followup.levels, followup.usable)
-    yield from tilted_poses((pair.reference, followup), plain, zoom)
 
 
 def _refuse_without_detail(pair: PhotographPair) -> None:
@@ -177,16 +216,16 @@ def _no_detail(role: str) -> RegistrationError:
     )
 
 
-def _not_found(choice: Choice | None) -> RegistrationError:
-    if choice is None:
+def _not_found(best: Candidate | None) -> RegistrationError:
+    if best is None:
         return RegistrationError(
             f"the photographs overlap too little to be aligned; {_REMEDIES}",
             reason="little_overlap",
         )
-    agreement = choice.best.agreement
+    agreement = best.agreement
     return RegistrationError(
         f"no pose was found at which the photographs agree (best correlation "
-        f"{agreement.correlation:.2f}, {choice.best.missing}); {_REMEDIES}",
+        f"{agreement.correlation:.2f}, {best.missing}); {_REMEDIES}",
         reason="low_correlation",
         correlation=agreement.correlation,
     )
@@ -204,6 +243,13 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
     )
     if found is None:
         return _as_given(pair, choice.best)
+    look = look_at(choice.best)
+    if look is not None and look.is_contradicted(found.pose):
+        raise RegistrationError(
+            "the photographs agree best at a pose at which most of their details lie elsewhere; "
+            f"{_REMEDIES}",
+            reason="contradiction",
+        )
     pose = directed.with_pose(found.pose).of_followup
     place_err_px = found.errors.place_err_px * (pose.zoom if directed.is_swapped else 1.0)
     if not place_err_px <= _PLACE_ERR_MAX_PX and pose.displacement is None:
@@ -232,6 +278,12 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
         )
     if place_err_px > _PLACE_ERR_WARN_PX:
         warnings.append(f"the pose is uncertain by {place_err_px:.2f} px")
+    aside_px = None if look is None else look.displacement_px(found.pose)
+    if aside_px is not None and aside_px > _ASIDE_WARN_PX:
+        warnings.append(
+            f"matching details lie {aside_px:.1f} px from where the pose puts them: the scene is "
+            "not quite flat, or the pose not quite right"
+        )
     return _registration(choice.best.hypothesis, pose, found, place_err_px, directed, warnings)
 
 

@@ -77,11 +77,7 @@ def _most_promising(
     found: list[PoseHypothesis], shape: tuple[int, int], zoom: float | None
 ) -> list[PoseHypothesis]:
     possible = [one for one in found if is_plausible(one.matrix, shape, zoom)]
-    return sorted(possible, key=lambda one: -_count(one))[:_ASKED]
-
-
-def _count(hypothesis: PoseHypothesis) -> int:
-    return 0 if hypothesis.matches is None else len(hypothesis.matches.followup_px)
+    return sorted(possible, key=lambda one: -one.match_count)[:_ASKED]
 
 
 def _of_reference(found: PoseHypothesis, view: FloatArray) -> PoseHypothesis:

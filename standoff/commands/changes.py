@@ -57,6 +57,7 @@ def changes(
     homography: terminal.PoseHint = None,
     points: terminal.Points = None,
     mask: terminal.Mask = None,
+    mirrored: terminal.Mirrored = False,
     white_level: Annotated[
         float | None,
         Option(
@@ -130,6 +131,16 @@ def changes(
             help="Count what a shift of a few pixels explains among the changes, not apart.",
         ),
     ] = False,
+    least: Annotated[
+        float | None,
+        Option(
+            min=0.0,
+            metavar="DN",
+            help="Amplitude below which what is significant is counted, not listed; the step of "
+            "the files' levels by default.",
+            show_default=False,
+        ),
+    ] = None,
     report: Annotated[
         Path | None,
         Option(
@@ -164,10 +175,11 @@ def changes(
         "false_alarms": false_alarms,
         "false_discovery_rate": false_discovery_rate,
         "hints": library.alignment_hints(
-            expect_zoom, homography=homography, points=points, mask=mask
+            expect_zoom, homography=homography, points=points, mask=mask, mirrored=mirrored
         ),
         "white_level": white_level,
         "count_moved": count_moved,
+        "least": least,
         "limit": library.DetectionLimitOptions(
             spot_sigma_px=spot_sigma,
             contrast_dn=limit_contrast,
@@ -209,6 +221,7 @@ def changes(
 def _show_one(out: Path, summary: ChangeSummary) -> None:
     from analysis.changes import (
         describe_focus,
+        describe_least,
         describe_limit,
         describe_moved,
         describe_prediction,
@@ -219,11 +232,12 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
         shown = found if count <= _SHOWN_WHOLE else found[:_SHOWN_OF_MANY]
         title = "1 change" if count == 1 else f"{count} changes"
         if len(shown) < count:
-            title = f"The {len(shown)} most significant of {title}"
+            title = f"The first {len(shown)} of {title}"
         terminal.print_table(
             title,
             [
                 "change",
+                "what",
                 "x / px",
                 "y / px",
                 "area / px",
@@ -241,6 +255,9 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
     moved = describe_moved(summary)
     if moved is not None:
         terminal.say(moved)
+    small = describe_least(summary)
+    if small is not None:
+        terminal.say(small)
     limit = describe_limit(summary)
     if limit is not None:
         terminal.say(limit)
@@ -259,6 +276,7 @@ def _change_cells(number: int, change: Change) -> list[str]:
     reach_dn = NORMAL_95 * change.amplitude_err_dn
     return [
         str(number),
+        change.what or "",
         f"{change.x_px:.1f}",
         f"{change.y_px:.1f}",
         f"{change.area_px:.0f}",

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from analysis.pose import JudgedFollowup, PoseQuality, PoseSeries, PoseSummary
     from analysis.sweep import SweepOptions
 
-_HINTS = ("expect_zoom", "homography", "points", "mask")
+_HINTS = ("expect_zoom", "homography", "points", "mask", "mirrored")
 _RULES = (
     *terminal.HINT_RULES,
     terminal.exactly_one("followup", "stream", "bench"),
@@ -54,6 +54,7 @@ def pose(
     homography: terminal.PoseHint = None,
     points: terminal.Points = None,
     mask: terminal.Mask = None,
+    mirrored: terminal.Mirrored = False,
     picture: Annotated[Path | None, Option(help="Also write a map of d' (PNG or SVG).")] = None,
     out: Annotated[
         Path | None, Option(help="Folder for the results of several follow-ups; it is resumed.")
@@ -108,7 +109,7 @@ def pose(
         **always,
         "psf": psf,
         "hints": library.alignment_hints(
-            expect_zoom, homography=homography, points=points, mask=mask
+            expect_zoom, homography=homography, points=points, mask=mask, mirrored=mirrored
         ),
         "progress": terminal.ShownProgress(),
     }

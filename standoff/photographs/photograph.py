@@ -257,21 +257,37 @@ class Photograph(PhotographHead):
         steps of its luma's coefficients, each the density of the error at its frequency, weighted
         as a Gaussian of 1 px does: the variance of white noise that is as large once smoothed.
         """
+        steps = self._squared_steps_dn2
+        return None if steps is None else (steps[0] / 12 + steps[1]).astype(np.float32)
+
+    @property
+    def step_dn(self) -> Float32Array | None:
+        """Grey level by which one step of the stored levels differs; None without integers.
+
+        Of colours, the root of the squares of the channels' steps in their luma; of a JPEG, with
+        the error of its coefficients.
+        """
+        steps = self._squared_steps_dn2
+        return None if steps is None else np.sqrt(steps[0] + steps[1]).astype(np.float32)
+
+    @property
+    def _squared_steps_dn2(self) -> tuple[FloatArray, FloatArray] | None:
+        """Squared steps of the stored levels in grey, and the variance of JPEG coefficients."""
         if self.stored.dtype.kind != "u" or self.pattern is not None:
             return None
         slopes = self._decoding_slopes
         weights = np.asarray(REC601_LUMA) if self.is_colour else np.ones(1)
         planes = slopes.reshape(*slopes.shape[:2], -1)
-        variance = np.square(planes) @ np.square(weights) / 12
-        if self.luma_steps is not None:
-            density = np.square(self.luma_steps) / 12
-            gain = np.exp(-((2 * np.pi * np.arange(8) / 16) ** 2))
-            weight = np.outer(gain, gain)
-            coded = float((density * weight).sum() / weight.sum())
-            # Of colours luma is rounded before it is transformed, and once more with the chroma.
-            coded += 2 / 12 if self.is_colour else 0.0
-            variance += np.square(planes @ weights) * coded
-        return np.asarray(variance, dtype=np.float32)
+        squares = np.square(planes) @ np.square(weights)
+        if self.luma_steps is None:
+            return squares, np.zeros(1)
+        density = np.square(self.luma_steps) / 12
+        gain = np.exp(-((2 * np.pi * np.arange(8) / 16) ** 2))
+        weight = np.outer(gain, gain)
+        coded = float((density * weight).sum() / weight.sum())
+        # Of colours luma is rounded before it is transformed, and once more with the chroma.
+        coded += 2 / 12 if self.is_colour else 0.0
+        return squares, np.square(planes @ weights) * coded
 
     @property
     def _decoding_slopes(self) -> FloatArray:

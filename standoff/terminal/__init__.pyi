@@ -48,6 +48,7 @@ from .options import (
     Mask as Mask,
     Mean as Mean,
     MinDprime as MinDprime,
+    Mirrored as Mirrored,
     OperatorName as OperatorName,
     Page as Page,
     PartOfShards as PartOfShards,

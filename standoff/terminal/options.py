@@ -262,6 +262,14 @@ Mask = Annotated[
     ),
 ]
 
+Mirrored = Annotated[
+    bool,
+    Option(
+        "--mirrored",
+        help="One photograph shows the scene as in a mirror; without it, such a pair is refused.",
+    ),
+]
+
 _ENOUGH = "each says what the pose is about"
 HINT_RULES = (
     excludes("expect_zoom", "homography", "points", because=_ENOUGH),

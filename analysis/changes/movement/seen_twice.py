@@ -51,7 +51,7 @@ def is_seen_twice(
     inside[rows - top, cols - left] = True
     apart_px = distance_transform_edt(~inside)
     ring = (apart_px >= _RING_PX[0]) & (apart_px <= _RING_PX[1]) & valid
-    structures = [_structure(side, inside, ring) for side in sides]
+    structures = [structure_of(side, inside, ring) for side in sides]
     squares = float(np.sum((sides[1] - sides[0])[inside] ** 2)) - variance * len(rows)
     if squares <= 0:
         return False
@@ -67,8 +67,13 @@ def is_seen_twice(
     return False
 
 
-def _structure(side: FloatArray, inside: BoolArray, ring: BoolArray) -> float:
-    """Mean square in the change about the plane through its surroundings, over that of those."""
+def structure_of(
+    side: FloatArray, inside: BoolArray, ring: BoolArray, least_dn2: float = 0.0
+) -> float:
+    """Mean square in the change about the plane through its surroundings, over that of those.
+
+    ``least_dn2`` is what those have at least, by noise.
+    """
     y, x = np.nonzero(ring)
     if len(y) < 3:
         return 0.0
@@ -77,4 +82,4 @@ def _structure(side: FloatArray, inside: BoolArray, ring: BoolArray) -> float:
     around = float(np.mean((side[ring] - terms @ plane) ** 2))
     own_y, own_x = np.nonzero(inside)
     within = side[inside] - (plane[0] + plane[1] * own_y + plane[2] * own_x)
-    return float(np.mean(within**2)) / max(around, float(np.finfo(np.float32).tiny))
+    return float(np.mean(within**2)) / max(around, least_dn2, float(np.finfo(np.float32).tiny))

@@ -3,6 +3,7 @@ from .agreement import (
     agreement_at as agreement_at,
     comparison_factor as comparison_factor,
     correlation_at as correlation_at,
+    seen_by as seen_by,
 )
 from .descent import (
     RefinedPose as RefinedPose,

@@ -6,7 +6,7 @@ the pose is; a second shift with as much of it says that the scene repeats.
 """
 
 from dataclasses import dataclass
-from math import atanh, log
+from math import atanh, log, sqrt
 
 import cv2
 import numpy as np
@@ -108,6 +108,34 @@ def correlation_at(
     return float(np.sum(ours * theirs) / np.sqrt(np.sum(ours**2) * np.sum(theirs**2) + 1e-12))
 
 
+def seen_by(
+    source: AlignedPhotograph, pose: DistortedPose, factor: int, shape: tuple[int, int]
+) -> tuple[Float32Array, BoolArray]:
+    """The finer photograph as the coarser one sees it, and which pixels it shows.
+
+    Parameters
+    ----------
+    source
+        The finer photograph.
+    pose
+        Of the coarser one in it.
+    factor, shape
+        By which the coarser one is reduced, and its shape ``(rows, cols)`` then.
+    """
+    source_factor = _source_factor(pose, factor)
+    ratio = pose.zoom * factor / source_factor
+    near = source.reduced(source_factor)
+    if ratio > 1:
+        blur_px = 0.5 * sqrt(ratio**2 - 1)
+        near = near.smoothed(blur_px, blur_px)
+    return _warped(near, pose, factor, source_factor, shape)
+
+
+def _source_factor(pose: DistortedPose, factor: int) -> int:
+    """Power of two by which the finer photograph is reduced beside the coarser one."""
+    return factor << int(np.log2(max(pose.zoom, 1.0) + 1e-9))
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Compared:
     """The source as the target sees it and the target, both normalised, and where they count."""
@@ -122,7 +150,7 @@ def _compared(
     source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose, factor: int
 ) -> _Compared | None:
     far = target.reduced(factor).smoothed(1.0, 1.0)
-    source_factor = factor * 2 ** int(np.log2(max(pose.zoom, 1.0) + 1e-9))
+    source_factor = _source_factor(pose, factor)
     near = source.reduced(source_factor)
     blur_px = max(pose.zoom * factor / source_factor, 1.0)
     near = near.smoothed(blur_px, blur_px)

@@ -12,6 +12,11 @@ from simulation.arrays import AnyArray, BoolArray, Float32Array
 _PLATEAU_PX = 3
 """Side of a square of one extreme level that no scene with noise shows: clipped pixels."""
 
+_LEAST_BETWEEN = 0.25
+"""Share of a photograph that plateaus must leave: of a drawing in two levels, or a page scanned to
+white, they are what it shows, and leave 2 to 7 %. A round field of view before black leaves half or
+more."""
+
 _PIXEL_VARIANCE_PX2 = 1 / 12
 
 
@@ -30,6 +35,8 @@ class AlignedPhotograph:
     @classmethod
     def of(cls, image: AnyArray, left_out: BoolArray | None = None) -> Self:
         """Take a grey image; clipped plateaus and what is ``left_out`` do not count.
+
+        Plateaus do count where they are nearly all that there is.
 
         Raises
         ------
@@ -64,6 +71,11 @@ class AlignedPhotograph:
     def shape(self) -> tuple[int, int]:
         """``(rows, cols)``."""
         return self.levels.shape[0], self.levels.shape[1]
+
+    def mirrored(self) -> Self:
+        """Return the photograph with its columns reversed."""
+        usable = None if self.usable is None else np.ascontiguousarray(self.usable[:, ::-1])
+        return type(self)(np.ascontiguousarray(self.levels[:, ::-1]), usable, self.scale_dn)
 
     def reduced(self, factor: int) -> Self:
         """Return the means of whole blocks of ``factor`` x ``factor`` pixels."""
@@ -107,6 +119,8 @@ def _clipped(values: Float32Array) -> BoolArray:
         plateau = cv2.erode((values == level).astype(np.uint8), square)
         if plateau.any():
             clipped |= cv2.dilate(plateau, around).astype(np.bool_)
+    if np.count_nonzero(clipped) > (1 - _LEAST_BETWEEN) * clipped.size:
+        clipped[:] = False
     return clipped
 
 

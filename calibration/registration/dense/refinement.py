@@ -163,7 +163,8 @@ class PoseDescent:
     def _rescaled(self, state: Residuals) -> Residuals:
         """The same with the scatter of every block measured anew."""
         residual, block = state.residual[state.inside], self._pair.block
-        overall = max(robust_sigma(residual), 1e-9)
+        scattered = state.residual[state.inside & self._pair.scatters]
+        overall = max(robust_sigma(scattered if len(scattered) else residual), 1e-9)
         clipped = np.minimum(residual**2, (3 * overall) ** 2)
         own = block[state.inside]
         count = int(block.max()) + 1

@@ -35,12 +35,15 @@ class HintFiles:
         Approximate ratio of the distances, follow-up over reference.
     homography, points, mask
         Files: an approximate pose, pairs of points, and pixels of the follow-up to leave out.
+    mirrored
+        Whether one photograph shows the scene as in a mirror.
     """
 
     zoom: float | None = None
     homography: Path | None = None
     points: Path | None = None
     mask: Path | None = None
+    mirrored: bool = False
 
     @property
     def paths(self) -> tuple[Path | None, ...]:
@@ -60,12 +63,14 @@ class AlignmentHints:
     @property
     def settings(self) -> dict[str, float | bool | None]:
         """Which hints there are; the contents of the files are known by their hashes."""
-        return {
+        found: dict[str, float | bool | None] = {
             "zoom": self.files.zoom,
             "homography": self.homography is not None,
             "points": self.points is not None,
             "mask": self.left_out is not None,
         }
+        # A series that was begun without the option is continued without it.
+        return {**found, "mirrored": True} if self.files.mirrored else found
 
     def of_pair(
         self, reference: tuple[int, int], followup: tuple[int, int], name: str
@@ -101,12 +106,17 @@ class AlignmentHints:
             table = _shown(self.files.points)
             _refuse_points_outside(self.points.followup_px, followup, table, name)
             _refuse_points_outside(self.points.reference_px, reference, table, "the reference")
-        zoom = self.files.zoom
+        zoom, is_mirrored = self.files.zoom, self.files.mirrored
         matrix = None if self.homography is None else self.homography.matrix
-        if zoom is None and matrix is None and self.points is None and self.left_out is None:
+        known = (zoom, matrix, self.points, self.left_out, is_mirrored or None)
+        if all(one is None for one in known):
             return None
         return RegistrationHints(
-            zoom=zoom, matrix=matrix, points=self.points, left_out=self.left_out
+            zoom=zoom,
+            matrix=matrix,
+            points=self.points,
+            left_out=self.left_out,
+            mirrored=is_mirrored,
         )
 
 
@@ -131,6 +141,7 @@ def alignment_hints(
     homography: FilePath | None = None,
     points: FilePath | None = None,
     mask: FilePath | None = None,
+    mirrored: bool = False,
 ) -> AlignmentHints | None:
     """Read what is known of a pose beforehand; at most one of the first three.
 
@@ -144,6 +155,9 @@ def alignment_hints(
         CSV with at least four pairs of points.
     mask
         Image of the follow-up's size; pixels that are not 0 are left out.
+    mirrored
+        One of the photographs shows the scene as in a mirror: the pose found, or given, has a
+        negative determinant.
 
     Returns
     -------
@@ -166,6 +180,7 @@ def alignment_hints(
         homography=None if homography is None else Path(homography),
         points=None if points is None else Path(points),
         mask=None if mask is None else Path(mask),
+        mirrored=mirrored,
     )
     if given == HintFiles():
         return None

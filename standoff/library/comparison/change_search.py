@@ -28,7 +28,7 @@ from calibration.documents import json_object
 from calibration.errors import CalibrationError
 from calibration.registration import RegistrationHints
 from simulation import Psf, PsfField
-from simulation.arrays import BoolArray, Float32Array
+from simulation.arrays import BoolArray, Float32Array, FloatArray
 from simulation.choices import PsfShape
 from standoff.library.call import Call, Progress
 from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files
@@ -186,6 +186,7 @@ def find_changes(
     white_level: float | None = None,
     limit: DetectionLimitOptions | None = None,
     count_moved: bool = False,
+    least: float | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> ComparedPhotographs:
@@ -215,6 +216,9 @@ def find_changes(
         that predict a limit.
     count_moved
         Count what a shift of a few pixels explains among the changes, not apart.
+    least
+        Amplitude in DN below which what is significant is counted and not listed; the step of the
+        files' levels by default.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -248,6 +252,7 @@ def find_changes(
         false_alarms=false_alarms,
         false_discovery_rate=false_discovery_rate,
         count_moved=count_moved,
+        least_dn=least,
     )
     rules = comparison_rules(call, psf, limit, options, hints, white_level)
     near = call.photograph(reference, "reference")
@@ -316,7 +321,8 @@ def compared(
         white_level_dn=(near.white_level_dn(stated), far.white_level_dn(stated)),
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
         step_variance_dn2=(near.step_variance_dn2, far.step_variance_dn2),
-        coded_alike=lambda: (near.coded_as(far).grey_dn, far.coded_as(near).grey_dn),
+        step_dn=(near.step_dn, far.step_dn),
+        coded_alike=lambda: _coded_alike(near, far),
     )
     try:
         found = changes_between(near.grey_dn, far.grey_dn, psf, options)
@@ -331,6 +337,20 @@ def compared(
         found = replace(found, summary=summary)
     own = {one.name: getattr(found, one.name) for one in fields(found)}
     return ComparedPhotographs(**own, reference=near, followup=far, left_out=rules.left_out)
+
+
+def _coded_alike(near: Photograph, far: Photograph) -> tuple[FloatArray, FloatArray]:
+    """Grey levels of both as files that are coded alike hold them, if that makes them more alike.
+
+    A file that was made of the other one is not to be coded a second time.
+    """
+    given = near.grey_dn, far.grey_dn
+    recoded = near.coded_as(far), far.coded_as(near)
+    if recoded[0] is near and recoded[1] is far:
+        return given
+    alike = recoded[0].grey_dn, recoded[1].grey_dn
+    apart, still_apart = (float(np.mean(np.abs(one - other))) for one, other in (given, alike))
+    return alike if still_apart < apart else given
 
 
 def _variance_dn2(photograph: Photograph) -> Float32Array | None:

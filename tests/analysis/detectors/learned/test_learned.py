@@ -230,4 +230,4 @@ def test_colours_are_looked_at_by_their_luma() -> None:
     greys = [luma_plane(one).astype(np.float32) for one in colours]
     pose = np.array([[1.0, 0, 1.5], [0, 1, 0.5], [0, 0, 1]])
     found = on_one_grid(colours[0], colours[1], pose)
-    np.testing.assert_allclose(found, on_one_grid(*greys, pose), rtol=1e-5)
+    np.testing.assert_allclose(found, on_one_grid(greys[0], greys[1], pose), rtol=1e-5)

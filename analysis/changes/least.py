@@ -1,0 +1,53 @@
+"""Which changes are large enough to be listed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis.changes.document import Change, ChangeSummary
+from analysis.changes.options import ChangeOptions
+from simulation.arrays import BoolArray, Float32Array
+
+
+def large_enough(changes: Sequence[Change], options: ChangeOptions, gain: float) -> BoolArray:
+    """Tell the changes whose amplitude is at least what was asked for, or the files' step there.
+
+    Parameters
+    ----------
+    changes
+        All that are significant.
+    options
+        What was asked for, and the steps.
+    gain
+        Of light, follow-up over reference: amplitudes are in the follow-up's levels.
+    """
+    amplitudes = np.abs([change.amplitude_dn for change in changes])
+    if options.least_dn is not None:
+        return np.asarray(amplitudes >= options.least_dn)
+    reference, followup = options.step_dn
+    least = [
+        max(
+            _step_at(followup, change.y_px, change.x_px),
+            gain * _step_at(reference, change.reference_y_px, change.reference_x_px),
+        )
+        for change in changes
+    ]
+    return np.asarray(amplitudes >= np.array(least))
+
+
+def _step_at(step_dn: Float32Array | None, y_px: float, x_px: float) -> float:
+    if step_dn is None:
+        return 0.0
+    rows, cols = step_dn.shape
+    row, col = min(max(round(y_px), 0), rows - 1), min(max(round(x_px), 0), cols - 1)
+    return float(step_dn[row, col])
+
+
+def describe_least(found: ChangeSummary) -> str | None:
+    """Say how many changes are too small to be listed; None if none is."""
+    count = found.below_least
+    if not count:
+        return None
+    what = "the step of the files' levels" if found.least_dn is None else f"{found.least_dn:g} DN"
+    verb = "1 significant difference is" if count == 1 else f"{count} significant differences are"
+    return f"{verb} smaller than {what} and not listed"
