@@ -1,3 +1,4 @@
+from .colour import PairColours as PairColours
 from .detection import (
     FilterWidth as FilterWidth,
     detection_power as detection_power,
@@ -22,7 +23,7 @@ from .limit_sentence import (
 )
 from .matching import smoothing_for as smoothing_for
 from .moved_sentence import describe_moved as describe_moved
-from .options import ChangeOptions as ChangeOptions
+from .options import ChangeOptions as ChangeOptions, CodedAlike as CodedAlike
 from .plot import changes_figure as changes_figure
 from .prediction import (
     ExpectedFilters as ExpectedFilters,

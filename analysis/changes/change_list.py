@@ -2,23 +2,30 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from analysis.changes.colour import to_luma_red_blue
 from analysis.changes.comparison import Comparison
 from analysis.changes.detection import (
     DetectionLevel,
+    LevelColours,
     LinkedRegion,
     q_values,
 )
 from analysis.changes.document import Change
 from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, SmoothedField, fit_spot
 from calibration.registration import DistortedPose
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _SURE = 2.0
 """Times the height of the strongest of many values of noise, by which a peak must be higher."""
+
+_MARGIN_PX = 16.0
+"""Beside what a fit reaches of the pixels around a region."""
 
 _MOST_FITTED = 300
 """Changes whose shape is fitted; a frame with more is another scene, and the rest get levels."""
@@ -46,6 +53,7 @@ def list_changes(
     if not regions:
         return ()
     spots = _fitted(regions, levels, compared)
+    colours = [spot.amplitude_rgb_dn if isinstance(spot, _ColourSpot) else None for spot in spots]
     y, x = np.array([(spot.y_px, spot.x_px) for spot in spots]).T
     area_px = np.array([len(region.rows) for region in regions], dtype=np.float64)
     sigma_px = np.array([spot.sigma_px for spot in spots])
@@ -74,8 +82,9 @@ def list_changes(
             amplitude_err_dn=spot.amplitude_err_dn,
             significance=row[6],
             q_value=row[7],
+            amplitude_rgb_dn=rgb,
         )
-        for row, spot in zip(columns.tolist(), spots, strict=True)
+        for row, spot, rgb in zip(columns.tolist(), spots, colours, strict=True)
     )
 
 
@@ -83,22 +92,36 @@ def _fitted(
     regions: Sequence[LinkedRegion], levels: Sequence[DetectionLevel], compared: Comparison
 ) -> list[FittedSpot]:
     fields = [SmoothedField.of_comparison(compared), *map(SmoothedField.of, levels)]
+    colours = None if compared.colours is None else _ColourFields.of(compared, levels)
     at = np.array([(region.row, region.col) for region in regions])
     tree = cKDTree(at)
-    spots = []
+    spots: list[FittedSpot] = []
     for index, region in enumerate(regions):
-        if index >= _MOST_FITTED:
-            spots.append(_as_it_stands(region, fields))
-            continue
         # One level narrower than the one that finds it best: there its shape is still seen.
-        field = fields[region.level if region.level > 1 else 0]
+        number = region.level if region.level > 1 else 0
+        field = fields[number]
+        part = None
+        if colours is not None:
+            part = colours.around(region, NEIGHBOUR_REACH * field.width_px)
+        if index >= _MOST_FITTED:
+            spots.append(
+                _as_it_stands(region, fields)
+                if part is None
+                else part.spot(_as_it_stands(part.region, part.fields))
+            )
+            continue
         near = tree.query_ball_point(at[index], NEIGHBOUR_REACH * field.width_px)
         others = np.array([other for other in near if other != index], dtype=np.int64)
         distance = np.linalg.norm(at[others] - at[index], axis=1)
         nearest = at[others[np.argsort(distance, kind="stable")]]
-        spots.append(
-            fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, fields)
-        )
+        if part is None:
+            spots.append(
+                fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, fields)
+            )
+            continue
+        own = part.region
+        found = fit_spot(part.fields[number], (own.row, own.col), nearest - part.origin)
+        spots.append(part.spot(found or _as_it_stands(own, part.fields)))
     return spots
 
 
@@ -144,3 +167,150 @@ def _followup_px_by_pixel(pose: DistortedPose, y: FloatArray, x: FloatArray) -> 
     down = np.subtract(pose.to_followup_px(y + 0.5, x), pose.to_followup_px(y - 0.5, x))
     right = np.subtract(pose.to_followup_px(y, x + 0.5), pose.to_followup_px(y, x - 0.5))
     return np.asarray(np.abs(down[0] * right[1] - down[1] * right[0]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ColourSpot(FittedSpot):
+    """A change of colour; ``amplitude_dn`` is its luma."""
+
+    amplitude_rgb_dn: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _RegionFields:
+    """The fields around a region, along its direction.
+
+    Parameters
+    ----------
+    fields
+        The comparison and the levels, from ``origin`` on.
+    region
+        With its places from there on; positive.
+    origin
+        Row and column of the first pixel.
+    rgb
+        Red, green and blue of an amplitude of 1; the largest is 1.
+    luma_err
+        Standard error of the luma's amplitude over that of the amplitude.
+    """
+
+    fields: tuple[SmoothedField, ...]
+    region: LinkedRegion
+    origin: IntArray
+    rgb: FloatArray
+    luma_err: float
+
+    def spot(self, found: FittedSpot) -> _ColourSpot:
+        """What was found there, in the frame's pixels and in levels."""
+        red, green, blue = (found.amplitude_dn * self.rgb).tolist()
+        luma = float(to_luma_red_blue(self.rgb)[0])
+        return _ColourSpot(
+            y_px=found.y_px + float(self.origin[0]),
+            x_px=found.x_px + float(self.origin[1]),
+            amplitude_dn=found.amplitude_dn * luma,
+            amplitude_err_dn=found.amplitude_err_dn * self.luma_err,
+            sigma_px=found.sigma_px,
+            amplitude_rgb_dn=(red, green, blue),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Places:
+    """What a `SmoothedField` is made of along any direction; places are ``step_px`` apart."""
+
+    colours: LevelColours
+    valid: BoolArray
+    step_px: int
+    smoothing: float
+
+    def around(self, first: IntArray, last: IntArray, rgb: FloatArray) -> SmoothedField:
+        """The part of it between two pixels of the grid."""
+        (top, left), (bottom, right) = first // self.step_px, last // self.step_px + 1
+        part = np.s_[top:bottom, left:right]
+        amplitude_dn, error_dn = self.colours.part(part).along(rgb)
+        return SmoothedField(
+            step_px=self.step_px,
+            smoothing=self.smoothing,
+            difference_dn=amplitude_dn,
+            sd_dn=error_dn,
+            valid=self.valid[part],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _ColourFields:
+    """A comparison in colour and its levels."""
+
+    levels: tuple[DetectionLevel, ...]
+    fields: tuple[_Places, ...]
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, compared: Comparison, levels: Sequence[DetectionLevel]) -> Self:
+        """Take every pixel of the difference, and places of the levels a width of theirs apart."""
+        planes = compared.colours
+        assert planes is not None, "photographs in colour"
+        own = _colours_of(levels[0])
+        whole = replace(
+            own,
+            difference_dn=planes.difference_dn,
+            sd_dn=planes.sd_dn,
+            by_others=planes.by_others,
+        )
+        fields = [
+            _Places(colours=whole, valid=compared.valid, step_px=1, smoothing=compared.smoothing_px)
+        ]
+        for level in levels:
+            every = max(round(level.width_px / level.step_px), 1)
+            part = np.s_[::every, ::every]
+            fields.append(
+                _Places(
+                    colours=_colours_of(level)
+                    .part(part)
+                    .strict_as(1 / level.filter_width.allowance),
+                    valid=level.valid[part],
+                    step_px=level.step_px * every,
+                    smoothing=level.width_px / (level.step_px * every),
+                )
+            )
+        rows, cols = compared.valid.shape
+        return cls(levels=tuple(levels), fields=tuple(fields), shape=(rows, cols))
+
+    def around(self, region: LinkedRegion, reach_px: float) -> _RegionFields:
+        """The fields so far around a region, along its direction."""
+        assert region.direction is not None, "a region of colours"
+        level = self.levels[region.level]
+        colours = _colours_of(level)
+        row, col = (
+            min(round(place / level.step_px), most - 1)
+            for place, most in zip((region.row, region.col), level.valid.shape, strict=True)
+        )
+        rgb = colours.change_dn(region.direction, (row, col))
+        rgb = rgb / np.abs(rgb).max()
+        margin = int(reach_px + _MARGIN_PX)
+        fields = self.fields[: region.level + 2]
+        whole = math.lcm(*(field.step_px for field in fields))
+        at = np.stack([region.rows, region.cols])
+        first = np.maximum(at.min(axis=1) - margin, 0) // whole * whole
+        last = np.minimum(at.max(axis=1) + margin, np.subtract(self.shape, 1))
+        here = colours.part(np.s_[row : row + 1, col : col + 1])
+        return _RegionFields(
+            fields=tuple(field.around(first, last, rgb) for field in fields),
+            region=replace(
+                region,
+                row=region.row - int(first[0]),
+                col=region.col - int(first[1]),
+                rows=region.rows - first[0],
+                cols=region.cols - first[1],
+                significance=abs(region.significance),
+            ),
+            origin=first,
+            rgb=rgb,
+            luma_err=float(here.sd_dn[0, 0, 0] / here.error_along(rgb)[0, 0]),
+        )
+
+
+def _colours_of(level: DetectionLevel) -> LevelColours:
+    """Colours of a level that has them."""
+    assert level.colours is not None, "photographs in colour"
+    return level.colours

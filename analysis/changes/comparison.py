@@ -5,15 +5,18 @@ bring them to one sharpness; the source is resampled on the target's pixels and 
 the pair takes it to the target. What remains is compared with its own scatter.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf, isfinite, sqrt
 
 import numpy as np
 
+from analysis.changes.colour import ChannelDifference, ColourPlanes, colour_planes
 from analysis.changes.document import KernelOrigin
 from analysis.changes.matching import (
     GRADIENT,
     LAPLACIAN,
+    SAMPLE_PX,
+    FitRules,
     FittedScatter,
     PairFit,
     PairModel,
@@ -46,6 +49,14 @@ _MOST_STRUCTURE = 0.18
 alarms are more than stated: 6 for 1 at 0.2 to 0.5 (rectangles through a lens of f/4 that aliases,
 noise of 0.3 DN), 3 for 1 at 0.1 to 0.28 (0.6 DN), as stated at up to 0.13 (other lenses and JPEG,
 noise of 0.3 to 1.2 DN)."""
+
+_NOT_IN_COLOUR = (
+    "the levels of the photographs are not in proportion, as of two tone curves: they were "
+    "compared in grey, and a change of colour at one lightness is not found"
+)
+
+_CHANNEL_PX = 10_000
+"""Pixels that light and kernel of a channel are fitted to; three take the time of one luma."""
 
 _BLUR_ERR_PX2 = 1.0
 """How far the relative blur may be from that guess."""
@@ -95,6 +106,8 @@ class Comparison:
         Of what the difference consists.
     warnings
         Sentences on what makes the comparison doubtful.
+    colours
+        What the channels say together, of photographs in colour.
     """
 
     is_on_followup: bool
@@ -116,6 +129,7 @@ class Comparison:
     width_err_px2: float
     scatter: FittedScatter
     warnings: tuple[str, ...] = ()
+    colours: ColourPlanes | None = field(default=None, repr=False)
 
     @property
     def followup_smoothing_px(self) -> float:
@@ -135,6 +149,7 @@ def compare(
     psf: Psf | PsfField | None,
     pose: DistortedPose,
     options: ChangeOptions,
+    blur: RelativeBlur | None = None,
 ) -> Comparison:
     """Compare two aligned photographs.
 
@@ -147,7 +162,9 @@ def compare(
     pose
         Of the follow-up in the reference.
     options
-        Noise, masks and white levels.
+        Noise, masks and white levels; and the colours of both.
+    blur
+        How much blurrier the coarser one is, if that was measured.
 
     Raises
     ------
@@ -164,14 +181,17 @@ def compare(
             "the photographs overlap too little; retake the follow-up with more overlap",
             shared_px=shared,
         )
-    matched = _Matched.of(pair, rough, options.noise)
-    if matched.fit.is_curved:
-        curve = fit_tone_curve(
-            matched.seen, pair.target, matched.valid, matched.smoothing.target_px
-        )
-        if curve is not None:
-            matched = _Matched.of(pair.with_tone(curve), rough, None)
-    return _compared(matched, _focus(matched, psf))
+    blur = blur or pair.blur(rough, pair.guessed_blur_px2)
+    matched = _Matched.of(pair, blur, options.noise)
+    curved = matched.with_tone()
+    if curved is not None:
+        matched = _Matched.of(curved, curved.blur(rough, curved.guessed_blur_px2), None)
+    compared = _compared(matched, _focus(matched, psf))
+    if options.colours is None:
+        return compared
+    colours = _in_colour(matched, pair, options)
+    said = () if colours is not None else (_NOT_IN_COLOUR,)
+    return replace(compared, colours=colours, warnings=(*compared.warnings, *said))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -205,10 +225,15 @@ class _Matched:
     fit: PairFit
 
     @classmethod
-    def of(cls, pair: PhotographPair, rough: BoolArray, noise: CaptureNoise | None) -> "_Matched":
-        """Measure the blur on the pixels ``rough``, smooth, and fit."""
+    def of(
+        cls,
+        pair: PhotographPair,
+        blur: RelativeBlur,
+        noise: CaptureNoise | None,
+        sample_px: int = SAMPLE_PX,
+    ) -> "_Matched":
+        """Smooth by the blur that was measured, and fit."""
         guess, zoom = pair.guessed_blur_px2, pair.positions.zoom
-        blur = pair.blur(rough, guess)
         smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
         valid = pair.valid(smoothing)
         seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
@@ -228,7 +253,8 @@ class _Matched:
         # Its mean has no noise that goes with that of the difference.
         noises = (gains.source * blur.noises_dn[0] ** 2, gains.target * blur.noises_dn[1] ** 2)
         share = noises[0] / sum(noises) if sum(noises) > 0 else 0.5
-        fit = fit_pair(seen, target, terms, valid, least, smoothing.target_px, share)
+        rules = FitRules(smoothing_px=smoothing.target_px, target_share=share, sample_px=sample_px)
+        fit = fit_pair(seen, target, terms, valid, least, rules)
         return cls(
             pair=pair,
             blur=blur,
@@ -240,6 +266,13 @@ class _Matched:
             floor_dn2=floor,
             fit=fit,
         )
+
+    def with_tone(self) -> PhotographPair | None:
+        """The pair with the target in the source's levels, where a gain does not bring it there."""
+        if not self.fit.is_curved:
+            return None
+        curve = fit_tone_curve(self.seen, self.pair.target, self.valid, self.smoothing.target_px)
+        return None if curve is None else self.pair.with_tone(curve)
 
     @property
     def variance_dn2(self) -> Float32Array:
@@ -380,6 +413,55 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
             fit, matched.terms, matched.floor_dn2, valid, matched.gains, (pair.source, pair.target)
         ),
         warnings=(*focus.warnings, *_unexplained(share)),
+    )
+
+
+def _in_colour(luma: _Matched, pair: PhotographPair, options: ChangeOptions) -> ColourPlanes | None:
+    """Channels compared as the luma was, each in its own light and with its own kernel.
+
+    The sharpness to which all are brought is the luma's; ``pair`` are its photographs as they are.
+    None where the levels of the two are not in proportion: the errors of four tone curves would be
+    changes of colour.
+    """
+    if luma.pair.tone_slope is not None:
+        return None
+    found = []
+    for number in range(3):
+        matched = _Matched.of(pair.channel(number, options), luma.blur, None, _CHANNEL_PX)
+        if matched.fit.is_curved:
+            return None
+        found.append(_channel_difference(matched))
+    return colour_planes(_channel_difference(luma), found, luma.smoothing.target_px)
+
+
+def _channel_difference(matched: _Matched) -> ChannelDifference:
+    """What is left of a channel, after minus before, in the follow-up's levels."""
+    pair, fit, seen = matched.pair, matched.fit, matched.seen
+    difference = fit.model.difference(seen, matched.target)
+    variance, noise = matched.variance_dn2, matched.noise_variance_dn2
+    rounding = matched.rounding_variance_dn2
+    compared, may_be_more, may_be_less = pair.compared(matched.smoothing)
+    may_be_more |= ~compared
+    may_be_less |= ~compared
+    scale: Float32Array | None = None
+    if not pair.is_on_followup:
+        gain, _ = fit.model.light((seen.shape[0], seen.shape[1]))
+        scale = np.divide(np.float32(-1), gain, out=np.zeros_like(gain), where=gain != 0)
+        may_be_more, may_be_less = may_be_less, may_be_more
+    if scale is not None:
+        difference = difference * scale
+        square = np.square(scale)
+        variance, noise = variance * square, noise * square
+        rounding = None if rounding is None else rounding * square
+    return ChannelDifference(
+        difference_dn=difference,
+        variance_dn2=variance,
+        noise_dn2=noise,
+        rounding_dn2=rounding,
+        seen_dn=seen,
+        may_be_more=may_be_more,
+        may_be_less=may_be_less,
+        valid=matched.valid,
     )
 
 

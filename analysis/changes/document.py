@@ -57,6 +57,12 @@ class Change(StoredValues):
         Whether one does: ``area_px`` is then that of all the connected changes that it explains.
     what
         What happened to it; None in files of before.
+    amplitude_rgb_dn
+        The same peak in red, green and blue; None of photographs without colours. ``amplitude_dn``
+        is its luma, and near 0 of what changed its colour alone.
+    delta_e
+        Difference of its mean colours before and after, CIEDE2000; None without colours, or where
+        a file does not say what is white.
     parts
         The connected changes of one sign that it consists of, the most significant first, where
         they are several; of a movement, what is left over beside it.
@@ -76,6 +82,8 @@ class Change(StoredValues):
     displacement_err_px: tuple[float, float] | None = None
     is_moved: bool = False
     what: Happened | None = None
+    amplitude_rgb_dn: tuple[float, float, float] | None = None
+    delta_e: float | None = None
     parts: tuple["Change", ...] = ()
 
 
@@ -193,14 +201,15 @@ def read_changes(path: Path) -> ChangeSummary:
 _PARTS = {
     "displacement_px": ("displacement_x_px", "displacement_y_px"),
     "displacement_err_px": ("displacement_x_err_px", "displacement_y_err_px"),
+    "amplitude_rgb_dn": ("amplitude_red_dn", "amplitude_green_dn", "amplitude_blue_dn"),
 }
-"""Columns of the pairs of numbers of a change."""
+"""Columns of the pairs and triples of numbers of a change."""
 
 
 def _flat(change: Change) -> dict[str, float | bool | None]:
     values = change.model_dump(exclude={"parts"})
     for name, columns in _PARTS.items():
-        values |= dict(zip(columns, values.pop(name) or (None, None), strict=True))
+        values |= dict(zip(columns, values.pop(name) or (None,) * len(columns), strict=True))
     return values
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.changes.change_list import list_changes
+from analysis.changes.colour import PairColours
 from analysis.changes.comparison import Comparison, compare
 from analysis.changes.detection import (
     FilterWidth,
@@ -21,10 +22,10 @@ from analysis.changes.detection import (
 from analysis.changes.document import ChangeSummary
 from analysis.changes.followup_grid import FollowupGrid
 from analysis.changes.least import large_enough
-from analysis.changes.matching import PixelPositions
+from analysis.changes.matching import PixelPositions, RelativeBlur
 from analysis.changes.moved_changes import ToldApart, moved_apart
 from analysis.changes.one_view import nearest_shift, one_view
-from analysis.changes.options import ChangeOptions
+from analysis.changes.options import ChangeOptions, CodedAlike
 from analysis.changes.prediction import meet
 from analysis.changes.things import as_things
 from analysis.changes.unusable import clipped_at_white
@@ -144,8 +145,8 @@ def find_changes(
     """
     options = options or ChangeOptions()
     aligned = _aligned(reference, followup, psf, options)
-    pose = aligned.pose
-    compared = compare(*aligned.photographs, psf, pose, options)
+    pose, options = aligned.pose, replace(options, colours=aligned.colours)
+    compared = compare(*aligned.photographs, psf, pose, options, aligned.blur)
     grid = FollowupGrid.of(compared, pose)
     detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
@@ -192,11 +193,14 @@ def find_changes(
 class _Alignment:
     """A pose, the photographs, the error of its distortion if that was fitted, and what to check.
 
-    Those of one view are as files that are coded alike have them.
+    Of one view the blur is known already, and the photographs are as files that are coded alike
+    have them, in their colours too.
     """
 
     pose: DistortedPose
     photographs: tuple[AnyArray, AnyArray]
+    colours: PairColours | None
+    blur: RelativeBlur | None = None
     k1_err: float | None = None
     warnings: tuple[str, ...] = ()
 
@@ -205,12 +209,21 @@ def _aligned(
     reference: AnyArray, followup: AnyArray, psf: Psf | PsfField | None, options: ChangeOptions
 ) -> _Alignment:
     """The pose that is given, or found."""
-    given = reference, followup
-    found = None if options.pose is None else _Alignment(pose=options.pose, photographs=given)
+    given, colours, found = (reference, followup), options.colours, None
+    if options.pose is not None:
+        found = _Alignment(pose=options.pose, photographs=given, colours=colours)
     if found is None and options.hints is None and np.shape(reference) == np.shape(followup):
-        alike = given if options.coded_alike is None else options.coded_alike()
-        view = one_view(*alike, options)
-        found = None if view is None else _Alignment(pose=view, photographs=alike)
+        alike = CodedAlike(photographs=given, colours=colours)
+        if options.coded_alike is not None:
+            alike = options.coded_alike()
+        view = one_view(*alike.photographs, options)
+        if view is not None:
+            found = _Alignment(
+                pose=view.pose,
+                photographs=alike.photographs,
+                colours=alike.colours,
+                blur=view.blur,
+            )
     if found is None:
         hints = options.hints or RegistrationHints()
         if hints.left_out is None:
@@ -219,8 +232,10 @@ def _aligned(
         shift = nearest_shift(made.pose)
         view = None if shift is None else one_view(*given, options, shift)
         found = _Alignment(
-            pose=view or made.pose,
+            pose=made.pose if view is None else view.pose,
             photographs=given,
+            colours=colours,
+            blur=None if view is None else view.blur,
             k1_err=made.k1_err if view is None else None,
             warnings=made.warnings,
         )
@@ -284,9 +299,9 @@ class _Detected:
             widths=widths,
             threshold_sd=threshold,
             found=found,
-            apart=as_things(apart, compared, pose),
+            apart=as_things(apart, compared, pose, options.colours),
             below_least=len(every) - len(listed),
-            limits=LimitMaps.of(compared, levels, threshold, grid.followup_px),
+            limits=LimitMaps.of(compared, levels, threshold, grid.followup_px, options.limit_rgb),
         )
 
     def summary(

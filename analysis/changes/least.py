@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from analysis.changes.colour import Steps
 from analysis.changes.document import Change, ChangeSummary
 from analysis.changes.options import ChangeOptions
 from simulation.arrays import BoolArray, Float32Array
@@ -11,6 +12,8 @@ from simulation.arrays import BoolArray, Float32Array
 
 def large_enough(changes: Sequence[Change], options: ChangeOptions, gain: float) -> BoolArray:
     """Tell the changes whose amplitude is at least what was asked for, or the files' step there.
+
+    Of colours those of which any channel's is.
 
     Parameters
     ----------
@@ -21,6 +24,9 @@ def large_enough(changes: Sequence[Change], options: ChangeOptions, gain: float)
     gain
         Of light, follow-up over reference: amplitudes are in the follow-up's levels.
     """
+    if options.colours is not None and any(one.amplitude_rgb_dn for one in changes):
+        steps = options.colours.step_dn
+        return np.array([_of_colour(change, options.least_dn, steps, gain) for change in changes])
     amplitudes = np.abs([change.amplitude_dn for change in changes])
     if options.least_dn is not None:
         return np.asarray(amplitudes >= options.least_dn)
@@ -33,6 +39,24 @@ def large_enough(changes: Sequence[Change], options: ChangeOptions, gain: float)
         for change in changes
     ]
     return np.asarray(amplitudes >= np.array(least))
+
+
+def _of_colour(change: Change, least_dn: float | None, steps_dn: Steps, gain: float) -> bool:
+    amplitudes = np.abs(change.amplitude_rgb_dn or (change.amplitude_dn,) * 3)
+    if least_dn is not None:
+        return bool((amplitudes >= least_dn).any())
+    reference, followup = (
+        (0.0, 0.0, 0.0)
+        if one is None
+        else [_step_at(one[..., number], y, x) for number in range(3)]
+        for one, y, x in zip(
+            steps_dn,
+            (change.reference_y_px, change.y_px),
+            (change.reference_x_px, change.x_px),
+            strict=True,
+        )
+    )
+    return bool((amplitudes >= np.maximum(followup, gain * np.array(reference))).any())
 
 
 def _step_at(step_dn: Float32Array | None, y_px: float, x_px: float) -> float:

@@ -1,14 +1,24 @@
 """Whether two photographs are of one view, so that each pixel lies upon its own in the other."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from analysis.changes.matching import smoothing_for
+from analysis.changes.matching import RelativeBlur, smoothing_for
 from analysis.changes.options import ChangeOptions
 from analysis.changes.photograph_pair import PhotographPair
 from calibration.registration import DistortedPose
 from simulation.arrays import AnyArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OneView:
+    """The pose of two photographs of one view, and how much blurrier one is."""
+
+    pose: DistortedPose
+    blur: RelativeBlur
+
 
 _LEAST_PIXELS: Final = 1000
 _MOST_UNLIKE: Final = 0.25
@@ -28,7 +38,7 @@ def one_view(
     followup: AnyArray,
     options: ChangeOptions,
     shift_px: tuple[int, int] = (0, 0),
-) -> DistortedPose | None:
+) -> OneView | None:
     """Return the pose of one view, if the photographs are such; None if they are to be aligned.
 
     A camera that stood still is not to be aligned: the errors of that would be the only ones.
@@ -56,7 +66,9 @@ def one_view(
     # Written so that NaN is no view.
     if not (found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX):
         return None
-    return pose if apart_px <= max(_MOST_PX, _SURELY * err_px) else None
+    if not apart_px <= max(_MOST_PX, _SURELY * err_px):
+        return None
+    return OneView(pose=pose, blur=found)
 
 
 def nearest_shift(pose: DistortedPose) -> tuple[int, int] | None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from analysis.changes.colour import PairColours
 from analysis.choices import FALSE_ALARMS, SPOT_SIGMA_PX
 from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import AnyArray, BoolArray, Float32Array
@@ -11,6 +12,14 @@ from simulation.capture_noise import CaptureNoise
 
 if TYPE_CHECKING:
     from analysis.changes.prediction import LimitCurve
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CodedAlike:
+    """Reference and follow-up, grey, as files that are coded alike hold them; and their colours."""
+
+    photographs: tuple[AnyArray, AnyArray]
+    colours: PairColours | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -55,6 +64,11 @@ class ChangeOptions:
     coded_alike
         Gives reference and follow-up as they would be in files that are coded alike, for
         photographs whose pixels lie upon each other.
+    colours
+        Of photographs in colour; without them the levels are compared alone.
+    limit_rgb
+        Direction in linear levels of red, green and blue of the changes that the limit is for, the
+        largest of them 1; of photographs in colour.
     count_moved
         Whether what a shift explains is listed among the changes.
     """
@@ -73,5 +87,7 @@ class ChangeOptions:
     step_variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
     least_dn: float | None = None
     step_dn: tuple[Float32Array | None, Float32Array | None] = (None, None)
-    coded_alike: Callable[[], tuple[AnyArray, AnyArray]] | None = None
+    coded_alike: Callable[[], CodedAlike] | None = None
+    colours: PairColours | None = None
+    limit_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
     count_moved: bool = False

@@ -36,6 +36,10 @@ _BETWEEN_LEVELS = np.float32(3.0)
 """Light half-way between two levels takes either by chance: a quarter of the squared step, where a
 twelfth is the mean over all light. Of a smooth surface whole places lie there."""
 
+_AROUND_PX, _MOSTLY = 2.0, 0.8
+"""Share of the pixels around one, by a Gaussian, from which on a channel is at an end of its scale
+there. Half of them are where noise about that end is cut off, and this is seen in both."""
+
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
 
@@ -119,6 +123,38 @@ class PhotographPair:
             target_ends=ends[1],
             source_variance_dn2=variances[0],
             target_variance_dn2=variances[1],
+            source_steps_dn2=steps[0],
+            target_steps_dn2=steps[1],
+        )
+
+    def channel(self, number: int, options: ChangeOptions) -> "PhotographPair":
+        """Return the pair with one channel of the photographs' colours instead of their luma."""
+        colours = options.colours
+        assert colours is not None, "photographs in colour"
+        images, ends, steps = [], [], []
+        for image, known, white in zip(
+            (colours.reference_dn, colours.followup_dn),
+            colours.step_variance_dn2,
+            options.white_level_dn,
+            strict=True,
+        ):
+            levels = np.asarray(image[..., number], dtype=np.float32)
+            levels = np.where(np.isfinite(levels), levels, np.float32(0))
+            images.append(levels)
+            ends.append(
+                (_mostly(clipped_at_black(levels)), _mostly(clipped_at_white(levels, white)))
+            )
+            steps.append(rounding_variance(levels) if known is None else known[..., number])
+        if not self.is_on_followup:
+            images, ends, steps = images[::-1], ends[::-1], steps[::-1]
+        return replace(
+            self,
+            source=images[0],
+            target=images[1],
+            source_ends=ends[0],
+            target_ends=ends[1],
+            source_variance_dn2=None,
+            target_variance_dn2=None,
             source_steps_dn2=steps[0],
             target_steps_dn2=steps[1],
         )
@@ -244,3 +280,10 @@ class PhotographPair:
         width_px = smoothing_px * self.positions.zoom
         seen = self.positions.seen(self.positions.coefficients(self.source, width_px))
         return np.nan_to_num(seen, copy=False, nan=float(np.mean(self.source)))
+
+
+def _mostly(mask: BoolArray) -> BoolArray:
+    """Pixels of a mask amid others of it."""
+    if not mask.any():
+        return mask
+    return np.asarray(mask & (smoothed(mask.astype(np.float32), _AROUND_PX) > _MOSTLY))

@@ -19,12 +19,13 @@ import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from analysis.changes.colour import ColourPlanes, PairColours, SeenDifference, to_rgb
 from analysis.changes.comparison import Comparison
-from analysis.changes.document import Happened
+from analysis.changes.document import Change, Happened
 from analysis.changes.moved_changes import Entry, ToldApart, images_of
 from analysis.changes.movement import Images, structure_of
 from calibration.registration import DistortedPose
-from simulation.arrays import BoolArray, FloatArray, FloatImage
+from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage, IntArray
 
 _REACH, _LEAST_REACH_PX, _MOST_REACH_PX = 0.3, 2.0, 12.0
 """How far around itself a change takes others for parts of one thing: over the root of its area."""
@@ -45,11 +46,19 @@ _AS_PLAIN: Final = 3.0
 
 _OUTLINE_PX: Final = 2.0
 
+_SURELY: Final = 4.0
+"""Standard errors of its luma, below which a thing has changed its colour alone."""
+
 _MOST_LEFT: Final = 1.0
 """Area of a change over that of the movement beside it, up to which it is left over from that."""
 
 
-def as_things(apart: ToldApart, compared: Comparison, pose: DistortedPose) -> ToldApart:
+def as_things(
+    apart: ToldApart,
+    compared: Comparison,
+    pose: DistortedPose,
+    colours: PairColours | None = None,
+) -> ToldApart:
     """Join changes and movements to things, and order them.
 
     Parameters
@@ -60,12 +69,17 @@ def as_things(apart: ToldApart, compared: Comparison, pose: DistortedPose) -> To
         Whose changes they are.
     pose
         Of the follow-up in the reference.
+    colours
+        Of both photographs, where they are in colour.
     """
     entries = [*apart.shifted, *apart.found]
     if not entries:
         return apart
     images = images_of(compared)
     view = _View.of(images)
+    in_colour = None
+    if colours is not None and compared.colours is not None:
+        in_colour = _InColour.of(colours, compared, compared.colours)
     shape = images.valid.shape
     shifted: list[Entry] = []
     found: list[Entry] = []
@@ -79,7 +93,8 @@ def as_things(apart: ToldApart, compared: Comparison, pose: DistortedPose) -> To
             others = [one for one in others if one.area_px > _MOST_LEFT * largest.area_px]
             shifted += [_with_parts(one, left if one is largest else []) for one in movements]
         if others:
-            found.append(_as_thing(others, images, compared, pose))
+            thing = _as_thing(others, images, compared, pose)
+            found.append(thing if in_colour is None else in_colour.with_colours(thing))
     return replace(
         apart,
         found=tuple(sorted(found, key=lambda one: -view.visibility(one))),
@@ -103,10 +118,87 @@ class _View:
         )
 
     def visibility(self, entry: Entry) -> float:
-        """Contrast in lightness, times the root of the area."""
+        """Contrast in lightness, or in colour, times the root of the area."""
         rows, cols = entry.pixels
-        contrast = np.abs(self.after[rows, cols] - self.before[rows, cols])
-        return float(np.mean(contrast) * np.sqrt(len(rows)))
+        contrast = np.mean(np.abs(self.after[rows, cols] - self.before[rows, cols]))
+        return float(max(contrast, entry.change.delta_e or 0.0) * np.sqrt(len(rows)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _InColour:
+    """Red, green and blue of the photograph whose pixels the grid has, and of the difference.
+
+    Parameters
+    ----------
+    own_dn
+        Shape ``(rows, cols, 3)``, times ``light`` in the follow-up's levels.
+    is_after
+        Whether it is the follow-up.
+    white_dn
+        Level of white in the follow-up's levels, and whether the files say it.
+    """
+
+    compared: Comparison
+    planes: ColourPlanes
+    own_dn: AnyArray
+    is_after: bool
+    light: float
+    white_dn: float
+    is_white_known: bool
+
+    @classmethod
+    def of(cls, colours: PairColours, compared: Comparison, planes: ColourPlanes) -> "_InColour":
+        is_after = compared.is_on_followup
+        own = colours.followup_dn if is_after else colours.reference_dn
+        known, light = colours.white_dn[1], 1.0 if is_after else compared.gain
+        white = (
+            light * float(np.percentile(np.asarray(own[::4, ::4], dtype=np.float64), 99.9))
+            if known is None
+            else known
+        )
+        return cls(
+            compared=compared,
+            planes=planes,
+            own_dn=own,
+            is_after=is_after,
+            light=light,
+            white_dn=max(white, 1e-30),
+            is_white_known=None not in colours.white_dn,
+        )
+
+    def with_colours(self, thing: Entry) -> Entry:
+        """The thing with its difference in colour, and called one where it is mainly that."""
+        seen = self._seen(*thing.pixels)
+        update: dict[str, object] = {}
+        if self.is_white_known:
+            update["delta_e"] = seen.delta_e
+        change = thing.change
+        if seen.is_of_colour and (change.what in _LIT or not _is_lit(change)):
+            update["what"] = "colour"
+        return replace(thing, change=change.model_copy(update=update))
+
+    def _seen(self, rows: IntArray, cols: IntArray) -> SeenDifference:
+        """Between the mean colours of some pixels."""
+        planes = self.planes
+        luma, first, second = planes.difference_dn[:, rows, cols].astype(np.float64)
+        red_by_luma, blue_by_luma, blue_by_red = planes.by_others[:, rows, cols]
+        red = first + red_by_luma * luma
+        blue = second + blue_by_luma * luma + blue_by_red * first
+        more = to_rgb(np.array([luma.mean(), red.mean(), blue.mean()]))
+        own = self.light * self.own_dn[rows, cols].mean(axis=0, dtype=np.float64)
+        before, after = (own - more, own) if self.is_after else (own, own + more)
+        return SeenDifference.of(before, after, self.white_dn)
+
+
+_LIT: Final = ("brighter", "darker")
+
+
+def _is_lit(change: Change) -> bool:
+    """Whether its luma has changed for sure, or that of a part of it."""
+    return any(
+        abs(one.amplitude_dn) > _SURELY * one.amplitude_err_dn
+        for one in (change.parts or (change,))
+    )
 
 
 def _lightness(levels_dn: FloatImage, white_dn: float) -> FloatArray:
@@ -171,18 +263,25 @@ def _as_thing(
     update: dict[str, object] = {"what": _happened(whole, images)}
     if len(group) > 1:
         parts = [entry.change for entry in group]
-        first = max(parts, key=lambda one: abs(one.amplitude_dn) * one.area_px**0.5)
+        first = max(parts, key=lambda one: _peak(one) * one.area_px**0.5)
         area_px = sum(one.area_px for one in parts)
         update |= _places(whole, compared, pose) | {
             "area_px": area_px,
             "spot_sigma_px": float(np.sqrt(area_px / np.pi) / 2),
             "amplitude_dn": first.amplitude_dn,
             "amplitude_err_dn": first.amplitude_err_dn,
+            "amplitude_rgb_dn": first.amplitude_rgb_dn,
             "significance": max(one.significance for one in parts),
             "q_value": min(one.q_value for one in parts),
             "parts": tuple(sorted(parts, key=lambda one: -one.significance)),
         }
     return Entry(change=whole.change.model_copy(update=update), regions=regions)
+
+
+def _peak(change: Change) -> float:
+    """Size of its amplitude; of colours that of the channel which changed most."""
+    rgb = change.amplitude_rgb_dn
+    return abs(change.amplitude_dn) if rgb is None else max(map(abs, rgb))
 
 
 def _places(thing: Entry, compared: Comparison, pose: DistortedPose) -> dict[str, object]:
@@ -224,7 +323,8 @@ def _happened(thing: Entry, images: Images) -> Happened:
         side = np.asarray(image[crop], dtype=np.float64)
         stands_out.append(structure_of(side, inside, ring, least))
         slope_y, slope_x = np.gradient(side)
-        steepness.append(float(np.mean((slope_y**2 + slope_x**2)[outline])) + least)
+        steep: FloatArray = np.asarray(slope_y**2 + slope_x**2)
+        steepness.append(float(np.mean(steep[outline])) + least)
     if min(stands_out) > _AS_PLAIN:
         return word
     more = np.log((stands_out[1] + 0.1) / (stands_out[0] + 0.1))

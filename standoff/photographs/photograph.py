@@ -16,13 +16,15 @@ from standoff.errors import HintError, ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import refuse_unusable
-from standoff.photographs.jpeg_coding import JpegCoding
+from standoff.photographs.jpeg_coding import FROM_CHROMA, JpegCoding, coded_variance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PLATEAU_FRACTION = 0.002
 _ADC_BITS = (10, 12, 14)
+_USUAL_SAMPLING = (True, True)
+"""Whether JPEG's chroma has half the rows and half the columns, where a file does not tell."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,6 +80,22 @@ class PhotographHead:
                 "of the sensor"
             )
         return said
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ChannelSteps:
+    """What the steps of a file are to each channel's levels; None where it holds no integers.
+
+    Parameters
+    ----------
+    variance_dn2
+        Variance of each level by them, shape ``(rows, cols, 3)``.
+    step_dn
+        Level by which one step differs, likewise.
+    """
+
+    variance_dn2: Float32Array | None = field(repr=False)
+    step_dn: Float32Array | None = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -271,6 +289,29 @@ class Photograph(PhotographHead):
         return None if steps is None else np.sqrt(steps[0] + steps[1]).astype(np.float32)
 
     @property
+    def channel_steps(self) -> ChannelSteps:
+        """The same for each channel of colours: of a JPEG with what its chroma's steps add."""
+        if self.stored.dtype.kind != "u" or not self.is_colour:
+            return ChannelSteps(variance_dn2=None, step_dn=None)
+        squares = np.square(self._decoding_slopes.astype(np.float32))
+        coded = np.zeros(3)
+        if self.luma_steps is not None:
+            coding = self.jpeg_coding
+            if coding is None or len(coding.tables) == 0:
+                chroma, sampling = self.luma_steps, _USUAL_SAMPLING
+            else:
+                table = np.array(coding.tables[min(1, len(coding.tables) - 1)], dtype=np.float64)
+                chroma, sampling = table.reshape(8, 8), coding.halved
+            luma = coded_variance(self.luma_steps) + 1 / 12
+            both = coded_variance(chroma, sampling) + 1 / 12
+            # Errors of luma, blue and red chroma, as the channels are made of them.
+            coded = luma + np.square(FROM_CHROMA).sum(axis=1) * both
+        variance, step = squares * (1 / 12 + coded), np.sqrt(squares * (1 + coded))
+        return ChannelSteps(
+            variance_dn2=variance.astype(np.float32), step_dn=step.astype(np.float32)
+        )
+
+    @property
     def _squared_steps_dn2(self) -> tuple[FloatArray, FloatArray] | None:
         """Squared steps of the stored levels in grey, and the variance of JPEG coefficients."""
         if self.stored.dtype.kind != "u" or self.pattern is not None:
@@ -281,10 +322,7 @@ class Photograph(PhotographHead):
         squares = np.square(planes) @ np.square(weights)
         if self.luma_steps is None:
             return squares, np.zeros(1)
-        density = np.square(self.luma_steps) / 12
-        gain = np.exp(-((2 * np.pi * np.arange(8) / 16) ** 2))
-        weight = np.outer(gain, gain)
-        coded = float((density * weight).sum() / weight.sum())
+        coded = coded_variance(self.luma_steps)
         # Of colours luma is rounded before it is transformed, and once more with the chroma.
         coded += 2 / 12 if self.is_colour else 0.0
         return squares, np.square(planes @ weights) * coded

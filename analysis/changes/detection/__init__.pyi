@@ -7,6 +7,7 @@ from .false_discovery import (
     discovery_threshold as discovery_threshold,
     q_values as q_values,
 )
+from .level_colours import LevelColours as LevelColours
 from .levels import (
     DetectionLevel as DetectionLevel,
     detection_levels as detection_levels,

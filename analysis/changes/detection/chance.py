@@ -8,7 +8,9 @@ from math import log, pi, sqrt
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
+from scipy.stats import ncx2
 
+from analysis.changes.detection.joint_significance import PLANES, joint_share, norm_at
 from simulation.arrays import FloatArray
 
 SPREAD_ERR = 0.03
@@ -44,12 +46,15 @@ class FilterWidth:
         Relative standard deviation of the true spread about the one worked out.
     allowance
         Standard deviations to one of significance.
+    planes
+        1 for levels, 3 for colours: the significance is then that of the three together.
     """
 
     width_px: float
     step_px: int = 1
     spread_err: float = SPREAD_ERR
     allowance: float = 1.0
+    planes: int = 1
 
     @property
     def spreads(self) -> FloatArray:
@@ -58,7 +63,15 @@ class FilterWidth:
 
     def exceeded_share(self, threshold_sd: float) -> float:
         """Share of pixels without change beyond a significance, either way."""
+        if self.planes == PLANES:
+            return float(_SHARES @ joint_share(norm_at(threshold_sd) / self.spreads))
         return float(_SHARES @ (2 * ndtr(-threshold_sd / self.spreads)))
+
+    def scale_at(self, significance: FloatArray | float) -> FloatArray:
+        """Standard deviations by which a place with this significance stands out."""
+        if self.planes == PLANES:
+            return norm_at(significance)
+        return np.asarray(significance)
 
 
 def equally_strict(widths: Sequence[FilterWidth], share: float) -> tuple[FilterWidth, ...]:
@@ -78,9 +91,13 @@ def equally_strict(widths: Sequence[FilterWidth], share: float) -> tuple[FilterW
         return tuple(widths)
     own = plain[0].exceeded_share(threshold)
     return tuple(
-        replace(width, allowance=significance_threshold(own, (width,)) / threshold)
+        replace(width, allowance=_ratio(width, significance_threshold(own, (width,)), threshold))
         for width in plain
     )
+
+
+def _ratio(width: FilterWidth, own: float, other: float) -> float:
+    return float(width.scale_at(own)) / float(width.scale_at(other))
 
 
 def exceeded_share(threshold_sd: float, widths: Sequence[FilterWidth]) -> float:
@@ -106,9 +123,20 @@ def _agreement(threshold_sd: float, narrow: FilterWidth, wide: FilterWidth) -> f
     ratio = wide.width_px / narrow.width_px
     correlation = 2 * ratio / (1 + ratio**2)
     threshold = max(threshold_sd, 1.0)
+    if narrow.planes == PLANES:
+        return _joint_agreement(float(norm_at(threshold)), correlation)
     beyond = _TAIL_NODES / threshold
     weight = _TAIL_WEIGHTS * np.exp(-(beyond**2) / 2)
     passed = ndtr((correlation * (threshold + beyond) - threshold) / sqrt(1 - correlation**2))
+    return float(weight @ passed / weight.sum())
+
+
+def _joint_agreement(norm: float, correlation: float) -> float:
+    """The same of the length of a vector, of which the wider filter leaves its share of noise."""
+    lengths = norm + _TAIL_NODES / norm
+    weight = _TAIL_WEIGHTS * (lengths / norm) ** 2 * np.exp(-((_TAIL_NODES / norm) ** 2) / 2)
+    left = 1 - correlation**2
+    passed = ncx2.sf(norm**2 / left, PLANES, (correlation * lengths) ** 2 / left)
     return float(weight @ passed / weight.sum())
 
 
@@ -144,12 +172,17 @@ def expected_peaks(
     References
     ----------
     R. J. Adler, The Geometry of Random Fields (1981), theorem 5.3.1; with the mean curvature of a
-    high peak, as in theorem 6.8.1, for what its sample misses.
+    high peak, as in theorem 6.8.1, for what its sample misses. Of colours, K. J. Worsley, "Local
+    maxima and the expected Euler characteristic of excursion sets of chi-squared, F and t fields",
+    Adv. Appl. Prob. 26 (1994), 13-42, theorem 3.2.
     """
     total = np.zeros(np.shape(significance))
     for width in widths:
         lowered = np.exp(-_OFF_PX2 * width.step_px**2 / (4 * width.width_px**2))
-        height = np.asarray(significance)[..., None, None] / (width.spreads[:, None] * lowered)
+        scale = width.scale_at(significance)
+        height = scale[..., None, None] / (width.spreads[:, None] * lowered)
         density = height * np.exp(-(height**2) / 2) / ((2 * pi) ** 1.5 * 2 * width.width_px**2)
+        if width.planes == PLANES:
+            density = density * (height**2 - (PLANES - 1))
         total += 2 * area_px * np.einsum("...ij,i,j->...", density, _SHARES, _OFF_SHARES)
     return total

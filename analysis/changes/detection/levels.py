@@ -12,8 +12,14 @@ from math import ceil, exp, hypot, log, pi, sqrt
 import cv2
 import numpy as np
 
+from analysis.changes.colour import ColourPlanes
 from analysis.changes.comparison import Comparison
 from analysis.changes.detection.chance import SPREAD_ERR, FilterWidth, equally_strict
+from analysis.changes.detection.joint_significance import PLANES
+from analysis.changes.detection.level_colours import (
+    LevelColours,
+    signed_significance,
+)
 from analysis.changes.matching import away_from
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
 
@@ -65,6 +71,9 @@ class DetectionLevel:
         Places that count.
     weight
         Share of the filter that lies on pixels that count.
+    colours
+        Of photographs in colour the luma and what red and blue say beside it; difference and
+        standard deviation are the luma's.
     """
 
     filter_width: FilterWidth
@@ -72,6 +81,7 @@ class DetectionLevel:
     sd_dn: FloatImage
     valid: BoolArray
     weight: Float32Array
+    colours: LevelColours | None = None
 
     @property
     def width_px(self) -> float:
@@ -85,16 +95,24 @@ class DetectionLevel:
 
     @property
     def significance(self) -> FloatImage:
-        """Difference over its standard deviation; 0 where it does not count."""
+        """Difference over its standard deviation; 0 where it does not count.
+
+        Of colours that of all planes together, with the sign of the luma.
+        """
+        if self.colours is not None:
+            return signed_significance(self.colours.vectors, self.valid)
         none = np.zeros_like(self.difference_dn)
         return np.divide(self.difference_dn, self.sd_dn, out=none, where=self.valid)
 
     def strict_as(self, width: FilterWidth) -> "DetectionLevel":
         """The level with the allowance of ``width``."""
         sd_dn = self.sd_dn
+        colours = self.colours
         if width.allowance != self.filter_width.allowance:
-            sd_dn = sd_dn * np.float32(width.allowance / self.filter_width.allowance)
-        return replace(self, filter_width=width, sd_dn=sd_dn)
+            factor = width.allowance / self.filter_width.allowance
+            sd_dn = sd_dn * np.float32(factor)
+            colours = None if colours is None else colours.strict_as(factor)
+        return replace(self, filter_width=width, sd_dn=sd_dn, colours=colours)
 
     def smoothed_from(self, difference_dn: FloatImage, width_px: float) -> Float32Array:
         """Smooth a difference as this level is; it is behind ``width_px`` on the grid's pixels."""
@@ -103,11 +121,17 @@ class DetectionLevel:
         smooth = _blurred(np.asarray(difference_dn, dtype=np.float32), more)[every]
         return np.where(self.valid, smooth / self.weight, np.float32(0))
 
-    def sd_on_grid(self, shape: tuple[int, ...], every: int) -> Float32Array:
-        """Bring the standard deviation there, beyond all measure where it does not count."""
+    def error_along(self, rgb: tuple[float, float, float]) -> Float32Array:
+        """Standard error of a change's amplitude; of colours, of one in this direction."""
+        if self.colours is None:
+            return np.asarray(self.sd_dn, dtype=np.float32)
+        return self.colours.error_along(np.array(rgb))
+
+    def sd_on_grid(self, sd_dn: FloatImage, shape: tuple[int, ...], every: int) -> Float32Array:
+        """Bring a standard deviation there, beyond all measure where it does not count."""
         apart = max(every // self.step_px, 1) if every % self.step_px == 0 else 1
         part = np.s_[::apart, ::apart]
-        known = np.where(self.valid[part], self.sd_dn[part], np.float32(_NEVER_DN))
+        known = np.where(self.valid[part], sd_dn[part], np.float32(_NEVER_DN))
         return self.on_grid(known, shape, max(every // apart, 1))
 
     def on_grid(self, image: FloatImage, shape: tuple[int, ...], every: int = 1) -> Float32Array:
@@ -158,9 +182,28 @@ def detection_levels(compared: Comparison, false_share: float) -> tuple[Detectio
     false_share
         Share of the pixels that chance may flag at any of the levels.
     """
-    levels = list(_smoothed_further(compared))
+    planes = compared.colours
+    levels = list(_smoothed_further(compared) if planes is None else _of_colours(compared, planes))
     widths = equally_strict([level.filter_width for level in levels], false_share)
     return tuple(level.strict_as(width) for level, width in zip(levels, widths, strict=True))
+
+
+def _of_colours(compared: Comparison, planes: ColourPlanes) -> Iterator[DetectionLevel]:
+    """Levels of the luma with those of the two planes beside it, each by its own scatter."""
+    every = [
+        _smoothed_further(replace(compared, difference_dn=difference, sd_dn=sd))
+        for difference, sd in zip(planes.difference_dn, planes.sd_dn, strict=True)
+    ]
+    for level, *beside in zip(*every, strict=True):
+        places = np.s_[:: level.step_px, :: level.step_px]
+        colours = LevelColours.of(
+            [(one.difference_dn, one.sd_dn) for one in (level, *beside)],
+            level.valid,
+            level.width_px / level.step_px,
+            planes.by_others[:, *places],
+        )
+        width = replace(level.filter_width, planes=PLANES)
+        yield replace(level, filter_width=width, colours=colours)
 
 
 def _smoothed_further(compared: Comparison) -> Iterator[DetectionLevel]:

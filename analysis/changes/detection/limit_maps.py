@@ -32,6 +32,8 @@ class LimitMaps:
         Pixels that were compared.
     followup_px
         Follow-up pixels to one of the grid, along a line.
+    errors_dn
+        Standard error of an amplitude at each level, allowance included.
     """
 
     threshold_sd: float
@@ -39,6 +41,7 @@ class LimitMaps:
     widths: tuple[FilterWidth, ...]
     valid: BoolArray
     followup_px: float
+    errors_dn: tuple[Float32Array, ...]
 
     @classmethod
     def of(
@@ -47,15 +50,21 @@ class LimitMaps:
         levels: Sequence[DetectionLevel],
         threshold_sd: float,
         followup_px: float,
+        rgb: tuple[float, float, float] = (1.0, 1.0, 1.0),
     ) -> "LimitMaps":
-        """Take what limits detection from a comparison and its levels."""
+        """Take what limits detection from a comparison and its levels; in colour, of one change."""
         return cls(
             threshold_sd=threshold_sd,
             levels=tuple(levels),
             widths=tuple(_on_followup(level.filter_width, compared) for level in levels),
             valid=compared.valid,
             followup_px=followup_px,
+            errors_dn=tuple(level.error_along(rgb) for level in levels),
         )
+
+    def height_for(self, power: float) -> float:
+        """Significance that a spot must have by itself to be found so often."""
+        return height_for(power, self.threshold_sd, self.widths[0].planes)
 
     def limit_dn(self, spot_sigma_px: float, power: float = POWER, every: int = 1) -> Float32Array:
         """Amplitude of a spot in the follow-up's levels; infinite where nothing was compared.
@@ -69,13 +78,14 @@ class LimitMaps:
         every
             Every so many pixels of the grid, along both of its sides.
         """
-        height = height_for(power, self.threshold_sd)
+        height = self.height_for(power)
         sigma = np.array(spot_sigma_px / self.followup_px)
         valid = self.valid[::every, ::every]
         least = np.full(valid.shape, np.inf, dtype=np.float32)
-        for level, width in zip(self.levels, self.widths, strict=True):
+        levels = zip(self.levels, self.widths, self.errors_dn, strict=True)
+        for level, width, error_dn in levels:
             factor = np.float32(height / float(response(sigma, width)))
-            np.minimum(least, level.sd_on_grid(valid.shape, every) * factor, out=least)
+            np.minimum(least, level.sd_on_grid(error_dn, valid.shape, every) * factor, out=least)
         least[~valid] = np.inf
         return least
 
@@ -84,7 +94,9 @@ def _on_followup(width: FilterWidth, compared: Comparison) -> FilterWidth:
     """The filter that acts on the follow-up, smoothed otherwise than the grid's own photograph."""
     wider = width.width_px**2 - compared.smoothing_px**2
     return FilterWidth(
-        width_px=(compared.followup_smoothing_px**2 + wider) ** 0.5, step_px=width.step_px
+        width_px=(compared.followup_smoothing_px**2 + wider) ** 0.5,
+        step_px=width.step_px,
+        planes=width.planes,
     )
 
 

@@ -12,13 +12,17 @@ from math import hypot
 
 import numpy as np
 
+from analysis.changes.detection.level_colours import signed_significance
 from analysis.changes.detection.levels import DetectionLevel
-from analysis.changes.detection.peaks import Region, connected_regions
+from analysis.changes.detection.peaks import Region, connected_colours, connected_regions
 from analysis.changes.matching import away_from
-from simulation.arrays import BoolArray, Float32Array, FloatImage, IntArray
+from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage, IntArray
 
 _SKIRT = 2.0
 """Widths of its level within which a change still has light."""
+
+_SAME_COLOUR = 0.5
+"""Cosine between the directions of two changes of colour, above which they are of one sign."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -37,6 +41,9 @@ class LinkedRegion:
         Its pixels, shape ``(n,)``.
     light
         Those and the ones that its blurred skirt reaches beyond the threshold, flat indices.
+    direction
+        Of colours, that of the change in the level's whitened planes, of length 1; the sign of the
+        significance is then the luma's.
     """
 
     level: int
@@ -46,6 +53,34 @@ class LinkedRegion:
     rows: IntArray
     cols: IntArray
     light: IntArray
+    direction: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Standing:
+    """What stands out at a level: signed significance, and of colours the whitened planes."""
+
+    significance: FloatImage
+    vectors: Float32Array | None = None
+
+    @classmethod
+    def of(cls, level: DetectionLevel) -> "_Standing":
+        if level.colours is None:
+            return cls(significance=level.significance)
+        vectors = level.colours.vectors
+        return cls(significance=signed_significance(vectors, level.valid), vectors=vectors)
+
+    def regions(self, threshold_sd: float) -> list[Region]:
+        if self.vectors is None:
+            return connected_regions(self.significance, threshold_sd)
+        return connected_colours(self.vectors, self.significance, threshold_sd)
+
+    def height_of(self, found: "LinkedRegion", place: tuple[int, int]) -> float:
+        """Significance there in the direction of a change."""
+        if self.vectors is None or found.direction is None:
+            return float(self.significance[place]) * float(np.sign(found.significance))
+        along = float(found.direction @ self.vectors[:, *place])
+        return float(np.copysign(abs(self.significance[place]), along))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -75,10 +110,9 @@ def link_levels(levels: Sequence[DetectionLevel], threshold_sd: float) -> FoundC
         Significance beyond which a place counts as changed.
     """
     narrowest = levels[0]
-    strongest = np.array(narrowest.significance, dtype=np.float32)
-    found = [
-        _linked(region, 0, levels, ()) for region in connected_regions(strongest, threshold_sd)
-    ]
+    standing = _Standing.of(narrowest)
+    strongest = np.array(standing.significance, dtype=np.float32)
+    found = [_linked(region, 0, levels, ()) for region in standing.regions(threshold_sd)]
     for number in range(1, len(levels)):
         found, significance = _with_wider(found, levels, number, threshold_sd)
         brought = levels[number].on_grid(significance, strongest.shape)
@@ -93,13 +127,13 @@ def _with_wider(
 ) -> tuple[list[LinkedRegion], FloatImage]:
     """Changes of a level and the narrower ones, and the level's significance without the latter."""
     level = levels[number]
-    everything = level.significance
-    if not (np.abs(everything) > threshold_sd).any():
-        return found, everything
+    everything = _Standing.of(level)
+    if not (np.abs(everything.significance) > threshold_sd).any():
+        return found, everything.significance
     # Those that stand out less here than where they were found are done with.
     settled = [one for one in found if _height_at(one, everything, level) <= _height(one)]
-    significance = _without(settled, everything, levels, number)
-    regions = connected_regions(significance, threshold_sd)
+    standing = _without(settled, everything, levels, number)
+    regions = standing.regions(threshold_sd)
     taken = []
     for region, inside in zip(regions, _in_midst(found, regions, level), strict=True):
         # Several together, as the pieces of one wide change, have less than it has.
@@ -107,24 +141,23 @@ def _with_wider(
             taken.append(_linked(region, number, levels, inside))
             gone = set(map(id, inside))
             found = [one for one in found if id(one) not in gone]
-    significance = _without(found, everything, levels, number)
+    standing = _without(found, everything, levels, number)
     claimed = pixels_of(taken, levels[0].valid.shape)[:: level.step_px, :: level.step_px]
     taken += [
         _linked(region, number, levels, ())
-        for region in connected_regions(significance, threshold_sd)
+        for region in standing.regions(threshold_sd)
         if not claimed[region.row, region.col]
     ]
-    return found + taken, significance
+    return found + taken, standing.significance
 
 
 def _height(found: LinkedRegion) -> float:
     return abs(found.significance)
 
 
-def _height_at(found: LinkedRegion, significance: FloatImage, level: DetectionLevel) -> float:
+def _height_at(found: LinkedRegion, standing: _Standing, level: DetectionLevel) -> float:
     """Significance that a change has at a level, in its own direction."""
-    row, col = _place(found, level)
-    return float(significance[row, col]) * float(np.sign(found.significance))
+    return standing.height_of(found, _place(found, level))
 
 
 def _place(found: LinkedRegion, level: DetectionLevel) -> tuple[int, int]:
@@ -134,21 +167,46 @@ def _place(found: LinkedRegion, level: DetectionLevel) -> tuple[int, int]:
 
 def _without(
     found: Sequence[LinkedRegion],
-    significance: FloatImage,
+    standing: _Standing,
     levels: Sequence[DetectionLevel],
     number: int,
-) -> FloatImage:
-    """Significance of a level with the light of changes taken out."""
+) -> _Standing:
+    """What stands out at a level with the light of changes taken out."""
     if not found:
-        return significance
+        return standing
     level, narrowest = levels[number], levels[0]
     lit = np.zeros(narrowest.valid.size, dtype=np.bool_)
     for one in found:
         lit[one.light] = True
     apart = away_from(lit.reshape(narrowest.valid.shape), _SKIRT * narrowest.width_px)
+    if standing.vectors is not None:
+        return _colours_without(apart, standing.vectors, narrowest, level)
     light = np.where(apart, np.float32(0), narrowest.difference_dn)
     own = level.smoothed_from(light, narrowest.width_px) / level.sd_dn
-    return np.asarray(significance - np.where(level.valid, own, np.float32(0)))
+    left = standing.significance - np.where(level.valid, own, np.float32(0))
+    return _Standing(significance=np.asarray(left))
+
+
+def _colours_without(
+    apart: BoolArray, vectors: Float32Array, narrowest: DetectionLevel, level: DetectionLevel
+) -> _Standing:
+    """The same of whitened planes, which the light of changes adds to."""
+    assert narrowest.colours is not None, "photographs in colour"
+    assert level.colours is not None, "photographs in colour"
+    light = np.stack(
+        [
+            level.smoothed_from(np.where(apart, np.float32(0), plane), narrowest.width_px)
+            for plane in narrowest.colours.difference_dn
+        ]
+    )
+    left = vectors - level.colours.whitened(light)
+    return _Standing(significance=signed_significance(left, level.valid), vectors=left)
+
+
+def _of_one_sign(one: LinkedRegion, region: Region) -> bool:
+    if one.direction is None or region.direction is None:
+        return one.significance * region.significance > 0
+    return float(one.direction @ region.direction) > _SAME_COLOUR
 
 
 def _in_midst(
@@ -162,7 +220,7 @@ def _in_midst(
     inner: list[list[LinkedRegion]] = [[] for _ in regions]
     for one in found:
         index = int(number[_place(one, level)])
-        if index >= 0 and one.significance * regions[index].significance > 0:
+        if index >= 0 and _of_one_sign(one, regions[index]):
             inner[index].append(one)
     return inner
 
@@ -187,6 +245,7 @@ def _linked(
         rows=rows,
         cols=cols,
         light=np.unique(np.concatenate(light)),
+        direction=region.direction,
     )
 
 

@@ -5,6 +5,7 @@ from scipy.optimize import brentq
 from scipy.stats import ncx2
 
 from analysis.changes.detection.chance import FilterWidth
+from analysis.changes.detection.joint_significance import PLANES, norm_at
 from simulation.arrays import FloatArray
 
 POWER = 0.95
@@ -21,7 +22,7 @@ _OFF_PX2 = 1 / 6
 """Mean squared distance of a spot from the nearest pixel's centre."""
 
 
-def detection_power(height: FloatArray, threshold_sd: float) -> FloatArray:
+def detection_power(height: FloatArray, threshold_sd: float, planes: int = 1) -> FloatArray:
     """Probability that a spot is found.
 
     Its significance is searched over places and widths: the square of the highest one is that of
@@ -33,15 +34,20 @@ def detection_power(height: FloatArray, threshold_sd: float) -> FloatArray:
         Significance that the spot has by itself at its place, any shape.
     threshold_sd
         Significance beyond which a place counts as changed.
+    planes
+        1 for levels, 3 for colours, of which the noise of all adds.
     """
+    if planes == PLANES:
+        beyond = float(norm_at(threshold_sd)) ** 2
+        return np.asarray(ncx2.sf(beyond, PLANES + _SEARCHED, np.square(height)))
     return np.asarray(ncx2.sf(threshold_sd**2, 1 + _SEARCHED, np.square(height)))
 
 
-def height_for(power: float, threshold_sd: float) -> float:
+def height_for(power: float, threshold_sd: float, planes: int = 1) -> float:
     """Significance that a spot must have by itself to be found with this probability."""
 
     def excess(height: float) -> float:
-        return float(detection_power(np.array(height), threshold_sd)) - power
+        return float(detection_power(np.array(height), threshold_sd, planes)) - power
 
     return float(brentq(excess, 0.0, threshold_sd + 20.0))
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from analysis.changes.detection import POWER, height_for
+from analysis.changes.detection import POWER
 from analysis.changes.matching import Smoothing, smoothing_for
 from analysis.changes.prediction.filters import ExpectedFilters
 from analysis.changes.prediction.limit_curve import LimitCurve
@@ -49,7 +49,7 @@ def meet(
     met = _Met.of(curve, zoom, compared)
     limit = limits.limit_dn(met.shown_sigma_px)
     median = float(np.median(limit[np.isfinite(limit)]))
-    predicted = height_for(POWER, limits.threshold_sd) * curve.limit_at(zoom)
+    predicted = limits.height_for(POWER) * curve.limit_at(zoom)
     shown = median * met.dilution / met.gain
     factors = met.factors(shown / predicted)
     return PredictedLimit(

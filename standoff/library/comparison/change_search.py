@@ -10,6 +10,8 @@ import numpy as np
 from analysis.changes import (
     ChangeOptions,
     ChangeResult,
+    CodedAlike,
+    PairColours,
     change_table,
     find_changes as changes_between,
 )
@@ -28,7 +30,7 @@ from calibration.documents import json_object
 from calibration.errors import CalibrationError
 from calibration.registration import RegistrationHints
 from simulation import Psf, PsfField
-from simulation.arrays import BoolArray, Float32Array, FloatArray
+from simulation.arrays import BoolArray, Float32Array
 from simulation.choices import PsfShape
 from standoff.library.call import Call, Progress
 from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files
@@ -314,6 +316,7 @@ def compared(
     stated, hints = rules.white_level, rules.hints
     if isinstance(hints, AlignmentHints):
         hints = hints.of_pair(near.stored.shape[:2], far.stored.shape[:2], far.name)
+    colours = _colours(near, far)
     options = replace(
         rules.options,
         hints=hints,
@@ -322,7 +325,8 @@ def compared(
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
         step_variance_dn2=(near.step_variance_dn2, far.step_variance_dn2),
         step_dn=(near.step_dn, far.step_dn),
-        coded_alike=lambda: _coded_alike(near, far),
+        coded_alike=lambda: _coded_alike(near, far, colours),
+        colours=colours,
     )
     try:
         found = changes_between(near.grey_dn, far.grey_dn, psf, options)
@@ -339,18 +343,35 @@ def compared(
     return ComparedPhotographs(**own, reference=near, followup=far, left_out=rules.left_out)
 
 
-def _coded_alike(near: Photograph, far: Photograph) -> tuple[FloatArray, FloatArray]:
-    """Grey levels of both as files that are coded alike hold them, if that makes them more alike.
+def _colours(near: Photograph, far: Photograph) -> PairColours | None:
+    """Colours of both, with the steps of their channels; None if one of them is grey."""
+    if not (near.is_colour and far.is_colour):
+        return None
+    before, after = near.channel_steps, far.channel_steps
+    return PairColours(
+        reference_dn=near.colour_planes,
+        followup_dn=far.colour_planes,
+        step_variance_dn2=(before.variance_dn2, after.variance_dn2),
+        step_dn=(before.step_dn, after.step_dn),
+        white_dn=(near.full_scale_dn, far.full_scale_dn),
+    )
+
+
+def _coded_alike(near: Photograph, far: Photograph, colours: PairColours | None) -> CodedAlike:
+    """Levels of both as files that are coded alike hold them, if that makes them more alike.
 
     A file that was made of the other one is not to be coded a second time.
     """
     given = near.grey_dn, far.grey_dn
+    as_given = CodedAlike(photographs=given, colours=colours)
     recoded = near.coded_as(far), far.coded_as(near)
     if recoded[0] is near and recoded[1] is far:
-        return given
+        return as_given
     alike = recoded[0].grey_dn, recoded[1].grey_dn
     apart, still_apart = (float(np.mean(np.abs(one - other))) for one, other in (given, alike))
-    return alike if still_apart < apart else given
+    if not still_apart < apart:
+        return as_given
+    return CodedAlike(photographs=alike, colours=_colours(*recoded))
 
 
 def _variance_dn2(photograph: Photograph) -> Float32Array | None:

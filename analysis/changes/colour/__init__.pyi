@@ -1,0 +1,12 @@
+from .colour_planes import (
+    ChannelDifference as ChannelDifference,
+    ColourPlanes as ColourPlanes,
+    colour_planes as colour_planes,
+)
+from .pair_colours import (
+    PairColours as PairColours,
+    Steps as Steps,
+    to_luma_red_blue as to_luma_red_blue,
+    to_rgb as to_rgb,
+)
+from .seen_difference import SeenDifference as SeenDifference
