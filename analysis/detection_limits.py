@@ -71,6 +71,9 @@ class DetectionLimit(StoredValues):
         Amplitude that was asked about.
     map_spot_sigma_px
         Width of the spots whose limit limit.tif maps.
+    change_rgb
+        Change of red, green and blue that the limits are for, of amplitude 1; None of photographs
+        compared in grey.
     pixel_size_mm, pixel_size_on
         Side of a follow-up pixel, if it is known, and where: on the scene or on the sensor.
     predicted
@@ -81,6 +84,7 @@ class DetectionLimit(StoredValues):
     spots: tuple[SpotLimit, ...]
     contrast_dn: float | None = None
     map_spot_sigma_px: float
+    change_rgb: tuple[float, float, float] | None = None
     pixel_size_mm: float | None = None
     pixel_size_on: PixelPlane | None = None
     predicted: PredictedLimit | None = None
@@ -102,13 +106,22 @@ def spot_sentence(limit: DetectionLimit) -> str:
     spot = limit.mapped
     sentence = (
         f"a spot of {size_text(spot, limit)} and {level_text(spot.p95_dn)} DN "
-        f"would have been found ({100 * limit.power:.0f} %) in 95 % of the compared area"
+        f"{_of_change(limit)}would have "
+        f"been found ({100 * limit.power:.0f} %) in 95 % of the compared area"
     )
     if limit.contrast_dn is not None and spot.reached_fraction is not None:
         sentence += (
             f", and one of {limit.contrast_dn:g} DN in {percent_text(spot.reached_fraction)} of it"
         )
     return sentence
+
+
+def _of_change(limit: DetectionLimit) -> str:
+    """Of which change of colour, where that is none of grey."""
+    rgb = limit.change_rgb
+    if rgb is None or rgb == (1.0, 1.0, 1.0):
+        return ""
+    return f"({', '.join(f'{part:.3g}' for part in rgb)} in red, green, blue) "
 
 
 def prediction_sentence(predicted: PredictedLimit) -> str:

@@ -95,6 +95,14 @@ def changes(
             help="Also say where a spot of C DN would have been found.",
         ),
     ] = None,
+    limit_colour: Annotated[
+        str,
+        Option(
+            metavar="C",
+            help="Change that the limit is for in photographs in colour: grey, red, green, blue, "
+            "or R,G,B, its direction in linear levels.",
+        ),
+    ] = "grey",
     pixel_size_mm: Annotated[
         float | None,
         Option(
@@ -183,6 +191,7 @@ def changes(
         "limit": library.DetectionLimitOptions(
             spot_sigma_px=spot_sigma,
             contrast_dn=limit_contrast,
+            colour=limit_colour,
             pixel_size_mm=pixel_size_mm,
             geometry=geometry,
             reference_height_mm=reference_height_mm,

@@ -32,6 +32,8 @@ class LimitMaps:
         Pixels that were compared.
     followup_px
         Follow-up pixels to one of the grid, along a line.
+    change_rgb
+        Change of colour of amplitude 1; None in grey.
     errors_dn
         Standard error of an amplitude at each level, allowance included.
     """
@@ -42,6 +44,7 @@ class LimitMaps:
     valid: BoolArray
     followup_px: float
     errors_dn: tuple[Float32Array, ...]
+    change_rgb: tuple[float, float, float] | None = None
 
     @classmethod
     def of(
@@ -60,6 +63,7 @@ class LimitMaps:
             valid=compared.valid,
             followup_px=followup_px,
             errors_dn=tuple(level.error_along(rgb) for level in levels),
+            change_rgb=None if levels[0].colours is None else rgb,
         )
 
     def height_for(self, power: float) -> float:
@@ -138,4 +142,5 @@ def detection_limit(
         spots=tuple(spots),
         contrast_dn=contrast_dn,
         map_spot_sigma_px=spot_sigma_px,
+        change_rgb=maps.change_rgb,
     )

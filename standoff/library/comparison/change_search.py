@@ -38,6 +38,7 @@ from standoff.library.comparison.limit_options import (
     DetectionLimitOptions,
     SceneScale,
     limit_files,
+    limit_rgb,
     scene_scale,
 )
 from standoff.library.comparison.limit_prediction import expected_limit, note_on_prediction
@@ -294,6 +295,7 @@ def comparison_rules(
             spot_sigma_px=asked.spot_sigma_px,
             limit_contrast_dn=asked.contrast_dn,
             expected=expected_limit(asked),
+            limit_rgb=limit_rgb(asked.colour),
         ),
         hints=hints,
         white_level=white_level,

@@ -1,7 +1,7 @@
 """Which spots a detection limit is for, what was predicted, and how large a pixel is."""
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 from os import PathLike
 
 from analysis.choices import SPOT_SIGMA_PX
@@ -16,6 +16,14 @@ from standoff.library.detectability import CurveLike
 from standoff.library.inputs import FilePath, PsfLike, path_of
 from standoff.library.psf import read_psf
 
+LIMIT_COLOURS = {
+    "grey": (1.0, 1.0, 1.0),
+    "red": (1.0, 0.0, 0.0),
+    "green": (0.0, 1.0, 0.0),
+    "blue": (0.0, 0.0, 1.0),
+}
+"""Changes that have names, in linear levels of red, green and blue."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectionLimitOptions:
@@ -27,6 +35,10 @@ class DetectionLimitOptions:
         Width of the spots whose limit is mapped, as the follow-up shows them.
     contrast_dn
         Amplitude about which to say in what share of the pixels it would have been found.
+    colour
+        Change of colour that the limit is for, of photographs in colour: ``grey``, ``red``,
+        ``green``, ``blue``, or three numbers ``R,G,B``, its direction in linear levels. Amplitudes
+        are those of the channel that changes most.
     pixel_size_mm
         Side of a follow-up pixel on the scene, for sizes in mm.
     geometry, reference_height_mm
@@ -55,6 +67,7 @@ class DetectionLimitOptions:
 
     spot_sigma_px: float = SPOT_SIGMA_PX
     contrast_dn: float | None = None
+    colour: str = "grey"
     pixel_size_mm: float | None = None
     geometry: GeometryCalibration | FilePath | None = None
     reference_height_mm: float | None = None
@@ -67,10 +80,35 @@ class DetectionLimitOptions:
             value = getattr(self, name)
             if value is not None and not 0 < value < inf:
                 raise ArgumentError(f"{name}: expected a number above 0, got {value:g}")
+        limit_rgb(self.colour)
         if self.pixel_size_mm is not None and self.geometry is not None:
             raise ArgumentError("pixel_size_mm: the geometry states it already; give one of them")
         if self.reference_height_mm is not None and self.geometry is None:
             raise ArgumentError("reference_height_mm: needs a geometry, which has the scale there")
+
+
+def limit_rgb(colour: str) -> tuple[float, float, float]:
+    """Return the direction of a change of colour, its largest part 1.
+
+    Raises
+    ------
+    ArgumentError
+        If it is neither a name nor three numbers of which one is not 0.
+    """
+    known = LIMIT_COLOURS.get(colour)
+    if known is not None:
+        return known
+    try:
+        red, green, blue = (float(part) for part in colour.split(","))
+    except ValueError:
+        red = green = blue = 0.0
+    largest = max(map(abs, (red, green, blue)))
+    if not largest > 0 or not isfinite(red + green + blue):
+        raise ArgumentError(
+            f"colour: expected {', '.join(LIMIT_COLOURS)} or three numbers such as 1,-0.5,0, got "
+            f"{colour!r}"
+        )
+    return red / largest, green / largest, blue / largest
 
 
 def limit_files(options: DetectionLimitOptions | None) -> tuple[object, ...]:

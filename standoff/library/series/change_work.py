@@ -60,6 +60,7 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             "white_level": self.rules.white_level,
             "spot_sigma_px": options.spot_sigma_px,
             "limit_contrast_dn": options.limit_contrast_dn,
+            "limit_rgb": options.limit_rgb,
             "count_moved": options.count_moved,
             "scale": asdict(self.rules.scale),
             "expected": None if options.expected is None else asdict(options.expected),

@@ -131,3 +131,16 @@ def test_a_lit_colour_is_no_other_colour() -> None:
     assert not SeenDifference.of(colour, 0.5 * colour, 255.0).is_of_colour
     other = np.array([60.0, 60.0 + 60.0 * LUMA[0] / LUMA[1], 20.0])
     assert SeenDifference.of(colour, other, 255.0).is_of_colour
+
+
+def test_the_limit_is_that_of_the_change_that_is_named() -> None:
+    rng = np.random.default_rng(9)
+    before, after = noisy(scene(), rng), noisy(scene(), rng)
+    limits = {}
+    for name, rgb in (("grey", (1.0, 1.0, 1.0)), ("red", (1.0, 0.0, 0.0))):
+        found = compared(before, after, ChangeOptions(limit_rgb=rgb)).summary.detection_limit
+        assert found is not None
+        assert found.change_rgb == rgb
+        limits[name] = found.mapped.median_dn
+    # Three channels of equal, independent noise add as the root of three.
+    assert limits["red"] / limits["grey"] == pytest.approx(3**0.5, rel=0.05)

@@ -11,7 +11,8 @@ import standoff
 from analysis.detection_limits import DetectionLimit, SpotLimit, percent_text, spot_sentence
 from calibration.geometry import GeometryCalibration
 from simulation.arrays import FloatArray
-from standoff.errors import ApplicationError
+from standoff.errors import ApplicationError, ArgumentError
+from standoff.library.comparison.limit_options import limit_rgb
 
 FRAME = (150, 190)
 NOISE_DN = 1.0
@@ -142,3 +143,14 @@ def test_the_sentence_names_size_amplitude_power_and_share() -> None:
         "a spot of 1.5 px and 4.1 DN would have been found (95 %) in 95 % of the compared area, "
         "and one of 5 DN in 97 % of it"
     )
+
+
+@pytest.mark.parametrize("colour", ["", "purple", "1,2", "0,0,0", "1,nan,0", "1,inf,0", "1,2,3,4"])
+def test_a_colour_that_is_no_direction_is_refused(colour: str) -> None:
+    with pytest.raises(ArgumentError, match="colour: expected grey, red, green, blue or three"):
+        standoff.DetectionLimitOptions(colour=colour)
+
+
+def test_a_direction_of_colour_counts_by_its_largest_part() -> None:
+    assert limit_rgb("2,-4,1") == (0.5, -1.0, 0.25)
+    assert limit_rgb("blue") == (0.0, 0.0, 1.0)
