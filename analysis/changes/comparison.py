@@ -55,7 +55,7 @@ _NOT_IN_COLOUR = (
     "compared in grey, and a change of colour at one lightness is not found"
 )
 
-_CHANNEL_PX = 10_000
+_CHANNEL_PX = 8_000
 """Pixels that light and kernel of a channel are fitted to; three take the time of one luma."""
 
 _BLUR_ERR_PX2 = 1.0

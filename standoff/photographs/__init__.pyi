@@ -2,7 +2,7 @@ from .encoding import LINEAR as LINEAR, SRGB as SRGB, Encoding as Encoding
 from .exif import PhotographFacts as PhotographFacts, shared_facts as shared_facts
 from .guard import read_file as read_file
 from .inputs import Inputs as Inputs
-from .photograph import Photograph as Photograph
+from .photograph import FileSteps as FileSteps, Photograph as Photograph
 from .raster import marked_png as marked_png
 from .reader import (
     IMAGE_SUFFIXES as IMAGE_SUFFIXES,

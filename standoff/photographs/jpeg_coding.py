@@ -47,6 +47,11 @@ class JpegCoding:
         return cls(tables=tables, sampling=sampling)
 
     @property
+    def chroma_steps(self) -> FloatArray:
+        """Table of the chroma, shape ``(8, 8)``; that of the luma where there is no other."""
+        return np.array(self.tables[min(1, len(self.tables) - 1)], np.float64).reshape(_SIZE, _SIZE)
+
+    @property
     def halved(self) -> tuple[bool, bool]:
         """Whether the chroma has half the rows, and half the columns."""
         return self.sampling == _KNOWN_SAMPLINGS[2], self.sampling in _KNOWN_SAMPLINGS[1:]

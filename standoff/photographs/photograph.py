@@ -83,19 +83,22 @@ class PhotographHead:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ChannelSteps:
-    """What the steps of a file are to each channel's levels; None where it holds no integers.
+class FileSteps:
+    """What the steps of a file are to its levels; None where it holds no integers.
 
     Parameters
     ----------
-    variance_dn2
-        Variance of each level by them, shape ``(rows, cols, 3)``.
-    step_dn
-        Level by which one step differs, likewise.
+    variance_dn2, step_dn
+        Variance of each grey level by them, and the level by which one step differs, shape
+        ``(rows, cols)``.
+    channel_variance_dn2, channel_step_dn
+        The same of each channel of colours, shape ``(rows, cols, 3)``; None without.
     """
 
-    variance_dn2: Float32Array | None = field(repr=False)
-    step_dn: Float32Array | None = field(repr=False)
+    variance_dn2: Float32Array | None = field(default=None, repr=False)
+    step_dn: Float32Array | None = field(default=None, repr=False)
+    channel_variance_dn2: Float32Array | None = field(default=None, repr=False)
+    channel_step_dn: Float32Array | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -275,8 +278,7 @@ class Photograph(PhotographHead):
         steps of its luma's coefficients, each the density of the error at its frequency, weighted
         as a Gaussian of 1 px does: the variance of white noise that is as large once smoothed.
         """
-        steps = self._squared_steps_dn2
-        return None if steps is None else (steps[0] / 12 + steps[1]).astype(np.float32)
+        return self.file_steps.variance_dn2
 
     @property
     def step_dn(self) -> Float32Array | None:
@@ -285,38 +287,44 @@ class Photograph(PhotographHead):
         Of colours, the root of the squares of the channels' steps in their luma; of a JPEG, with
         the error of its coefficients.
         """
-        steps = self._squared_steps_dn2
-        return None if steps is None else np.sqrt(steps[0] + steps[1]).astype(np.float32)
+        return self.file_steps.step_dn
 
     @property
-    def channel_steps(self) -> ChannelSteps:
-        """The same for each channel of colours: of a JPEG with what its chroma's steps add."""
-        if self.stored.dtype.kind != "u" or not self.is_colour:
-            return ChannelSteps(variance_dn2=None, step_dn=None)
-        squares = np.square(self._decoding_slopes.astype(np.float32))
-        coded = np.zeros(3)
-        if self.luma_steps is not None:
-            coding = self.jpeg_coding
-            if coding is None or len(coding.tables) == 0:
-                chroma, sampling = self.luma_steps, _USUAL_SAMPLING
-            else:
-                table = np.array(coding.tables[min(1, len(coding.tables) - 1)], dtype=np.float64)
-                chroma, sampling = table.reshape(8, 8), coding.halved
-            luma = coded_variance(self.luma_steps) + 1 / 12
-            both = coded_variance(chroma, sampling) + 1 / 12
-            # Errors of luma, blue and red chroma, as the channels are made of them.
-            coded = luma + np.square(FROM_CHROMA).sum(axis=1) * both
-        variance, step = squares * (1 / 12 + coded), np.sqrt(squares * (1 + coded))
-        return ChannelSteps(
-            variance_dn2=variance.astype(np.float32), step_dn=step.astype(np.float32)
+    def file_steps(self) -> FileSteps:
+        """Both, and the same for each channel of colours: of a JPEG with what its chroma adds."""
+        if self.stored.dtype.kind != "u" or self.pattern is not None:
+            return FileSteps()
+        slopes = self._decoding_slopes
+        squares, coded = self._squared_steps_dn2(slopes)
+        grey = FileSteps(
+            variance_dn2=(squares / 12 + coded).astype(np.float32),
+            step_dn=np.sqrt(squares + coded).astype(np.float32),
+        )
+        if not self.is_colour:
+            return grey
+        each = np.square(slopes.astype(np.float32))
+        lost = self._coded_channels.astype(np.float32)
+        return replace(
+            grey,
+            channel_variance_dn2=each * (np.float32(1 / 12) + lost),
+            channel_step_dn=np.sqrt(each * (1 + lost)),
         )
 
     @property
-    def _squared_steps_dn2(self) -> tuple[FloatArray, FloatArray] | None:
+    def _coded_channels(self) -> FloatArray:
+        """Variance of the stored red, green and blue by the coefficients of a JPEG."""
+        if self.luma_steps is None:
+            return np.zeros(3)
+        chroma, halved = self.luma_steps, _USUAL_SAMPLING
+        if self.jpeg_coding is not None:
+            chroma, halved = self.jpeg_coding.chroma_steps, self.jpeg_coding.halved
+        luma = coded_variance(self.luma_steps) + 1 / 12
+        both = coded_variance(chroma, halved) + 1 / 12
+        # Errors of luma, blue and red chroma, as the channels are made of them.
+        return np.asarray(luma + np.square(FROM_CHROMA).sum(axis=1) * both)
+
+    def _squared_steps_dn2(self, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Squared steps of the stored levels in grey, and the variance of JPEG coefficients."""
-        if self.stored.dtype.kind != "u" or self.pattern is not None:
-            return None
-        slopes = self._decoding_slopes
         weights = np.asarray(REC601_LUMA) if self.is_colour else np.ones(1)
         planes = slopes.reshape(*slopes.shape[:2], -1)
         squares = np.square(planes) @ np.square(weights)

@@ -31,8 +31,8 @@ _MOST_STRUCTURE = 0.8
 _LEAST_STRUCTURE = 0.01
 """Mean share of the variance beside noise from which on its correlation is told apart."""
 
-_CALIBRATED_PX = 125_000
-"""Pixels that a variance is calibrated by: a luma alone by four times as many."""
+_CALIBRATED_PX = 60_000
+"""Pixels that a variance is calibrated by: a luma alone by eight times as many."""
 
 _WINDOW_PX = 1.5
 _LEAST_SPREAD = 1e-3

@@ -15,8 +15,9 @@ from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
 _SAMPLE_PX = 50_000
 _CLIP_SD = 3.0
 _ROUNDS = 2
-_PRIOR_VALUES = 20.0
-"""Independent values that a correlation of none is worth: the planes were made so at first."""
+_PRIOR_VALUES = 100.0
+"""Independent values that a correlation of none is worth: the planes were made so at first, and a
+frame has few of a wide filter."""
 
 Place = tuple[int, int]
 

@@ -60,7 +60,7 @@ from standoff.library.inputs import (
     path_of,
 )
 from standoff.library.psf import frame_psf
-from standoff.photographs import Photograph, ReadOptions
+from standoff.photographs import FileSteps, Photograph, ReadOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -318,15 +318,16 @@ def compared(
     stated, hints = rules.white_level, rules.hints
     if isinstance(hints, AlignmentHints):
         hints = hints.of_pair(near.stored.shape[:2], far.stored.shape[:2], far.name)
-    colours = _colours(near, far)
+    before, after = near.file_steps, far.file_steps
+    colours = _colours(near, far, (before, after))
     options = replace(
         rules.options,
         hints=hints,
         left_out=rules.left_out,
         white_level_dn=(near.white_level_dn(stated), far.white_level_dn(stated)),
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
-        step_variance_dn2=(near.step_variance_dn2, far.step_variance_dn2),
-        step_dn=(near.step_dn, far.step_dn),
+        step_variance_dn2=(before.variance_dn2, after.variance_dn2),
+        step_dn=(before.step_dn, after.step_dn),
         coded_alike=lambda: _coded_alike(near, far, colours),
         colours=colours,
     )
@@ -345,16 +346,18 @@ def compared(
     return ComparedPhotographs(**own, reference=near, followup=far, left_out=rules.left_out)
 
 
-def _colours(near: Photograph, far: Photograph) -> PairColours | None:
+def _colours(
+    near: Photograph, far: Photograph, steps: tuple[FileSteps, FileSteps]
+) -> PairColours | None:
     """Colours of both, with the steps of their channels; None if one of them is grey."""
     if not (near.is_colour and far.is_colour):
         return None
-    before, after = near.channel_steps, far.channel_steps
+    before, after = steps
     return PairColours(
         reference_dn=near.colour_planes,
         followup_dn=far.colour_planes,
-        step_variance_dn2=(before.variance_dn2, after.variance_dn2),
-        step_dn=(before.step_dn, after.step_dn),
+        step_variance_dn2=(before.channel_variance_dn2, after.channel_variance_dn2),
+        step_dn=(before.channel_step_dn, after.channel_step_dn),
         white_dn=(near.full_scale_dn, far.full_scale_dn),
     )
 
@@ -373,7 +376,8 @@ def _coded_alike(near: Photograph, far: Photograph, colours: PairColours | None)
     apart, still_apart = (float(np.mean(np.abs(one - other))) for one, other in (given, alike))
     if not still_apart < apart:
         return as_given
-    return CodedAlike(photographs=alike, colours=_colours(*recoded))
+    steps = recoded[0].file_steps, recoded[1].file_steps
+    return CodedAlike(photographs=alike, colours=_colours(*recoded, steps))
 
 
 def _variance_dn2(photograph: Photograph) -> Float32Array | None:
