@@ -180,7 +180,8 @@ def calibrated_factor(
         reach = np.square(_CHANGE_SD * calibration.factor(variance)) * variance
         found = part & (np.square(difference) > reach)
         remaining = part & away_from(found, _CHANGE_REACH_PX / step)
-        if number > 0 and np.array_equal(remaining, kept):
+        # Of next to nothing, as in a drawing, the pixels that differ may reach all others.
+        if not remaining.any() or (number > 0 and np.array_equal(remaining, kept)):
             break
         kept = remaining
     return calibration.factor(variance_dn2)
