@@ -84,8 +84,8 @@ def test_levels_that_fall_have_no_tone_curve() -> None:
 
 def test_few_pixels_that_differ_everywhere_are_still_calibrated() -> None:
     # Of a drawing nothing differs but for pixels that lie within the reach of every other one.
-    difference = np.zeros((40, 40), dtype=np.float32)
-    difference[::5, ::5] = 1.0
-    variance = np.full((40, 40), np.float32(1e-6))
-    factor = calibrated_factor(difference, variance, variance, np.ones((40, 40), np.bool_), 1.0)
+    difference = np.zeros((200, 200), dtype=np.float32)
+    difference[::6, ::6] = 1.0
+    variance = np.full((200, 200), np.float32(1e-6))
+    factor = calibrated_factor(difference, variance, variance, np.ones((200, 200), np.bool_), 1.0)
     assert np.all(np.isfinite(factor))
