@@ -274,7 +274,7 @@ class _Detected:
         kept = large_enough(every, options, compared.gain)
         regions = [found.regions[index] for index in np.flatnonzero(kept).tolist()]
         listed = [every[index] for index in np.flatnonzero(kept).tolist()]
-        apart = moved_apart(compared, pose, regions, listed)
+        apart = as_things(moved_apart(compared, pose, regions, listed), compared, pose)
         if options.count_moved:
             apart = apart.together()
         return cls(
@@ -284,7 +284,7 @@ class _Detected:
             widths=widths,
             threshold_sd=threshold,
             found=found,
-            apart=as_things(apart, compared, pose),
+            apart=apart,
             below_least=len(every) - len(listed),
             limits=LimitMaps.of(compared, levels, threshold, grid.followup_px),
         )

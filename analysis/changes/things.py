@@ -13,6 +13,7 @@ Winkelgröße", Z. Psychol. Physiol. Sinnesorg. 32 (1903), 98-112.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import dist, inf
 from typing import Final
 
 import cv2
@@ -44,6 +45,9 @@ _AS_PLAIN: Final = 3.0
 """Structure over that of the surroundings, up to which a place is part of these."""
 
 _OUTLINE_PX: Final = 2.0
+
+_SAME_SHIFT_PX: Final = 1.0
+"""Distance of the displacements of one thing's parts."""
 
 _MOST_LEFT: Final = 1.0
 """Area of a change over that of the movement beside it, up to which it is left over from that."""
@@ -77,14 +81,10 @@ def as_things(apart: ToldApart, compared: Comparison, pose: DistortedPose) -> To
             largest = max(movements, key=lambda entry: entry.area_px)
             left = [one for one in others if one.area_px <= _MOST_LEFT * largest.area_px]
             others = [one for one in others if one.area_px > _MOST_LEFT * largest.area_px]
-            shifted += [_with_parts(one, left if one is largest else []) for one in movements]
+            shifted += _as_movements(movements, left)
         if others:
             found.append(_as_thing(others, images, compared, pose))
-    return replace(
-        apart,
-        found=tuple(sorted(found, key=lambda one: -view.visibility(one))),
-        shifted=tuple(sorted(shifted, key=lambda one: -view.visibility(one))),
-    )
+    return ToldApart(found=view.ordered(found), shifted=view.ordered(shifted))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,7 +102,12 @@ class _View:
             before=_lightness(images.before_dn, white), after=_lightness(images.after_dn, white)
         )
 
-    def visibility(self, entry: Entry) -> float:
+    def ordered(self, entries: Sequence[Entry]) -> tuple[Entry, ...]:
+        """First what catches the eye first."""
+        seen = [replace(entry, visibility=self._visibility(entry)) for entry in entries]
+        return tuple(sorted(seen, key=lambda entry: -entry.visibility))
+
+    def _visibility(self, entry: Entry) -> float:
         """Contrast in lightness, times the root of the area."""
         rows, cols = entry.pixels
         contrast = np.abs(self.after[rows, cols] - self.before[rows, cols])
@@ -154,13 +159,36 @@ def _filled(mask: BoolArray) -> "cv2.typing.MatLike":
     return made
 
 
-def _with_parts(movement: Entry, left: Sequence[Entry]) -> Entry:
-    """A movement with what is left over beside it."""
-    change = movement.change.model_copy(
-        update={"what": "moved", "parts": tuple(one.change for one in left)}
-    )
-    regions = (*movement.regions, *(region for one in left for region in one.regions))
-    return Entry(change=change, regions=regions)
+def _as_movements(movements: Sequence[Entry], left: Sequence[Entry]) -> list[Entry]:
+    """Movements by one displacement as one, the largest with what is left over beside them."""
+    joined: list[list[Entry]] = []
+    for entry in sorted(movements, key=lambda one: -one.area_px):
+        for others in joined:
+            if _apart_px(entry.change, others[0].change) < _SAME_SHIFT_PX:
+                others.append(entry)
+                break
+        else:
+            joined.append([entry])
+    made = []
+    for number, members in enumerate(joined):
+        beside = [*members[1:], *(left if number == 0 else ())]
+        area_px = sum(entry.change.area_px for entry in members)
+        update = {
+            "what": "moved",
+            "area_px": area_px,
+            "parts": tuple(entry.change for entry in beside),
+        }
+        regions = [region for entry in (members[0], *beside) for region in entry.regions]
+        change = members[0].change.model_copy(update=update)
+        made.append(Entry(change=change, regions=tuple(regions)))
+    return made
+
+
+def _apart_px(one: Change, other: Change) -> float:
+    """Distance of two displacements."""
+    if one.displacement_px is None or other.displacement_px is None:
+        return inf
+    return dist(one.displacement_px, other.displacement_px)
 
 
 def _as_thing(
@@ -209,7 +237,8 @@ def _happened(thing: Entry, images: Images) -> Happened:
     crop = np.s_[top : int(rows.max()) + margin + 1, left : int(cols.max()) + margin + 1]
     inside = np.zeros(images.valid[crop].shape, dtype=np.bool_)
     inside[rows - top, cols - left] = True
-    outside_px, inside_px = distance_transform_edt(~inside), distance_transform_edt(inside)
+    outside_px: FloatArray = distance_transform_edt(~inside)
+    inside_px: FloatArray = distance_transform_edt(inside)
     ring = (outside_px >= _RING_PX[0]) & (outside_px <= _RING_PX[1]) & images.valid[crop]
     outline = (outside_px <= _OUTLINE_PX) & (inside_px <= _OUTLINE_PX)
     before, after = images.before_dn[rows, cols], images.after_dn[rows, cols]
@@ -224,7 +253,8 @@ def _happened(thing: Entry, images: Images) -> Happened:
         side = np.asarray(image[crop], dtype=np.float64)
         stands_out.append(structure_of(side, inside, ring, least))
         slope_y, slope_x = np.gradient(side)
-        steepness.append(float(np.mean((slope_y**2 + slope_x**2)[outline])) + least)
+        squares: FloatArray = np.asarray(slope_y**2 + slope_x**2)
+        steepness.append(float(np.mean(squares[outline])) + least)
     if min(stands_out) > _AS_PLAIN:
         return word
     more = np.log((stands_out[1] + 0.1) / (stands_out[0] + 0.1))

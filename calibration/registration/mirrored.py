@@ -20,8 +20,8 @@ from simulation.arrays import FloatArray
 from simulation.pose import projection_slopes
 
 _FAR_BETTER = 2.0
-"""Ratio of evidence. In 369 mirrored pairs the mirror image had 4 times as much or more; in as many
-ordinary ones at most .2 times as much."""
+"""Ratio of evidence. Of 123 mirrored pairs of photographs the mirror image had 9 times as much or
+more, of 41 ordinary ones, one in noise and turned, at most .11 times as much."""
 
 _BEYOND_DOUBT = 0.5
 """Evidence of a pose whose mirror image is not searched for without features. Poses that mirrored

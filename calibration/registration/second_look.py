@@ -44,8 +44,8 @@ _SIGNIFICANT = 4.0
 _TOLERANCE_PX = 3.0
 _LEAST_SHARE = 1 / 3
 """Of the matches beyond chance: how many must lie where the pose puts them. Of right poses of 19
-pairs of real photographs 59 % or more do, in noise of 20 DN 45 %; of the wrong ones that 12 mirrored
-pairs agreed on 0 to 33 %, but for stripes of a flag with 49 %."""
+pairs of real photographs 59 % or more do, in noise of 20 DN 45 %; of the wrong ones on which 12
+mirrored pairs agreed 0 to 33 %, but for stripes of a flag with 49 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -177,9 +177,9 @@ def _improved(pair: PhotographPair, best: Candidate, found: SecondLook) -> Candi
     except RegistrationError:
         return None
     scale = np.diag([size, size, 1.0])
-    matrix = directed.pose.matrix @ np.linalg.inv(scale) @ motion @ scale
+    matrix: FloatArray = directed.pose.matrix @ np.linalg.inv(scale) @ motion @ scale
     agreeing = FeatureMatches(matches.followup_px[inlier], matches.reference_px[inlier])
     if directed.is_swapped:
-        matrix, agreeing = np.linalg.inv(matrix), agreeing.swapped()
-    hypothesis = replace(best.hypothesis, matrix=np.asarray(matrix), matches=agreeing)
+        matrix, agreeing = np.asarray(np.linalg.inv(matrix)), agreeing.swapped()
+    hypothesis = replace(best.hypothesis, matrix=matrix, matches=agreeing)
     return judged(pair, hypothesis)

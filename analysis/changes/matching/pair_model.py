@@ -2,8 +2,8 @@
 
 With ``L`` the source in the target's light and ``M = s L + t T`` the mean of both, weighted so that
 its noise is not correlated with that of their difference, ``T - L`` is explained as a kernel on M.
-The noise of the source does not then pull the kernel towards nothing, nor the gain below what it is;
-and before against after is minus after against before.
+The noise of the source then pulls neither the kernel towards nothing, nor the gain below what it
+is; and before against after is minus after against before.
 """
 
 from dataclasses import dataclass, field

@@ -61,6 +61,7 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             "spot_sigma_px": options.spot_sigma_px,
             "limit_contrast_dn": options.limit_contrast_dn,
             "count_moved": options.count_moved,
+            "least": options.least_dn,
             "scale": asdict(self.rules.scale),
             "expected": None if options.expected is None else asdict(options.expected),
         }

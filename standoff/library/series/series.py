@@ -103,6 +103,7 @@ def find_changes_of_series(
     white_level: float | None = None,
     limit: DetectionLimitOptions | None = None,
     count_moved: bool = False,
+    least: float | None = None,
     report: FilePath | None = None,
     parquet: bool = False,
     sweep: SweepOptions | None = None,
@@ -122,7 +123,9 @@ def find_changes_of_series(
         Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
     out
         Folder for the results.
-    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit, count_moved
+    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit
+        As in ``find_changes``.
+    count_moved, least
         As in ``find_changes``.
     report
         Where the page goes, besides the folder.
@@ -160,6 +163,7 @@ def find_changes_of_series(
         false_alarms=false_alarms,
         false_discovery_rate=false_discovery_rate,
         count_moved=count_moved,
+        least_dn=least,
     )
     rules = comparison_rules(call, psf, limit, options, hints, white_level)
     folder, first = path_of(out, "out"), path_of(reference, "reference")

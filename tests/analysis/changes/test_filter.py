@@ -236,7 +236,15 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
     assert read_changes(path) == named
     assert list(json.loads(path.read_text())) == [
         *("schema", "reference", "followup", "homography", "distortion_k1", "distortion_k1_err"),
-        *("zoom", "changed_px", "compared_px", "threshold_sd", "false_alarms_px", "gain", "gain_err"),
+        *(
+            "zoom",
+            "changed_px",
+            "compared_px",
+            "threshold_sd",
+            "false_alarms_px",
+            "gain",
+            "gain_err",
+        ),
         *("extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
         *(
             "registration_err_px",
@@ -245,6 +253,8 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
             "changes",
             "moved",
             "moved_px",
+            "least_dn",
+            "below_least",
             "false_discovery_rate",
         ),
         *("saturated_px", "kernel", "detection_limit", "frame_px", "warnings", "provenance"),
