@@ -209,7 +209,10 @@ class _Matched:
         """Measure the blur on the pixels ``rough``, smooth, and fit."""
         guess, zoom = pair.guessed_blur_px2, pair.positions.zoom
         blur = pair.blur(rough, guess)
-        smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
+        softer_px2 = blur.towards(guess, _BLUR_ERR_PX2)
+        if pair.positions.whole_shift is not None and blur.is_none(_SURE):
+            softer_px2 = 0.0
+        smoothing = smoothing_for(softer_px2)
         valid = pair.valid(smoothing)
         seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
         terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions, pair.tone_slope)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from analysis.changes.comparison import Comparison
-from analysis.changes.document import Happened
+from analysis.changes.document import Change, Happened
 from analysis.changes.moved_changes import Entry, ToldApart, images_of
 from analysis.changes.movement import Images, structure_of
 from calibration.registration import DistortedPose

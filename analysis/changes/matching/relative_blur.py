@@ -44,6 +44,9 @@ _LEAST_NORMAL = 1e-3
 
 _ALL = ("level", "laplacian", "along_y", "along_x")
 
+_NOTHING_PX2 = 1e-4
+"""What single precision makes of equal photographs."""
+
 _LEAST_PX2 = 1.0
 _MARGIN_PX2 = 0.4
 """The softer photograph is smoothed by a variance of at least 1 px^2, and by what it is softer and
@@ -83,6 +86,10 @@ class RelativeBlur:
         """Mean of the variance and of what is expected, each weighted by its error."""
         share = expected_err_px2**2 / (expected_err_px2**2 + min(self.err_px2, 1e6) ** 2)
         return expected_px2 + share * (self.value_px2 - expected_px2)
+
+    def is_none(self, errors: float) -> bool:
+        """Whether it is none within so many standard errors."""
+        return abs(self.value_px2) <= max(errors * self.err_px2, _NOTHING_PX2)
 
     @property
     def most_displaced(self) -> tuple[float, float]:

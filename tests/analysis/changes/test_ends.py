@@ -1,19 +1,19 @@
 """Pixels at an end of the scale: what they show is at least what differs."""
 
 import numpy as np
-from skimage import data
 
 from analysis.changes import ChangeOptions, find_changes
 from simulation.arrays import FloatArray
+from tests.shipped import shipped
 
 
 def chart(seed: int = 3) -> FloatArray:
     """A drawing of two levels, no line of which any code of ours drew: scikit-image's horse."""
-    return np.where(np.asarray(data.horse(), dtype=np.bool_)[:320, :390], 255.0, 0.0)
+    return np.where(shipped("horse")[:320, :390] > 0, 255.0, 0.0)
 
 
 def test_a_word_that_is_gone_from_clipped_paper_is_found() -> None:
-    page = np.asarray(data.page(), dtype=np.float64)
+    page = shipped("page")
     page = np.minimum(page * 1.35, 255.0)
     assert np.mean(page == 255) > 0.1
     erased = page.copy()
@@ -38,7 +38,7 @@ def test_two_levels_are_compared_with_each_other() -> None:
 
 def test_where_both_are_at_one_end_nothing_is_compared() -> None:
     rng = np.random.default_rng(1)
-    scene = np.asarray(data.camera(), dtype=np.float64)[:300, :300] * 0.8 + 20
+    scene = shipped("camera")[:300, :300] * 0.8 + 20
     scene[100:150, 100:160] = 400.0
     before, after = (np.clip(np.rint(scene + rng.normal(0, 2, scene.shape)), 0, 255) for _ in "ab")
     result = find_changes(before, after, options=ChangeOptions(white_level_dn=(255.0, 255.0)))
@@ -49,7 +49,7 @@ def test_where_both_are_at_one_end_nothing_is_compared() -> None:
 
 def test_what_is_brighter_than_white_is_a_change_of_at_least_so_much() -> None:
     rng = np.random.default_rng(2)
-    scene = np.asarray(data.camera(), dtype=np.float64)[:300, :300] * 0.7 + 20
+    scene = shipped("camera")[:300, :300] * 0.7 + 20
     lamp = scene.copy()
     lamp[200:210, 200:210] = 900.0
     before, after = (
