@@ -14,6 +14,7 @@ from analysis.changes.document import KernelOrigin
 from analysis.changes.matching import (
     GRADIENT,
     LAPLACIAN,
+    FitRules,
     FittedScatter,
     PairFit,
     PairModel,
@@ -231,7 +232,8 @@ class _Matched:
         # Its mean has no noise that goes with that of the difference.
         noises = (gains.source * blur.noises_dn[0] ** 2, gains.target * blur.noises_dn[1] ** 2)
         share = noises[0] / sum(noises) if sum(noises) > 0 else 0.5
-        fit = fit_pair(seen, target, terms, valid, least, smoothing.target_px, share)
+        rules = FitRules(smoothing_px=smoothing.target_px, target_share=share)
+        fit = fit_pair(seen, target, terms, valid, least, rules)
         return cls(
             pair=pair,
             blur=blur,

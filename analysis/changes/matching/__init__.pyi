@@ -6,7 +6,12 @@ from .matching_kernel import (
     WhiteNoiseGain as WhiteNoiseGain,
     white_noise_gain as white_noise_gain,
 )
-from .pair_fit import PairFit as PairFit, fit_pair as fit_pair
+from .pair_fit import (
+    SAMPLE_PX as SAMPLE_PX,
+    FitRules as FitRules,
+    PairFit as PairFit,
+    fit_pair as fit_pair,
+)
 from .pair_model import PairModel as PairModel
 from .pixels import (
     away_from as away_from,

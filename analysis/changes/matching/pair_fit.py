@@ -22,7 +22,7 @@ from analysis.changes.matching.pixels import light_at_first, sampled
 from analysis.changes.matching.residual_variance import VarianceTerms, fit_sizes
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
-_SAMPLE_PX = 25_000
+SAMPLE_PX = 25_000
 _ROUNDS = 3
 _OUTLIER_SD, _OUTLIER_REACH_PX = 4.5, 2.0
 """Pixels that are left out of the last round, with their neighbours."""
@@ -62,14 +62,32 @@ class PairFit:
     is_curved: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitRules:
+    """How a pair is fitted.
+
+    Parameters
+    ----------
+    smoothing_px
+        Width of the Gaussian that makes neighbours alike.
+    target_share
+        Share of the source's noise in both, in the target's light: see `PairModel`.
+    sample_px
+        Pixels that the fit is made to.
+    """
+
+    smoothing_px: float
+    target_share: float = 0.5
+    sample_px: int = SAMPLE_PX
+
+
 def fit_pair(
     source: Float32Array,
     target: Float32Array,
     terms: VarianceTerms,
     valid: BoolArray,
     floor_dn2: Float32Array | None,
-    smoothing_px: float,
-    target_share: float = 0.5,
+    rules: FitRules,
 ) -> PairFit:
     """Fit model and variance to a sample of the pixels.
 
@@ -83,12 +101,10 @@ def fit_pair(
         Pixels that count, the kernel's radius away from the border.
     floor_dn2
         Variance that the difference has at least, by a noise model or the files' steps.
-    smoothing_px
-        Width of the Gaussian that makes neighbours alike.
-    target_share
-        Share of the source's noise in both, in the target's light: see `PairModel`.
+    rules
+        How.
     """
-    rows, cols = sampled(valid, _SAMPLE_PX)
+    rows, cols = sampled(valid, rules.sample_px)
     sample = _Sample(
         rows=rows,
         cols=cols,
@@ -99,7 +115,7 @@ def fit_pair(
         if floor_dn2 is None
         else np.maximum(floor_dn2[rows, cols].astype(np.float64), _LEAST_DN2),
     )
-    light = sample.light(target_share)
+    light = sample.light(rules.target_share)
     middle = light.middle(source, target)
     level = float(middle[rows, cols].mean())
     design = design_matrix(middle, level, rows, cols)
@@ -122,7 +138,7 @@ def fit_pair(
             )
             left = model.difference_at(source, target, middle, beside.rows, beside.cols)
             kept = ~beside.any_of(np.abs(left) > reach)
-    alike = 4 * pi * smoothing_px**2 / np.count_nonzero(valid) * len(rows) + 1
+    alike = 4 * pi * rules.smoothing_px**2 / np.count_nonzero(valid) * len(rows) + 1
     curved = _curvature_chi2(design, residual, weight * kept / alike) > _CURVED_CHI2
     return PairFit(model=model, sizes=sizes, is_curved=curved)
 

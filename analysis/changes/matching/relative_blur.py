@@ -184,7 +184,9 @@ def _noises_dn(
     one = gain * one
     apart, total = other - one, other + one
     spread = robust_sigma(apart)
+    # What changed does not count, nor do lines of the scene, beside which noise is not seen.
     calm = np.abs(apart) <= _OUTLIER * spread
+    calm &= np.abs(total) <= _OUTLIER * robust_sigma(total)
     more = float(np.mean(apart[calm] * total[calm])) if calm.any() else 0.0
     both = spread**2
     more = min(max(more, -both), both)
@@ -287,12 +289,7 @@ class _Sides:
             )
             normal = (columns * weight) @ columns.T
             shrunk = normal - share * (1 - share) * ((noisy * weight) @ noisy.T)
-            scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-            told = shrunk / np.outer(scale, scale)
-            if (
-                not np.linalg.eigvalsh(told)[0] > _LEAST_NORMAL * 1e-3
-                or not (np.diag(told)[[3, -1]] > _LEAST_NORMAL).all()
-            ):
+            if not _is_told(normal, shrunk):
                 return nothing
             inverse = np.linalg.inv(shrunk)
             right = (columns * weight) @ apart[0]
@@ -327,6 +324,14 @@ class _Sides:
             displacement_covariance_px2=covariance[np.ix_(moved, moved)],
             unlike=_unlike(residual, columns, weight),
         )
+
+
+def _is_told(normal: FloatArray, shrunk: FloatArray) -> bool:
+    """Whether the columns are more than their noise, level and Laplacian surely so."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    told = shrunk / np.outer(scale, scale)
+    is_regular = float(np.linalg.eigvalsh(told)[0]) > _LEAST_NORMAL * 1e-3
+    return is_regular and bool((np.diag(told)[[3, -1]] > _LEAST_NORMAL).all())
 
 
 def _jackknifed(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.changes.matching import (
+    FitRules,
     Smoothing,
     VarianceTerms,
     fit_pair,
@@ -86,7 +87,7 @@ def unexplained(
     terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions)
     told = np.zeros_like(valid)
     told[sampled(valid, _SAMPLE_PX)] = True
-    fit = fit_pair(seen, target, terms, told, None, smoothing.target_px)
+    fit = fit_pair(seen, target, terms, told, None, FitRules(smoothing_px=smoothing.target_px))
     difference = np.where(valid, fit.model.difference(seen, target), 0.0)
     rows, cols = (np.flatnonzero(valid.any(axis=axis)) for axis in (1, 0))
     return Unexplained(
