@@ -48,6 +48,9 @@ alarms are more than stated: 6 for 1 at 0.2 to 0.5 (rectangles through a lens of
 noise of 0.3 DN), 3 for 1 at 0.1 to 0.28 (0.6 DN), as stated at up to 0.13 (other lenses and JPEG,
 noise of 0.3 to 1.2 DN)."""
 
+_MOST_NOISE = 100.0
+"""Variance of noise that is given, over that of all levels, which hold it."""
+
 _BLUR_ERR_PX2 = 1.0
 """How far the relative blur may be from that guess."""
 
@@ -339,7 +342,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     np.minimum(difference, 0, out=difference, where=may_be_less)
     gain, offset = fit.model.light((seen.shape[0], seen.shape[1]))
     mean_gain = float(gain[valid].mean())
-    if not (mean_gain and isfinite(mean_gain)):
+    if not (mean_gain and isfinite(mean_gain)) or _is_drowned(matched):
         raise AnalysisError(
             "beside this noise the photographs have nothing in common; check the noise that is "
             "given, and that they show the same scene"
@@ -386,6 +389,15 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         ),
         warnings=(*focus.warnings, *_unexplained(share)),
     )
+
+
+def _is_drowned(matched: _Matched) -> bool:
+    """Whether the noise that is given is far larger than all that the photographs show."""
+    if matched.floor_dn2 is None:
+        return False
+    scene_dn2 = float(np.var(matched.target[matched.valid], dtype=np.float64))
+    # Written so that NaN is drowned.
+    return not float(np.mean(matched.floor_dn2[matched.valid])) <= _MOST_NOISE * scene_dn2
 
 
 def _unexplained(share: float) -> tuple[str, ...]:
