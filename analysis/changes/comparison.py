@@ -235,7 +235,15 @@ class _Matched:
         # Its mean has no noise that goes with that of the difference.
         noises = (gains.source * blur.noises_dn[0] ** 2, gains.target * blur.noises_dn[1] ** 2)
         share = noises[0] / sum(noises) if sum(noises) > 0 else 0.5
-        rules = FitRules(smoothing_px=smoothing.target_px, target_share=share)
+        if pair.positions.whole_shift is None:
+            # Of two views the finest detail differs, as lenses and sampling have it: what predicts
+            # the target best is a kernel on the source alone, which holds that back.
+            share = 0.0
+        rules = FitRules(
+            smoothing_px=smoothing.target_px,
+            target_share=share,
+            is_one_view=pair.positions.whole_shift is not None,
+        )
         fit = fit_pair(seen, target, terms, valid, least, rules)
         return cls(
             pair=pair,

@@ -13,7 +13,6 @@ from typing import Self
 import numpy as np
 
 from calibration.errors import RegistrationError
-from calibration.registration.acceptance import ELSEWHERE_MOST
 from calibration.registration.candidates import (
     Candidate,
     Choice,
@@ -22,12 +21,7 @@ from calibration.registration.candidates import (
     best_of,
     with_rival,
 )
-from calibration.registration.dense import (
-    AlignedPhotograph,
-    RefinedPose,
-    block_votes,
-    refined_pose,
-)
+from calibration.registration.dense import AlignedPhotograph, RefinedPose, refined_pose
 from calibration.registration.distorted_pose import DistortedPose, mirrored_matrix
 from calibration.registration.hints import RegistrationHints
 from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
@@ -39,7 +33,7 @@ from calibration.registration.mirrored import (
 )
 from calibration.registration.reference import RegistrationReference
 from calibration.registration.search import searched_poses
-from calibration.registration.second_look import looked_again, second_look
+from calibration.registration.second_look import look_at, looked_again
 from calibration.registration.tilted_views import tilted_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
@@ -249,10 +243,10 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
     )
     if found is None:
         return _as_given(pair, choice.best)
-    is_weak = not (choice.best.is_well_matched or choice.best.hypothesis.is_given)
-    if is_weak and choice.rival is None and _is_elsewhere(directed, found.pose):
+    look = look_at(choice.best)
+    if look is not None and look.is_contradicted(found.pose):
         raise RegistrationError(
-            "the photographs agree best at a pose that puts many of their details elsewhere; "
+            "the photographs agree best at a pose at which most of their details lie elsewhere; "
             f"{_REMEDIES}",
             reason="contradiction",
         )
@@ -284,7 +278,6 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
         )
     if place_err_px > _PLACE_ERR_WARN_PX:
         warnings.append(f"the pose is uncertain by {place_err_px:.2f} px")
-    look = second_look(directed) if is_weak else None
     aside_px = None if look is None else look.displacement_px(found.pose)
     if aside_px is not None and aside_px > _ASIDE_WARN_PX:
         warnings.append(
@@ -292,11 +285,6 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
             "not quite flat, or the pose not quite right"
         )
     return _registration(choice.best.hypothesis, pose, found, place_err_px, directed, warnings)
-
-
-def _is_elsewhere(directed: DirectedPose, found: DistortedPose) -> bool:
-    """Whether too much of the photographs is recognised elsewhere than a pose puts it."""
-    return block_votes(*directed.photographs, found).share_elsewhere > ELSEWHERE_MOST
 
 
 def _registration(
