@@ -344,7 +344,7 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     # In place where it can be: a large frame's images are most of what a comparison holds.
     difference = fit.model.difference(seen, target)
     sd, share = _scatter(matched, difference)
-    compared, may_be_more, may_be_less = pair.compared(smoothing)
+    compared, may_be_more, may_be_less = _between_ends(pair, smoothing)
     # What may be larger still is at least what is seen, and what is seen of the other sign is none.
     np.maximum(difference, 0, out=difference, where=may_be_more)
     np.minimum(difference, 0, out=difference, where=may_be_less)
@@ -397,6 +397,20 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         ),
         warnings=(*focus.warnings, *_unexplained(share)),
     )
+
+
+def _between_ends(
+    pair: PhotographPair, smoothing: Smoothing
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """What is compared, and what may be more or less; refused where nothing is."""
+    compared, may_be_more, may_be_less = pair.compared(smoothing)
+    if not compared.any():
+        raise OverlapError(
+            "wherever the photographs overlap they are at an end of the scale, or beside one: "
+            "nothing can be compared; retake them with less light, or from one place",
+            shared_px=0,
+        )
+    return compared, may_be_more, may_be_less
 
 
 def _is_drowned(matched: _Matched) -> bool:
