@@ -7,7 +7,6 @@ from .matching_kernel import (
     white_noise_gain as white_noise_gain,
 )
 from .pair_fit import (
-    SAMPLE_PX as SAMPLE_PX,
     FitRules as FitRules,
     PairFit as PairFit,
     fit_pair as fit_pair,
@@ -15,7 +14,6 @@ from .pair_fit import (
 from .pair_model import PairModel as PairModel
 from .pixels import (
     away_from as away_from,
-    pixel_noise_dn as pixel_noise_dn,
     sampled as sampled,
 )
 from .relative_blur import (

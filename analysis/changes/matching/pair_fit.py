@@ -22,7 +22,7 @@ from analysis.changes.matching.pixels import light_at_first, sampled
 from analysis.changes.matching.residual_variance import VarianceTerms, fit_sizes
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
-SAMPLE_PX = 25_000
+_SAMPLE_PX = 25_000
 _ROUNDS = 3
 _OUTLIER_SD, _OUTLIER_REACH_PX = 4.5, 2.0
 """Pixels that are left out of the last round, with their neighbours."""
@@ -72,15 +72,12 @@ class FitRules:
         Width of the Gaussian that makes neighbours alike.
     target_share
         Share of the source's noise in both, in the target's light: see `PairModel`.
-    sample_px
-        Pixels that the fit is made to.
     is_one_view
         Whether the photographs are of one view, for which simple models may do.
     """
 
     smoothing_px: float
     target_share: float = 0.5
-    sample_px: int = SAMPLE_PX
     is_one_view: bool = False
 
 
@@ -107,7 +104,7 @@ def fit_pair(
     rules
         How.
     """
-    rows, cols = sampled(valid, rules.sample_px)
+    rows, cols = sampled(valid, _SAMPLE_PX)
     sample = _Sample(
         rows=rows,
         cols=cols,

@@ -39,10 +39,11 @@ _WEIGHT_ROUNDS = 4
 _STEEP = 0.9
 """Quantile of the gradient, from which on what is wrong at edges is seen beside the noise."""
 
-_LEAST_NORMAL = 1e-3
-"""Squares of a column beside those that the noise adds, over both, below which it shows nothing."""
+_LEAST_NORMAL, _LEAST_EIGENVALUE = 1e-3, 1e-6
+"""Squares of a column beside those that the noise adds, over both, below which it shows nothing;
+and the same of any combination of columns, below which these are not told apart."""
 
-_ALL = ("level", "laplacian", "along_y", "along_x")
+_LEAST_SAMPLES = 36
 
 _NOTHING_PX2 = 1e-4
 """What single precision makes of equal photographs."""
@@ -268,7 +269,7 @@ class _Sides:
         """
         nothing = RelativeBlur(value_px2=0.0, err_px2=inf)
         count = self.place.shape[1]
-        if count < len(_ALL) * self.place.shape[0] ** 2:
+        if count < _LEAST_SAMPLES:
             return nothing
         gain, offset = light_at_first(self.source[0], self.target[0])
         weight = np.ones(count)
@@ -330,7 +331,7 @@ def _is_told(normal: FloatArray, shrunk: FloatArray) -> bool:
     """Whether the columns are more than their noise, level and Laplacian surely so."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     told = shrunk / np.outer(scale, scale)
-    is_regular = float(np.linalg.eigvalsh(told)[0]) > _LEAST_NORMAL * 1e-3
+    is_regular = float(np.linalg.eigvalsh(told)[0]) > _LEAST_EIGENVALUE
     return is_regular and bool((np.diag(told)[[3, -1]] > _LEAST_NORMAL).all())
 
 

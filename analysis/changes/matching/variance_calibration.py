@@ -142,7 +142,6 @@ def calibrated_factor(
     noise_dn2: Float32Array,
     valid: BoolArray,
     smoothing_px: float,
-    sample_px: int = _SAMPLE_PX,
 ) -> Float32Array:
     """Factor of the predicted standard deviation at every pixel, changes left out.
 
@@ -155,8 +154,6 @@ def calibrated_factor(
         Pixels that count.
     smoothing_px
         Width of the Gaussian that makes neighbours alike.
-    sample_px
-        Pixels that tell it.
     """
     # Smoothed images are known from every other pixel.
     seen = np.s_[::_STEP, ::_STEP] if valid.size > _LARGE_PX else np.s_[:, :]
@@ -166,7 +163,7 @@ def calibrated_factor(
     independent = np.count_nonzero(valid) / (4 * pi * smoothing_px**2)
     kept = part
     for number in range(_ROUNDS):
-        rows, cols = sampled(kept, sample_px)
+        rows, cols = sampled(kept, _SAMPLE_PX)
         # A change in the tail would hide itself: the spread alone finds it first.
         alike = None if number == 0 else len(rows) / independent + 1
         calibration = calibrate_variance(
