@@ -15,18 +15,18 @@ from .filter import (
     ChangeResult as ChangeResult,
     find_changes as find_changes,
 )
-from .focus_sentence import describe_focus as describe_focus
-from .least import describe_least as describe_least
-from .limit_sentence import (
-    describe_limit as describe_limit,
-    describe_prediction as describe_prediction,
-)
 from .matching import smoothing_for as smoothing_for
-from .moved_sentence import describe_moved as describe_moved
 from .options import ChangeOptions as ChangeOptions, CodedAlike as CodedAlike
 from .plot import changes_figure as changes_figure
 from .prediction import (
     ExpectedFilters as ExpectedFilters,
     LimitCurve as LimitCurve,
     unexplained as unexplained,
+)
+from .sentences import (
+    describe_focus as describe_focus,
+    describe_least as describe_least,
+    describe_limit as describe_limit,
+    describe_moved as describe_moved,
+    describe_prediction as describe_prediction,
 )

@@ -50,6 +50,8 @@ alarms are more than stated: 6 for 1 at 0.2 to 0.5 (rectangles through a lens of
 noise of 0.3 DN), 3 for 1 at 0.1 to 0.28 (0.6 DN), as stated at up to 0.13 (other lenses and JPEG,
 noise of 0.3 to 1.2 DN)."""
 
+_MOST_NOISE = 100.0
+"""Variance of noise that is given, over that of all levels, which hold it."""
 _NOT_IN_COLOUR = (
     "the levels of the photographs are not in proportion, as of two tone curves: they were "
     "compared in grey, and a change of colour at one lightness is not found"
@@ -234,7 +236,10 @@ class _Matched:
     ) -> "_Matched":
         """Smooth by the blur that was measured, and fit."""
         guess, zoom = pair.guessed_blur_px2, pair.positions.zoom
-        smoothing = smoothing_for(blur.towards(guess, _BLUR_ERR_PX2))
+        softer_px2 = blur.towards(guess, _BLUR_ERR_PX2)
+        if pair.positions.whole_shift is not None and blur.is_none(_SURE):
+            softer_px2 = 0.0
+        smoothing = smoothing_for(softer_px2)
         valid = pair.valid(smoothing)
         seen, target = pair.seen(smoothing.source_px), smoothed(pair.target, smoothing.target_px)
         terms = VarianceTerms.of(seen, pair.source, pair.target, pair.positions, pair.tone_slope)
@@ -253,7 +258,16 @@ class _Matched:
         # Its mean has no noise that goes with that of the difference.
         noises = (gains.source * blur.noises_dn[0] ** 2, gains.target * blur.noises_dn[1] ** 2)
         share = noises[0] / sum(noises) if sum(noises) > 0 else 0.5
-        rules = FitRules(smoothing_px=smoothing.target_px, target_share=share, sample_px=sample_px)
+        if pair.positions.whole_shift is None:
+            # Of two views the finest detail differs, as lenses and sampling have it: what predicts
+            # the target best is a kernel on the source alone, which holds that back.
+            share = 0.0
+        rules = FitRules(
+            smoothing_px=smoothing.target_px,
+            target_share=share,
+            sample_px=sample_px,
+            is_one_view=pair.positions.whole_shift is not None,
+        )
         fit = fit_pair(seen, target, terms, valid, least, rules)
         return cls(
             pair=pair,
@@ -361,13 +375,13 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
     # In place where it can be: a large frame's images are most of what a comparison holds.
     difference = fit.model.difference(seen, target)
     sd, share = _scatter(matched, difference)
-    compared, may_be_more, may_be_less = pair.compared(smoothing)
+    compared, may_be_more, may_be_less = _between_ends(pair, smoothing)
     # What may be larger still is at least what is seen, and what is seen of the other sign is none.
     np.maximum(difference, 0, out=difference, where=may_be_more)
     np.minimum(difference, 0, out=difference, where=may_be_less)
     gain, offset = fit.model.light((seen.shape[0], seen.shape[1]))
     mean_gain = float(gain[valid].mean())
-    if not (mean_gain and isfinite(mean_gain)):
+    if not (mean_gain and isfinite(mean_gain)) or _is_drowned(matched):
         raise AnalysisError(
             "beside this noise the photographs have nothing in common; check the noise that is "
             "given, and that they show the same scene"
@@ -414,6 +428,29 @@ def _compared(matched: _Matched, focus: _Focus) -> Comparison:
         ),
         warnings=(*focus.warnings, *_unexplained(share)),
     )
+
+
+def _between_ends(
+    pair: PhotographPair, smoothing: Smoothing
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """What is compared, and what may be more or less; refused where nothing is."""
+    compared, may_be_more, may_be_less = pair.compared(smoothing)
+    if not compared.any():
+        raise OverlapError(
+            "wherever the photographs overlap they are at an end of the scale, or beside one: "
+            "nothing can be compared; retake them with less light, or from one place",
+            shared_px=0,
+        )
+    return compared, may_be_more, may_be_less
+
+
+def _is_drowned(matched: _Matched) -> bool:
+    """Whether the noise that is given is far larger than all that the photographs show."""
+    if matched.floor_dn2 is None:
+        return False
+    scene_dn2 = float(np.var(matched.target[matched.valid], dtype=np.float64))
+    # Written so that NaN is drowned.
+    return not float(np.mean(matched.floor_dn2[matched.valid])) <= _MOST_NOISE * scene_dn2
 
 
 def _in_colour(luma: _Matched, pair: PhotographPair, options: ChangeOptions) -> ColourPlanes | None:

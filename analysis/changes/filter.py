@@ -289,7 +289,8 @@ class _Detected:
         kept = large_enough(every, options, compared.gain)
         regions = [found.regions[index] for index in np.flatnonzero(kept).tolist()]
         listed = [every[index] for index in np.flatnonzero(kept).tolist()]
-        apart = moved_apart(compared, pose, regions, listed)
+        moved = moved_apart(compared, pose, regions, listed)
+        apart = as_things(moved, compared, pose, options.colours)
         if options.count_moved:
             apart = apart.together()
         return cls(
@@ -299,7 +300,7 @@ class _Detected:
             widths=widths,
             threshold_sd=threshold,
             found=found,
-            apart=as_things(apart, compared, pose, options.colours),
+            apart=apart,
             below_least=len(every) - len(listed),
             limits=LimitMaps.of(compared, levels, threshold, grid.followup_px, options.limit_rgb),
         )

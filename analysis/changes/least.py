@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.changes.colour import Steps
-from analysis.changes.document import Change, ChangeSummary
+from analysis.changes.document import Change
 from analysis.changes.options import ChangeOptions
 from simulation.arrays import BoolArray, Float32Array
 
@@ -65,13 +65,3 @@ def _step_at(step_dn: Float32Array | None, y_px: float, x_px: float) -> float:
     rows, cols = step_dn.shape
     row, col = min(max(round(y_px), 0), rows - 1), min(max(round(x_px), 0), cols - 1)
     return float(step_dn[row, col])
-
-
-def describe_least(found: ChangeSummary) -> str | None:
-    """Say how many changes are too small to be listed; None if none is."""
-    count = found.below_least
-    if not count:
-        return None
-    what = "the step of the files' levels" if found.least_dn is None else f"{found.least_dn:g} DN"
-    verb = "1 significant difference is" if count == 1 else f"{count} significant differences are"
-    return f"{verb} smaller than {what} and not listed"

@@ -25,10 +25,14 @@ _MOST_TRIED = 300
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Entry:
-    """One entry of the list, with the regions that it stands for."""
+    """One entry of the list, with the regions that it stands for.
+
+    ``visibility`` is what the list is ordered by, once it is one of things.
+    """
 
     change: Change
     regions: tuple[LinkedRegion, ...]
+    visibility: float = 0.0
 
     @property
     def pixels(self) -> tuple[IntArray, IntArray]:
@@ -73,7 +77,7 @@ class ToldApart:
 
     def together(self) -> "ToldApart":
         """Count movements among the changes."""
-        both = sorted((*self.found, *self.shifted), key=lambda one: -one.change.significance)
+        both = sorted((*self.found, *self.shifted), key=lambda one: -one.visibility)
         return ToldApart(found=tuple(both), shifted=())
 
 

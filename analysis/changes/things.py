@@ -13,24 +13,27 @@ Winkelgröße", Z. Psychol. Physiol. Sinnesorg. 32 (1903), 98-112.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import dist, inf
 from typing import Final
 
 import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from analysis.changes.change_list import places_in_both
 from analysis.changes.colour import ColourPlanes, PairColours, SeenDifference, to_rgb
 from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change, Happened
 from analysis.changes.moved_changes import Entry, ToldApart, images_of
-from analysis.changes.movement import Images, structure_of
+from analysis.changes.movement import Images, Surroundings
 from calibration.registration import DistortedPose
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage, IntArray
 
-_REACH, _LEAST_REACH_PX, _MOST_REACH_PX = 0.3, 2.0, 12.0
-"""How far around itself a change takes others for parts of one thing: over the root of its area."""
-
+_REACH: Final = 0.3
 _REACHES_PX: Final = (2.0, 3.0, 4.0, 6.0, 9.0, 12.0)
+"""How far around itself a change takes others for parts of one thing: over the root of its area,
+and the distances that are looked at."""
+
 _MOST_ENCLOSED: Final = 3.0
 """Area of an outline over that of the changes along it, beyond which what it holds is apart."""
 
@@ -38,8 +41,9 @@ _RING_PX: Final = (3.0, 9.0)
 """Distances from a thing of its surroundings."""
 
 _SAME_THING: Final = 0.65
-"""Correlation of before and after, above which a thing is the same one in another light: 29 of 36
-things that were made brighter or darker are above it, 27 of 31 put in or taken out below."""
+"""Correlation of before and after, above which a thing is the same one in another light: of 72
+things in scikit-image's pictures 32 of the 36 that were made brighter or darker are above it, and
+32 of the 36 that were put in or taken out below."""
 
 _AS_PLAIN: Final = 3.0
 """Structure over that of the surroundings, up to which a place is part of these."""
@@ -48,6 +52,8 @@ _OUTLINE_PX: Final = 2.0
 
 _SURELY: Final = 4.0
 """Standard errors of its luma, below which a thing has changed its colour alone."""
+_SAME_SHIFT_PX: Final = 1.0
+"""Distance of the displacements of one thing's parts."""
 
 _MOST_LEFT: Final = 1.0
 """Area of a change over that of the movement beside it, up to which it is left over from that."""
@@ -91,15 +97,11 @@ def as_things(
             largest = max(movements, key=lambda entry: entry.area_px)
             left = [one for one in others if one.area_px <= _MOST_LEFT * largest.area_px]
             others = [one for one in others if one.area_px > _MOST_LEFT * largest.area_px]
-            shifted += [_with_parts(one, left if one is largest else []) for one in movements]
+            shifted += _as_movements(movements, left)
         if others:
             thing = _as_thing(others, images, compared, pose)
             found.append(thing if in_colour is None else in_colour.with_colours(thing))
-    return replace(
-        apart,
-        found=tuple(sorted(found, key=lambda one: -view.visibility(one))),
-        shifted=tuple(sorted(shifted, key=lambda one: -view.visibility(one))),
-    )
+    return ToldApart(found=view.ordered(found), shifted=view.ordered(shifted))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,7 +119,12 @@ class _View:
             before=_lightness(images.before_dn, white), after=_lightness(images.after_dn, white)
         )
 
-    def visibility(self, entry: Entry) -> float:
+    def ordered(self, entries: Sequence[Entry]) -> tuple[Entry, ...]:
+        """First what catches the eye first."""
+        seen = [replace(entry, visibility=self._visibility(entry)) for entry in entries]
+        return tuple(sorted(seen, key=lambda entry: -entry.visibility))
+
+    def _visibility(self, entry: Entry) -> float:
         """Contrast in lightness, or in colour, times the root of the area."""
         rows, cols = entry.pixels
         contrast = np.mean(np.abs(self.after[rows, cols] - self.before[rows, cols]))
@@ -212,11 +219,9 @@ def _groups(entries: Sequence[Entry], shape: tuple[int, int]) -> list[list[int]]
     """Indices of entries that belong together."""
     if len(entries) == 1:
         return [[0]]
-    reach = np.clip(
-        [_REACH * np.sqrt(entry.area_px) for entry in entries], _LEAST_REACH_PX, _MOST_REACH_PX
-    )
+    reach = [_REACH * np.sqrt(entry.area_px) for entry in entries]
     wide: BoolArray = np.zeros(shape, dtype=np.bool_)
-    kinds = np.searchsorted(_REACHES_PX, reach, side="right") - 1
+    kinds = np.maximum(np.searchsorted(_REACHES_PX, reach, side="right") - 1, 0)
     for kind, reach_px in enumerate(_REACHES_PX):
         mask = np.ones(shape, dtype=np.uint8)
         for index in np.flatnonzero(kinds == kind).tolist():
@@ -246,13 +251,36 @@ def _filled(mask: BoolArray) -> "cv2.typing.MatLike":
     return made
 
 
-def _with_parts(movement: Entry, left: Sequence[Entry]) -> Entry:
-    """A movement with what is left over beside it."""
-    change = movement.change.model_copy(
-        update={"what": "moved", "parts": tuple(one.change for one in left)}
-    )
-    regions = (*movement.regions, *(region for one in left for region in one.regions))
-    return Entry(change=change, regions=regions)
+def _as_movements(movements: Sequence[Entry], left: Sequence[Entry]) -> list[Entry]:
+    """Movements by one displacement as one, the largest with what is left over beside them."""
+    joined: list[list[Entry]] = []
+    for entry in sorted(movements, key=lambda one: -one.area_px):
+        for others in joined:
+            if _apart_px(entry.change, others[0].change) < _SAME_SHIFT_PX:
+                others.append(entry)
+                break
+        else:
+            joined.append([entry])
+    made = []
+    for number, members in enumerate(joined):
+        beside = [*members[1:], *(left if number == 0 else ())]
+        area_px = sum(entry.change.area_px for entry in members)
+        update = {
+            "what": "moved",
+            "area_px": area_px,
+            "parts": tuple(entry.change for entry in beside),
+        }
+        regions = [region for entry in (members[0], *beside) for region in entry.regions]
+        change = members[0].change.model_copy(update=update)
+        made.append(Entry(change=change, regions=tuple(regions)))
+    return made
+
+
+def _apart_px(one: Change, other: Change) -> float:
+    """Distance of two displacements."""
+    if one.displacement_px is None or other.displacement_px is None:
+        return inf
+    return dist(one.displacement_px, other.displacement_px)
 
 
 def _as_thing(
@@ -265,7 +293,14 @@ def _as_thing(
         parts = [entry.change for entry in group]
         first = max(parts, key=lambda one: _peak(one) * one.area_px**0.5)
         area_px = sum(one.area_px for one in parts)
-        update |= _places(whole, compared, pose) | {
+        (y, x), (reference_y, reference_x) = places_in_both(
+            compared, pose, *(at.mean(keepdims=True) for at in whole.pixels)
+        )
+        update |= {
+            "x_px": float(x[0]),
+            "y_px": float(y[0]),
+            "reference_x_px": float(reference_x[0]),
+            "reference_y_px": float(reference_y[0]),
             "area_px": area_px,
             "spot_sigma_px": float(np.sqrt(area_px / np.pi) / 2),
             "amplitude_dn": first.amplitude_dn,
@@ -284,33 +319,12 @@ def _peak(change: Change) -> float:
     return abs(change.amplitude_dn) if rgb is None else max(map(abs, rgb))
 
 
-def _places(thing: Entry, compared: Comparison, pose: DistortedPose) -> dict[str, object]:
-    """Middle of a thing's pixels in both photographs."""
-    rows, cols = thing.pixels
-    y, x = np.array([rows.mean()]), np.array([cols.mean()])
-    if compared.is_on_followup:
-        followup, reference = (y, x), pose.to_reference_px(y, x)
-    else:
-        followup, reference = pose.to_followup_px(y, x), (y, x)
-    return {
-        "x_px": float(followup[1][0]),
-        "y_px": float(followup[0][0]),
-        "reference_x_px": float(reference[1][0]),
-        "reference_y_px": float(reference[0][0]),
-    }
-
-
 def _happened(thing: Entry, images: Images) -> Happened:
     """Say what happened: gone and new only where one side is what surrounds it."""
     rows, cols = thing.pixels
-    margin = int(_RING_PX[1]) + 1
-    top, left = max(int(rows.min()) - margin, 0), max(int(cols.min()) - margin, 0)
-    crop = np.s_[top : int(rows.max()) + margin + 1, left : int(cols.max()) + margin + 1]
-    inside = np.zeros(images.valid[crop].shape, dtype=np.bool_)
-    inside[rows - top, cols - left] = True
-    outside_px, inside_px = distance_transform_edt(~inside), distance_transform_edt(inside)
-    ring = (outside_px >= _RING_PX[0]) & (outside_px <= _RING_PX[1]) & images.valid[crop]
-    outline = (outside_px <= _OUTLINE_PX) & (inside_px <= _OUTLINE_PX)
+    around = Surroundings.of(rows, cols, images.valid, _RING_PX, int(_RING_PX[1]) + 1)
+    inside_px: FloatArray = distance_transform_edt(around.inside)
+    outline = (around.outside_px <= _OUTLINE_PX) & (inside_px <= _OUTLINE_PX)
     before, after = images.before_dn[rows, cols], images.after_dn[rows, cols]
     word: Happened = (
         "brighter" if float(np.mean(after - before, dtype=np.float64)) > 0 else "darker"
@@ -320,11 +334,11 @@ def _happened(thing: Entry, images: Images) -> Happened:
     least = float(np.mean(np.square(images.sd_dn[rows, cols], dtype=np.float64))) / 2
     stands_out, steepness = [], []
     for image in (images.before_dn, images.after_dn):
-        side = np.asarray(image[crop], dtype=np.float64)
-        stands_out.append(structure_of(side, inside, ring, least))
+        side = np.asarray(image[around.crop], dtype=np.float64)
+        stands_out.append(around.structure(side, least))
         slope_y, slope_x = np.gradient(side)
-        steep: FloatArray = np.asarray(slope_y**2 + slope_x**2)
-        steepness.append(float(np.mean(steep[outline])) + least)
+        squares: FloatArray = np.asarray(slope_y**2 + slope_x**2)
+        steepness.append(float(np.mean(squares[outline])) + least)
     if min(stands_out) > _AS_PLAIN:
         return word
     more = np.log((stands_out[1] + 0.1) / (stands_out[0] + 0.1))

@@ -149,7 +149,9 @@ class Candidate:
     @property
     def is_well_matched(self) -> bool:
         """Whether so many features agree on the pose that it needs no second look."""
-        return self.hypothesis.match_count >= _TRUSTED_MATCHES and not self.hypothesis.is_tilted
+        made = self.hypothesis
+        is_found_at_once = not (made.is_tilted or made.is_second_look)
+        return made.match_count >= _TRUSTED_MATCHES and is_found_at_once
 
     @property
     def is_clear(self) -> bool:

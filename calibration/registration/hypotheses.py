@@ -44,7 +44,8 @@ class PoseHypothesis:
 
     ``is_given`` by the operator; ``is_expected`` where the expected zoom about the middle of both
     frames puts it: of several periods of a scene, that one. ``is_tilted`` where it is of a view
-    from aside: of many, so that more is asked of it.
+    from aside: of many, so that more is asked of it. ``is_second_look`` where its matches were
+    looked for at a pose, which they therefore do not speak for alone.
     """
 
     matrix: FloatArray
@@ -52,6 +53,7 @@ class PoseHypothesis:
     is_given: bool = False
     is_expected: bool = False
     is_tilted: bool = False
+    is_second_look: bool = False
 
     @property
     def match_count(self) -> int:

@@ -20,12 +20,12 @@ from simulation.arrays import FloatArray
 from simulation.pose import projection_slopes
 
 _FAR_BETTER = 2.0
-"""Ratio of evidence. In 369 mirrored pairs the mirror image had 4 times as much or more; in as many
-ordinary ones at most .2 times as much."""
+"""Ratio of evidence. Of 82 mirrored pairs of photographs the mirror image had 9 times as much or
+more, of 41 ordinary ones at most .15 times as much."""
 
 _BEYOND_DOUBT = 0.5
-"""Evidence of a pose whose mirror image is not searched for without features. Poses that mirrored
-pairs agreed on by chance had .37 at most."""
+"""Evidence of a pose whose mirror image is not searched for without features. The poses on which
+twelve mirrored pairs agreed by chance had .37 at most."""
 
 _TRIED = 400
 _CHANCE_MATCHES = 8

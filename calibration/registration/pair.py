@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 
 from calibration.errors import RegistrationError
+from calibration.registration.acceptance import ELSEWHERE_MOST, SURE_MATCHES
 from calibration.registration.candidates import (
     Candidate,
     Choice,
@@ -21,7 +22,12 @@ from calibration.registration.candidates import (
     best_of,
     with_rival,
 )
-from calibration.registration.dense import AlignedPhotograph, RefinedPose, refined_pose
+from calibration.registration.dense import (
+    AlignedPhotograph,
+    RefinedPose,
+    block_votes,
+    refined_pose,
+)
 from calibration.registration.distorted_pose import DistortedPose, mirrored_matrix
 from calibration.registration.hints import RegistrationHints
 from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
@@ -33,7 +39,7 @@ from calibration.registration.mirrored import (
 )
 from calibration.registration.reference import RegistrationReference
 from calibration.registration.search import searched_poses
-from calibration.registration.second_look import look_at, looked_again
+from calibration.registration.second_look import looked_again, second_look
 from calibration.registration.tilted_views import tilted_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
@@ -243,10 +249,10 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
     )
     if found is None:
         return _as_given(pair, choice.best)
-    look = look_at(choice.best)
-    if look is not None and look.is_contradicted(found.pose):
+    is_weak = not (choice.best.is_well_matched or choice.best.hypothesis.is_given)
+    if choice.rival is None and _is_elsewhere(choice.best, found.pose):
         raise RegistrationError(
-            "the photographs agree best at a pose at which most of their details lie elsewhere; "
+            "the photographs agree best at a pose that puts many of their details elsewhere; "
             f"{_REMEDIES}",
             reason="contradiction",
         )
@@ -278,6 +284,7 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
         )
     if place_err_px > _PLACE_ERR_WARN_PX:
         warnings.append(f"the pose is uncertain by {place_err_px:.2f} px")
+    look = second_look(directed) if is_weak else None
     aside_px = None if look is None else look.displacement_px(found.pose)
     if aside_px is not None and aside_px > _ASIDE_WARN_PX:
         warnings.append(
@@ -285,6 +292,15 @@ def _refined(pair: PhotographPair, choice: Choice) -> Registration:
             "not quite flat, or the pose not quite right"
         )
     return _registration(choice.best.hypothesis, pose, found, place_err_px, directed, warnings)
+
+
+def _is_elsewhere(best: Candidate, found: DistortedPose) -> bool:
+    """Whether too much of the photographs is recognised elsewhere than a refined pose puts it."""
+    if best.hypothesis.is_given or (
+        best.is_well_matched and best.hypothesis.match_count >= SURE_MATCHES
+    ):
+        return False
+    return block_votes(*best.directed.photographs, found).share_elsewhere > ELSEWHERE_MOST
 
 
 def _registration(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -50,14 +51,7 @@ def scene_image(options: ReadOptions, path: Path) -> SceneImage:
     RefusedPhotographError
         If it cannot be read.
     """
-    with refusing():
-        photograph = read_image(path, options)
-        return SceneImage(
-            grey_dn=photograph.grey_dn,
-            sha256=photograph.sha256 or "",
-            encoding=photograph.encoding.name,
-            notes=photograph.remarks,
-        )
+    return replace(colour_scene_image(options, path), colours=None)
 
 
 def colour_scene_image(options: ReadOptions, path: Path) -> SceneImage:

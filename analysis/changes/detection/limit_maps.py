@@ -123,6 +123,9 @@ def detection_limit(
     spots = []
     for sigma_px in sorted({*_SPOT_SIGMAS_PX, spot_sigma_px}):
         limit = maps.limit_dn(sigma_px, every=every)
+        if not np.isfinite(limit).any():
+            # Of drawings so little is compared that a sample may miss it.
+            limit = maps.limit_dn(sigma_px)
         limit = limit[np.isfinite(limit)]
         reached = None
         if contrast_dn is not None:

@@ -15,7 +15,6 @@ from .pair_fit import (
 from .pair_model import PairModel as PairModel
 from .pixels import (
     away_from as away_from,
-    pixel_noise_dn as pixel_noise_dn,
     sampled as sampled,
 )
 from .relative_blur import (

@@ -59,7 +59,7 @@ class FittedScatter:
         whole = np.maximum(parts.sum(axis=0), floor)
         shares = np.mean(parts / whole, axis=1)
         # What varies of a displacement is in the kernel to first order; its square is left as blur.
-        bent = fit.model.varying_shift_px2**2 * float(np.mean(at[LAPLACIAN] / whole))
+        bent = fit.model.kernel.varying_shift_px2**2 * float(np.mean(at[LAPLACIAN] / whole))
         noise_dn2 = float(np.mean(np.maximum(parts[:GRADIENT].sum(axis=0), floor)))
         source_dn = pixel_noise_dn(images[0])
         target_dn = pixel_noise_dn(images[1], valid)

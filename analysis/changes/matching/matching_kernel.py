@@ -102,6 +102,9 @@ class MatchingKernel:
         return _applied_at(source, self.level_dn, rows, cols, self.coefficients)
 
 
+NO_KERNEL = MatchingKernel(coefficients=np.zeros(_COLUMNS), level_dn=0.0)
+
+
 def _polynomial(coefficients: FloatArray, shape: tuple[int, int]) -> Float32Array:
     """``{1, x, y, x^2, x y, y^2}`` over the frame."""
     rows, cols = shape

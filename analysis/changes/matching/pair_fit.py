@@ -74,11 +74,14 @@ class FitRules:
         Share of the source's noise in both, in the target's light: see `PairModel`.
     sample_px
         Pixels that the fit is made to.
+    is_one_view
+        Whether the photographs are of one view, for which simple models may do.
     """
 
     smoothing_px: float
     target_share: float = 0.5
     sample_px: int = SAMPLE_PX
+    is_one_view: bool = False
 
 
 def fit_pair(
@@ -121,7 +124,9 @@ def fit_pair(
     design = design_matrix(middle, level, rows, cols)
     apart = sample.target - (light.gain * sample.source + light.offset_dn)
     weight, sizes = sample.weights(apart - np.median(apart))
-    columns = _needed(design, apart, weight, sample, target.shape[1])
+    columns = LADDER[-1]
+    if rules.is_one_view:
+        columns = _needed(design, apart, weight, sample, target.shape[1])
     kept = np.ones(len(rows), dtype=np.bool_)
     for number in range(_ROUNDS):
         equations = NormalEquations.of(design, apart, weight * kept)

@@ -2,8 +2,8 @@
 
 With ``L`` the source in the target's light and ``M = s L + t T`` the mean of both, weighted so that
 its noise is not correlated with that of their difference, ``T - L`` is explained as a kernel on M.
-The noise of the source does not then pull the kernel towards nothing, nor the gain below what it is;
-and before against after is minus after against before.
+The noise of the source then pulls neither the kernel towards nothing, nor the gain below what it
+is; and before against after is minus after against before.
 """
 
 from dataclasses import dataclass, field
@@ -12,6 +12,7 @@ import numpy as np
 
 from analysis.changes.matching.matching_kernel import (
     CENTRE_TAP,
+    NO_KERNEL,
     MatchingKernel,
     WhiteNoiseGain,
     white_noise_gain,
@@ -31,13 +32,13 @@ class PairModel:
     target_share
         Weight of the target in the mean of both.
     kernel
-        What it adds; None where light is all.
+        What it adds.
     """
 
     gain: float
     offset_dn: float
     target_share: float = 0.5
-    kernel: MatchingKernel | None = field(default=None, repr=False)
+    kernel: MatchingKernel = field(default=NO_KERNEL, repr=False)
 
     def brought(self, source: Float32Array) -> Float32Array:
         """The source in the target's light."""
@@ -52,11 +53,12 @@ class PairModel:
         return own
 
     def difference(self, source: Float32Array, target: Float32Array) -> Float32Array:
-        """Target less what the source and the model make of it; images or samples of them."""
+        """Target less what the source and the model make of it."""
         apart = target - self.brought(source)
-        if self.kernel is not None:
-            apart -= self.kernel.of(self.middle(source, target))
-            apart /= self._target_gain((target.shape[0], target.shape[1]))
+        apart -= self.kernel.of(self.middle(source, target))
+        # A level that only the target has is partly in the kernel's mean.
+        grown, _ = self.kernel.light((target.shape[0], target.shape[1]))
+        apart /= 1 - np.float32(self.target_share) * grown
         return np.asarray(apart)
 
     def difference_at(
@@ -67,16 +69,13 @@ class PairModel:
         rows: IntArray,
         cols: IntArray,
     ) -> FloatArray:
-        """The same, of images, at pixels that are the kernel's radius away from the border."""
+        """The same, up to the share of the target in the mean, at pixels away from the border."""
         own = target[rows, cols].astype(np.float64)
         apart = own - (self.gain * source[rows, cols] + self.offset_dn)
-        return apart if self.kernel is None else apart - self.kernel.at(middle, rows, cols)
+        return apart - self.kernel.at(middle, rows, cols)
 
     def light(self, shape: tuple[int, int]) -> tuple[Float32Array, Float32Array]:
         """Gain and offset that take the source to the target, at every pixel."""
-        if self.kernel is None:
-            gain, offset = np.float32(self.gain), np.float32(self.offset_dn)
-            return np.full(shape, gain), np.full(shape, offset)
         grown, added = self.kernel.light(shape)
         added -= grown * np.float32(self.kernel.level_dn)
         more = 1 + np.float32(1 - self.target_share) * grown
@@ -84,26 +83,12 @@ class PairModel:
         less = 1 - np.float32(self.target_share) * grown
         return np.float32(self.gain) * more / less, added / less
 
-    def _target_gain(self, shape: tuple[int, int]) -> Float32Array:
-        """What is left in the difference of a level that only the target has."""
-        assert self.kernel is not None
-        grown, _ = self.kernel.light(shape)
-        return np.asarray(1 - np.float32(self.target_share) * grown)
-
     def noise_gain(self, smoothing: Smoothing, zoom: float) -> WhiteNoiseGain:
         """What smoothing and model leave of white noise of variance 1 in either photograph."""
-        none = np.zeros(CENTRE_TAP * 2 + 1)
-        none[CENTRE_TAP] = 1.0
-        taps = 0 * none if self.kernel is None else self.kernel.taps.ravel()
+        taps = self.kernel.taps
+        none = np.zeros_like(taps)
+        none.flat[CENTRE_TAP] = 1.0
         left = 1 - self.target_share * float(taps.sum())
-        side = round(len(none) ** 0.5)
         source = self.gain * (none + (1 - self.target_share) * taps) / left
         target = (none - self.target_share * taps) / left
-        return white_noise_gain(
-            source.reshape(side, side), smoothing, zoom, target.reshape(side, side)
-        )
-
-    @property
-    def varying_shift_px2(self) -> float:
-        """Mean square over the frame of what varies of a displacement."""
-        return 0.0 if self.kernel is None else self.kernel.varying_shift_px2
+        return white_noise_gain(source, smoothing, zoom, target)

@@ -39,10 +39,14 @@ _WEIGHT_ROUNDS = 4
 _STEEP = 0.9
 """Quantile of the gradient, from which on what is wrong at edges is seen beside the noise."""
 
-_LEAST_NORMAL = 1e-3
-"""Squares of a column beside those that the noise adds, over both, below which it shows nothing."""
+_LEAST_NORMAL, _LEAST_EIGENVALUE = 1e-3, 1e-6
+"""Squares of a column beside those that the noise adds, over both, below which it shows nothing;
+and the same of any combination of columns, below which these are not told apart."""
 
-_ALL = ("level", "laplacian", "along_y", "along_x")
+_LEAST_SAMPLES = 36
+
+_NOTHING_PX2 = 1e-4
+"""What single precision makes of equal photographs."""
 
 _LEAST_PX2 = 1.0
 _MARGIN_PX2 = 0.4
@@ -83,6 +87,10 @@ class RelativeBlur:
         """Mean of the variance and of what is expected, each weighted by its error."""
         share = expected_err_px2**2 / (expected_err_px2**2 + min(self.err_px2, 1e6) ** 2)
         return expected_px2 + share * (self.value_px2 - expected_px2)
+
+    def is_none(self, errors: float) -> bool:
+        """Whether it is none within so many standard errors."""
+        return abs(self.value_px2) <= max(errors * self.err_px2, _NOTHING_PX2)
 
     @property
     def most_displaced(self) -> tuple[float, float]:
@@ -177,7 +185,9 @@ def _noises_dn(
     one = gain * one
     apart, total = other - one, other + one
     spread = robust_sigma(apart)
+    # What changed does not count, nor do lines of the scene, beside which noise is not seen.
     calm = np.abs(apart) <= _OUTLIER * spread
+    calm &= np.abs(total) <= _OUTLIER * robust_sigma(total)
     more = float(np.mean(apart[calm] * total[calm])) if calm.any() else 0.0
     both = spread**2
     more = min(max(more, -both), both)
@@ -259,7 +269,7 @@ class _Sides:
         """
         nothing = RelativeBlur(value_px2=0.0, err_px2=inf)
         count = self.place.shape[1]
-        if count < len(_ALL) * self.place.shape[0] ** 2:
+        if count < _LEAST_SAMPLES:
             return nothing
         gain, offset = light_at_first(self.source[0], self.target[0])
         weight = np.ones(count)
@@ -280,12 +290,7 @@ class _Sides:
             )
             normal = (columns * weight) @ columns.T
             shrunk = normal - share * (1 - share) * ((noisy * weight) @ noisy.T)
-            scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-            told = shrunk / np.outer(scale, scale)
-            if (
-                not np.linalg.eigvalsh(told)[0] > _LEAST_NORMAL * 1e-3
-                or not (np.diag(told)[[3, -1]] > _LEAST_NORMAL).all()
-            ):
+            if not _is_told(normal, shrunk):
                 return nothing
             inverse = np.linalg.inv(shrunk)
             right = (columns * weight) @ apart[0]
@@ -320,6 +325,14 @@ class _Sides:
             displacement_covariance_px2=covariance[np.ix_(moved, moved)],
             unlike=_unlike(residual, columns, weight),
         )
+
+
+def _is_told(normal: FloatArray, shrunk: FloatArray) -> bool:
+    """Whether the columns are more than their noise, level and Laplacian surely so."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    told = shrunk / np.outer(scale, scale)
+    is_regular = float(np.linalg.eigvalsh(told)[0]) > _LEAST_EIGENVALUE
+    return is_regular and bool((np.diag(told)[[3, -1]] > _LEAST_NORMAL).all())
 
 
 def _jackknifed(

@@ -3,5 +3,5 @@ from .movements import (
     Movement as Movement,
     find_movements as find_movements,
 )
-from .seen_twice import structure_of as structure_of
+from .surroundings import Surroundings as Surroundings
 from .trial import Images as Images

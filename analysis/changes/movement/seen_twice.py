@@ -9,10 +9,11 @@ other photograph.
 from math import ceil
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import map_coordinates
 
+from analysis.changes.movement.surroundings import Surroundings
 from analysis.changes.movement.trial import Images
-from simulation.arrays import BoolArray, FloatArray, IntArray
+from simulation.arrays import FloatArray, IntArray
 
 _RING_PX = (2.0, 8.0)
 """Distances from the change of the surroundings with which it is compared."""
@@ -42,20 +43,17 @@ def is_seen_twice(
         ``(y, x)`` from before to after.
     """
     margin = _MARGIN_PX + ceil(float(np.abs(displacement_px).max()))
-    top, left = max(int(rows.min()) - margin, 0), max(int(cols.min()) - margin, 0)
-    crop = np.s_[top : int(rows.max()) + margin + 1, left : int(cols.max()) + margin + 1]
-    sides = [np.asarray(one[crop], np.float64) for one in (images.before_dn, images.after_dn)]
-    valid = images.valid[crop]
+    around = Surroundings.of(rows, cols, images.valid, _RING_PX, margin)
+    sides = [
+        np.asarray(one[around.crop], np.float64) for one in (images.before_dn, images.after_dn)
+    ]
     variance = float(np.mean(np.square(images.sd_dn[rows, cols], dtype=np.float64)))
-    inside = np.zeros(valid.shape, dtype=np.bool_)
-    inside[rows - top, cols - left] = True
-    apart_px = distance_transform_edt(~inside)
-    ring = (apart_px >= _RING_PX[0]) & (apart_px <= _RING_PX[1]) & valid
-    structures = [structure_of(side, inside, ring) for side in sides]
+    structures = [around.structure(side) for side in sides]
+    inside = around.inside
     squares = float(np.sum((sides[1] - sides[0])[inside] ** 2)) - variance * len(rows)
     if squares <= 0:
         return False
-    at = np.stack([rows - top, cols - left]).astype(np.float64)
+    at = np.stack([rows - around.top, cols - around.left]).astype(np.float64)
     shift = displacement_px[:, np.newaxis]
     for own, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
         if structures[own] < _AS_STRUCTURED * max(structures):
@@ -65,21 +63,3 @@ def is_seen_twice(
         if 1 - left_over / squares >= _EXPLAINED:
             return True
     return False
-
-
-def structure_of(
-    side: FloatArray, inside: BoolArray, ring: BoolArray, least_dn2: float = 0.0
-) -> float:
-    """Mean square in the change about the plane through its surroundings, over that of those.
-
-    ``least_dn2`` is what those have at least, by noise.
-    """
-    y, x = np.nonzero(ring)
-    if len(y) < 3:
-        return 0.0
-    terms = np.stack([np.ones(len(y)), y, x], axis=1)
-    plane, *_ = np.linalg.lstsq(terms, side[ring], rcond=None)
-    around = float(np.mean((side[ring] - terms @ plane) ** 2))
-    own_y, own_x = np.nonzero(inside)
-    within = side[inside] - (plane[0] + plane[1] * own_y + plane[2] * own_x)
-    return float(np.mean(within**2)) / max(around, least_dn2, float(np.finfo(np.float32).tiny))

@@ -7,6 +7,7 @@ from analysis.changes import (
     Change,
     ChangeSummary,
     describe_focus,
+    describe_least,
     describe_limit,
     describe_moved,
     describe_prediction,
@@ -119,7 +120,7 @@ def comparison_sentence(summary: ChangeSummary) -> str:
 
 
 def _verdicts(summary: ChangeSummary) -> tuple[Verdict, ...]:
-    strongest = summary.changes[0] if summary.changes else None
+    strongest = max(summary.changes, key=lambda one: one.significance, default=None)
     return (
         Verdict(name="changes", value=str(len(summary.changes)), remark=_strongest(strongest)),
         Verdict(
@@ -158,10 +159,13 @@ def changes_section(summary: ChangeSummary, views: Sequence[ReportFigure]) -> Re
     ]
     if len(summary.changes) > _LISTED:
         text.append(
-            f"The {_LISTED} most significant of {len(summary.changes)} changes are listed; "
-            "changes.csv has all."
+            f"The first {_LISTED} of {len(summary.changes)} changes are listed; changes.csv has "
+            "all."
         )
     tables = (list_table(summary.changes),) if summary.changes else ()
+    small = describe_least(summary)
+    if small is not None:
+        text.append(f"{small}.")
     moved = describe_moved(summary)
     if moved is not None:
         text.append(f"{moved[0].upper()}{moved[1:]}.")
@@ -213,6 +217,7 @@ def list_table(changes: Sequence[Change]) -> ReportTable:
     return ReportTable(
         columns=(
             "change",
+            "what",
             "x / px",
             "y / px",
             "reference x / px",
@@ -226,6 +231,7 @@ def list_table(changes: Sequence[Change]) -> ReportTable:
         rows=tuple(
             (
                 str(number),
+                _what(change),
                 f"{change.x_px:.1f}",
                 f"{change.y_px:.1f}",
                 f"{change.reference_x_px:.1f}",
@@ -238,10 +244,15 @@ def list_table(changes: Sequence[Change]) -> ReportTable:
             )
             for number, change in enumerate(changes[:_LISTED], 1)
         ),
-        caption="Changes, the most significant first; amplitudes are after minus before in the "
-        "follow-up's levels.",
+        caption="Changes, first what catches the eye first; amplitudes are after minus before in "
+        "the follow-up's levels.",
         is_of_changes=True,
     )
+
+
+def _what(change: Change) -> str:
+    parts = f" ({len(change.parts)} parts)" if change.parts else ""
+    return f"{change.what or ''}{parts}"
 
 
 def moved_table(moved: Sequence[Change]) -> ReportTable:

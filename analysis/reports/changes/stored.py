@@ -38,7 +38,7 @@ def stored_changes_section(
     text += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in said if sentence is not None]
     text += [f"Warning: {warning}." for warning in summary.warnings]
     if len(summary.changes) > _LISTED:
-        text.append(f"The {_LISTED} most significant changes are listed.")
+        text.append(f"The first {_LISTED} changes are listed.")
     figures: tuple[ReportFigure, ...] = ()
     if figure_png is not None:
         encoded = b64encode(figure_png).decode("ascii")

@@ -5,6 +5,7 @@ from .agreement import (
     correlation_at as correlation_at,
     seen_by as seen_by,
 )
+from .block_votes import BlockVotes as BlockVotes, block_votes as block_votes
 from .descent import (
     RefinedPose as RefinedPose,
     refined_at as refined_at,

@@ -93,7 +93,7 @@ def agreement_at(
     factor
         By which the target is reduced first.
     """
-    found = _compared(source, target, pose, factor)
+    found = compared_at(source, target, pose, factor)
     return None if found is None else _judged(found, factor)
 
 
@@ -101,7 +101,7 @@ def correlation_at(
     source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose, factor: int
 ) -> float:
     """Correlation alone, as ``agreement_at`` has it; 0 where nothing is in common."""
-    found = _compared(source, target, pose, factor)
+    found = compared_at(source, target, pose, factor)
     if found is None:
         return 0.0
     ours, theirs = found.ours[found.inside], found.theirs[found.inside]
@@ -137,7 +137,7 @@ def _source_factor(pose: DistortedPose, factor: int) -> int:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Compared:
+class Compared:
     """The source as the target sees it and the target, both normalised, and where they count."""
 
     ours: Float32Array
@@ -146,9 +146,13 @@ class _Compared:
     usable: BoolArray
 
 
-def _compared(
+def compared_at(
     source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose, factor: int
-) -> _Compared | None:
+) -> Compared | None:
+    """The two photographs as they are compared at a pose; None where they share too little.
+
+    Arguments are those of ``agreement_at``.
+    """
     far = target.reduced(factor).smoothed(1.0, 1.0)
     source_factor = _source_factor(pose, factor)
     near = source.reduced(source_factor)
@@ -159,7 +163,7 @@ def _compared(
     inside &= usable
     if np.count_nonzero(inside) < _WINDOW_PX**2:
         return None
-    return _Compared(
+    return Compared(
         ours=locally_normalised(seen, inside, _WINDOW_PX),
         inside=inside,
         theirs=locally_normalised(far.levels, usable, _WINDOW_PX),
@@ -187,7 +191,7 @@ def _warped(
     return np.asarray(seen, dtype=np.float32), inside
 
 
-def _judged(compared: _Compared, factor: int) -> Agreement:
+def _judged(compared: Compared, factor: int) -> Agreement:
     ours, theirs = compared.ours, compared.theirs
     inside, usable = compared.inside, compared.usable
     mask, other = inside.astype(np.float32), usable.astype(np.float32)

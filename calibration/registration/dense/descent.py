@@ -43,6 +43,10 @@ that went astray 2 to 5 times."""
 _NOISY = 1.1
 """Ratio of errors from which a finer resolution is left out."""
 
+_UNMOVED_PX = 3.0
+"""Largest motion of a follow-up in two levels that may be no motion: an edge of such a drawing lies
+at a whole pixel, and all of an edge lies off together."""
+
 _STEPS = 15
 _BEND_ROUNDS = 3
 _BEND_STEPS = 2
@@ -120,7 +124,47 @@ def refined_pose(
         if found.errors.place_err_px < most or found.pose.displacement is not None:
             best = found
         pose = best.pose if best is not None else pose
+    if best is not None and is_one_camera and _may_be_unmoved(photographs, best.pose, psf):
+        return replace(best, pose=_unmoved(best.pose))
     return best
+
+
+def _unmoved(pose: DistortedPose) -> DistortedPose:
+    return pose.with_(np.eye(3), 0.0)
+
+
+def _may_be_unmoved(
+    photographs: tuple[AlignedPhotograph, AlignedPhotograph],
+    pose: DistortedPose,
+    psf: GaussianPsf | None,
+) -> bool:
+    """Whether drawings in two levels agree no better at a pose than unmoved.
+
+    A pose is fitted to either pair of opposite quarters of the frame and judged by the others.
+    """
+    source, target = photographs
+    if not target.is_drawing:
+        return False
+    rows, cols = target.shape
+    corners = np.array([0.0, 0.0, rows - 1, rows - 1]), np.array([0.0, cols - 1, 0.0, cols - 1])
+    moved_px = np.hypot(
+        *(a - b for a, b in zip(pose.to_reference_px(*corners), corners, strict=True))
+    )
+    if not moved_px.max() <= _UNMOVED_PX:
+        return False
+    y, x = np.mgrid[:rows, :cols]
+    start = _unmoved(pose)
+    quarters = (y < rows / 2) == (x < cols / 2)
+    gained = 0.0
+    for part in (quarters, ~quarters):
+        fitted, judged = (target.where(one) for one in (part, ~part))
+        found = start
+        for factor in (2, 1):
+            _, fit = refined_at(LevelPair((source, fitted), found, psf, factor, _SAMPLES), found)
+            found = found if fit is None else fit.pose
+        after, before = (correlation_at(source, judged, one, 1) for one in (found, start))
+        gained += after - before
+    return gained <= 0
 
 
 def strays(found: DistortedPose, start: DistortedPose, matches: FeatureMatches | None) -> bool:

@@ -27,9 +27,8 @@ _STRIDE_PX = 6.0
 about 4 pi smoothing^2 pixels to one that is independent, and detail more."""
 
 _FLAT = 1e-3
-_FLAT_SHARE = 0.25
-"""Of the rms slope, below which a sample is flat; and share of flat samples from which they do not
-count for the scatter: noise leaves none, of a drawing in two levels 9 of 10 agree to the last bit."""
+"""Of the rms slope, below which samples of a drawing are flat: 9 of 10 of all agree to the bit, and
+say nothing of the scatter of the others."""
 
 _AROUND = 0.25
 """Of the source's size: how far outside it samples may lie, as the pose is approximate."""
@@ -78,8 +77,9 @@ class LevelPair:
         self.measured = far.levels[y, x].astype(np.float64)
         self.slope_y, self.slope_x = (_slopes(far.levels, axis)[y, x] / factor for axis in (0, 1))
         square = self.slope_y**2 + self.slope_x**2
-        is_flat = square <= _FLAT**2 * square.mean() if len(square) else square > 0
-        self.scatters: BoolArray = ~is_flat | (np.mean(is_flat) < _FLAT_SHARE)
+        self.scatters: BoolArray = np.ones(len(square), dtype=np.bool_)
+        if target.is_drawing and len(square):
+            self.scatters = square > _FLAT**2 * square.mean()
         self.y_px, self.x_px = ((at.astype(np.float64) + 0.5) * factor - 0.5 for at in (y, x))
         v, u = (
             (at - (n - 1) / 2) / (max(target.shape) / 2)

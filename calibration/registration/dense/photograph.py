@@ -24,12 +24,14 @@ _PIXEL_VARIANCE_PX2 = 1 / 12
 class AlignedPhotograph:
     """Grey levels as float32 and the pixels that count, None where all do.
 
-    Levels are divided by their standard deviation, so that no unit overflows.
+    Levels are divided by their standard deviation, so that no unit overflows. ``is_drawing`` where
+    most of it lies at the ends of its levels, as in a drawing in two levels.
     """
 
     levels: Float32Array = field(repr=False)
     usable: BoolArray | None = field(repr=False)
     scale_dn: float
+    is_drawing: bool = False
     _reduced: dict[int, Self] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -53,6 +55,9 @@ class AlignedPhotograph:
                 f"the mask has the shape {left_out.shape}, the photograph {values.shape}"
             )
         unusable = _clipped(values)
+        is_drawing = np.count_nonzero(unusable) > (1 - _LEAST_BETWEEN) * unusable.size
+        if is_drawing:
+            unusable[:] = False
         if left_out is not None:
             unusable |= left_out
         usable = ~unusable if unusable.any() else None
@@ -65,7 +70,7 @@ class AlignedPhotograph:
         levels /= np.float32(scale or 1.0)
         if usable is not None:
             levels[~usable] = 0.0
-        return cls(levels, usable, scale)
+        return cls(levels, usable, scale, is_drawing=bool(is_drawing))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -75,7 +80,12 @@ class AlignedPhotograph:
     def mirrored(self) -> Self:
         """Return the photograph with its columns reversed."""
         usable = None if self.usable is None else np.ascontiguousarray(self.usable[:, ::-1])
-        return type(self)(np.ascontiguousarray(self.levels[:, ::-1]), usable, self.scale_dn)
+        return self._with(np.ascontiguousarray(self.levels[:, ::-1]), usable)
+
+    def where(self, counted: BoolArray) -> Self:
+        """Return the photograph of which only these pixels count, shape ``(rows, cols)``."""
+        usable = counted if self.usable is None else counted & self.usable
+        return self._with(self.levels, usable)
 
     def reduced(self, factor: int) -> Self:
         """Return the means of whole blocks of ``factor`` x ``factor`` pixels."""
@@ -91,18 +101,21 @@ class AlignedPhotograph:
         part = np.s_[: rows * factor, : cols * factor]
         levels = _shrunk(self.levels[part], rows, cols)
         if self.usable is None:
-            return type(self)(levels, None, self.scale_dn)
+            return self._with(levels, None)
         share = _shrunk(self.usable[part].astype(np.float32), rows, cols)
-        return type(self)(_ratio(levels, share), share > 0.99, self.scale_dn)
+        return self._with(_ratio(levels, share), share > 0.99)
+
+    def _with(self, levels: Float32Array, usable: BoolArray | None) -> Self:
+        return type(self)(levels, usable, self.scale_dn, is_drawing=self.is_drawing)
 
     def smoothed(self, sigma_x_px: float, sigma_y_px: float) -> Self:
         """Return it after a Gaussian blur; what mixes with unusable pixels becomes unusable."""
         blur = (0, 0), max(sigma_x_px, 1e-3), max(sigma_y_px, 1e-3)
         levels = _blurred(self.levels, *blur)
         if self.usable is None:
-            return type(self)(levels, None, self.scale_dn)
+            return self._with(levels, None)
         share = _blurred(self.usable.astype(np.float32), *blur)
-        return type(self)(_ratio(levels, share), share > 0.98, self.scale_dn)
+        return self._with(_ratio(levels, share), share > 0.98)
 
 
 def _spread(values: Float32Array, usable: BoolArray | None) -> float:
@@ -119,8 +132,6 @@ def _clipped(values: Float32Array) -> BoolArray:
         plateau = cv2.erode((values == level).astype(np.uint8), square)
         if plateau.any():
             clipped |= cv2.dilate(plateau, around).astype(np.bool_)
-    if np.count_nonzero(clipped) > (1 - _LEAST_BETWEEN) * clipped.size:
-        clipped[:] = False
     return clipped
 
 

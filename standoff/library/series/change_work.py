@@ -62,6 +62,7 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             "limit_contrast_dn": options.limit_contrast_dn,
             "limit_rgb": options.limit_rgb,
             "count_moved": options.count_moved,
+            "least": options.least_dn,
             "scale": asdict(self.rules.scale),
             "expected": None if options.expected is None else asdict(options.expected),
         }

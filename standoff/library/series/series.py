@@ -103,6 +103,7 @@ def find_changes_of_series(
     white_level: float | None = None,
     limit: DetectionLimitOptions | None = None,
     count_moved: bool = False,
+    least: float | None = None,
     report: FilePath | None = None,
     parquet: bool = False,
     sweep: SweepOptions | None = None,
@@ -122,7 +123,9 @@ def find_changes_of_series(
         Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
     out
         Folder for the results.
-    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit, count_moved
+    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit
+        As in ``find_changes``.
+    count_moved, least, reading, progress
         As in ``find_changes``.
     report
         Where the page goes, besides the folder.
@@ -130,8 +133,6 @@ def find_changes_of_series(
         Whether the table is also written as Parquet, which needs pyarrow.
     sweep
         Who works, and on what part; by default this process, on all.
-    reading, progress
-        As in ``find_changes``.
 
     Returns
     -------
@@ -153,13 +154,14 @@ def find_changes_of_series(
     >>> found.document.changed
     1
     """
-    files = psf, noise, *limit_files(limit), *hint_files(hints)
-    call = Call("find_changes_of_series", progress, reading, files)
+    read = psf, noise, *limit_files(limit), *hint_files(hints)
+    call = Call("find_changes_of_series", progress, reading, read)
     options = ChangeOptions(
         noise=camera_noise(noise),
         false_alarms=false_alarms,
         false_discovery_rate=false_discovery_rate,
         count_moved=count_moved,
+        least_dn=least,
     )
     rules = comparison_rules(call, psf, limit, options, hints, white_level)
     folder, first = path_of(out, "out"), path_of(reference, "reference")
@@ -170,8 +172,7 @@ def find_changes_of_series(
     shared: OneReference | None = None
     unpaired: tuple[str, ...] = ()
     if first.is_dir():
-        _refuse_pairs(first, given)
-        paired = pair_by_stem(first, given[0])
+        paired = pair_by_stem(_folder_of_pairs(first, given), given[0])
         unpaired, named = paired.unpaired, iter(paired.followups)
         references = ReferenceFolder.at(first, call.inputs.options)
     else:
@@ -340,7 +341,7 @@ def _write_pages(
         write_page(report, page)
 
 
-def _refuse_pairs(references: Path, followups: tuple[Path, ...]) -> None:
+def _folder_of_pairs(references: Path, followups: tuple[Path, ...]) -> Path:
     """Check that a folder of references comes with a folder of follow-ups, another one."""
     if len(followups) != 1 or not is_folder(followups[0]):
         raise ApplicationError(
@@ -351,6 +352,7 @@ def _refuse_pairs(references: Path, followups: tuple[Path, ...]) -> None:
         raise ApplicationError(
             f"{references} is given as both folders: nothing is compared with itself"
         )
+    return references
 
 
 def _followups(given: tuple[Path, ...], reference: OneReference) -> Iterator[Path]:

@@ -84,16 +84,13 @@ def test_aliasing_beside_little_noise_is_said_to_raise_false_alarms(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("noise_dn", "is_warned"), [(0.05, True), (0.5, False)])
-def test_even_areas_in_8_bits_scatter_by_no_less_than_their_rounding(
-    noise_dn: float, is_warned: bool
-) -> None:
+@pytest.mark.parametrize("noise_dn", [0.05, 0.5])
+def test_even_areas_in_8_bits_scatter_by_no_less_than_their_rounding(noise_dn: float) -> None:
     pair = photographed(1.0, (0.9, 0.9), 0.0, "mondrian")
     made = Development(bits=8, noise_dn=noise_dn)
     found = compared(*pair.developed(made, made, 1), posed(pair))
     # Of the target alone; the source adds about as much.
     assert found.sd_dn[found.valid].min() > np.sqrt(1 / 12 / (4 * np.pi)) / found.smoothing_px
-    assert any("more than the stated false alarms" in said for said in found.warnings) == is_warned
 
 
 def test_light_of_the_follow_up_does_not_matter() -> None:

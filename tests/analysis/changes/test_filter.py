@@ -253,6 +253,8 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
             "changes",
             "moved",
             "moved_px",
+            "least_dn",
+            "below_least",
             "false_discovery_rate",
         ),
         *("saturated_px", "kernel", "detection_limit", "frame_px", "warnings", "provenance"),

@@ -115,7 +115,8 @@ def test_a_given_pose_that_is_not_mirrored_contradicts_that_it_is() -> None:
 def test_points_of_a_mirrored_pair_are_refused_unless_that_is_said() -> None:
     true = TRUE @ FLIPS["rows"]
     followup = np.array([[30.0, 20], [200, 25], [190, 150], [35, 140], [100, 80]])
-    points = FeatureMatches(followup, np.round(np.stack(placed(true, *followup.T), axis=1)))
+    there = np.round(np.stack(placed(true, *followup.T), axis=1)).astype(np.float64)
+    points = FeatureMatches(followup, there)
     images = pair("rows")
     with pytest.raises(RegistrationError) as refused:
         register(*images, hints=RegistrationHints(points=points))

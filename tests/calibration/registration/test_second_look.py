@@ -1,9 +1,19 @@
 """Features that are found again where a weakly founded pose puts them confirm or correct it."""
 
 import numpy as np
+import pytest
 
-from calibration.registration.candidates import Candidate, PhotographPair
-from calibration.registration.dense import Agreement, AlignedPhotograph
+from calibration.errors import RegistrationError
+from calibration.registration import pair as pair_module
+from calibration.registration.acceptance import ELSEWHERE_MOST
+from calibration.registration.candidates import Candidate, Choice, PhotographPair
+from calibration.registration.dense import (
+    Agreement,
+    AlignedPhotograph,
+    RefinedPose,
+    block_votes,
+)
+from calibration.registration.dense.place_errors import PlaceErrors
 from calibration.registration.hypotheses import PoseHypothesis
 from calibration.registration.second_look import looked_again, second_look
 from simulation.arrays import FloatArray
@@ -53,19 +63,52 @@ def test_a_pose_that_is_some_pixels_off_is_corrected() -> None:
     assert better.hypothesis.match_count >= 20
 
 
-def test_details_elsewhere_contradict_a_pose_and_details_in_their_places_do_not() -> None:
+def test_matches_say_how_far_details_lie_from_where_a_pose_puts_them() -> None:
     _, true = candidate(TRUE)
     look = second_look(true.directed)
     assert look is not None
-    share = look.share(true.directed.pose)
-    assert share is not None
-    assert share > 0.8
+    own_px = look.displacement_px(true.directed.pose)
+    assert own_px is not None
+    assert own_px < 0.5
     aside = TRUE.copy()
     aside[:2, 2] += 9.0
-    _, wrong = candidate(aside)
-    assert look.is_contradicted(wrong.directed.pose)
-    assert not look.is_contradicted(true.directed.pose)
-    off_px = look.displacement_px(wrong.directed.pose)
-    assert off_px is not None
-    # 9 px along both axes of the reference, of which 1.3 are one of the follow-up.
-    assert abs(off_px - 9 * 2**0.5 / 1.3) < 0.5
+    off_px = look.displacement_px(candidate(aside)[1].directed.pose)
+    # About 9 px along both axes of the reference, of which 1.3 are one of the follow-up.
+    assert off_px == pytest.approx(9 * 2**0.5 / 1.3, abs=0.6)
+
+
+def test_blocks_are_recognised_where_the_true_pose_puts_them_and_beside_another() -> None:
+    _, true = candidate(TRUE)
+    here = block_votes(*true.directed.photographs, true.directed.pose)
+    assert here.here > 30
+    assert here.share_elsewhere < 0.05
+    # The corners are 24 px off, the middle is not.
+    _, wrong = candidate(off(24.0))
+    elsewhere = block_votes(*wrong.directed.photographs, wrong.directed.pose)
+    assert elsewhere.share_elsewhere > ELSEWHERE_MOST
+
+
+def test_noise_hides_blocks_and_moves_none() -> None:
+    rng, scene = np.random.default_rng(3), waves(4, 0.01, 0.12)
+    near, far = (
+        AlignedPhotograph.of(scene.seen(one, SHAPE) + rng.normal(0, 60, SHAPE))
+        for one in (np.eye(3), TRUE)
+    )
+    _, true = candidate(TRUE)
+    votes = block_votes(near, far, true.directed.pose)
+    assert votes.share_elsewhere < 0.1
+
+
+def test_a_pose_that_outlines_alone_agree_with_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair, wrong = candidate(off(24.0))
+    # As if the refinement had been drawn there.
+    refined = RefinedPose(
+        pose=wrong.directed.pose,
+        errors=PlaceErrors(place_err_px=0.05, k1_err=0.0),
+        correlation=0.98,
+        residual_rms=0.1,
+    )
+    monkeypatch.setattr(pair_module, "refined_pose", lambda *_, **__: refined)
+    with pytest.raises(RegistrationError) as refused:
+        pair_module._refined(pair, Choice(best=wrong))
+    assert refused.value.reason == "contradiction"

@@ -199,6 +199,44 @@ def test_a_pose_that_is_known_roughly_is_a_way_on(
         assert len(found["changes"]) == 16
 
 
+def test_a_mirrored_follow_up_is_refused_or_has_the_same_changes_in_mirrored_places(
+    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    near, far = photographs
+    mirrored = tmp_path / "mirrored.tif"
+    tifffile.imwrite(mirrored, np.ascontiguousarray(tifffile.imread(far)[:, ::-1]))
+    refused = command("changes", near, mirrored, "--out", tmp_path / "refused")
+    assert refused.status == 1
+    assert refused.err.count("\n") == 1
+    assert "mirrored" in refused.err
+    assert "--mirrored" in refused.err
+    made = {}
+    for name, words in (("as-is", (near, far)), ("mirrored", (near, mirrored, "--mirrored"))):
+        done = command("changes", *words, "--out", tmp_path / name, "--json")
+        assert done.status == 0, done.err
+        made[name] = json.loads(done.out)
+    assert np.linalg.det(made["mirrored"]["homography"]) < 0
+    assert made["mirrored"]["zoom"] == pytest.approx(made["as-is"]["zoom"], abs=2e-3)
+    assert made["mirrored"]["extra_blur_px2"] == pytest.approx(
+        made["as-is"]["extra_blur_px2"], abs=0.02
+    )
+    places = [
+        sorted((one["y_px"], one["x_px"]) for one in made[name]["changes"])
+        for name in ("as-is", "mirrored")
+    ]
+    there = sorted((y, FAR[1] - 1 - x) for y, x in places[1])
+    # Where they lie is known to a fraction of their width.
+    np.testing.assert_allclose(there, places[0], atol=0.5)
+
+
+def test_an_ordinary_follow_up_is_not_mirrored_because_somebody_says_so(
+    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+) -> None:
+    done = command("changes", *photographs, "--mirrored", "--out", tmp_path / "out")
+    assert done.status == 1
+    assert "leave out --mirrored" in done.err
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -80,6 +80,25 @@ def test_each_hint_leads_to_the_pose(
     assert_provenance(found, "pose", near, far, curves, *files)
 
 
+def test_a_mirrored_follow_up_is_judged_like_the_others_if_that_is_said(
+    command: Command, near: Path, far: Path, curves: Path, tmp_path: Path
+) -> None:
+    mirrored = tmp_path / "mirrored.tif"
+    tifffile.imwrite(mirrored, np.ascontiguousarray(tifffile.imread(far)[:, ::-1]))
+    asked = ("--curves", curves, "--min-dprime", 1.0, "--json")
+    refused = command("pose", near, mirrored, *asked)
+    assert refused.status == 1
+    assert "--mirrored" in refused.err
+    done = command("pose", near, mirrored, *asked, "--mirrored")
+    assert done.status == 0, done.err
+    found = json.loads(done.out)
+    flip = np.array([[-1.0, 0, FAR[1] - 1], [0, 1, 0], [0, 0, 1]])
+    back = np.array(found["homography"]) @ flip
+    np.testing.assert_allclose(place(back), place(MATRIX), atol=0.1)
+    assert found["zoom_max"] == pytest.approx(ZOOM, abs=0.01)
+    assert found["is_accepted"] is True
+
+
 def test_a_follow_up_from_nearer_is_judged_like_one_from_the_same_distance(
     command: Command, near: Path, far: Path, curves: Path
 ) -> None:

@@ -69,9 +69,7 @@ def test_a_pose_is_judged_by_the_luma(pair: tuple[FloatArray, FloatArray]) -> No
     )
     grey = [luma_plane(one) for one in pair]
     curves = standoff.d_prime_curves(grey[:1], standoff.GaussianPsf(0.9, 0.9), task)
-    in_colour, in_grey = (
-        standoff.judge_pose(near, far, curves, 1.0) for near, far in (pair, grey)
-    )
+    in_colour, in_grey = (standoff.judge_pose(near, far, curves, 1.0) for near, far in (pair, grey))
     found = [
         one.summary.model_dump(exclude={"provenance", "detection_limit"})
         for one in (in_colour, in_grey)

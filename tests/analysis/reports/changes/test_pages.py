@@ -18,8 +18,8 @@ from analysis.change_series.time_line import (
 from analysis.changes.detection.chance import FilterWidth
 from analysis.changes.document import Change, ChangeSummary
 from analysis.changes.filter import ChangeResult
-from analysis.changes.focus_sentence import describe_focus
 from analysis.changes.plot import changes_figure
+from analysis.changes.sentences import describe_focus
 from analysis.changes.warning_sentences import ChangeMasks
 from analysis.reports.changes.pictures import LONGEST_SIDE_PX, ColourPair, compared_pictures
 from analysis.reports.changes.sections import q_text, render_changes_report

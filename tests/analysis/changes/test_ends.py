@@ -1,0 +1,61 @@
+"""Pixels at an end of the scale: what they show is at least what differs."""
+
+import numpy as np
+
+from analysis.changes import ChangeOptions, find_changes
+from simulation.arrays import FloatArray
+from tests.shipped import shipped
+
+
+def chart(seed: int = 3) -> FloatArray:
+    """A drawing of two levels, no line of which any code of ours drew: scikit-image's horse."""
+    return np.where(shipped("horse")[:320, :390] > 0, 255.0, 0.0)
+
+
+def test_a_word_that_is_gone_from_clipped_paper_is_found() -> None:
+    page = shipped("page")
+    page = np.minimum(page * 1.35, 255.0)
+    assert np.mean(page == 255) > 0.1
+    erased = page.copy()
+    erased[95:106, 180:204] = 255.0
+    result = find_changes(page, erased, options=ChangeOptions(white_level_dn=(255.0, 255.0)))
+    assert len(result.summary.changes) == 1
+    (word,) = result.summary.changes
+    assert (word.what, abs(word.x_px - 191.5) < 5, abs(word.y_px - 100) < 5) == ("gone", True, True)
+
+
+def test_two_levels_are_compared_with_each_other() -> None:
+    before, after = chart(), chart()
+    # A spot of either kind, amid the other level.
+    after[40:48, 40:48] = 255.0 - before[44, 44]
+    after[160:168, 200:208] = 255.0 - before[164, 204]
+    found = find_changes(before, after).summary
+    places = sorted((round(one.x_px), round(one.y_px)) for one in found.changes)
+    assert [(abs(x - 43.5) < 2, abs(y - 43.5) < 2) for x, y in places[:1]] == [(True, True)]
+    assert len(places) == 2
+    assert find_changes(before, before).summary.changes == ()
+
+
+def test_where_both_are_at_one_end_nothing_is_compared() -> None:
+    rng = np.random.default_rng(1)
+    scene = shipped("camera")[:300, :300] * 0.8 + 20
+    scene[100:150, 100:160] = 400.0
+    before, after = (np.clip(np.rint(scene + rng.normal(0, 2, scene.shape)), 0, 255) for _ in "ab")
+    result = find_changes(before, after, options=ChangeOptions(white_level_dn=(255.0, 255.0)))
+    assert not result.valid[105:145, 105:155].any()
+    assert result.valid[20:80, 20:80].all()
+    assert result.summary.changes == ()
+
+
+def test_what_is_brighter_than_white_is_a_change_of_at_least_so_much() -> None:
+    rng = np.random.default_rng(2)
+    scene = shipped("camera")[:300, :300] * 0.7 + 20
+    lamp = scene.copy()
+    lamp[200:210, 200:210] = 900.0
+    before, after = (
+        np.clip(np.rint(one + rng.normal(0, 2, scene.shape)), 0, 255) for one in (scene, lamp)
+    )
+    options = ChangeOptions(white_level_dn=(255.0, 255.0))
+    found = find_changes(before, after, options=options).summary
+    assert len(found.changes) == 1
+    assert found.changes[0].amplitude_dn > 255 - scene[200:210, 200:210].max() - 5

@@ -1,0 +1,83 @@
+"""What everybody tries first: a photograph and a copy of it, and the same scene photographed twice.
+
+The pictures are scikit-image's. A comparison states how many pixels chance flags in a frame, 0.05.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import standoff
+from analysis.changes import ChangeSummary, describe_focus
+from simulation.arrays import FloatArray
+from tests.shipped import shipped
+
+PICTURES = ("astronaut", "camera", "page", "retina")
+COPIES = ("png", "tif", 75, 90, 98)
+
+
+def part(name: str) -> FloatArray:
+    return shipped(name)[:360, :380]
+
+
+def written(path: Path, levels: FloatArray, quality: int | None = None) -> Path:
+    picture = Image.fromarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
+    if quality is None:
+        # Unmarked, a TIFF of 8 bits would be linear.
+        marked: dict[str, Any] = {"icc_profile": SRGB} if path.suffix == ".tif" else {}
+        picture.save(path, **marked)
+    else:
+        picture.save(path, quality=quality)
+    return path
+
+
+def srgb_profile() -> bytes:
+    from PIL.ImageCms import ImageCmsProfile, createProfile
+
+    return ImageCmsProfile(createProfile("sRGB")).tobytes()
+
+
+SRGB = srgb_profile()
+
+
+def found(before: Path, after: Path) -> ChangeSummary:
+    return standoff.find_changes(before, after).summary
+
+
+@pytest.mark.parametrize("name", PICTURES)
+@pytest.mark.parametrize("copy", COPIES)
+def test_a_copy_is_no_change_and_as_sharp(tmp_path: Path, name: str, copy: str | int) -> None:
+    before = written(tmp_path / "before.png", part(name))
+    if isinstance(copy, int):
+        after = written(tmp_path / "after.jpg", part(name), copy)
+    else:
+        after = written(tmp_path / f"after.{copy}", part(name))
+    for one, other in ((before, after), (after, before)):
+        summary = found(one, other)
+        assert (summary.changes, summary.moved) == ((), ())
+        # Drawn by nobody's chance: the copies' errors are those of their files alone.
+        assert abs(summary.gain - 1) <= 3 * summary.gain_err + 1e-6
+        assert "as sharp as" in str(describe_focus(summary))
+
+
+@pytest.mark.slow
+def test_the_same_scene_twice_flags_no_more_than_stated(tmp_path: Path) -> None:
+    rng = np.random.default_rng(61)
+    flagged, entries, frames = 0, 0, 32
+    for number in range(frames):
+        scene = 20 + 0.8 * part(PICTURES[number % len(PICTURES)])
+        noise_dn = (1.0, 3.0, 8.0)[number % 3]
+        paths = [
+            written(tmp_path / f"{number}-{side}.png", scene + rng.normal(0, noise_dn, scene.shape))
+            for side in "ab"
+        ]
+        summary = found(*paths)
+        flagged += summary.changed_px
+        entries += len(summary.changes) + len(summary.moved)
+    # 1.6 pixels are stated of 32 frames; chance flags them in entries of 4 or so: more than 4
+    # entries in one of 1,000.
+    assert entries <= 4
+    assert flagged <= 40
