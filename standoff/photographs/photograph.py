@@ -39,6 +39,8 @@ class PhotographHead:
         From light to the stored levels.
     encoding_from
         What decided the encoding, as a noun: ``its ICC profile sRGB``, ``--encoding``.
+    is_encoding_stated
+        Whether the file or the operator says it, so that it is not what is usual.
     facts
         Camera, lens and exposure.
     pattern
@@ -50,6 +52,7 @@ class PhotographHead:
     path: Path
     encoding: Encoding = LINEAR
     encoding_from: str = ""
+    is_encoding_stated: bool = False
     facts: PhotographFacts = field(default_factory=PhotographFacts)
     pattern: Pattern | None = None
     sha256: str | None = None
@@ -251,6 +254,17 @@ class Photograph(PhotographHead):
             return self.variance_dn2
         weights = np.square(REC601_LUMA)
         return np.asarray(self.variance_dn2[:, :, :3] @ weights)
+
+    def taken_as(self, encoding: Encoding, encoding_from: str) -> "Photograph":
+        """The photograph with its levels taken as of another encoding, and what decided it."""
+        saturation = self.saturation_dn
+        if saturation is not None:
+            top = np.full((1, 1, 3), saturation)
+            stored = self.encoding.encode(top, self.white_dn)
+            saturation = float(encoding.decode(stored, self.white_dn).max())
+        return replace(
+            self, encoding=encoding, encoding_from=encoding_from, saturation_dn=saturation
+        )
 
     def coded_as(self, other: "Photograph") -> "Photograph":
         """The photograph as a file like that of the other one would hold it.

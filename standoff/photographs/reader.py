@@ -81,7 +81,7 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         stored = _stored(data, path)
         number = _page_number(stored, options)
         pixels = _levels(stored, number, shown)
-        encoding, encoding_from = _encoding(stored, options)
+        encoding, encoding_from, is_stated = _encoding(stored, options)
         _refuse_other_channels(encoding, pixels)
         white = stored.white_dn or full_scale_dn(pixels)
         if white is None and not encoding.is_linear:
@@ -102,6 +102,7 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         stored=pixels,
         encoding=encoding,
         encoding_from=encoding_from,
+        is_encoding_stated=is_stated,
         full_scale_dn=white,
         saturation_dn=saturation,
         is_jpeg=stored.is_jpeg,
@@ -197,11 +198,12 @@ def _mean(
     return mean, squares / (stored.count - 1)
 
 
-def _encoding(stored: StoredImage, options: ReadOptions) -> tuple[Encoding, str]:
+def _encoding(stored: StoredImage, options: ReadOptions) -> tuple[Encoding, str, bool]:
+    """The encoding, what decided it, and whether anybody states it."""
     if options.encoding is not None:
-        return options.encoding, "--encoding"
+        return options.encoding, "--encoding", True
     marked = stored.marked()
     if marked is not None:
-        return marked
+        return *marked, True
     encoding, kind = stored.unmarked
-    return encoding, f"usual for {kind} without a mark"
+    return encoding, f"usual for {kind} without a mark", False

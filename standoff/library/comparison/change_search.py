@@ -34,6 +34,7 @@ from simulation.arrays import BoolArray, Float32Array
 from simulation.choices import PsfShape
 from standoff.library.call import Call, Progress
 from standoff.library.comparison.alignment_hints import AlignmentHints, hint_files
+from standoff.library.comparison.copied_levels import decoded_alike
 from standoff.library.comparison.limit_options import (
     DetectionLimitOptions,
     SceneScale,
@@ -318,6 +319,7 @@ def compared(
     stated, hints = rules.white_level, rules.hints
     if isinstance(hints, AlignmentHints):
         hints = hints.of_pair(near.stored.shape[:2], far.stored.shape[:2], far.name)
+    near, far, said = decoded_alike(near, far)
     before, after = near.file_steps, far.file_steps
     colours = _colours(near, far, (before, after))
     options = replace(
@@ -337,11 +339,11 @@ def compared(
         raise CalibrationError(f"{far.path}: {error}") from error
     except AnalysisError as error:
         raise AnalysisError(f"{far.path}: {error}") from error
-    limit = found.summary.detection_limit
-    if limit is not None:
-        in_mm = rules.scale.in_mm(limit, found.summary.zoom)
-        summary = found.summary.model_copy(update={"detection_limit": in_mm})
-        found = replace(found, summary=summary)
+    summary = found.summary
+    update: dict[str, object] = {"warnings": (*summary.warnings, *said)}
+    if summary.detection_limit is not None:
+        update["detection_limit"] = rules.scale.in_mm(summary.detection_limit, summary.zoom)
+    found = replace(found, summary=summary.model_copy(update=update))
     own = {one.name: getattr(found, one.name) for one in fields(found)}
     return ComparedPhotographs(**own, reference=near, followup=far, left_out=rules.left_out)
 

@@ -16,7 +16,7 @@ from simulation.arrays import FloatArray
 from tests.shipped import shipped
 
 PICTURES = ("astronaut", "camera", "page", "retina")
-COPIES = ("png", "tif", 75, 90, 98)
+COPIES = ("png", "tif", "unmarked", 75, 90, 98)
 
 
 def part(name: str) -> FloatArray:
@@ -26,8 +26,7 @@ def part(name: str) -> FloatArray:
 def written(path: Path, levels: FloatArray, quality: int | None = None) -> Path:
     picture = Image.fromarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
     if quality is None:
-        # Unmarked, a TIFF of 8 bits would be linear.
-        marked: dict[str, Any] = {"icc_profile": SRGB} if path.suffix == ".tif" else {}
+        marked: dict[str, Any] = {"icc_profile": SRGB} if path.name == "after.tif" else {}
         picture.save(path, **marked)
     else:
         picture.save(path, quality=quality)
@@ -54,13 +53,38 @@ def test_a_copy_is_no_change_and_as_sharp(tmp_path: Path, name: str, copy: str |
     if isinstance(copy, int):
         after = written(tmp_path / "after.jpg", part(name), copy)
     else:
-        after = written(tmp_path / f"after.{copy}", part(name))
+        # Unmarked, a TIFF of 8 bits would be linear.
+        after = written(
+            tmp_path / {"unmarked": "unmarked.tif"}.get(copy, f"after.{copy}"), part(name)
+        )
     for one, other in ((before, after), (after, before)):
         summary = found(one, other)
         assert (summary.changes, summary.moved) == ((), ())
         # Drawn by nobody's chance: the copies' errors are those of their files alone.
         assert abs(summary.gain - 1) <= 3 * summary.gain_err + 1e-6
         assert "as sharp as" in str(describe_focus(summary))
+
+
+def test_a_copy_that_says_no_encoding_is_taken_as_the_other_one(tmp_path: Path) -> None:
+    deep = Image.fromarray(np.rint(part("camera") * 257).astype(np.uint16))
+    deep.save(tmp_path / "deep.tif")
+    before = written(tmp_path / "before.png", part("camera"))
+    summary = found(before, tmp_path / "deep.tif")
+    assert summary.changes == ()
+    (said,) = summary.warnings
+    assert "deep.tif does not say how its levels are encoded" in said
+    assert "taken as srgb" in said
+
+
+def test_another_photograph_that_says_no_encoding_stays_what_is_usual(tmp_path: Path) -> None:
+    light = part("camera") / 255
+    coded = np.where(light < 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    before = written(tmp_path / "before.png", 255 * coded)
+    linear = Image.fromarray(np.rint(65535 * light).astype(np.uint16))
+    linear.save(tmp_path / "linear.tif")
+    summary = found(before, tmp_path / "linear.tif")
+    assert summary.warnings == ()
+    assert summary.changes == ()
 
 
 @pytest.mark.slow

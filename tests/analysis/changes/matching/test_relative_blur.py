@@ -40,7 +40,7 @@ def test_a_blur_is_measured_without_noise_whichever_is_softer(blur_px2: float) -
     sharp, soft = 1.0, float(np.sqrt(1 + abs(blur_px2)))
     widths = (sharp, soft) if blur_px2 >= 0 else (soft, sharp)
     source, target = (gaussian_filter(scene(1, 40.0), width, truncate=7) for width in widths)
-    # The halves' aliasing and the search's last step leave a few thousandths.
+    # The search's last step leaves a few thousandths.
     assert measured(source, target).value_px2 == pytest.approx(blur_px2, rel=0.02, abs=0.01)
 
 
