@@ -212,7 +212,8 @@ def _aligned(
     given, colours, found = (reference, followup), options.colours, None
     if options.pose is not None:
         found = _Alignment(pose=options.pose, photographs=given, colours=colours)
-    if found is None and options.hints is None and np.shape(reference) == np.shape(followup):
+    is_open = options.hints is None or not options.hints.is_of_pose
+    if found is None and is_open and np.shape(reference) == np.shape(followup):
         alike = CodedAlike(photographs=given, colours=colours)
         if options.coded_alike is not None:
             alike = options.coded_alike()

@@ -65,6 +65,13 @@ class RegistrationHints:
                 f"{POINTS_MIN} pairs of points are needed, got {len(self.points.followup_px)}"
             )
 
+    @property
+    def is_of_pose(self) -> bool:
+        """Whether they say anything of the pose, and not only what does not count."""
+        return self.mirrored or any(
+            one is not None for one in (self.zoom, self.matrix, self.points)
+        )
+
     def with_columns_reversed(self, shape: tuple[int, int]) -> Self:
         """Return the hints for the mirror image of a follow-up of ``(rows, cols)``."""
         matrix, points, left_out = self.matrix, self.points, self.left_out

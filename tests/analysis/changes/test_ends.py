@@ -1,8 +1,11 @@
 """Pixels at an end of the scale: what they show is at least what differs."""
 
 import numpy as np
+import pytest
 
 from analysis.changes import ChangeOptions, find_changes
+from analysis.errors import OverlapError
+from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 from tests.shipped import shipped
 
@@ -59,3 +62,17 @@ def test_what_is_brighter_than_white_is_a_change_of_at_least_so_much() -> None:
     found = find_changes(before, after, options=options).summary
     assert len(found.changes) == 1
     assert found.changes[0].amplitude_dn > 255 - scene[200:210, 200:210].max() - 5
+
+
+def test_where_the_ends_leave_nothing_it_is_said() -> None:
+    dots = np.zeros((160, 160))
+    dots[::6, ::6] = 255.0
+    # Half a pixel aside every place is within reach of both ends.
+    aside = np.eye(3)
+    aside[:2, 2] = 0.5
+    pose = DistortedPose(
+        matrix=aside, k1=0.0, reference_shape=dots.shape, followup_shape=dots.shape
+    )
+    options = ChangeOptions(pose=pose, white_level_dn=(255.0, 255.0))
+    with pytest.raises(OverlapError, match="at an end of the scale, or beside one"):
+        find_changes(dots, dots, options=options)

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from analysis.changes import ChangeOptions, find_changes
 from analysis.changes.one_view import nearest_shift, one_view
-from calibration.registration import DistortedPose
+from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import FloatArray
 from tests.shipped import shipped
 
@@ -41,6 +41,17 @@ def test_equal_exposures_are_as_sharp_and_as_bright_and_nothing_changed(
     assert abs(found.extra_blur_px2) < 3.9 * found.extra_blur_err_px2
     assert abs(found.gain - 1) < 3.9 * found.gain_err
     assert (found.changes, found.moved) == ((), ())
+
+
+def test_a_mask_is_no_hint_of_the_pose() -> None:
+    mask = np.zeros(picture("coins").shape, dtype=np.bool_)
+    mask[:40] = True
+    options = ChangeOptions(hints=RegistrationHints(left_out=mask), left_out=mask)
+    result = find_changes(
+        noisy(picture("coins"), 3.0, 1), noisy(picture("coins"), 3.0, 2), None, options
+    )
+    assert result.summary.homography == ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    assert not result.valid[:40].any()
 
 
 @pytest.mark.slow
