@@ -24,7 +24,7 @@ from analysis.changes.followup_grid import FollowupGrid
 from analysis.changes.least import large_enough
 from analysis.changes.matching import PixelPositions, RelativeBlur
 from analysis.changes.moved_changes import ToldApart, moved_apart
-from analysis.changes.one_view import nearest_shift, one_view
+from analysis.changes.one_view import nearest_shift, one_view, view_nearby
 from analysis.changes.options import ChangeOptions, CodedAlike
 from analysis.changes.prediction import meet
 from analysis.changes.things import as_things
@@ -232,6 +232,8 @@ def _aligned(
         made = register(reference, followup, None if psf is None else psf.gaussian, hints)
         shift = nearest_shift(made.pose)
         view = None if shift is None else one_view(*given, options, shift)
+        if view is None and is_open:
+            view = view_nearby(*given, options, made.pose)
         found = _Alignment(
             pose=made.pose if view is None else view.pose,
             photographs=given,

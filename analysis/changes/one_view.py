@@ -28,6 +28,9 @@ large as the scene."""
 _NEAR_PX: Final = 0.5
 """A pose so near to a shift by whole pixels may be one."""
 
+_NEARBY_PX: Final = 4.0
+"""A pose so near to one may be an error of the registration, where what differs is irregular."""
+
 _MOST_PX, _SURELY, _MOST_ERR_PX = 0.03, 3.0, 0.1
 """Displacement at a corner that does not matter, the standard errors up to which it is none, and
 the error beyond which nothing is known of it. Registration is no better than 0.01 to 0.03 px."""
@@ -52,12 +55,7 @@ def one_view(
     shift_px
         ``(y, x)`` of the follow-up's first pixel in the reference.
     """
-    matrix = np.array([[1.0, 0.0, shift_px[1]], [0.0, 1.0, shift_px[0]], [0.0, 0.0, 1.0]])
-    shapes = [
-        (int(one.shape[0]), int(one.shape[1])) for one in map(np.asarray, (reference, followup))
-    ]
-    pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=shapes[0], followup_shape=shapes[1])
-    pair = PhotographPair.of(reference, followup, pose, options)
+    pair, pose = _shifted(reference, followup, options, shift_px)
     valid = pair.valid(smoothing_for(0.0))
     if np.count_nonzero(valid) < _LEAST_PIXELS:
         return None
@@ -71,8 +69,59 @@ def one_view(
     return OneView(pose=pose, blur=found)
 
 
-def nearest_shift(pose: DistortedPose) -> tuple[int, int] | None:
-    """Whole pixels ``(y, x)`` by which a pose moves the frame; None if it is no such shift."""
+def view_nearby(
+    reference: AnyArray, followup: AnyArray, options: ChangeOptions, pose: DistortedPose
+) -> OneView | None:
+    """Return the pose of one view near a registered one, if the photographs agree better at it.
+
+    A drawing of which each line was moved a little, by itself, has no pose: registration then
+    follows some of the lines.
+
+    Parameters
+    ----------
+    reference, followup
+        Grey, shape ``(rows, cols)`` each.
+    options
+        Masks and white levels.
+    pose
+        As registered.
+    """
+    nearest = nearest_shift(pose, _NEARBY_PX)
+    if nearest is None:
+        return None
+    registered = PhotographPair.of(reference, followup, pose, options)
+    smoothing = smoothing_for(0.0)
+    for shift_px in sorted({(0, 0), nearest}):
+        pair, shifted = _shifted(reference, followup, options, shift_px)
+        valid = pair.valid(smoothing) & registered.valid(smoothing)
+        if np.count_nonzero(valid) < _LEAST_PIXELS:
+            continue
+        if pair.mean_difference_dn(valid) < registered.mean_difference_dn(valid):
+            return OneView(pose=shifted, blur=pair.blur(valid, 0.0))
+    return None
+
+
+def _shifted(
+    reference: AnyArray, followup: AnyArray, options: ChangeOptions, shift_px: tuple[int, int]
+) -> tuple[PhotographPair, DistortedPose]:
+    matrix = np.array([[1.0, 0.0, shift_px[1]], [0.0, 1.0, shift_px[0]], [0.0, 0.0, 1.0]])
+    shapes = [
+        (int(one.shape[0]), int(one.shape[1])) for one in map(np.asarray, (reference, followup))
+    ]
+    pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=shapes[0], followup_shape=shapes[1])
+    return PhotographPair.of(reference, followup, pose, options), pose
+
+
+def nearest_shift(pose: DistortedPose, near_px: float = _NEAR_PX) -> tuple[int, int] | None:
+    """Whole pixels ``(y, x)`` by which a pose moves the frame; None if it is no such shift.
+
+    Parameters
+    ----------
+    pose
+        Any.
+    near_px
+        How far the corners may be from where the shift puts them.
+    """
     rows, cols = pose.followup_shape
     y, x = (
         np.array([0.0, 0.0, rows - 1.0, rows - 1.0]),
@@ -81,4 +130,4 @@ def nearest_shift(pose: DistortedPose) -> tuple[int, int] | None:
     to_y, to_x = pose.to_reference_px(y, x)
     shift_y, shift_x = round(float(np.mean(to_y - y))), round(float(np.mean(to_x - x)))
     apart = np.hypot(to_y - y - shift_y, to_x - x - shift_x)
-    return (shift_y, shift_x) if float(apart.max()) < _NEAR_PX else None
+    return (shift_y, shift_x) if float(apart.max()) < near_px else None

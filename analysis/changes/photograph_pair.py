@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 
 from analysis.changes.matching import (
@@ -31,6 +32,10 @@ Ends = tuple[BoolArray, BoolArray]
 _BORDER_SD = 3.0
 _LEAST_SHARE, _LEAST_PIXELS = 0.2, 1000
 """Of the pixels within the border, between the ends of the scale, for models to be fitted there."""
+
+_LEAST_OF_A_LEVEL, _MOST_OF_TWO_LEVELS = 0.01, 0.9
+"""Share of the pixels at black and at white, each and both, from which on a picture has no other
+levels: of photographs that are clipped, at most a half is at an end."""
 
 _BETWEEN_LEVELS = np.float32(3.0)
 """Light half-way between two levels takes either by chance: a quarter of the squared step, where a
@@ -112,7 +117,7 @@ class PhotographPair:
             ends = ends[::-1]
             variances, steps = variances[::-1], steps[::-1]
         shapes = [(image.shape[0], image.shape[1]) for image in images]
-        return cls(
+        pair = cls(
             is_on_followup=is_on_followup,
             source=images[0],
             target=images[1],
@@ -126,6 +131,10 @@ class PhotographPair:
             source_steps_dn2=steps[0],
             target_steps_dn2=steps[1],
         )
+        if not pair._is_of_two_levels:
+            return pair
+        drawn = [_drawn_variance(image) for image in images]
+        return replace(pair, source_steps_dn2=drawn[0], target_steps_dn2=drawn[1])
 
     def channel(self, number: int, options: ChangeOptions) -> "PhotographPair":
         """Return the pair with one channel of the photographs' colours instead of their luma."""
@@ -174,6 +183,15 @@ class PhotographPair:
             self.source, self.target, self.positions, valid, expected_px2, (steps[0], steps[1])
         )
 
+    def mean_difference_dn(self, valid: BoolArray) -> float:
+        """Mean size of what differs between the photographs in one light."""
+        levels = self.seen(0.0)[valid].astype(np.float64)
+        others = self.target[valid].astype(np.float64)
+        levels, others = levels - np.median(levels), others - np.median(others)
+        # Not the slope of a regression, which is less where they differ more.
+        gain = np.mean(np.abs(others)) / max(np.mean(np.abs(levels)), np.finfo(np.float64).tiny)
+        return float(np.mean(np.abs(others - gain * levels)))
+
     def rounding_variance_dn2(
         self, gains: WhiteNoiseGain, smoothing: Smoothing
     ) -> Float32Array | None:
@@ -217,12 +235,24 @@ class PhotographPair:
         one end, nothing is known.
         """
         inside = self._inside(smoothing)
+        if self._is_of_two_levels:
+            none = np.zeros_like(inside)
+            return inside, none, none
         (source_black, target_black), (source_white, target_white) = self._ends
         may_be_more, may_be_less = (
             ~self._away(inside, smoothing, ends)
             for ends in ((target_white | source_black,), (target_black | source_white,))
         )
         return inside & ~(may_be_more & may_be_less), may_be_more, may_be_less
+
+    @property
+    def _is_of_two_levels(self) -> bool:
+        """Whether both are drawings of black and white, from two views: the ends are the scene."""
+        return self.positions.whole_shift is None and all(
+            min(np.mean(black), np.mean(white)) >= _LEAST_OF_A_LEVEL
+            and np.mean(black | white) >= _MOST_OF_TWO_LEVELS
+            for black, white in (self.source_ends, self.target_ends)
+        )
 
     @property
     def _ends(self) -> tuple[tuple[BoolArray, BoolArray], tuple[BoolArray, BoolArray]]:
@@ -280,6 +310,12 @@ class PhotographPair:
         width_px = smoothing_px * self.positions.zoom
         seen = self.positions.seen(self.positions.coefficients(self.source, width_px))
         return np.nan_to_num(seen, copy=False, nan=float(np.mean(self.source)))
+
+
+def _drawn_variance(image_dn: Float32Array) -> Float32Array:
+    """Twelfth of the squared step that a drawing of two levels takes beside each pixel."""
+    around = np.ones((3, 3), dtype=np.uint8)
+    return np.asarray((cv2.dilate(image_dn, around) - cv2.erode(image_dn, around)) ** 2 / 12)
 
 
 def _mostly(mask: BoolArray) -> BoolArray:

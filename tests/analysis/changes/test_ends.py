@@ -1,5 +1,6 @@
 """Pixels at an end of the scale: what they show is at least what differs."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -67,6 +68,7 @@ def test_what_is_brighter_than_white_is_a_change_of_at_least_so_much() -> None:
 def test_where_the_ends_leave_nothing_it_is_said() -> None:
     dots = np.zeros((160, 160))
     dots[::6, ::6] = 255.0
+    dots[3::6] = 100.0
     # Half a pixel aside every place is within reach of both ends.
     aside = np.eye(3)
     aside[:2, 2] = 0.5
@@ -76,3 +78,54 @@ def test_where_the_ends_leave_nothing_it_is_said() -> None:
     options = ChangeOptions(pose=pose, white_level_dn=(255.0, 255.0))
     with pytest.raises(OverlapError, match="at an end of the scale, or beside one"):
         find_changes(dots, dots, options=options)
+
+
+def drawn_from_aside(drawing: FloatArray, pose: FloatArray) -> FloatArray:
+    """The drawing as a scanner of two levels sees it at another pose, by OpenCV."""
+    large = cv2.resize(drawing, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
+    seen = cv2.warpPerspective(
+        cv2.GaussianBlur(large, (0, 0), 2.0),
+        pose @ np.diag([1 / 3, 1 / 3, 1.0]),
+        drawing.shape[::-1],
+        borderValue=255,
+    )
+    return np.where(seen > 127, 255.0, 0.0)
+
+
+def test_two_drawings_from_aside_are_compared_beside_the_steps_of_their_outlines() -> None:
+    turned = np.array([[0.97, -0.034, 7.0], [0.034, 0.97, -3.0], [1e-5, 2e-5, 1.0]])
+    drawing = chart()
+    spotted = drawing.copy()
+    assert (drawing[70:80, 80:90] == 255).all()
+    spotted[70:80, 80:90] = 0.0
+    step_dn = np.ones(drawing.shape, dtype=np.float32)
+    options = ChangeOptions(white_level_dn=(255.0, 255.0), step_dn=(step_dn, step_dn))
+    before = drawn_from_aside(drawing, np.eye(3))
+    same, other = (
+        find_changes(before, drawn_from_aside(one, turned), options=options).summary
+        for one in (drawing, spotted)
+    )
+    # Without the steps, every second outline had changed: 24 entries.
+    assert len(same.changes) <= 1
+    assert len(other.changes) <= 2
+    first = other.changes[0]
+    x, y, scale = turned @ (84.5, 74.5, 1.0)
+    assert (first.x_px, first.y_px) == pytest.approx((x / scale, y / scale), abs=2)
+
+
+def test_a_drawing_whose_lines_moved_by_themselves_has_the_pose_at_which_most_did_not() -> None:
+    rng = np.random.default_rng(5)
+    before = np.full((320, 320), 255.0)
+    places = [(20 + 50 * i, 20 + 50 * j) for i in range(6) for j in range(6)]
+    after = before.copy()
+    for row, col in places:
+        before[row : row + 24, col : col + 30] = 0.0
+        down, right = rng.integers(-1, 2, 2)
+        after[row + down : row + 24 + down, col + right : col + 30 + right] = 0.0
+    after[100:108, 6:14] = 0.0
+    found = find_changes(before, after).summary
+    assert np.allclose(found.homography, np.eye(3))
+    assert any(
+        np.hypot(one.x_px - 9.5, one.y_px - 103.5) < 2 and one.area_px < 120
+        for one in found.changes
+    )
