@@ -45,6 +45,9 @@ _AROUND_PX, _MOSTLY = 2.0, 0.8
 """Share of the pixels around one, by a Gaussian, from which on a channel is at an end of its scale
 there. Half of them are where noise about that end is cut off, and this is seen in both."""
 
+_CLIPPED_BY_CHANCE_SD = np.float32(4.0)
+"""How far below its end a level of a bracket may have been clipped by the noise of one exposure."""
+
 _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 """Reach of a clipped pixel: so many widths of the smoothing, and pixels."""
 
@@ -97,17 +100,23 @@ class PhotographPair:
     ) -> "PhotographPair":
         """Give the photographs their roles: the coarser one is the target."""
         is_on_followup = pose.zoom >= 1
-        images, usable, ends = [], [], []
-        for image, white in zip((reference, followup), options.white_level_dn, strict=True):
+        images, usable, ends, variances = [], [], [], []
+        for image, white, known in zip(
+            (reference, followup), options.white_level_dn, options.variance_dn2, strict=True
+        ):
             levels = np.asarray(image, dtype=np.float32)
             finite = np.isfinite(levels)
             levels = np.where(finite, levels, np.float32(0))
+            clipped = clipped_at_white(levels, white)
+            if known is not None:
+                levels, known, clipped = _least_light(levels, known, clipped)
             images.append(levels)
+            variances.append(known)
             usable.append(finite)
-            ends.append((clipped_at_black(levels), clipped_at_white(levels, white)))
+            ends.append((clipped_at_black(levels), clipped))
         if options.left_out is not None:
             usable[1] &= ~options.left_out
-        towards, variances = pose.to_reference_px, options.variance_dn2
+        towards = pose.to_reference_px
         steps = [
             rounding_variance(image) if known is None else known
             for image, known in zip(images, options.step_variance_dn2, strict=True)
@@ -310,6 +319,26 @@ class PhotographPair:
         width_px = smoothing_px * self.positions.zoom
         seen = self.positions.seen(self.positions.coefficients(self.source, width_px))
         return np.nan_to_num(seen, copy=False, nan=float(np.mean(self.source)))
+
+
+def _least_light(
+    levels_dn: Float32Array, variance_dn2: Float32Array, clipped: BoolArray
+) -> tuple[Float32Array, Float32Array, BoolArray]:
+    """Levels of a bracket that end where chance may clip them, their variance, and where they end.
+
+    A bracket says white of a pixel, and no variance, where any of its exposures was clipped; the
+    levels below end where an exposure does, less its black.
+    """
+    if not clipped.any() or clipped.all():
+        return levels_dn, variance_dn2, clipped
+    top_dn, most_dn2 = levels_dn[~clipped].max(), variance_dn2[~clipped].max()
+    least_dn = top_dn - _CLIPPED_BY_CHANCE_SD * np.sqrt(most_dn2)
+    clipped = levels_dn >= least_dn
+    return (
+        np.where(clipped, least_dn, levels_dn),
+        np.where(clipped, most_dn2, variance_dn2),
+        clipped,
+    )
 
 
 def _drawn_variance(image_dn: Float32Array) -> Float32Array:

@@ -31,6 +31,7 @@ from .residual_variance import (
 from .rounding import rounding_variance as rounding_variance
 from .smoothed_warp import (
     PixelPositions as PixelPositions,
+    Window as Window,
     smoothed as smoothed,
     spline_coefficients as spline_coefficients,
 )

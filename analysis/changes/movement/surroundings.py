@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from analysis.changes.matching.smoothed_warp import Window
+from analysis.changes.matching import Window
 from simulation.arrays import BoolArray, FloatArray, IntArray
 
 
