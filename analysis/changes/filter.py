@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.changes.change_list import list_changes
-from analysis.changes.colour import PairColours
 from analysis.changes.comparison import Comparison, compare
 from analysis.changes.detection import (
     FilterWidth,
@@ -24,7 +23,7 @@ from analysis.changes.followup_grid import FollowupGrid
 from analysis.changes.least import large_enough
 from analysis.changes.matching import PixelPositions, RelativeBlur
 from analysis.changes.moved_changes import ToldApart, moved_apart
-from analysis.changes.one_view import nearest_shift, one_view, view_nearby
+from analysis.changes.one_view import nearest_shift, one_view, view_rather
 from analysis.changes.options import ChangeOptions, CodedAlike
 from analysis.changes.prediction import meet
 from analysis.changes.things import as_things
@@ -33,7 +32,7 @@ from analysis.changes.warning_sentences import ChangeMasks, change_warnings
 from analysis.errors import AnalysisError
 from calibration.notebook import html_table
 from calibration.registration import DistortedPose, RegistrationHints, register
-from simulation import Psf, PsfField
+from simulation import GaussianPsf, Psf, PsfField
 from simulation.arrays import AnyArray, BoolArray, FloatImage
 from simulation.pose import projection_depth
 
@@ -145,8 +144,8 @@ def find_changes(
     """
     options = options or ChangeOptions()
     aligned = _aligned(reference, followup, psf, options)
-    pose, options = aligned.pose, replace(options, colours=aligned.colours)
-    compared = compare(*aligned.photographs, psf, pose, options, aligned.blur)
+    pose, options = aligned.pose, replace(options, colours=aligned.given.colours)
+    compared = compare(*aligned.given.photographs, psf, pose, options, aligned.blur)
     grid = FollowupGrid.of(compared, pose)
     detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
@@ -198,8 +197,7 @@ class _Alignment:
     """
 
     pose: DistortedPose
-    photographs: tuple[AnyArray, AnyArray]
-    colours: PairColours | None
+    given: CodedAlike
     blur: RelativeBlur | None = None
     k1_err: float | None = None
     warnings: tuple[str, ...] = ()
@@ -209,41 +207,38 @@ def _aligned(
     reference: AnyArray, followup: AnyArray, psf: Psf | PsfField | None, options: ChangeOptions
 ) -> _Alignment:
     """The pose that is given, or found."""
-    given, colours, found = (reference, followup), options.colours, None
+    given = CodedAlike(photographs=(reference, followup), colours=options.colours)
     if options.pose is not None:
-        found = _Alignment(pose=options.pose, photographs=given, colours=colours)
-    is_open = options.hints is None or not options.hints.is_of_pose
-    if found is None and is_open and np.shape(reference) == np.shape(followup):
-        alike = CodedAlike(photographs=given, colours=colours)
-        if options.coded_alike is not None:
-            alike = options.coded_alike()
-        view = one_view(*alike.photographs, options)
-        if view is not None:
-            found = _Alignment(
-                pose=view.pose,
-                photographs=alike.photographs,
-                colours=alike.colours,
-                blur=view.blur,
-            )
-    if found is None:
-        hints = options.hints or RegistrationHints()
-        if hints.left_out is None:
-            hints = replace(hints, left_out=options.left_out)
-        made = register(reference, followup, None if psf is None else psf.gaussian, hints)
-        shift = nearest_shift(made.pose)
-        view = None if shift is None else one_view(*given, options, shift)
-        if view is None and is_open:
-            view = view_nearby(*given, options, made.pose)
-        found = _Alignment(
-            pose=made.pose if view is None else view.pose,
-            photographs=given,
-            colours=colours,
-            blur=None if view is None else view.blur,
-            k1_err=made.k1_err if view is None else None,
-            warnings=made.warnings,
-        )
+        found = _Alignment(pose=options.pose, given=given)
+    else:
+        found = _found(given, None if psf is None else psf.gaussian, options)
     _refuse_horizon(found.pose)
     return found
+
+
+def _found(given: CodedAlike, psf: GaussianPsf | None, options: ChangeOptions) -> _Alignment:
+    """One view, before anything is aligned, or the pose of two; or one view after all."""
+    reference, followup = given.photographs
+    alike = None
+    is_open = options.hints is None or not options.hints.is_of_pose
+    if is_open and np.shape(reference) == np.shape(followup):
+        alike = given if options.coded_alike is None else options.coded_alike()
+        view = one_view(*alike.photographs, options)
+        if view is not None:
+            return _Alignment(pose=view.pose, given=alike, blur=view.blur)
+    hints = options.hints or RegistrationHints()
+    if hints.left_out is None:
+        hints = replace(hints, left_out=options.left_out)
+    made = register(reference, followup, psf, hints)
+    shift = nearest_shift(made.pose)
+    view = None if shift is None else one_view(reference, followup, options, shift)
+    if view is not None:
+        return _Alignment(pose=view.pose, given=given, blur=view.blur, warnings=made.warnings)
+    if alike is not None:
+        view = view_rather(*alike.photographs, options, made.pose)
+        if view is not None:
+            return _Alignment(pose=view.pose, given=alike, blur=view.blur)
+    return _Alignment(pose=made.pose, given=given, k1_err=made.k1_err, warnings=made.warnings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

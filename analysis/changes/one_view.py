@@ -69,13 +69,13 @@ def one_view(
     return OneView(pose=pose, blur=found)
 
 
-def view_nearby(
+def view_rather(
     reference: AnyArray, followup: AnyArray, options: ChangeOptions, pose: DistortedPose
 ) -> OneView | None:
-    """Return the pose of one view near a registered one, if the photographs agree better at it.
+    """Return the pose of one view, if the photographs agree better at it than as registered.
 
-    A drawing of which each line was moved a little, by itself, has no pose: registration then
-    follows some of the lines.
+    Where next to nothing is seen, registration may be far off. A drawing of which each line was
+    moved a little, by itself, has no pose: registration then follows some of the lines.
 
     Parameters
     ----------
@@ -86,12 +86,9 @@ def view_nearby(
     pose
         As registered.
     """
-    nearest = nearest_shift(pose, _NEARBY_PX)
-    if nearest is None:
-        return None
     registered = PhotographPair.of(reference, followup, pose, options)
     smoothing = smoothing_for(0.0)
-    for shift_px in sorted({(0, 0), nearest}):
+    for shift_px in sorted({(0, 0), nearest_shift(pose, _NEARBY_PX) or (0, 0)}):
         pair, shifted = _shifted(reference, followup, options, shift_px)
         valid = pair.valid(smoothing) & registered.valid(smoothing)
         if np.count_nonzero(valid) < _LEAST_PIXELS:

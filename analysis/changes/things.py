@@ -175,7 +175,10 @@ class _InColour:
 
     def with_colours(self, thing: Entry) -> Entry:
         """The thing with its difference in colour, and called one where it is mainly that."""
-        seen = self._seen(*thing.pixels)
+        # What is brighter here and darker there has a mean of no difference: of its parts the one
+        # that is seen first.
+        each = [(self._seen(one.rows, one.cols), len(one.rows)) for one in thing.regions]
+        seen, _ = max(each, key=lambda one: one[0].delta_e * one[1] ** 0.5)
         update: dict[str, object] = {}
         if self.is_white_known:
             update["delta_e"] = seen.delta_e

@@ -329,16 +329,26 @@ class Photograph(PhotographHead):
         """Variance of the stored red, green and blue by the coefficients of a JPEG."""
         if self.luma_steps is None:
             return np.zeros(3)
+        luma = coded_variance(self.luma_steps) + 1 / 12
+        # Errors of luma, blue and red chroma, as the channels are made of them.
+        return np.asarray(luma + np.square(FROM_CHROMA).sum(axis=1) * self._coded_chroma)
+
+    @property
+    def _coded_chroma(self) -> float:
+        """Variance of the stored chroma by its coefficients, each plane."""
+        if self.luma_steps is None:
+            return 0.0
         chroma, halved = self.luma_steps, _USUAL_SAMPLING
         if self.jpeg_coding is not None:
             chroma, halved = self.jpeg_coding.chroma_steps, self.jpeg_coding.halved
-        luma = coded_variance(self.luma_steps) + 1 / 12
-        both = coded_variance(chroma, halved) + 1 / 12
-        # Errors of luma, blue and red chroma, as the channels are made of them.
-        return np.asarray(luma + np.square(FROM_CHROMA).sum(axis=1) * both)
+        return coded_variance(chroma, halved) + 1 / 12
 
     def _squared_steps_dn2(self, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Squared steps of the stored levels in grey, and the variance of JPEG coefficients."""
+        """Squared steps of the stored levels in grey, and the variance of JPEG coefficients.
+
+        Of colours the chroma's too: where the channels' levels stand for unequal light, as in
+        saturated red, it is not neutral in light.
+        """
         weights = np.asarray(REC601_LUMA) if self.is_colour else np.ones(1)
         planes = slopes.reshape(*slopes.shape[:2], -1)
         squares = np.square(planes) @ np.square(weights)
@@ -347,7 +357,11 @@ class Photograph(PhotographHead):
         coded = coded_variance(self.luma_steps)
         # Of colours luma is rounded before it is transformed, and once more with the chroma.
         coded += 2 / 12 if self.is_colour else 0.0
-        return squares, np.square(planes @ weights) * coded
+        variance = np.square(planes @ weights) * coded
+        if self.is_colour:
+            by_chroma = planes @ (weights[:, np.newaxis] * FROM_CHROMA)
+            variance = variance + np.square(by_chroma).sum(axis=-1) * self._coded_chroma
+        return squares, variance
 
     @property
     def _decoding_slopes(self) -> FloatArray:

@@ -34,6 +34,10 @@ _LEAST_STRUCTURE = 0.01
 _CALIBRATED_PX = 60_000
 """Pixels that a variance is calibrated by: a luma alone by eight times as many."""
 
+_LEAST_OF_STEPS, _LEAST_OF_USUAL = 0.3, 0.03
+"""Standard deviation of a channel by which another is predicted, over that of its file's steps,
+and over the frame's."""
+
 _WINDOW_PX = 1.5
 _LEAST_SPREAD = 1e-3
 _LEAST_DN2 = np.float32(1e-12)
@@ -69,6 +73,11 @@ class ChannelDifference:
     may_be_more: BoolArray = field(repr=False)
     may_be_less: BoolArray = field(repr=False)
     valid: BoolArray = field(repr=False)
+
+    @property
+    def is_at_an_end(self) -> BoolArray:
+        """Pixels of which an end of the scale hides a part."""
+        return self.may_be_more | self.may_be_less
 
     @property
     def structure_share(self) -> Float32Array:
@@ -130,11 +139,16 @@ def colour_planes(
     own_blue: Float32Array = np.sqrt(
         np.maximum(1 - with_luma_2**2 - further**2, np.float32(1 - _MOST**2))
     )
-    red_by_luma = with_luma * sds[1] / sds[0]
+    # Noise that is far below the steps of a file predicts nothing of another channel's.
+    by_luma, by_red = (
+        np.maximum(sd, _least_sd(one, sd, valid))
+        for one, sd in ((luma, sds[0]), (red, sds[1] * own_red))
+    )
+    red_by_luma = with_luma * sds[1] / by_luma
     first = np.asarray(red.difference_dn - red_by_luma * own, dtype=np.float32)
     first, first_sd = _calibrated(first, sds[1] * own_red, red, luma, smoothing_px)
-    blue_by_luma = with_luma_2 * sds[2] / sds[0]
-    blue_by_red = further * sds[2] / (sds[1] * own_red)
+    blue_by_luma = with_luma_2 * sds[2] / by_luma
+    blue_by_red = further * sds[2] / by_red
     second = np.asarray(
         blue.difference_dn - blue_by_luma * own - blue_by_red * first, dtype=np.float32
     )
@@ -156,6 +170,15 @@ def _predicted_sd(channel: ChannelDifference, valid: BoolArray) -> Float32Array:
     return np.asarray(sd * np.float32(max(spread, _LEAST_SPREAD)), dtype=np.float32)
 
 
+def _least_sd(channel: ChannelDifference, sd: Float32Array, valid: BoolArray) -> Float32Array:
+    """Standard deviation below which a channel's noise is not what its difference shows."""
+    rows, cols = sampled(valid, _SAMPLE_PX)
+    usual = np.float32(_LEAST_OF_USUAL * np.median(sd[rows, cols]) if len(rows) else 0)
+    if channel.rounding_dn2 is None:
+        return np.full_like(sd, usual)
+    return np.maximum(np.float32(_LEAST_OF_STEPS) * np.sqrt(channel.rounding_dn2), usual)
+
+
 def _correlation(
     pair: tuple[ChannelDifference, ChannelDifference],
     shares: tuple[Float32Array, Float32Array],
@@ -164,6 +187,8 @@ def _correlation(
     """Correlation of two channels' differences at each pixel, by noise and by structure."""
     rows, cols = sampled(valid, _SAMPLE_PX)
     noise = np.sqrt((1 - shares[0]) * (1 - shares[1]))
+    # What an end of the scale hides is not the other's noise.
+    noise[pair[0].is_at_an_end | pair[1].is_at_an_end] = 0
     if not len(rows):
         return np.zeros_like(noise)
     scaled = [

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from skimage import data
 
 import standoff
 from analysis.changes import ChangeSummary, describe_focus
@@ -105,3 +106,20 @@ def test_the_same_scene_twice_flags_no_more_than_stated(tmp_path: Path) -> None:
     # entries in one of 1,000.
     assert entries <= 4
     assert flagged <= 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "corner"), [("ihc", (0, 26)), ("motorcycle_left", (49, 55))])
+def test_two_colour_jpegs_of_one_scene_differ_in_nothing(
+    tmp_path: Path, name: str, corner: tuple[int, int]
+) -> None:
+    """Red glass and stained cells: the chroma's tables show in the luma's light, and in red."""
+    rng = np.random.default_rng(13)
+    scene = np.asarray(Image.open(Path(data.__file__).parent / f"{name}.png").convert("RGB"))
+    scene = scene[corner[0] : corner[0] + 320, corner[1] : corner[1] + 400].astype(np.float64)
+    paths = [
+        written(tmp_path / f"{side}.jpg", scene + rng.normal(0, noise_dn, scene.shape), quality)
+        for side, noise_dn, quality in (("before", 2.9, 85), ("after", 2.1, 89))
+    ]
+    summary = found(*paths)
+    assert (summary.changes, summary.moved) == ((), ())
