@@ -55,6 +55,9 @@ _SURELY: Final = 4.0
 _SAME_SHIFT_PX: Final = 1.0
 """Distance of the displacements of one thing's parts."""
 
+_LEAST_MOVED: Final = 0.2
+"""Share of a thing's area that movements must be, to be ones."""
+
 _MOST_LEFT: Final = 1.0
 """Area of a change over that of the movement beside it, up to which it is left over from that."""
 
@@ -93,7 +96,9 @@ def as_things(
         group = [entries[index] for index in members]
         movements = [entry for entry in group if entry.change.is_moved]
         others = [entry for entry in group if not entry.change.is_moved]
-        if movements:
+        if not _most_moved(movements, others):
+            others += [_at_rest(entry) for entry in movements]
+        if _most_moved(movements, others):
             largest = max(movements, key=lambda entry: entry.area_px)
             left = [one for one in others if one.area_px <= _MOST_LEFT * largest.area_px]
             others = [one for one in others if one.area_px > _MOST_LEFT * largest.area_px]
@@ -277,6 +282,18 @@ def _as_movements(movements: Sequence[Entry], left: Sequence[Entry]) -> list[Ent
         change = members[0].change.model_copy(update=update)
         made.append(Entry(change=change, regions=tuple(regions)))
     return made
+
+
+def _most_moved(movements: Sequence[Entry], others: Sequence[Entry]) -> bool:
+    """Whether movements are most of a thing; a shift explains small parts of others by chance."""
+    moved_px = sum(entry.area_px for entry in movements)
+    return moved_px > _LEAST_MOVED * sum(entry.area_px for entry in (*movements, *others))
+
+
+def _at_rest(entry: Entry) -> Entry:
+    """A movement as a change that is none."""
+    update = {"is_moved": False, "displacement_px": None, "displacement_err_px": None}
+    return replace(entry, change=entry.change.model_copy(update=update))
 
 
 def _apart_px(one: Change, other: Change) -> float:

@@ -109,10 +109,15 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
         for index in group:
             near[index] += [other for other in group if other not in (index, *near[index])]
     _add_followers(images, regions, found, near)
+    changed = np.zeros(images.valid.shape, dtype=np.bool_)
+    for region in regions:
+        changed[region.rows, region.cols] = True
     found = {
         index: shift
         for index, shift in found.items()
-        if is_seen_twice(images, regions[index].rows, regions[index].cols, shift.displacement_px)
+        if is_seen_twice(
+            images, changed, (regions[index].rows, regions[index].cols), shift.displacement_px
+        )
     }
     movements = _joined(images, regions, found, near)
     return _with_strips(movements, regions, images.smoothing_px)

@@ -1,9 +1,9 @@
 """Whether a thing is seen at both places, as it must be to have moved.
 
 What is gone before a plain ground seems to have come from anywhere around it: the ground that was
-uncovered is found beside it. So of before and after the one decides that has structure in the
-change which its surroundings do not have: what is there must be found, at its other place, in the
-other photograph.
+uncovered is found beside it. Where the other place has changed as well, what is there has come or
+gone; of the rest, of before and after the one decides that has structure in the change which its
+surroundings do not have: what is there must be found, at its other place, in the other photograph.
 """
 
 from math import ceil
@@ -13,7 +13,7 @@ from scipy.ndimage import map_coordinates
 
 from analysis.changes.movement.surroundings import Surroundings
 from analysis.changes.movement.trial import Images
-from simulation.arrays import FloatArray, IntArray
+from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _RING_PX = (2.0, 8.0)
 """Distances from the change of the surroundings with which it is compared."""
@@ -25,11 +25,17 @@ _EXPLAINED = 0.8
 """Share of the squared difference of the photographs that the shift has to explain: what moved is
 explained to 1.0, what vanished to at most 0.7 (things cut from and inpainted in photographs)."""
 
+_CHANGED_TOO, _LEAST_CHANGED = 0.3, 6
+"""Share and number of a change's pixels whose other place has changed, from which those decide."""
+
 _MARGIN_PX = 12
 
 
 def is_seen_twice(
-    images: Images, rows: IntArray, cols: IntArray, displacement_px: FloatArray
+    images: Images,
+    changed: BoolArray,
+    places: tuple[IntArray, IntArray],
+    displacement_px: FloatArray,
 ) -> bool:
     """Say whether what a change shows is at its other place in the other photograph.
 
@@ -37,11 +43,14 @@ def is_seen_twice(
     ----------
     images
         Before and after.
-    rows, cols
-        Pixels of the change.
+    changed
+        Pixels of all changes.
+    places
+        Rows and columns of the one that is asked about.
     displacement_px
         ``(y, x)`` from before to after.
     """
+    rows, cols = places
     margin = _MARGIN_PX + ceil(float(np.abs(displacement_px).max()))
     around = Surroundings.of(rows, cols, images.valid, _RING_PX, margin)
     sides = [
@@ -49,17 +58,25 @@ def is_seen_twice(
     ]
     variance = float(np.mean(np.square(images.sd_dn[rows, cols], dtype=np.float64)))
     structures = [around.structure(side) for side in sides]
-    inside = around.inside
-    squares = float(np.sum((sides[1] - sides[0])[inside] ** 2)) - variance * len(rows)
-    if squares <= 0:
+    inside, marked = around.inside, changed[around.crop]
+    apart = np.square(sides[1] - sides[0])[inside]
+    if apart.sum() <= variance * len(rows):
         return False
     at = np.stack([rows - around.top, cols - around.left]).astype(np.float64)
     shift = displacement_px[:, np.newaxis]
     for own, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
-        if structures[own] < _AS_STRUCTURED * max(structures):
-            continue
-        seen = map_coordinates(sides[other], at + sign * shift, order=1, mode="nearest")
-        left_over = float(np.sum((sides[own][inside] - seen) ** 2)) - variance * len(rows)
-        if 1 - left_over / squares >= _EXPLAINED:
+        there = at + sign * shift
+        left = np.square(
+            sides[own][inside] - map_coordinates(sides[other], there, order=1, mode="nearest")
+        )
+        row, col = np.rint(there).astype(np.int64)
+        too = marked[np.clip(row, 0, marked.shape[0] - 1), np.clip(col, 0, marked.shape[1] - 1)]
+        if np.count_nonzero(too) < max(_LEAST_CHANGED, _CHANGED_TOO * len(too)):
+            if structures[own] < _AS_STRUCTURED * max(structures):
+                continue
+            too = np.ones_like(too)
+        noise = variance * np.count_nonzero(too)
+        squares, left_over = apart[too].sum() - noise, left[too].sum() - noise
+        if squares > 0 and 1 - left_over / squares >= _EXPLAINED:
             return True
     return False
