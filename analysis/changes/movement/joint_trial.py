@@ -9,7 +9,12 @@ from math import inf
 
 import numpy as np
 
-from analysis.changes.movement.shift_fit import fit_shift, joint_search_costs, shift_residuals
+from analysis.changes.movement.shift_fit import (
+    fit_shift,
+    joint_search_costs,
+    search_costs,
+    shift_residuals,
+)
 from analysis.changes.movement.trial import (
     LEAST_GAINS,
     LEAST_SHARES,
@@ -92,6 +97,47 @@ class JointTrial(Trial):
             return None
         shift = self.explained(replace(fit, share=share, gain=gain))
         return JointShift(shift=shift, members=np.flatnonzero(kept))
+
+    def even_shift(self, ways: IntArray, member: IntArray) -> Shift | None:
+        """Find the shift of an even thing, which arrived at one change and has left the other.
+
+        What it arrived at may come from where nothing seems to have changed, within the thing: so
+        both changes have to be explained, each in its own sense.
+        """
+        member = self._member_of_own(member)
+        sparse = 1 + self._own // _MOST_SEARCHED
+        rest = self._by_member(self._static[: self._own], member)
+        best: Fit | None = None
+        for arrived in (0, 1):
+            pixels = np.where(
+                (member == arrived)[:, np.newaxis],
+                self._pixels(1.0)[: self._own],
+                self._pixels(-1.0)[: self._own],
+            )
+            costs = search_costs(pixels[::sparse], self._images, self._valid, ways)
+            shift, prior = np.append(lowest(costs, ways, 1)[0], np.zeros(4)), np.full(7, inf)
+            prior[:2], prior[6] = 1e-6, self._reach_px + 1
+            shift = fit_shift(pixels, self._splines, self._valid, shift, prior)
+            slopes = np.empty((self._own, 6))
+            residuals = shift_residuals(pixels, self._splines, self._valid, shift, slopes)
+            left = self._by_member(residuals**2, member)
+            share = float(rest.share(left).min())
+            spots = sum(self.spot_cost_on(pixels[member == one]) for one in (0, 1))
+            gain = spots - float(left.chi2.sum()) - LEAST_GAINS[2]
+            if share >= LEAST_SHARES[2] and gain > (0.0 if best is None else best.gain):
+                best = Fit(
+                    shift=shift,
+                    sense=1.0,
+                    is_whole=False,
+                    count=2,
+                    share=share,
+                    cost=float(left.chi2.sum()),
+                    own_cost=float(left.chi2.sum()),
+                    slopes=slopes[:, :2],
+                    excess=max(1.0, float(np.mean(residuals**2))),
+                    gain=gain,
+                )
+        return None if best is None else self.explained(best)
 
     def _member_of_own(self, member: IntArray) -> IntArray:
         """The change of each pixel that is looked at: the strongest, of those that share one."""

@@ -17,7 +17,7 @@ from analysis.changes.movement.seen_twice import is_seen_twice
 from analysis.changes.movement.trial import Images, Shift, Trial, ways_within
 from simulation.arrays import FloatArray, IntArray
 
-_NEAR_PX, _FAR_PX = 6.0, 16.0
+_NEAR_PX, _FAR_PX = 6.0, 21.0
 """The longest shift of any change, and of one whose old place is another change."""
 
 _MOST_JOINED, _MOST_JOINED_PX = 8, 1000
@@ -26,6 +26,9 @@ _MOST_JOINED, _MOST_JOINED_PX = 8, 1000
 _SKIRT, _STRIP_SHARE = 2.0, 0.5
 """Of what lies beside a movement and is part of it: its distance beyond the displacement over the
 smoothing, and its pixels over those of the movement, at most."""
+
+_MOST_PAIRED = 3
+"""Neighbours with which a change is tried as the two sides of an even thing."""
 
 _MOST_MEASURED = 40
 """Pixels of a change between which distances are measured."""
@@ -108,6 +111,9 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
     for group in _add_joint(images, regions, found, far):
         for index in group:
             near[index] += [other for other in group if other not in (index, *near[index])]
+    for pair in _add_even(images, regions, found, far):
+        for index in pair:
+            near[index] += [other for other in pair if other not in (index, *near[index])]
     _add_followers(images, regions, found, near)
     changed = np.zeros(images.valid.shape, dtype=np.bool_)
     for region in regions:
@@ -178,6 +184,36 @@ def _add_joint(
             groups.append([group[one] for one in joint.members.tolist()])
             found |= dict.fromkeys(groups[-1], joint.shift)
     return groups
+
+
+def _add_even(
+    images: Images,
+    regions: Sequence[ChangedRegion],
+    found: dict[int, Shift],
+    far: list[list[int]],
+) -> list[tuple[int, int]]:
+    """Even things, of which only what they covered and uncovered has changed.
+
+    Returns the pairs of changes.
+    """
+    ways, pairs = ways_within(_FAR_PX), []
+    for index, region in enumerate(regions):
+        others = [
+            other
+            for other in far[index]
+            if other > index and other not in found and regions[other].sign != region.sign
+        ]
+        for other in others[:_MOST_PAIRED]:
+            if index in found or other in found:
+                continue
+            its = regions[other]
+            rows, cols = np.append(region.rows, its.rows), np.append(region.cols, its.cols)
+            member = np.repeat([0, 1], [len(region.rows), len(its.rows)])
+            shift = JointTrial(images, rows, cols, _FAR_PX).even_shift(ways, member)
+            if shift is not None:
+                found |= {index: shift, other: shift}
+                pairs.append((index, other))
+    return pairs
 
 
 def _neighbours(regions: Sequence[ChangedRegion], reach: float) -> list[list[int]]:
