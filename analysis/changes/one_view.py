@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 
-from analysis.changes.matching import RelativeBlur, smoothing_for
+from analysis.changes.matching import RelativeBlur, smoothed, smoothing_for
 from analysis.changes.options import ChangeOptions
 from analysis.changes.photograph_pair import PhotographPair
 from calibration.registration import DistortedPose
-from simulation.arrays import AnyArray
+from simulation.arrays import AnyArray, Float32Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +56,8 @@ def one_view(
     shift_px
         ``(y, x)`` of the follow-up's first pixel in the reference.
     """
-    pair, pose = _shifted(reference, followup, options, shift_px)
+    pose = _shifted(reference, followup, shift_px)
+    pair = PhotographPair.of(reference, followup, pose, options)
     valid = pair.valid(smoothing_for(0.0))
     if np.count_nonzero(valid) < _LEAST_PIXELS:
         return None
@@ -86,32 +88,76 @@ def view_rather(
     pose
         As registered.
     """
-    registered = PhotographPair.of(reference, followup, pose, options)
-    smoothing = smoothing_for(0.0)
-    for shift_px in sorted({(0, 0), nearest_shift(pose, _NEARBY_PX) or (0, 0)}):
-        pair, shifted = _shifted(reference, followup, options, shift_px)
-        valid = pair.valid(smoothing) & registered.valid(smoothing)
-        if np.count_nonzero(valid) < _LEAST_PIXELS:
-            continue
+    nearest = nearest_shift(pose, _NEARBY_PX) or (0, 0)
+    registered = _seen_from(reference, pose)
+    for shift_px in sorted({(0, 0), nearest}):
+        shifted = _shifted(reference, followup, shift_px)
         # Interpolation makes noise less, smoothing what a line displaced by itself adds.
-        if any(
-            pair.mean_difference_dn(valid, smoothing_px)
-            < registered.mean_difference_dn(valid, smoothing_px)
-            for smoothing_px in (0.0, 1.0)
-        ):
+        both = registered, _seen_from(reference, shifted)
+        if not any(_is_nearer(both, followup, options, smoothing_px) for smoothing_px in (0, 1)):
+            continue
+        pair = PhotographPair.of(reference, followup, shifted, options)
+        valid = pair.valid(smoothing_for(0.0))
+        if np.count_nonzero(valid) >= _LEAST_PIXELS:
             return OneView(pose=shifted, blur=pair.blur(valid, 0.0))
     return None
 
 
-def _shifted(
-    reference: AnyArray, followup: AnyArray, options: ChangeOptions, shift_px: tuple[int, int]
-) -> tuple[PhotographPair, DistortedPose]:
+def _seen_from(reference: AnyArray, pose: DistortedPose) -> Float32Array:
+    """The reference on the follow-up's pixels, NaN outside: for a mean, not for a comparison."""
+    levels = np.asarray(reference, dtype=np.float32)
+    rows, cols = pose.followup_shape
+    if pose.k1 == 0:
+        return np.asarray(
+            cv2.warpPerspective(
+                levels,
+                pose.matrix,
+                (cols, rows),
+                flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+                borderValue=(np.nan,) * 4,
+            ),
+            dtype=np.float32,
+        )
+    y, x = np.indices((rows, cols), dtype=np.float64)
+    to_y, to_x = (one.astype(np.float32) for one in pose.to_reference_px(y, x))
+    seen = cv2.remap(levels, to_x, to_y, cv2.INTER_CUBIC, borderValue=(np.nan,) * 4)
+    return np.asarray(seen, dtype=np.float32)
+
+
+def _is_nearer(
+    both: tuple[Float32Array, Float32Array],
+    followup: AnyArray,
+    options: ChangeOptions,
+    smoothing_px: float,
+) -> bool:
+    """Whether the second of two images differs less from the follow-up, in one light each."""
+    own = np.asarray(followup, dtype=np.float32)
+    if smoothing_px > 0:
+        both = smoothed(both[0], smoothing_px), smoothed(both[1], smoothing_px)
+        own = smoothed(own, smoothing_px)
+    valid = np.isfinite(both[0]) & np.isfinite(both[1]) & np.isfinite(own)
+    if options.left_out is not None:
+        valid &= ~options.left_out
+    if np.count_nonzero(valid) < _LEAST_PIXELS:
+        return False
+    levels = own[valid]
+    levels -= np.median(levels)
+    apart = []
+    for image in both:
+        others = image[valid]
+        others -= np.median(others)
+        # Not the slope of a regression, which is less where they differ more.
+        gain = np.mean(np.abs(levels)) / max(float(np.mean(np.abs(others))), 1e-30)
+        apart.append(float(np.mean(np.abs(levels - np.float32(gain) * others))))
+    return apart[1] < apart[0]
+
+
+def _shifted(reference: AnyArray, followup: AnyArray, shift_px: tuple[int, int]) -> DistortedPose:
     matrix = np.array([[1.0, 0.0, shift_px[1]], [0.0, 1.0, shift_px[0]], [0.0, 0.0, 1.0]])
     shapes = [
         (int(one.shape[0]), int(one.shape[1])) for one in map(np.asarray, (reference, followup))
     ]
-    pose = DistortedPose(matrix=matrix, k1=0.0, reference_shape=shapes[0], followup_shape=shapes[1])
-    return PhotographPair.of(reference, followup, pose, options), pose
+    return DistortedPose(matrix=matrix, k1=0.0, reference_shape=shapes[0], followup_shape=shapes[1])
 
 
 def nearest_shift(pose: DistortedPose, near_px: float = _NEAR_PX) -> tuple[int, int] | None:

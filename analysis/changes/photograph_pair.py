@@ -192,16 +192,6 @@ class PhotographPair:
             self.source, self.target, self.positions, valid, expected_px2, (steps[0], steps[1])
         )
 
-    def mean_difference_dn(self, valid: BoolArray, smoothing_px: float) -> float:
-        """Mean size of what differs between the photographs in one light, smoothed."""
-        levels = self.seen(smoothing_px)[valid].astype(np.float64)
-        own = smoothed(self.target, smoothing_px) if smoothing_px > 0 else self.target
-        others = own[valid].astype(np.float64)
-        levels, others = levels - np.median(levels), others - np.median(others)
-        # Not the slope of a regression, which is less where they differ more.
-        gain = np.mean(np.abs(others)) / max(np.mean(np.abs(levels)), np.finfo(np.float64).tiny)
-        return float(np.mean(np.abs(others - gain * levels)))
-
     def rounding_variance_dn2(
         self, gains: WhiteNoiseGain, smoothing: Smoothing
     ) -> Float32Array | None:
