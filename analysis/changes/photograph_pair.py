@@ -37,6 +37,9 @@ _LEAST_OF_A_LEVEL, _MOST_OF_TWO_LEVELS = 0.01, 0.9
 """Share of the pixels at black and at white, each and both, from which on a picture has no other
 levels: of photographs that are clipped, at most a half is at an end."""
 
+_UNLIKE_OUTLINES = 0.02
+"""Share of the pixels beside outlines that differ, from which on these were drawn anew."""
+
 _BETWEEN_LEVELS = np.float32(3.0)
 """Light half-way between two levels takes either by chance: a quarter of the squared step, where a
 twelfth is the mean over all light. Of a smooth surface whole places lie there."""
@@ -68,6 +71,9 @@ class PhotographPair:
         Pixels that count.
     source_ends, target_ends
         Those at black and those at white.
+    is_drawn
+        Whether both are drawings of two levels, each with outlines of its own: the ends of the
+        scale are the scene, and beside an outline the step of the levels is that between them.
     tone_slope
         Slope of the tone curve that took the target to the source's levels, at its pixels; None
         if it is as it was.
@@ -87,6 +93,7 @@ class PhotographPair:
     target_finite: BoolArray = field(repr=False)
     source_ends: Ends = field(repr=False)
     target_ends: Ends = field(repr=False)
+    is_drawn: bool = False
     tone_slope: Float32Array | None = None
     tone_variance_dn2: Float32Array | None = None
     source_variance_dn2: Float32Array | None = field(default=None, repr=False)
@@ -140,10 +147,10 @@ class PhotographPair:
             source_steps_dn2=steps[0],
             target_steps_dn2=steps[1],
         )
-        if not pair._is_of_two_levels:
+        if not pair._is_of_two_levels or pair._has_like_outlines:
             return pair
         drawn = [_drawn_variance(image) for image in images]
-        return replace(pair, source_steps_dn2=drawn[0], target_steps_dn2=drawn[1])
+        return replace(pair, is_drawn=True, source_steps_dn2=drawn[0], target_steps_dn2=drawn[1])
 
     def channel(self, number: int, options: ChangeOptions) -> "PhotographPair":
         """Return the pair with one channel of the photographs' colours instead of their luma."""
@@ -162,7 +169,8 @@ class PhotographPair:
             ends.append(
                 (_mostly(clipped_at_black(levels)), _mostly(clipped_at_white(levels, white)))
             )
-            steps.append(rounding_variance(levels) if known is None else known[..., number])
+            step_dn2 = rounding_variance(levels) if known is None else known[..., number]
+            steps.append(_drawn_variance(levels) if self.is_drawn else step_dn2)
         if not self.is_on_followup:
             images, ends, steps = images[::-1], ends[::-1], steps[::-1]
         return replace(
@@ -235,7 +243,7 @@ class PhotographPair:
         one end, nothing is known.
         """
         inside = self._inside(smoothing)
-        if self._is_of_two_levels:
+        if self.is_drawn:
             none = np.zeros_like(inside)
             return inside, none, none
         (source_black, target_black), (source_white, target_white) = self._ends
@@ -247,12 +255,23 @@ class PhotographPair:
 
     @property
     def _is_of_two_levels(self) -> bool:
-        """Whether both are drawings of black and white, from two views: the ends are the scene."""
-        return self.positions.whole_shift is None and all(
+        """Whether both are drawings of black and white."""
+        return all(
             min(np.mean(black), np.mean(white)) >= _LEAST_OF_A_LEVEL
             and np.mean(black | white) >= _MOST_OF_TWO_LEVELS
             for black, white in (self.source_ends, self.target_ends)
         )
+
+    @property
+    def _has_like_outlines(self) -> bool:
+        """Whether the outlines of a drawing lie pixel upon pixel in both, as in a copy."""
+        shift = self.positions.whole_shift
+        if shift is None:
+            return False
+        outlines = _drawn_variance(self.target) > 0
+        apart = np.abs(self.target - self.positions.seen(self.source))[outlines]
+        step_dn = float(np.ptp(self.target))
+        return bool(np.mean(apart > step_dn / 2) < _UNLIKE_OUTLINES)
 
     @property
     def _ends(self) -> tuple[tuple[BoolArray, BoolArray], tuple[BoolArray, BoolArray]]:

@@ -123,9 +123,21 @@ def test_a_drawing_whose_lines_moved_by_themselves_has_the_pose_at_which_most_di
         down, right = rng.integers(-1, 2, 2)
         after[row + down : row + 24 + down, col + right : col + 30 + right] = 0.0
     after[100:108, 6:14] = 0.0
-    found = find_changes(before, after).summary
-    assert np.allclose(found.homography, np.eye(3))
-    assert any(
-        np.hypot(one.x_px - 9.5, one.y_px - 103.5) < 2 and one.area_px < 120
-        for one in found.changes
-    )
+    step_dn = np.ones(before.shape, dtype=np.float32)
+    options = ChangeOptions(white_level_dn=(255.0, 255.0), step_dn=(step_dn, step_dn))
+    found = find_changes(before, after, options=options).summary
+    assert np.allclose(found.homography, np.eye(3), atol=1e-3)
+    (one,) = found.changes
+    assert np.hypot(one.x_px - 9.5, one.y_px - 103.5) < 3
+    assert one.area_px < 120
+
+
+def test_a_line_of_one_pixel_that_is_gone_from_a_copy_of_a_drawing_is_found() -> None:
+    before = chart()
+    after = before.copy()
+    before[200:230, 300] = 0.0
+    assert (after[195:235, 295:306] == 255).all()
+    options = ChangeOptions(white_level_dn=(255.0, 255.0))
+    (line,) = find_changes(before, after, options=options).summary.changes
+    assert line.x_px == pytest.approx(300, abs=1.5)
+    assert 200 <= line.y_px < 230
