@@ -52,6 +52,7 @@ noise of 0.3 to 1.2 DN)."""
 
 _MOST_NOISE = 100.0
 """Variance of noise that is given, over that of all levels, which hold it."""
+
 _NOT_IN_COLOUR = (
     "the levels of the photographs are not in proportion, as of two tone curves: they were "
     "compared in grey, and a change of colour at one lightness is not found"

@@ -57,11 +57,9 @@ def one_view(
         ``(y, x)`` of the follow-up's first pixel in the reference.
     """
     pose = _shifted(reference, followup, shift_px)
-    pair = PhotographPair.of(reference, followup, pose, options)
-    valid = pair.valid(smoothing_for(0.0))
-    if np.count_nonzero(valid) < _LEAST_PIXELS:
+    found = _blur_at(reference, followup, options, pose)
+    if found is None:
         return None
-    found = pair.blur(valid, 0.0)
     apart_px, err_px = found.most_displaced
     # Written so that NaN is no view.
     if not (found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX):
@@ -96,11 +94,19 @@ def view_rather(
         both = registered, _seen_from(reference, shifted)
         if not any(_is_nearer(both, followup, options, smoothing_px) for smoothing_px in (0, 1)):
             continue
-        pair = PhotographPair.of(reference, followup, shifted, options)
-        valid = pair.valid(smoothing_for(0.0))
-        if np.count_nonzero(valid) >= _LEAST_PIXELS:
-            return OneView(pose=shifted, blur=pair.blur(valid, 0.0))
+        blur = _blur_at(reference, followup, options, shifted)
+        if blur is not None:
+            return OneView(pose=shifted, blur=blur)
     return None
+
+
+def _blur_at(
+    reference: AnyArray, followup: AnyArray, options: ChangeOptions, pose: DistortedPose
+) -> RelativeBlur | None:
+    """How much blurrier one is at a pose; None where they share too little."""
+    pair = PhotographPair.of(reference, followup, pose, options)
+    valid = pair.valid(smoothing_for(0.0))
+    return None if np.count_nonzero(valid) < _LEAST_PIXELS else pair.blur(valid, 0.0)
 
 
 def _seen_from(reference: AnyArray, pose: DistortedPose) -> Float32Array:

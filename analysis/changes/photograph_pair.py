@@ -34,8 +34,8 @@ _LEAST_SHARE, _LEAST_PIXELS = 0.2, 1000
 """Of the pixels within the border, between the ends of the scale, for models to be fitted there."""
 
 _LEAST_OF_A_LEVEL, _MOST_OF_TWO_LEVELS = 0.01, 0.9
-"""Share of the pixels at black and at white, each and both, from which on a picture has no other
-levels: of photographs that are clipped, at most a half is at an end."""
+"""Share of the pixels at black and at white, each and both, from which on a picture counts as a
+drawing of these two levels."""
 
 _UNLIKE_OUTLINES = 0.02
 """Share of the pixels beside outlines that differ, from which on these were drawn anew."""

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from analysis.changes.change_list import places_in_both
-from analysis.changes.colour import ColourPlanes, PairColours, SeenDifference, to_rgb
+from analysis.changes.colour import ColourPlanes, PairColours, SeenDifference, to_channels, to_rgb
 from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change, Happened
 from analysis.changes.moved_changes import Entry, ToldApart, images_of
@@ -52,6 +52,7 @@ _OUTLINE_PX: Final = 2.0
 
 _SURELY: Final = 4.0
 """Standard errors of its luma, below which a thing has changed its colour alone."""
+
 _SAME_SHIFT_PX: Final = 1.0
 """Distance of the displacements of one thing's parts."""
 
@@ -96,9 +97,9 @@ def as_things(
         group = [entries[index] for index in members]
         movements = [entry for entry in group if entry.change.is_moved]
         others = [entry for entry in group if not entry.change.is_moved]
-        if not _most_moved(movements, others):
-            others += [_at_rest(entry) for entry in movements]
-        if _most_moved(movements, others):
+        if not _is_enough(movements, group):
+            others, movements = [*others, *map(_at_rest, movements)], []
+        if movements:
             largest = max(movements, key=lambda entry: entry.area_px)
             left = [one for one in others if one.area_px <= _MOST_LEFT * largest.area_px]
             others = [one for one in others if one.area_px > _MOST_LEFT * largest.area_px]
@@ -150,7 +151,6 @@ class _InColour:
         Level of white in the follow-up's levels, and whether the files say it.
     """
 
-    compared: Comparison
     planes: ColourPlanes
     own_dn: AnyArray
     is_after: bool
@@ -169,7 +169,6 @@ class _InColour:
             else known
         )
         return cls(
-            compared=compared,
             planes=planes,
             own_dn=own,
             is_after=is_after,
@@ -195,11 +194,8 @@ class _InColour:
     def _seen(self, rows: IntArray, cols: IntArray) -> SeenDifference:
         """Between the mean colours of some pixels."""
         planes = self.planes
-        luma, first, second = planes.difference_dn[:, rows, cols].astype(np.float64)
-        red_by_luma, blue_by_luma, blue_by_red = planes.by_others[:, rows, cols]
-        red = first + red_by_luma * luma
-        blue = second + blue_by_luma * luma + blue_by_red * first
-        more = to_rgb(np.array([luma.mean(), red.mean(), blue.mean()]))
+        difference = planes.difference_dn[:, rows, cols].astype(np.float64)
+        more = to_rgb(to_channels(difference, planes.by_others[:, rows, cols]).mean(axis=1))
         own = self.light * self.own_dn[rows, cols].mean(axis=0, dtype=np.float64)
         before, after = (own - more, own) if self.is_after else (own, own + more)
         return SeenDifference.of(before, after, self.white_dn)
@@ -284,10 +280,10 @@ def _as_movements(movements: Sequence[Entry], left: Sequence[Entry]) -> list[Ent
     return made
 
 
-def _most_moved(movements: Sequence[Entry], others: Sequence[Entry]) -> bool:
-    """Whether movements are most of a thing; a shift explains small parts of others by chance."""
-    moved_px = sum(entry.area_px for entry in movements)
-    return moved_px > _LEAST_MOVED * sum(entry.area_px for entry in (*movements, *others))
+def _is_enough(movements: Sequence[Entry], thing: Sequence[Entry]) -> bool:
+    """Whether a thing has moved; a shift explains small parts of others by chance."""
+    moved_px, area_px = (sum(entry.area_px for entry in some) for some in (movements, thing))
+    return moved_px > _LEAST_MOVED * area_px
 
 
 def _at_rest(entry: Entry) -> Entry:

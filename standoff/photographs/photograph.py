@@ -285,27 +285,14 @@ class Photograph(PhotographHead):
         return replace(self, stored=coding.of_levels(self.stored))
 
     @property
-    def step_variance_dn2(self) -> Float32Array | None:
-        """Variance of the grey levels by the steps of the file; None where it holds no integers.
-
-        A twelfth of the squared step of each channel, through the decoding. Of a JPEG file the
-        steps of its luma's coefficients, each the density of the error at its frequency, weighted
-        as a Gaussian of 1 px does: the variance of white noise that is as large once smoothed.
-        """
-        return self.file_steps.variance_dn2
-
-    @property
-    def step_dn(self) -> Float32Array | None:
-        """Grey level by which one step of the stored levels differs; None without integers.
-
-        Of colours, the root of the squares of the channels' steps in their luma; of a JPEG, with
-        the error of its coefficients.
-        """
-        return self.file_steps.step_dn
-
-    @property
     def file_steps(self) -> FileSteps:
-        """Both, and the same for each channel of colours: of a JPEG with what its chroma adds."""
+        """Variance and steps of the levels by those of the file, and of each channel of colours.
+
+        The variance is a twelfth of the squared step of each channel, through the decoding. Of a
+        JPEG file the steps of its coefficients are each the density of the error at its frequency,
+        weighted as a Gaussian of 1 px does: the variance of white noise that is as large once
+        smoothed.
+        """
         if self.stored.dtype.kind != "u" or self.pattern is not None:
             return FileSteps()
         slopes = self._decoding_slopes

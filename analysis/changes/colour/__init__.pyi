@@ -2,6 +2,7 @@ from .colour_planes import (
     ChannelDifference as ChannelDifference,
     ColourPlanes as ColourPlanes,
     colour_planes as colour_planes,
+    to_channels as to_channels,
 )
 from .pair_colours import (
     PairColours as PairColours,

@@ -16,7 +16,7 @@ import numpy as np
 from analysis.changes.matching import calibrated_factor, sampled, smoothed
 from calibration.psf import REC601_LUMA
 from calibration.robust import robust_sigma
-from simulation.arrays import BoolArray, Float32Array
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 
 _SAMPLE_PX = 25_000
 _CLIP_SD, _CLIPPED_VARIANCE = 3.0, 0.9734
@@ -158,6 +158,14 @@ def colour_planes(
         sd_dn=np.stack([own_sd, first_sd, second_sd]),
         by_others=np.stack([red_by_luma, blue_by_luma, blue_by_red]),
     )
+
+
+def to_channels(planes_dn: FloatArray, by_others: AnyArray) -> FloatArray:
+    """Luma, red and blue of differences in the planes, shape ``(3, ...)`` each."""
+    luma, first, second = planes_dn
+    red_by_luma, blue_by_luma, blue_by_red = by_others
+    red = first + red_by_luma * luma
+    return np.stack([luma, red, second + blue_by_luma * luma + blue_by_red * first])
 
 
 def _predicted_sd(channel: ChannelDifference, valid: BoolArray) -> Float32Array:

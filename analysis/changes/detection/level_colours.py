@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from analysis.changes.colour import to_luma_red_blue, to_rgb
+from analysis.changes.colour import to_channels, to_luma_red_blue, to_rgb
 from analysis.changes.detection.joint_significance import PLANES, as_significance
 from analysis.changes.matching import sampled
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
@@ -87,41 +87,33 @@ class LevelColours:
     def change_dn(self, direction: FloatArray, at: Place) -> FloatArray:
         """Red, green and blue of a change in a whitened direction, at a place."""
         scaled = np.linalg.solve(self.whitening, direction) * self.sd_dn[:, *at]
-        return to_rgb(self._channels(np.asarray(scaled, dtype=np.float64), at))
+        by_others = self.by_others[:, *at].astype(np.float64)
+        return to_rgb(to_channels(np.asarray(scaled, dtype=np.float64), by_others))
 
-    def _channels(self, planes: FloatArray, at: Place) -> FloatArray:
-        red_by_luma, blue_by_luma, blue_by_red = self.by_others[:, *at].astype(np.float64)
-        luma, first, second = planes
-        red = first + red_by_luma * luma
-        return np.array([luma, red, second + blue_by_luma * luma + blue_by_red * first])
-
-    def along(self, rgb: FloatArray, at: Place | None = None) -> tuple[Float32Array, Float32Array]:
+    def along(self, rgb: FloatArray) -> tuple[Float32Array, Float32Array]:
         """Matched amplitude of a change in this direction at every place, and its standard error.
 
         Parameters
         ----------
         rgb
             Red, green and blue of a change of amplitude 1.
-        at
-            Place whose correlations hold for all; each has its own otherwise.
         """
-        unit = self.planes_of(rgb, at)
-        weights = self.whitened(unit)
+        weights = self.whitened(self._planes_of(rgb))
         power = np.einsum("kij,kij->ij", weights, weights)
         amplitude = np.einsum("kij,kij->ij", weights, self.vectors) / power
         return amplitude, 1 / np.sqrt(power)
 
     def error_along(self, rgb: FloatArray) -> Float32Array:
         """The standard error alone."""
-        weights = self.whitened(self.planes_of(rgb, None))
+        weights = self.whitened(self._planes_of(rgb))
         return np.asarray(1 / np.sqrt(np.einsum("kij,kij->ij", weights, weights)))
 
-    def planes_of(self, rgb: FloatArray, at: Place | None) -> Float32Array:
+    def _planes_of(self, rgb: FloatArray) -> Float32Array:
         """A change of the channels in the planes, shape ``(3, rows, cols)``."""
         luma, red, blue = to_luma_red_blue(np.asarray(rgb, dtype=np.float64)).tolist()
-        by_others = self.by_others if at is None else self.by_others[:, *at][:, None, None]
-        first = np.float32(red) - by_others[0] * np.float32(luma)
-        second = np.float32(blue) - by_others[1] * np.float32(luma) - by_others[2] * first
+        red_by_luma, blue_by_luma, blue_by_red = self.by_others
+        first = np.float32(red) - red_by_luma * np.float32(luma)
+        second = np.float32(blue) - blue_by_luma * np.float32(luma) - blue_by_red * first
         whole = np.broadcast_to(np.float32(luma), self.difference_dn.shape[1:])
         return np.stack([whole, *(np.broadcast_to(one, whole.shape) for one in (first, second))])
 

@@ -7,8 +7,8 @@ from simulation.arrays import FloatArray
 from standoff.photographs import Photograph
 
 _AS_MUCH_NEARER = 4.0
-"""How much nearer than the decoded levels the stored ones of a copy are. Of different photographs
-the two distances differ by less than 2."""
+"""How much nearer than the decoded levels the stored ones of a copy are. Of nine of scikit-image's
+pictures, each beside another one, they are 2.5 times as near at most."""
 
 
 def decoded_alike(

@@ -26,7 +26,7 @@ def scene() -> np.ndarray:
 def test_of_a_linear_colour_file_it_is_a_twelfth_of_each_channel_s_share(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     cv2.imwrite(str(path), np.rint(scene()).astype(np.uint8))
-    found = read_image(path, standoff.reading(encoding="linear")).step_variance_dn2
+    found = read_image(path, standoff.reading(encoding="linear")).file_steps.variance_dn2
     assert found is not None
     assert found.shape == SHAPE[:2]
     assert found == pytest.approx(np.square(REC601_LUMA).sum() / 12, rel=1e-6)
@@ -39,7 +39,7 @@ def test_of_an_srgb_file_it_is_what_rounding_did(tmp_path: Path) -> None:
     code = exact / 255
     light = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4) * 255
     errors = photograph.grey_dn - light @ np.asarray(REC601_LUMA)
-    found = photograph.step_variance_dn2
+    found = photograph.file_steps.variance_dn2
     assert found is not None
     # Of 20 480 independent errors the mean square is within 3 %, at three standard errors.
     assert float(np.mean(found)) == pytest.approx(float(np.mean(errors**2)), rel=0.05)
@@ -56,14 +56,14 @@ def test_a_jpeg_file_s_error_is_within_it_once_smoothed(tmp_path: Path, quality:
     photograph = read_image(path, standoff.reading(encoding="linear"))
     luma = np.asarray(REC601_LUMA)
     error = gaussian_filter(photograph.grey_dn - plain[..., ::-1] @ luma, 1.0)
-    found = photograph.step_variance_dn2
+    found = photograph.file_steps.variance_dn2
     assert found is not None
     gain = 1 / (4 * np.pi)  # of white noise by a Gaussian of 1 px
     assert float(np.mean(error**2)) <= 1.2 * gain * float(np.mean(found))
 
 
 def test_floating_point_levels_have_none() -> None:
-    assert Photograph.of_array("a", scene().astype(np.float32)).step_variance_dn2 is None
+    assert Photograph.of_array("a", scene().astype(np.float32)).file_steps.variance_dn2 is None
 
 
 @pytest.mark.parametrize("quality", [75, 90, 98])
@@ -74,7 +74,7 @@ def test_a_channel_s_error_is_within_what_luma_and_chroma_lose(
     plain, path = np.rint(scene()).astype(np.uint8), tmp_path / "a.jpg"
     Image.fromarray(plain).save(path, quality=quality, subsampling=sampling)
     photograph = read_image(path, standoff.reading(encoding="linear"))
-    found, luma = photograph.file_steps.channel_variance_dn2, photograph.step_variance_dn2
+    found, luma = photograph.file_steps.channel_variance_dn2, photograph.file_steps.variance_dn2
     assert found is not None
     assert luma is not None
     error = gaussian_filter(photograph.stored - plain.astype(np.float64), (1.0, 1.0, 0.0))

@@ -52,14 +52,14 @@ def test_levels_of_another_kind_are_not_coded(tmp_path: Path) -> None:
 def test_a_step_in_grey_is_that_of_the_channels_in_their_luma(tmp_path: Path) -> None:
     # A grey of 188 in sRGB: its next level is 1.7 levels of linear light further on.
     Image.fromarray(np.full((20, 30), 188, dtype=np.uint8)).save(tmp_path / "grey.png")
-    grey = read_image(tmp_path / "grey.png").step_dn
+    grey = read_image(tmp_path / "grey.png").file_steps.step_dn
     assert grey is not None
     by_hand = (
         255 * (((189 / 255 + 0.055) / 1.055) ** 2.4 - ((187 / 255 + 0.055) / 1.055) ** 2.4) / 2
     )
     np.testing.assert_allclose(grey, by_hand, rtol=1e-4)
     Image.fromarray(np.full((20, 30, 3), 188, dtype=np.uint8)).save(tmp_path / "colour.png")
-    colour = read_image(tmp_path / "colour.png").step_dn
+    colour = read_image(tmp_path / "colour.png").file_steps.step_dn
     assert colour is not None
     weights = np.sqrt(0.299**2 + 0.587**2 + 0.114**2)
     np.testing.assert_allclose(colour, weights * by_hand, rtol=1e-4)
