@@ -314,7 +314,7 @@ def true_psf(camera: Camera, total: GaussianPsf) -> Psf:
     (xx, xy), (_, yy) = (np.array(camera.stretch) / camera.cut_off_cy_per_px).tolist()
     lens = LensOtf(
         cut_off_period_px=(0.0, 0.0, 0.0) if camera.cut_off_cy_per_px == inf else (xx, xy, yy),
-        defocus_waves=camera.defocus_waves,
+        defocus_waves2=(camera.defocus_waves**2, 0.0, camera.defocus_waves**2),
         gaussian_px2=(variance, 0.0, variance),
     )
     return MeasuredPsf(lens=lens, gaussian=total)

@@ -43,7 +43,8 @@ LENSES: tuple[tuple[str, Psf], ...] = (
         "f/5.6 + 0.3 wave",
         MeasuredPsf(
             lens=LensOtf(
-                cut_off_period_px=(CUT_OFF_PERIOD_PX, 0.0, CUT_OFF_PERIOD_PX), defocus_waves=0.3
+                cut_off_period_px=(CUT_OFF_PERIOD_PX, 0.0, CUT_OFF_PERIOD_PX),
+                defocus_waves2=(0.09, 0.0, 0.09),
             ),
             gaussian=GAUSSIAN,
         ),

@@ -13,11 +13,12 @@ import numpy as np
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s
 from calibration.edges import BinnedEdge, EdgeImage, EdgeMeasurement, measure_edges
-from calibration.psf import measure_transfer_2d
+from calibration.psf import calibrate_psf, measure_transfer_2d
 from simulation.arrays import FloatArray
 from tests.calibration.lens_edges import (
     HIGH_DN,
     LOW_DN,
+    AstigmaticLens,
     Lens,
     edge_photograph,
     edge_photographs,
@@ -38,6 +39,13 @@ ROUND_LENSES = {
 ASTIGMATIC = {
     "ellipse": Lens(0.55, 0.35, turn_deg=30.0),
     "ellipse + .3 wave + Gaussian": Lens(0.55, 0.3, turn_deg=30.0, waves=0.3, sigma_px=0.3),
+}
+CHARTS_DEG = {"at 5": (5.0, 95.0, 185.0, 275.0), "at 5 and -5": (5.0, 95.0, 175.0, 265.0)}
+UPRIGHT = {
+    "cut-off": Lens(0.8, 0.4),
+    "defocus .8 and .4 waves": AstigmaticLens(0.27, 0.27, x_waves=0.8, y_waves=0.4),
+    "defocus .8 and -.4 waves": AstigmaticLens(0.27, 0.27, x_waves=0.8, y_waves=-0.4),
+    "round": Lens(0.37, 0.37),
 }
 BAND_FREQ = np.array([0.125, 0.25, 0.4])  # 0.25, 0.5 and 0.8 of Nyquist
 
@@ -143,6 +151,35 @@ def coverage(record: Recorder, draws: int) -> None:
         record.figure(f"largest error, {name}", worst, "1")
 
 
+def charts(record: Recorder, tilts: str, draws: int) -> None:
+    """Edges near the vertical and the horizontal alone, as standard charts have them."""
+    along, between = (directions(BAND_FREQ, 90.0), directions(BAND_FREQ, 15.0))
+    record.say(f"\n4 edges of a chart {tilts} degrees, SNR 100, {draws} draws: largest error")
+    shares = []
+    for name, lens in UPRIGHT.items():
+        inside, on_axes, anywhere, peers = [], 0.0, 0.0, 0.0
+        for seed in range(draws):
+            psf = calibrate_psf(edge_photographs(lens, CHARTS_DEG[tilts], 100.0, seed))
+            found, gaussian = psf.transfer_2d, psf.total_psf("psf.json")
+            assert found is not None
+            away = np.abs(found.otf(*along) - lens.otf(*along))
+            inside.append(away < 1.96 * found.otf_err(*along))
+            on_axes = max(on_axes, float(away.max()))
+            every = np.abs(found.otf(*between) - lens.otf(*between))
+            anywhere = max(anywhere, float(every.max()))
+            peer = np.abs(gaussian.otf(*between) - lens.otf(*between))
+            peers = max(peers, float(peer.max()))
+        shares.append(np.mean(inside))
+        record.say(
+            f"  {name:26} {on_axes:.4f} along the axes, {anywhere:.4f} between them; Gaussian "
+            f"{peers:.4f}; {100 * shares[-1]:.1f} % of {np.size(inside)} intervals hold the truth"
+        )
+        record.figure(
+            f"error of a chart {tilts}, {name}", anywhere, "1", peer="Gaussian", peer_value=peers
+        )
+    record.figure(f"95 % band of charts {tilts}", float(100 * np.mean(shares)), "%")
+
+
 def speed(record: Recorder) -> None:
     record.say("")
     for name, lens in (("f/5.6", round_lens("f/5.6")), ("ellipse", ASTIGMATIC["ellipse"])):
@@ -165,6 +202,8 @@ def main() -> int:
         errors(record)
         bias(record, record.pick(10, 3))
         coverage(record, record.pick(60, 3))
+        for tilts in CHARTS_DEG:
+            charts(record, tilts, record.pick(60, 3))
         speed(record)
     return 0
 

@@ -21,6 +21,7 @@ from .consistency import (
     TargetSoftness as TargetSoftness,
 )
 from .covariance import (
+    USUAL_RHO as USUAL_RHO,
     Estimate as Estimate,
     PsfEstimates as PsfEstimates,
     estimates_of_covariance as estimates_of_covariance,
@@ -35,7 +36,7 @@ from .document import (
     PsfCalibration as PsfCalibration,
     PsfOrigin as PsfOrigin,
 )
-from .field import FieldFit as FieldFit
+from .field import FEWEST_FIELD_EDGES as FEWEST_FIELD_EDGES, FieldFit as FieldFit
 from .linearise import REC601_LUMA as REC601_LUMA, luma_plane as luma_plane
 from .mosaic import calibrate_mosaic as calibrate_mosaic
 from .plot import (

@@ -34,7 +34,7 @@ from calibration.psf.covariance import (
     median_width,
 )
 from calibration.psf.document import PsfCalibration
-from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
+from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
 from calibration.psf.repeatability import (
     FocusScatter,
     SharedByCapture,
@@ -117,7 +117,8 @@ def psf_of_edges(
     softness = measure_softness(seen)
     blur_px2 = {} if softness is None else softness.blur_px2
     used = [without_blur(edge, blur_px2.get(capture_of(edge), 0.0)) for edge in seen]
-    field = None if method == "paper" or frame is None else _field(used, frame)
+    found = _field(used, method, frame)
+    field = found if isinstance(found, FieldFit) else None
     # Over a field, places differ as well, and captures at other places with them.
     shared = None if field is not None else shared_of(used, softness)
     total = _medians(used, shared) if method == "paper" else _fit(used, shared, is_optical=False)
@@ -126,6 +127,7 @@ def psf_of_edges(
         total,
         _optical(used, shared),
         field=field,
+        no_field_because=found if isinstance(found, str) else None,
         method=method,
         height_trend=_height_trend(used, total),
         focus=None if focus is None else FocusScatter.of(focus),
@@ -217,11 +219,18 @@ def _median_width(edges: Sequence[EdgeMeasurement], orientation: Orientation) ->
     return median_width(widths, np.array([edge.sigma_err_px for edge in chosen]))
 
 
-def _field(edges: Sequence[EdgeMeasurement], frame: tuple[int, int]) -> FieldFit | None:
+def _field(
+    edges: Sequence[EdgeMeasurement], method: Method, frame: tuple[int, int] | None
+) -> FieldFit | str:
+    """The PSF over the frame, or why there is none."""
+    if method == "paper":
+        return "the paper's method has no field"
+    if frame is None:
+        return "the photographs differ in size"
     rows, cols = frame
-    whole = fit_psf_field(_field_edges(edges, is_optical=False), cols, rows)
+    whole = field_or_reason(_field_edges(edges, is_optical=False), cols, rows)
     resolved = _resolved(edges)
-    if whole is None or not resolved:
+    if isinstance(whole, str) or not resolved:
         return whole
     lens = fit_psf_field(_field_edges(resolved, is_optical=True), cols, rows, is_asked=False)
     return whole if lens is None else whole.with_optical(lens)

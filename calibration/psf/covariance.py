@@ -7,6 +7,7 @@ three elements of Sigma: weighted least squares on the squared widths gives them
 
 from dataclasses import dataclass, replace
 from math import hypot, sqrt
+from typing import Final
 
 import numpy as np
 
@@ -20,6 +21,9 @@ _NORMAL_95 = 1.959963984540054
 _MEDIAN_ERR = sqrt(np.pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
 _RHO_ERR_MOST = 0.25  # a correlation with a larger error counts as undetermined
 _WIDTH_ERR_MOST = 0.25  # relative
+
+USUAL_RHO: Final = 0.1
+"""Correlation that a lens may well have where the directions of the edges do not tell it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -207,7 +207,8 @@ class ColourPsf(PsfWidths):
 class PsfCalibration(PsfWidths, _PsfDocument):
     """The PSF of a camera, and the edges or pairs of photographs it was measured from.
 
-    ``field`` is null if, as far as the edges show, one PSF holds for the whole frame. ``focus`` is
+    ``field`` is null if, as far as the edges show, one PSF holds for the whole frame, or they are
+    too few or of too few directions: ``no_field_because`` says which. ``focus`` is
     its scatter between captures, null with one; ``cross_validation`` names what does not fit;
     ``target_softness`` is null with fewer than three scales. ``transfer_2d`` is null where edges
     have one direction alone and for methods that know Gaussians alone. ``channels`` holds each
@@ -220,6 +221,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     """
 
     field: FieldFit | None = None
+    no_field_because: str | None = Field(default=None, repr=False)
     method: str | None = None
     height_trend: HeightTrend | None = None
     focus: FocusScatter | None = Field(default=None, repr=False)

@@ -6,6 +6,7 @@ supports it and the edges determine it everywhere in the frame.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -18,7 +19,10 @@ from simulation.psf import MeasuredPsf, PsfField, field_monomials
 FIELD_DEGREE = 2
 _TERMS = (FIELD_DEGREE + 1) * (FIELD_DEGREE + 2) // 2
 _UNKNOWNS = 3 * _TERMS
-_FEWEST_EDGES = 2 * _UNKNOWNS
+FEWEST_FIELD_EDGES: Final = 2 * _UNKNOWNS
+"""Edges that a field takes at least."""
+
+_LEAST_SINGULAR = 1e-3
 _ASKED_P = 1e-3
 _WORST_ERR = 0.05  # of the width, anywhere in the frame and in any direction
 _CHECKED_PLACES = 9
@@ -128,27 +132,46 @@ def fit_psf_field(
     Returns
     -------
     FieldFit or None
-        None if there are too few edges, if a width anywhere in the frame has an error above 5 %,
-        if the PSF does not change over the frame, or if the fit is not a valid covariance.
+        None if there are too few edges or directions, if a width anywhere in the frame has an error
+        above 5 %, if the PSF does not change over the frame, or if the fit is not a valid
+        covariance.
+    """
+    fit = field_or_reason(edges, width_px, height_px, is_asked=is_asked)
+    return fit if isinstance(fit, FieldFit) else None
+
+
+def field_or_reason(
+    edges: FieldEdges, width_px: int, height_px: int, *, is_asked: bool = True
+) -> FieldFit | str:
+    """Fit the covariance over the frame, or say in a clause why there is no field.
+
+    The parameters are those of ``fit_psf_field``.
     """
     count = edges.sigma_px.size
-    if count < _FEWEST_EDGES:
-        return None
+    if count < FEWEST_FIELD_EDGES:
+        return f"too few edges: {count} of at least {FEWEST_FIELD_EDGES}"
     terms = field_monomials(width_px, height_px, FIELD_DEGREE, edges.x_px, edges.y_px)
+    if np.linalg.matrix_rank(terms, tol=_LEAST_SINGULAR) < _TERMS:
+        return "the edges lie in too few places of the frame: spread them over it"
     elements = _elements(np.deg2rad(edges.angle_deg + 90.0))
-    design = np.einsum("ne,nt->net", elements, terms).reshape(count, _UNKNOWNS)
-    if np.linalg.matrix_rank(design, tol=1e-3) < _UNKNOWNS:
-        return None
+    design = _design(elements, terms)
+    if np.linalg.matrix_rank(design, tol=_LEAST_SINGULAR) < design.shape[1]:
+        return _too_few_directions(elements, terms, edges)
     fit = fit_variances(design, edges.sigma_px, edges.sigma_err_px, is_resampled=False)
     coefficients = fit.values.reshape(3, _TERMS)
     try:
         field = PsfField(width_px=width_px, height_px=height_px, coefficients_px2=coefficients)
     except ValueError:  # not positive definite somewhere in the frame
-        return None
+        return "the edges do not determine a positive width everywhere in the frame: add edges"
     worst = _worst_err(field, fit.covariance)
     p_value = _p_value(elements, design, fit, edges)
-    if worst > _WORST_ERR or (is_asked and p_value > _ASKED_P):
-        return None
+    if is_asked and p_value > _ASKED_P:
+        return f"no change over the frame that the edges show (p = {p_value:.2g})"
+    if worst > _WORST_ERR:
+        return (
+            f"a width somewhere in the frame would be known to {100 * worst:.0f} % alone, and "
+            f"{100 * _WORST_ERR:.0f} % is asked: add edges, in several directions at every place"
+        )
     return FieldFit(
         width_px=width_px,
         height_px=height_px,
@@ -158,6 +181,24 @@ def fit_psf_field(
         worst_err=worst,
         edges=count,
     )
+
+
+def _design(elements: FloatArray, terms: FloatArray) -> FloatArray:
+    """What each coefficient adds to the squared widths; shape ``(n, coefficients)``."""
+    return np.asarray(np.einsum("ne,nt->net", elements, terms)).reshape(len(terms), -1)
+
+
+def _too_few_directions(elements: FloatArray, terms: FloatArray, edges: FieldEdges) -> str:
+    """Say that directions are missing, and whether widths along the axes change over the frame."""
+    needed = "too few directions: three are needed all over the frame, add diagonal edges"
+    upright = elements[:, [0, 2]]
+    design = _design(upright, terms)
+    if np.linalg.matrix_rank(design, tol=_LEAST_SINGULAR) < design.shape[1]:
+        return needed
+    fit = fit_variances(design, edges.sigma_px, edges.sigma_err_px, is_resampled=False)
+    p_value = _p_value(upright, design, fit, edges)
+    changes = "change" if p_value <= _ASKED_P else "do not change significantly"
+    return f"{needed}; the widths along the axes {changes} over the frame (p = {p_value:.2g})"
 
 
 def _rows(matrix: FloatArray) -> Coefficients:
@@ -193,8 +234,9 @@ def _p_value(
     constant = np.linalg.lstsq(root[:, None] * elements, root * squares, rcond=None)[0]
     without = float(np.sum(weight * (squares - elements @ constant) ** 2))
     left = float(np.sum(weight * (squares - design @ fit.values) ** 2))
-    freedom = float(fit.weights.sum()) - _UNKNOWNS
+    unknowns = design.shape[1]
+    freedom = float(fit.weights.sum()) - unknowns
     if freedom < 1 or left <= 0:
         return 0.0 if without > left else 1.0
-    extra = _UNKNOWNS - elements.shape[1]
+    extra = unknowns - elements.shape[1]
     return float(fdtrc(extra, freedom, (without - left) / extra / (left / freedom)))

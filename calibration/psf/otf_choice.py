@@ -1,13 +1,13 @@
 """Which form of transfer function the edges ask for: a Gaussian, round, elliptic or free."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import log
 
 import numpy as np
 
-from calibration.edges import BinnedEdge
+from calibration.edges import BinnedEdge, orientation_of
 from calibration.psf.otf_correction import (
     CorrectionEvidence,
     correction_evidence,
@@ -22,13 +22,17 @@ from calibration.psf.otf_fit import (
     settled,
 )
 from calibration.psf.otf_forms import (
+    ASTIGMATIC,
+    AXIAL,
     AXIAL_GAUSSIAN,
     AXIAL_TOTAL_GAUSSIAN,
+    EACH_AXIS,
     ELLIPTIC,
     GAUSSIAN,
     ROUND,
     TOTAL_GAUSSIAN,
     TWO_ELLIPSES,
+    OtfForm,
 )
 from calibration.psf.otf_pool import MOST_GROUPS, pooled
 from calibration.psf.otf_slices import EdgeStack, StackedBins
@@ -60,13 +64,15 @@ _START_DEFOCUS_WAVES2 = (0.0, 0.25, 1.0, 6.0)
 class OtfChoice:
     """The form chosen and why; ``scale`` multiplies the inverse to give the covariance.
 
-    ``chi2_reduced`` is over the bins of all edges.
+    ``chi2_reduced`` is over the bins of all edges. Without ``knows_turn`` the directions of the
+    edges leave open how the lens is turned, and every form is upright.
     """
 
     fit: OtfFit
     reason: str
     scale: float
     chi2_reduced: float
+    knows_turn: bool
 
 
 def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -> OtfChoice | None:
@@ -82,33 +88,39 @@ def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -
     edges
         The edges.
     knows_correlation
-        False where their widths have left rho undetermined. Then only round lenses and Gaussians
-        along the axes are fitted: directions close to each other would decide how an ellipse is
+        False where their widths have left rho undetermined. Then only upright lenses are fitted,
+        whose ellipses lie along the axes: directions close to each other would decide how one is
         turned, and between them a lens changes over its field as well.
 
     Returns
     -------
     OtfChoice or None
-        None where the edges are none, or all of one direction.
+        None where the edges are none, or all of one direction, or two directions that are not those
+        of vertical and horizontal edges.
     """
     directions = distinct_directions_deg([edge.normal_rad for edge in edges])
     if directions.size < 2:
         return None
     has_third = directions.size > 2 and widest_gap_deg(directions) <= _WIDEST_GAP_DEG
     is_spread = has_third and knows_correlation
+    named = {orientation_of(angle + 90.0) for angle in directions.tolist()}
+    if not is_spread and not {"vertical", "horizontal"} <= named:
+        return None
     every = EdgeStack(StackedBins.of(edges))
     stack, plain = _uncorrected_fits(every, _optical_variance(edges), is_spread=is_spread)
     if not plain:
         return None
     told_by = "widths that leave rho open" if has_third else f"{directions.size} directions"
-    limits = "" if is_spread else f"; {told_by} do not tell an elliptic one"
-    bases = [fit for fit in plain if fit.form.name == "elliptic"]
+    limits = "" if is_spread else f"; {told_by} do not tell how it is turned: taken as upright"
+    bases = [fit for fit in plain if fit.form in (ELLIPTIC, ASTIGMATIC, TWO_ELLIPSES)]
     asked: list[CorrectionEvidence] = []
     base = min(bases, key=_cost, default=plain[0])
     if bases and directions.size >= _FEWEST_FOR_CORRECTION:
         harmonics = (1, 3) if directions.size < _FEWEST_FOR_FOURFOLD else (1, 3, 5)
         asked = correction_evidence(stack, base, harmonics)
-    return _best(every, plain, _Correction(stack=stack, base=base, asked=asked), limits)
+    correction = _Correction(stack=stack, base=base, asked=asked)
+    choice = _best(every, plain, correction)
+    return replace(choice, reason=choice.reason + limits, knows_turn=is_spread)
 
 
 def distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
@@ -203,16 +215,27 @@ def _first_fits(
     pixel = np.array([1.0, 0.0, 1.0] if is_spread else [1.0, 1.0]) / 12
     round_lens = fit_form(stack, ROUND, round_start)
     fits = [fit_form(stack, lens, start), fit_form(stack, total, start + pixel), round_lens]
-    if is_spread and round_lens is not None:
-        fits.append(_elliptic(stack, round_lens))
+    if round_lens is not None:
+        turned = (ELLIPTIC, ASTIGMATIC)
+        fits += _gone_on(stack, turned, round_lens) if is_spread else _along_axes(stack, round_lens)
     return [fit for fit in fits if fit is not None]
 
 
-def _elliptic(stack: EdgeStack, round_lens: OtfFit) -> OtfFit | None:
-    period, defocus, spread = round_lens.parameters.tolist()
-    start = np.array([period, 0.0, period, defocus, spread])
-    is_worth = expected_gain(stack, ELLIPTIC, round_lens, start) > _NOT_WORTH_A_FIT
-    return fit_form(stack, ELLIPTIC, start, FULL_STEPS if is_worth else _FEW_STEPS)
+def _along_axes(stack: EdgeStack, round_lens: OtfFit) -> list[OtfFit | None]:
+    """Fits of lenses that are not round along the axes: in one thing, then in all."""
+    fits = _gone_on(stack, AXIAL, round_lens)
+    best = min((fit for fit in fits if fit), key=lambda fit: fit.squares, default=round_lens)
+    return [*fits, *_gone_on(stack, [EACH_AXIS], best)]
+
+
+def _gone_on(stack: EdgeStack, forms: Sequence[OtfForm], simpler: OtfFit) -> list[OtfFit | None]:
+    """Fits of richer forms from the lens of a simpler one; where they gain little, a few steps."""
+    fits = []
+    for form in forms:
+        start = form.nearest(simpler.form.elements @ simpler.parameters)
+        is_worth = expected_gain(stack, form, simpler, start) > _NOT_WORTH_A_FIT
+        fits.append(fit_form(stack, form, start, FULL_STEPS if is_worth else _FEW_STEPS))
+    return fits
 
 
 def _two_ellipses(stack: EdgeStack, fits: Sequence[OtfFit]) -> OtfFit | None:
@@ -220,17 +243,17 @@ def _two_ellipses(stack: EdgeStack, fits: Sequence[OtfFit]) -> OtfFit | None:
 
     None where they gain nothing, or an elliptic pupil is no better than a total Gaussian.
     """
-    known = {fit.form.name: fit for fit in fits}
-    elliptic, total = known.get("elliptic"), known.get("total-gaussian")
+    known = {fit.form: fit for fit in fits}
+    elliptic, total = known.get(ELLIPTIC), known.get(TOTAL_GAUSSIAN)
     if elliptic is None or (total is not None and elliptic.squares >= total.squares):
         return None
     start = np.append(elliptic.parameters, [0.0, elliptic.parameters[-1]])
     if expected_gain(stack, TWO_ELLIPSES, elliptic, start) <= _NOT_WORTH_A_FIT:
         return None
     starts = [start]
-    if "gaussian" in known and "round" in known:
-        period, defocus, spread = known["round"].parameters.tolist()
-        xx, xy, yy = known["gaussian"].parameters.tolist()
+    if GAUSSIAN in known and ROUND in known:
+        period, defocus, spread = known[ROUND].parameters.tolist()
+        xx, xy, yy = known[GAUSSIAN].parameters.tolist()
         even = spread - 0.5 * (xx + yy)
         starts.append(np.array([period, 0.0, period, defocus, xx + even, xy, yy + even]))
     both = [fit_form(stack, TWO_ELLIPSES, start) for start in starts]
@@ -285,9 +308,7 @@ class _Correction:
         return corrected if gained >= asked else None
 
 
-def _best(
-    every: EdgeStack, plain: Sequence[OtfFit], correction: _Correction, limits: str
-) -> OtfChoice:
+def _best(every: EdgeStack, plain: Sequence[OtfFit], correction: _Correction) -> OtfChoice:
     """The form that the criteria choose, simplest first, settled over all edges."""
     richest = min(plain, key=_cost)
     corrected = correction.fitted(richest, 1.0)
@@ -311,14 +332,15 @@ def _best(
             corrected = correction.fitted_over_scatter(best, scatter)
         best = corrected or best
     reason = ", ".join(
-        f"{fit.form.name} {fit.squares / scatter:.0f} ({fit.freedom:.0f})" for fit in compared
+        f"{fit.form.label} {fit.squares / scatter:.0f} ({fit.freedom:.0f})" for fit in compared
     )
     if correction.stack is not every:
         best = settled(every, over_every if best is telling else best.over(every))
     reduced = best.squares / max(every.bins - best.freedom, 1.0)
     return OtfChoice(
         fit=best,
-        reason=f"chi2 over the edges' scatter (parameters): {reason}{limits}",
+        reason=f"chi2 over the edges' scatter (parameters): {reason}",
         scale=max(dispersion(every, best), reduced, 1.0),
         chi2_reduced=reduced,
+        knows_turn=True,
     )

@@ -1,8 +1,9 @@
 """The forms of a transfer function that edges are fitted with: their parameters, and derivatives.
 
-All are ``OTF(|B f|, w) exp(-2 pi^2 f^T S f)`` with a symmetric matrix B of cut-off periods, a
-defocus w and the covariance S of a Gaussian, and their parameters are linear in the elements of B,
-the square of w and the elements of S. The square pixel comes on top, except over a total Gaussian.
+All are ``OTF(|B f|, w) exp(-2 pi^2 f^T S f)`` with symmetric matrices: B of cut-off periods, W of
+squared defocus, of which ``w^2 = n^T W n`` counts along n, and the covariance S of a Gaussian.
+Their parameters are linear in the elements of all three. The square pixel comes on top, except over
+a total Gaussian.
 """
 
 from dataclasses import dataclass, field, replace
@@ -26,17 +27,16 @@ from simulation.psf import (
 
 FormName = Literal["total-gaussian", "gaussian", "round", "elliptic", "free"]
 
-_B, _DEFOCUS, _S = slice(0, 3), 3, slice(4, 7)
-_ELEMENTS = 7
+_MATRICES = _B, _W, _S = slice(0, 3), slice(3, 6), slice(6, 9)
+_ELEMENTS = 9
 _LEAST_PERIOD_PX = 1e-4  # at 0 an ellipse would have no direction to grow in
-_LEAST = {"cut_off_period_px": _LEAST_PERIOD_PX, "defocus_waves2": 0.0, "gaussian_px2": 0.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OtfForm:
     """One form: which elements of B, w^2 and S its parameters set.
 
-    ``elements`` has shape ``(7, parameters)``: B xx, xy, yy, w^2, S xx, xy, yy from the parameters.
+    ``elements`` has shape ``(9, parameters)``: xx, xy and yy of B, W and S from the parameters.
     After the parameters named, there are those of ``harmonics`` angular terms of a correction.
     """
 
@@ -44,6 +44,17 @@ class OtfForm:
     parameter_names: tuple[str, ...]
     elements: FloatArray = field(repr=False)
     harmonics: int = 0
+
+    @property
+    def label(self) -> str:
+        """Its name, and of an elliptic form what is not round."""
+        parts = zip(("cut-off", "defocus", "Gaussian"), _MATRICES, strict=True)
+        uneven = [
+            name
+            for name, part in parts
+            if not np.array_equal(self.elements[part][0], self.elements[part][2])
+        ]
+        return f"elliptic in {' and '.join(uneven)}" if self.name == "elliptic" else self.name
 
     @property
     def has_pixel(self) -> bool:
@@ -59,15 +70,21 @@ class OtfForm:
     def by_variance(self) -> FloatArray:
         """What all parameters change by per unit of a variance that is added along both axes."""
         elements = np.zeros(_ELEMENTS)
-        elements[[4, 6]] = 1.0
-        shape = np.linalg.lstsq(self.elements, elements, rcond=None)[0]
-        return np.concatenate([shape, np.zeros(self.corrections)])
+        elements[_S] = 1.0, 0.0, 1.0
+        return np.concatenate([self.nearest(elements), np.zeros(self.corrections)])
 
     @property
     def least(self) -> FloatArray:
-        """Least value of each parameter; minus infinity where it has no bound of its own."""
-        known = [_LEAST.get(name, -np.inf) for name in self.parameter_names]
-        return np.array(known + [-np.inf] * self.corrections)
+        """Least value of each parameter; minus infinity where it has no bound of its own.
+
+        A matrix that may be turned is bounded as a whole, by ``bounded``.
+        """
+        least = np.full(len(self.names), -np.inf)
+        for part in _MATRICES:
+            sets = self.elements[part].any(axis=0)
+            if not self.elements[part][1].any():
+                least[: sets.size][sets] = _LEAST_PERIOD_PX if part is _B else 0.0
+        return least
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,7 +114,7 @@ class OtfForm:
             correction = correction_harmonics(normal_rad, self.harmonics) @ coefficients
         return Slices(
             period_px=np.hypot(*_stretched(elements[_B], along)),
-            defocus_waves2=float(elements[_DEFOCUS]),
+            defocus_waves2=np.maximum(square @ elements[_W], 0.0),
             variance_px2=square @ elements[_S],
             correction=correction,
             has_pixel=self.has_pixel,
@@ -114,7 +131,7 @@ class OtfForm:
         period = np.maximum(np.hypot(vx, vy), 1e-300)
         by_element = np.zeros((nx.size, 3, _ELEMENTS))
         by_element[:, 0, _B] = np.stack([vx * nx, vx * ny + vy * nx, vy * ny], -1) / period[:, None]
-        by_element[:, 1, _DEFOCUS] = 1.0
+        by_element[:, 1, _W] = square
         by_element[:, 2, _S] = square
         shaped = by_element @ self.elements
         if not self.harmonics:
@@ -139,7 +156,7 @@ class OtfForm:
             )
         return LensOtf(
             cut_off_period_px=_matrix(elements[_B]),
-            defocus_waves=float(np.sqrt(elements[_DEFOCUS])),
+            defocus_waves2=_matrix(elements[_W]),
             gaussian_px2=_matrix(elements[_S]),
             correction=correction,
         )
@@ -174,11 +191,14 @@ class OtfForm:
         shape, coefficients = self._split(parameters)
         elements = self.elements @ shape
         if self.elements[_B].any():
-            elements[_B] = _positive(elements[_B], _LEAST_PERIOD_PX)
-        elements[_DEFOCUS] = np.clip(elements[_DEFOCUS], 0.0, DEFOCUS_MAX_WAVES**2)
-        elements[_S] = _positive(elements[_S], 0.0)
-        nearest = np.linalg.lstsq(self.elements, elements, rcond=None)[0]
-        return np.concatenate([nearest, coefficients.ravel()])
+            elements[_B] = _within(elements[_B], _LEAST_PERIOD_PX)
+        elements[_W] = _within(elements[_W], 0.0, DEFOCUS_MAX_WAVES**2)
+        elements[_S] = _within(elements[_S], 0.0)
+        return np.concatenate([self.nearest(elements), coefficients.ravel()])
+
+    def nearest(self, elements: FloatArray) -> FloatArray:
+        """Return the parameters, without those of a correction, that set about these elements."""
+        return np.asarray(np.linalg.lstsq(self.elements, elements, rcond=None)[0])
 
     def _split(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         count = self.elements.shape[1]
@@ -194,31 +214,37 @@ def _form(name: FormName, **columns: tuple[int, ...]) -> OtfForm:
     return OtfForm(name=name, parameter_names=tuple(columns), elements=elements)
 
 
-GAUSSIAN: Final = _form(
-    "gaussian", gaussian_xx_px2=(4,), gaussian_xy_px2=(5,), gaussian_yy_px2=(6,)
-)
-AXIAL_GAUSSIAN: Final = _form("gaussian", gaussian_xx_px2=(4,), gaussian_yy_px2=(6,))
+_EVEN_B = {"cut_off_period_px": (0, 2)}
+_AXIAL_B = {"cut_off_period_xx_px": (0,), "cut_off_period_yy_px": (2,)}
+_TURNED_B = {
+    "cut_off_period_xx_px": (0,),
+    "cut_off_period_xy_px": (1,),
+    "cut_off_period_yy_px": (2,),
+}
+_EVEN_W = {"defocus_waves2": (3, 5)}
+_TURNED_W = {"defocus_xx_waves2": (3,), "defocus_xy_waves2": (4,), "defocus_yy_waves2": (5,)}
+_AXIAL_W = {"defocus_xx_waves2": (3,), "defocus_yy_waves2": (5,)}
+_EVEN_S = {"gaussian_px2": (6, 8)}
+_AXIAL_S = {"gaussian_xx_px2": (6,), "gaussian_yy_px2": (8,)}
+_TURNED_S = {"gaussian_xx_px2": (6,), "gaussian_xy_px2": (7,), "gaussian_yy_px2": (8,)}
+
+GAUSSIAN: Final = _form("gaussian", **_TURNED_S)
+AXIAL_GAUSSIAN: Final = _form("gaussian", **_AXIAL_S)
 TOTAL_GAUSSIAN: Final = replace(GAUSSIAN, name="total-gaussian")
 AXIAL_TOTAL_GAUSSIAN: Final = replace(AXIAL_GAUSSIAN, name="total-gaussian")
-ROUND: Final = _form("round", cut_off_period_px=(0, 2), defocus_waves2=(3,), gaussian_px2=(4, 6))
-ELLIPTIC: Final = _form(
-    "elliptic",
-    cut_off_period_xx_px=(0,),
-    cut_off_period_xy_px=(1,),
-    cut_off_period_yy_px=(2,),
-    defocus_waves2=(3,),
-    gaussian_px2=(4, 6),
+ROUND: Final = _form("round", **_EVEN_B, **_EVEN_W, **_EVEN_S)
+ELLIPTIC: Final = _form("elliptic", **_TURNED_B, **_EVEN_W, **_EVEN_S)
+ASTIGMATIC: Final = _form("elliptic", **_EVEN_B, **_TURNED_W, **_EVEN_S)
+TWO_ELLIPSES: Final = _form("elliptic", **_TURNED_B, **_EVEN_W, **_TURNED_S)
+AXIAL: Final = (
+    _form("elliptic", **_AXIAL_B, **_EVEN_W, **_EVEN_S),
+    _form("elliptic", **_EVEN_B, **_AXIAL_W, **_EVEN_S),
+    _form("elliptic", **_EVEN_B, **_EVEN_W, **_AXIAL_S),
 )
-TWO_ELLIPSES: Final = _form(
-    "elliptic",
-    cut_off_period_xx_px=(0,),
-    cut_off_period_xy_px=(1,),
-    cut_off_period_yy_px=(2,),
-    defocus_waves2=(3,),
-    gaussian_xx_px2=(4,),
-    gaussian_xy_px2=(5,),
-    gaussian_yy_px2=(6,),
-)
+"""A lens that is not round along the axes by its cut-off, its defocus or its Gaussian alone."""
+
+EACH_AXIS: Final = _form("elliptic", **_AXIAL_B, **_AXIAL_W, **_AXIAL_S)
+"""Along either axis a round lens of its own; between them what its ellipses say."""
 
 
 def form_of(name: str, names: tuple[str, ...]) -> OtfForm:
@@ -231,11 +257,12 @@ def form_of(name: str, names: tuple[str, ...]) -> OtfForm:
     """
     corrected = [
         base.with_correction(harmonics)
-        for base in (ELLIPTIC, TWO_ELLIPSES)
+        for base in (ELLIPTIC, ASTIGMATIC, TWO_ELLIPSES)
         for harmonics in CORRECTION_HARMONICS
     ]
     gaussians = (GAUSSIAN, AXIAL_GAUSSIAN, TOTAL_GAUSSIAN, AXIAL_TOTAL_GAUSSIAN)
-    for form in (*gaussians, ROUND, ELLIPTIC, TWO_ELLIPSES, *corrected):
+    lenses = (ROUND, ELLIPTIC, ASTIGMATIC, TWO_ELLIPSES, *AXIAL, EACH_AXIS)
+    for form in (*gaussians, *lenses, *corrected):
         if (form.name, form.names) == (name, names):
             return form
     raise ValueError(f"there is no form {name!r} with the parameters {', '.join(names)}")
@@ -260,10 +287,10 @@ def _matrix(elements: FloatArray) -> SymmetricMatrix:
     return xx, xy, yy
 
 
-def _positive(elements: FloatArray, least: float) -> FloatArray:
-    """The nearest symmetric matrix with eigenvalues of at least ``least``."""
+def _within(elements: FloatArray, least: float, most: float = np.inf) -> FloatArray:
+    """The nearest symmetric matrix with eigenvalues between the two."""
     values, vectors = np.linalg.eigh([[elements[0], elements[1]], [elements[1], elements[2]]])
-    if values[0] >= least:
+    if least <= values[0] and values[1] <= most:
         return elements
-    (xx, xy), (_, yy) = ((vectors * np.maximum(values, least)) @ vectors.T).tolist()
+    (xx, xy), (_, yy) = ((vectors * np.clip(values, least, most)) @ vectors.T).tolist()
     return np.array([xx, xy, yy])

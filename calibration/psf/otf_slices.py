@@ -39,12 +39,12 @@ class Slices:
     """What a lens passes along each edge's normal; shape ``(edges,)`` each.
 
     ``period_px`` is ``|B n|``, ``variance_px2`` is ``n^T S n``; ``defocus_waves2`` is the square of
-    the defocus. ``correction`` has shape ``(edges, CORRECTION_SPLINES)``, None for none. Without
-    ``has_pixel`` they are of the total transfer, and no pixel comes on top.
+    the defocus that counts along n. ``correction`` has shape ``(edges, CORRECTION_SPLINES)``, None
+    for none. Without ``has_pixel`` they are of the total transfer, and no pixel comes on top.
     """
 
     period_px: FloatArray
-    defocus_waves2: float
+    defocus_waves2: FloatArray
     variance_px2: FloatArray
     correction: FloatArray | None = None
     has_pixel: bool = True
@@ -55,6 +55,7 @@ class Slices:
         return replace(
             self,
             period_px=self.period_px[part],
+            defocus_waves2=self.defocus_waves2[part],
             variance_px2=self.variance_px2[part],
             correction=None if correction is None else correction[part],
         )
@@ -269,8 +270,9 @@ class EdgeStack:
         aperture = pixel if slices.has_pixel else self._weight[:, part]
         gauss = aperture * np.exp(-2 * pi**2 * freq**2 * slices.variance_px2)
         # Without a pupil all frequencies are 0 of its cut-off.
-        relative = freq * slices.period_px if slices.period_px.any() else np.zeros((1, 1))
-        pupil = pupil_slopes(relative, slices.defocus_waves2)
+        has_pupil = bool(slices.period_px.any())
+        relative = freq * slices.period_px if has_pupil else np.zeros((1, 1))
+        pupil = pupil_slopes(relative, slices.defocus_waves2 if has_pupil else np.zeros(1))
         profile = gauss * pupil.otf
         by_variance = -2 * pi**2 * freq**2 * profile
         if slices.correction is not None:

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibration.edges import BinnedEdge
+from calibration.psf.covariance import USUAL_RHO
 from calibration.psf.otf_choice import OtfChoice, choose_otf, distinct_directions_deg
 from calibration.psf.otf_forms import FormName, OtfForm, form_of
 from simulation.arrays import FloatArray
@@ -73,6 +74,9 @@ class Transfer2d(BaseModel):
         Number of edges, and chi-squared over its degrees of freedom for the noise within them.
     scatter
         Factor on the noise's covariance for what the edges scatter beyond it, at least 1.
+    rho_err_assumed
+        Standard error of the correlation that ``otf_err`` holds where the directions of the edges
+        leave it open and it is taken as 0; null where they tell it, and in files of before.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -85,6 +89,7 @@ class Transfer2d(BaseModel):
     edges: int
     chi2_reduced: float
     scatter: float
+    rho_err_assumed: float | None = None
     table: OtfTable | None = Field(default=None, repr=False)
 
     @model_validator(mode="after")
@@ -119,6 +124,7 @@ class Transfer2d(BaseModel):
             edges=len(normal_rad),
             chi2_reduced=choice.chi2_reduced,
             scatter=choice.scale,
+            rho_err_assumed=None if choice.knows_turn else USUAL_RHO,
         )
         return bare.model_copy(update={"table": bare._table()})
 
@@ -156,7 +162,17 @@ class Transfer2d(BaseModel):
         slopes = self._form.otf_slopes(self._values, fx.ravel(), fy.ravel())
         variance = np.sum((slopes @ self.covariance_matrix) * slopes, axis=1)
         pixel = np.abs(self._pixel(fx, fy))
-        return np.asarray(pixel * np.sqrt(np.maximum(variance, 0.0)).reshape(fx.shape))
+        measured = pixel * np.sqrt(np.maximum(variance, 0.0)).reshape(fx.shape)
+        return np.asarray(np.hypot(measured, self._unknown_turn(fx, fy)))
+
+    def _unknown_turn(self, fx: FloatArray, fy: FloatArray) -> FloatArray | float:
+        """Change of the transfer if the correlation had the standard error that is assumed."""
+        if self.rho_err_assumed is None:
+            return 0.0
+        halves = [self.mtf50_cy_per_px(angle) or _MTF50_FREQ[-1] for angle, _ in _AXES]
+        widths = [np.sqrt(np.log(2) / 2) / np.pi / half for half in halves]
+        xy_px2 = self.rho_err_assumed * widths[0] * widths[1]
+        return np.asarray(4 * np.pi**2 * fx * fy * xy_px2 * self.otf(fx, fy))
 
     def mtf50_cy_per_px(self, angle_deg: float) -> float | None:
         """Return the frequency at which the contrast falls to a half; None for none up to 2 cy/px.
@@ -173,8 +189,9 @@ class Transfer2d(BaseModel):
 
     @property
     def defocus_waves(self) -> float:
-        """Defocus of the pupil in wavelengths, 0 for a form without a pupil."""
-        return float(np.sqrt(self.parameters.get("defocus_waves2", 0.0)))
+        """Defocus of the pupil in wavelengths, its mean square over directions; 0 without one."""
+        xx, _, yy = self.lens.defocus_waves2
+        return float(np.sqrt(0.5 * (xx + yy)))
 
     def _pixel(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
         """What the square pixel passes; 1 where the form contains it."""
@@ -201,10 +218,11 @@ class Transfer2d(BaseModel):
 
     def __str__(self) -> str:
         focus = f" (defocus {self.defocus_waves:.2f} waves)" * (self.defocus_waves >= _SOME_WAVES)
+        between = "" if self.rho_err_assumed is None else "; between the axes not measured"
         halves = [f"{_brief(self.mtf50_cy_per_px(angle))} along {axis}" for angle, axis in _AXES]
         return (
             f"{self.form}{focus}, from {self.edges} edges at {len(self.angles_deg)} angles; "
-            f"MTF50 in cy/px: {', '.join(halves)}"
+            f"MTF50 in cy/px: {', '.join(halves)}{between}"
         )
 
 
@@ -221,12 +239,13 @@ def measure_transfer_2d(
         Error of the variance, of both axes alike, that edges share and so do not show by their
         scatter: the focus of a capture, what JPEG takes from all; 1.96 of it are 95 %.
     knows_correlation
-        False where the widths of the edges have left rho undetermined: no form is turned then.
+        False where the widths of the edges have left rho undetermined: every form is upright then.
 
     Returns
     -------
     Transfer2d or None
-        None where the edges have one direction alone.
+        None where the edges have one direction alone, or two that are not those of vertical and
+        horizontal edges.
     """
     choice = choose_otf(edges, knows_correlation=knows_correlation)
     if choice is None:

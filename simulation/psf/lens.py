@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import isfinite, pi, sqrt
+from math import ceil, isfinite, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,10 @@ _TABLE_STEPS = 1024
 # a squared defocus.
 _SLOPE_TABLES = ((1.0, 128, 24), (4.0, 256, 24), (16.0, 512, 40))
 _NO_WAVES = 1e-4  # below, the sine is its argument
+# Over a range of squared defocus, curves at Chebyshev's points are right to 1e-8 if there are so
+# many, and one for every two radians that the range turns the pupil's phase by.
+_RANGE_CURVES = 10
+_RAD_PER_WAVE = 2 * pi  # the most, half-way to the cut-off
 
 SymmetricMatrix = tuple[float, float, float]
 """Elements xx, xy and yy."""
@@ -29,15 +33,20 @@ class LensOtf:
     """Optical transfer function of a lens without the pixel: real, signed, 1 at frequency 0.
 
     ``OTF(|B f|, w) exp(-2 pi^2 f^T S f) + C(f)``: a circular pupil with the defocus w, its cut-off
-    stretched to an ellipse, a Gaussian for all else that blurs, and what edges show beyond.
+    stretched to an ellipse, a Gaussian for all else that blurs, and what edges show beyond. The
+    path difference of an astigmatic pupil is a quadratic form of its coordinates with a matrix D.
+    Along an axis of D the defocus is its eigenvalue, exactly; between the axes ``|D n|`` stands for
+    it, which also blurs across n (a lens of 0.8 and 0.4 waves at f/4 is then right to 0.004, one
+    with foci on both sides of the sensor, 0.8 and -0.4, to 0.04).
 
     Parameters
     ----------
     cut_off_period_px
         The symmetric matrix B in px: the pupil passes nothing where ``|B f|`` is 1 or more. With
         zeros there is no pupil, and no diffraction.
-    defocus_waves
-        Optical path difference at the pupil's rim, in wavelengths.
+    defocus_waves2
+        The symmetric matrix ``D^2``, in squared wavelengths of path difference at the pupil's rim;
+        ``(w2, 0, w2)`` for a defocus of w waves without astigmatism.
     gaussian_px2
         Covariance S of the Gaussian.
     correction
@@ -46,8 +55,8 @@ class LensOtf:
     Raises
     ------
     ValueError
-        If a number is not finite, a matrix is not positive semidefinite or the defocus is beyond
-        ``DEFOCUS_MAX_WAVES``.
+        If a number is not finite, a matrix is not positive semidefinite or the defocus along an
+        axis is beyond ``DEFOCUS_MAX_WAVES``.
 
     References
     ----------
@@ -56,21 +65,22 @@ class LensOtf:
     """
 
     cut_off_period_px: SymmetricMatrix = (0.0, 0.0, 0.0)
-    defocus_waves: float = 0.0
+    defocus_waves2: SymmetricMatrix = (0.0, 0.0, 0.0)
     gaussian_px2: SymmetricMatrix = (0.0, 0.0, 0.0)
     correction: OtfCorrection | None = None
 
     def __post_init__(self) -> None:
-        for name in ("cut_off_period_px", "gaussian_px2"):
+        for name in ("cut_off_period_px", "defocus_waves2", "gaussian_px2"):
             xx, xy, yy = values = getattr(self, name)
             if not all(isfinite(value) for value in values):
                 raise ValueError(f"{name} must be finite, got {values}")
             # Rounding may leave a singular matrix a hair below 0.
             if min(xx, yy) < 0 or xx * yy - xy * xy < -1e-9 * (xx + yy) ** 2:
                 raise ValueError(f"{name} must not be negative definite, got {values}")
-        if not abs(self.defocus_waves) <= DEFOCUS_MAX_WAVES:
+        if max(self.defocus_waves2) > DEFOCUS_MAX_WAVES**2:
             raise ValueError(
-                f"defocus_waves must be at most {DEFOCUS_MAX_WAVES:g}, got {self.defocus_waves}"
+                f"defocus_waves2 must be at most {DEFOCUS_MAX_WAVES**2:g}, "
+                f"got {self.defocus_waves2}"
             )
 
     def __call__(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
@@ -81,21 +91,59 @@ class LensOtf:
         xx, xy, yy = self.cut_off_period_px
         if not xx == xy == yy == 0:
             relative = np.hypot(xx * fx + xy * fy, xy * fx + yy * fy)
-            transfer = transfer * pupil_otf(relative, self.defocus_waves)
+            transfer = transfer * pupil_otf(relative, self._defocus_waves(fx, fy))
         return np.asarray(
             transfer if self.correction is None else transfer + self.correction(fx, fy)
         )
 
+    def _defocus_waves(self, fx: FloatArray, fy: FloatArray) -> float | FloatArray:
+        """Defocus that counts along frequencies: one for all without astigmatism."""
+        xx, xy, yy = self.defocus_waves2
+        if xx == yy and xy == 0:
+            return sqrt(xx)
+        square = np.maximum(fx * fx + fy * fy, 1e-300)
+        along = (xx * fx * fx + 2 * xy * fx * fy + yy * fy * fy) / square
+        return np.asarray(np.sqrt(np.maximum(along, 0.0)))
 
-def pupil_otf(relative_freq: FloatArray, defocus_waves: float) -> FloatArray:
+
+def pupil_otf(relative_freq: FloatArray, defocus_waves: float | FloatArray) -> FloatArray:
     """Transfer of a circular pupil out of focus, at frequencies over the cut-off frequency.
 
     From a table over ``acos``, in which the curve is smooth up to its end; right to 1e-9 up to a
-    wave of defocus, and to 3e-6 at the most.
+    wave of defocus, and to 3e-6 at the most. A defocus for each frequency, as an astigmatic pupil
+    has, broadcasts with them, and is between tables.
     """
     relative = np.asarray(relative_freq, dtype=np.float64)
+    if isinstance(defocus_waves, np.ndarray):
+        relative, waves = np.broadcast_arrays(relative, defocus_waves)
+        inside = relative < 1
+        out = np.zeros(relative.shape)
+        out[inside] = _between_tables(np.arccos(relative[inside]), waves[inside] ** 2)
+        return out
     values, _ = _pupil_table(abs(defocus_waves)).at(np.arccos(np.minimum(relative, 1.0)))
     return np.where(relative < 1, values[..., 0], 0.0)
+
+
+def _between_tables(angle_rad: FloatArray, defocus_waves2: FloatArray) -> FloatArray:
+    """Transfer at angles ``acos(nu)``, each with its squared defocus: a polynomial in the latter.
+
+    Shape ``(n,)`` each.
+    """
+    if not angle_rad.size:
+        return np.zeros(0)
+    low, high = float(defocus_waves2.min()), float(defocus_waves2.max())
+    turn_rad = _RAD_PER_WAVE * (sqrt(high) - sqrt(low))
+    count = _RANGE_CURVES + ceil(turn_rad / 2)
+    place = np.cos(pi * (np.arange(count) + 0.5) / count)
+    nodes = 0.5 * (low + high) + 0.5 * (high - low) * place
+    curves = np.stack([_pupil_table(sqrt(node)).at(angle_rad)[0][:, 0] for node in nodes.tolist()])
+    series = np.polynomial.chebyshev.chebvander(place, count - 1)
+    weight = np.where(np.arange(count) == 0, 1.0, 2.0) / count
+    at = (2 * defocus_waves2 - low - high) / max(high - low, 1e-300)
+    coefficients = (weight[:, None] * series.T) @ curves
+    return np.asarray(
+        np.polynomial.chebyshev.chebval(np.clip(at, -1, 1), coefficients, tensor=False)
+    )
 
 
 class PupilSlopes(NamedTuple):
@@ -106,12 +154,27 @@ class PupilSlopes(NamedTuple):
     by_defocus_waves2: FloatArray
 
 
-def pupil_slopes(relative_freq: FloatArray, defocus_waves2: float) -> PupilSlopes:
+def pupil_slopes(relative_freq: FloatArray, defocus_waves2: FloatArray) -> PupilSlopes:
     """Return ``pupil_otf`` with its derivatives, for whoever fits it; right to 3e-6.
 
-    The transfer depends on the square of the defocus, in which it is smooth at 0.
+    The transfer depends on the square of the defocus, in which it is smooth at 0. There is one for
+    each entry of the frequencies' last axis, or one for all.
     """
     relative = np.asarray(relative_freq, dtype=np.float64)
+    each, which = np.unique(defocus_waves2, return_inverse=True)
+    if each.size == 1:
+        return _slopes_at(relative, float(each[0]))
+    out = PupilSlopes(
+        *(np.empty(np.broadcast_shapes(relative.shape, which.shape)) for _ in range(3))
+    )
+    relative = np.broadcast_to(relative, out.otf.shape)
+    for k, waves2 in enumerate(each.tolist()):
+        for whole, some in zip(out, _slopes_at(relative[..., which == k], waves2), strict=True):
+            whole[..., which == k] = some
+    return out
+
+
+def _slopes_at(relative: FloatArray, defocus_waves2: float) -> PupilSlopes:
     inside = relative < 1
     angle = np.arccos(np.minimum(relative, 1.0))
     values, by_angle = _slope_table(defocus_waves2).at(angle)
@@ -145,7 +208,7 @@ class _Table(NamedTuple):
         return values, steps_per_rad * (slope + t * (2 * bend + t * 3 * twist))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _slope_table(defocus_waves2: float) -> _Table:
     """Table of the transfer, and of its slope by the squared defocus."""
     for most, steps, nodes in _SLOPE_TABLES:

@@ -79,7 +79,11 @@ class MeasuredPsf:
             return "gaussian"
         is_round = all(
             xx == yy and xy == 0
-            for xx, xy, yy in (self.lens.cut_off_period_px, self.lens.gaussian_px2)
+            for xx, xy, yy in (
+                self.lens.cut_off_period_px,
+                self.lens.defocus_waves2,
+                self.lens.gaussian_px2,
+            )
         )
         return "round" if is_round else "elliptic"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration.edges import REJECTING_FLAGS
-from calibration.psf import Estimate, PsfCalibration
+from calibration.psf import FEWEST_FIELD_EDGES, Estimate, PsfCalibration
 from calibration.sharpness import (
     MODEL_REMARK,
     NORMAL_95,
@@ -65,6 +65,8 @@ def print_psf(calibration: PsfCalibration) -> None:
             "the PSF changes over the frame: psf.json holds its field, with every width known to "
             f"± {100 * NORMAL_95 * calibration.field.worst_err:.1f} % (95 %) or better"
         )
+    elif calibration.no_field_because and len(calibration.edges_used) >= FEWEST_FIELD_EDGES:
+        say(f"no PSF field: {calibration.no_field_because}")
     if calibration.softness_px2 is not None:
         say(f"the scene's own edges have a mean blur of {calibration.softness_px2**0.5:.2f} px")
         note(

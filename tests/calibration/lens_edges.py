@@ -22,8 +22,14 @@ _GRID_PX = 1 / 48
 _REACH_PX = 40.0
 
 
-def pupil_transfer(relative_freq: FloatArray, waves: float) -> FloatArray:
-    """Hopkins (1955): the overlap of two pupils, integrated along the line between them."""
+def pupil_transfer(
+    relative_freq: FloatArray, waves: float | FloatArray, across_waves: float | FloatArray = 0.0
+) -> FloatArray:
+    """Hopkins (1955): the overlap of two pupils, integrated along the line between them.
+
+    ``waves`` is the defocus along that line; of an astigmatic pupil there is a part across it, over
+    which the integral is known.
+    """
     nu = np.minimum(np.abs(np.asarray(relative_freq, dtype=np.float64)), 1.0)
     node, weight = np.polynomial.legendre.leggauss(80)
     u = (node + 1) / 2
@@ -32,6 +38,7 @@ def pupil_transfer(relative_freq: FloatArray, waves: float) -> FloatArray:
         # x = (1 - nu) (1 - s^2) removes the root at the rim of the pupil.
         x = (1 - nu) * (1 - uk * uk)
         height = np.sqrt(np.maximum(1 - (x + nu) ** 2, 0.0))
+        height = height * np.sinc(8 * across_waves * nu * height)
         out += wk / 2 * 2 * uk * (1 - nu) * np.cos(8 * pi * waves * nu * x) * height
     return np.asarray(4 / pi * out)
 
@@ -53,6 +60,31 @@ class Lens:
         q = self.across_px * (fy * np.cos(turn) - fx * np.sin(turn))
         gauss = np.exp(-2 * (pi * self.sigma_px) ** 2 * (fx * fx + fy * fy))
         pupil = pupil_transfer(np.hypot(p, q), self.waves)
+        return np.asarray(pupil * gauss * np.sinc(fx) * np.sinc(fy))
+
+
+@dataclass(frozen=True)
+class AstigmaticLens(Lens):
+    """A round pupil whose path difference is ``x_waves u^2 + y_waves v^2``, turned.
+
+    Between points p of two pupils ``2 nu`` apart along n it is ``4 nu n . D p``: along n a defocus
+    of ``n . D n``, across it one of ``m . D n``.
+    """
+
+    x_waves: float = 0.0
+    y_waves: float = 0.0
+
+    def otf(self, fx: FloatArray, fy: FloatArray) -> FloatArray:
+        """Lens and pixel together."""
+        fx, fy = np.broadcast_arrays(fx, fy)
+        turn = np.deg2rad(self.turn_deg)
+        u, v = fx * np.cos(turn) + fy * np.sin(turn), fy * np.cos(turn) - fx * np.sin(turn)
+        freq = np.hypot(u, v)
+        cosine, sine = u / np.maximum(freq, 1e-12), v / np.maximum(freq, 1e-12)
+        along = self.x_waves * cosine**2 + self.y_waves * sine**2
+        across = (self.y_waves - self.x_waves) * cosine * sine
+        gauss = np.exp(-2 * (pi * self.sigma_px) ** 2 * freq**2)
+        pupil = pupil_transfer(freq * self.along_px, along, across)
         return np.asarray(pupil * gauss * np.sinc(fx) * np.sinc(fy))
 
 

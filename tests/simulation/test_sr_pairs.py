@@ -19,7 +19,7 @@ from simulation.zoom import zoom_operator
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.1)
 TURNED_LENS = MeasuredPsf(
-    lens=LensOtf(cut_off_period_px=(0.35, 0.1, 0.5), defocus_waves=0.3),
+    lens=LensOtf(cut_off_period_px=(0.35, 0.1, 0.5), defocus_waves2=(0.09, 0.0, 0.09)),
     gaussian=GaussianPsf(sigma_x_px=0.55, sigma_y_px=0.6),
 )
 

@@ -262,8 +262,10 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
         return ReportSection(
             title="From centre to corner",
             text=(
-                "No PSF field: there are too few edges over the frame to determine one (at least "
-                "36 in several directions), or the PSF does not change significantly.",
+                f"No PSF field: {psf.no_field_because}."
+                if psf.no_field_because
+                else "No PSF field: there are too few edges over the frame to determine one (at "
+                "least 36 in several directions), or the PSF does not change significantly.",
             ),
         )
     width, height = field.width_px, field.height_px

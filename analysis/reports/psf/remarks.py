@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from calibration.psf import PsfCalibration, share_of_correlation
+from calibration.psf import USUAL_RHO, PsfCalibration, share_of_correlation
 
-_USUAL_RHO = 0.1
 _WORTH_SAYING = 0.002
 """Smallest relative error of a width, from an unknown rho, that is worth a note."""
 
@@ -62,10 +61,10 @@ def _what_is_missing(calibration: PsfCalibration) -> str | None:
     listed = f"{', '.join(first)} and {last}" if first else last
     text = f"not determined by {len(used)} edge{'s' * (len(used) > 1)}: {listed}"
     share = share_of_correlation(np.array([edge.angle_deg for edge in used]))
-    if calibration.rho is None and share * _USUAL_RHO > _WORTH_SAYING:
+    if calibration.rho is None and share * USUAL_RHO > _WORTH_SAYING:
         text += (
-            f"; if rho were {_USUAL_RHO:g}, a width would be off by "
-            f"{100 * share * _USUAL_RHO:.1f} %, beyond its interval"
+            f"; if rho were {USUAL_RHO:g}, a width would be off by "
+            f"{100 * share * USUAL_RHO:.1f} %, beyond its interval"
         )
     needed = "in other directions" if len(missing) > 1 else "that are diagonal"
     return f"{text}; add edges {needed}"

@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibration.psf.calibration import calibrate_psf
-from calibration.psf.field import FieldEdges, FieldFit, fit_psf_field
+from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
 from simulation.arrays import FloatArray
 from simulation.psf.field import PsfField
 from tests.calibration.edge_field import COLS, FIELD, ROWS, frame_of_edges
@@ -93,6 +95,30 @@ def test_vertical_and_horizontal_edges_alone_do_not_determine_the_tilt() -> None
         sigma_err_px=edges.sigma_err_px,
     )
     assert fit_psf_field(turned, COLS, ROWS) is None
+    reason = field_or_reason(turned, COLS, ROWS)
+    assert isinstance(reason, str)
+    assert "too few directions" in reason
+    assert "the widths along the axes change over the frame" in reason
+
+
+@pytest.mark.parametrize(
+    ("edges", "expected"),
+    [
+        (edges_over_the_frame(FIELD, 35), "too few edges: 35 of at least 36"),
+        (edges_over_the_frame(CONSTANT), "no change over the frame"),
+        (edges_over_the_frame(FIELD, err=0.05), "would be known to"),
+        (replace(edges_over_the_frame(FIELD), x_px=np.full(80, 9.0)), "too few places"),
+        (
+            replace(edges_over_the_frame(CONSTANT), angle_deg=np.tile([2.0, 92.0], 40)),
+            "the widths along the axes do not change significantly",
+        ),
+        (replace(edges_over_the_frame(FIELD), angle_deg=np.full(80, 3.0)), "too few directions"),
+    ],
+)
+def test_what_stands_in_the_way_of_a_field_is_said(edges: FieldEdges, expected: str) -> None:
+    reason = field_or_reason(edges, COLS, ROWS)
+    assert isinstance(reason, str)
+    assert expected in reason
 
 
 def test_single_wrong_edges_do_not_bend_the_field() -> None:

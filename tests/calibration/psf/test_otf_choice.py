@@ -9,7 +9,7 @@ from calibration.psf.otf_choice import choose_otf, distinct_directions_deg, wide
 from calibration.psf.otf_forms import ELLIPTIC
 from calibration.psf.otf_slices import EdgeStack, StackedBins
 from simulation.arrays import FloatArray
-from tests.calibration.lens_edges import Lens, edge_photographs, pupil_transfer
+from tests.calibration.lens_edges import AstigmaticLens, Lens, edge_photographs, pupil_transfer
 
 EIGHT_DEG = tuple(5.0 + 22.5 * k for k in range(8))
 LENGTH_PX = 90.0
@@ -66,12 +66,26 @@ def test_one_direction_determines_no_transfer_over_both_axes() -> None:
     assert choose_otf(binned(Lens(0.37, 0.37), (4.0, 9.0))) is None
 
 
-def test_two_directions_give_a_gaussian_or_a_round_lens() -> None:
-    for lens, form in ((Lens(0.0, 0.0, sigma_px=0.6), "gaussian"), (Lens(0.5, 0.5), "round")):
-        choice = choose_otf(binned(lens, (4.0, 94.0)))
-        assert choice is not None
-        assert choice.fit.form.name == form
-        assert "2 directions do not tell an elliptic one" in choice.reason
+@pytest.mark.parametrize(
+    ("lens", "label"),
+    [
+        (Lens(0.0, 0.0, sigma_px=0.6), "gaussian"),
+        (Lens(0.5, 0.5), "round"),
+        (Lens(0.6, 0.35), "elliptic in cut-off"),
+        (AstigmaticLens(0.27, 0.27, x_waves=0.8, y_waves=0.4), "elliptic in defocus"),
+    ],
+)
+def test_two_directions_give_an_upright_lens(lens: Lens, label: str) -> None:
+    choice = choose_otf(binned(lens, (4.0, 94.0)))
+    assert choice is not None
+    assert choice.fit.form.label == label
+    assert not choice.knows_turn
+    assert "2 directions do not tell how it is turned" in choice.reason
+
+
+def test_two_directions_that_are_not_of_the_axes_give_no_transfer() -> None:
+    for normals in ((4.0, 49.0), (30.0, 120.0)):
+        assert choose_otf(binned(Lens(0.5, 0.5), normals)) is None
 
 
 def test_widths_that_leave_the_correlation_open_give_no_form_that_is_turned() -> None:

@@ -25,7 +25,7 @@ def test_the_pupils_transfer_is_hopkins_integral(waves: float) -> None:
 
 @pytest.mark.parametrize("waves", [0.0, 0.3, 1.0, 2.0, 5.0])
 def test_the_slopes_are_differences_of_the_transfer(waves: float) -> None:
-    slopes = pupil_slopes(NU, waves**2)
+    slopes = pupil_slopes(NU, np.array([waves**2]))
     np.testing.assert_allclose(slopes.otf, pupil_otf(NU, waves), atol=3e-5)
     # At 0 and at the cut-off the curve has a corner or a half power: differences straddle it.
     inner = (NU > 0.01) & (abs(NU - 1) > 0.01)

@@ -62,7 +62,7 @@ def test_a_lens_stretched_along_x_is_softer_along_x_alone() -> None:
         GaussianPsf.from_covariance(np.diag([xx + PIXEL_PX2, 0.25 + PIXEL_PX2]))
         for xx in (0.25, 1.0)
     )
-    lens = LensOtf(cut_off_period_px=(1.0, 0.0, 1.0), defocus_waves=0.2)
+    lens = LensOtf(cut_off_period_px=(1.0, 0.0, 1.0), defocus_waves2=(0.04, 0.0, 0.04))
     psf = MeasuredPsf(lens=lens, gaussian=near)
     stretched = psf.stretched_to(wide)
     freq, none = np.linspace(0, 0.4, 9), np.zeros(9)

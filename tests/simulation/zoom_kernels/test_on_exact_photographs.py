@@ -36,7 +36,8 @@ LENSES = {
 def psf_of(optics: Optics) -> Psf:
     if optics.cut_off_px is None:
         return GaussianPsf(sigma_x_px=optics.sigma_px, sigma_y_px=optics.sigma_px)
-    lens = LensOtf(cut_off_period_px=optics.cut_off_px, defocus_waves=optics.defocus_waves)
+    waves2 = optics.defocus_waves**2
+    lens = LensOtf(cut_off_period_px=optics.cut_off_px, defocus_waves2=(waves2, 0.0, waves2))
     return MeasuredPsf(lens=lens, gaussian=GaussianPsf(sigma_x_px=0.55, sigma_y_px=0.55))
 
 
