@@ -256,7 +256,9 @@ def _without_shading(
     distances, is_clipped = sides
     parameters = window.rough.parameters
     contrast = parameters[HIGH] - parameters[LOW]
-    slopes = slopes_across(image_dn, line, window.half_width_px, clearance_px, contrast)
+    # The window is that of a rough width, often a wider one: what is taken off goes by the fit's.
+    half_width = min(band_half_width(np.exp(parameters[LOG_SIGMA])), window.half_width_px)
+    slopes = slopes_across(image_dn, line, half_width, clearance_px, contrast)
     slopes = unclipped_slopes(slopes, distances[is_clipped])
     if is_even(slopes):
         return window, False

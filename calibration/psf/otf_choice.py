@@ -26,7 +26,6 @@ from calibration.psf.otf_forms import (
     AXIAL,
     AXIAL_GAUSSIAN,
     AXIAL_TOTAL_GAUSSIAN,
-    EACH_AXIS,
     ELLIPTIC,
     GAUSSIAN,
     ROUND,
@@ -216,26 +215,16 @@ def _first_fits(
     round_lens = fit_form(stack, ROUND, round_start)
     fits = [fit_form(stack, lens, start), fit_form(stack, total, start + pixel), round_lens]
     if round_lens is not None:
-        turned = (ELLIPTIC, ASTIGMATIC)
-        fits += _gone_on(stack, turned, round_lens) if is_spread else _along_axes(stack, round_lens)
+        richer = (ELLIPTIC, ASTIGMATIC) if is_spread else AXIAL
+        fits += [_gone_on(stack, form, round_lens) for form in richer]
     return [fit for fit in fits if fit is not None]
 
 
-def _along_axes(stack: EdgeStack, round_lens: OtfFit) -> list[OtfFit | None]:
-    """Fits of lenses that are not round along the axes: in one thing, then in all."""
-    fits = _gone_on(stack, AXIAL, round_lens)
-    best = min((fit for fit in fits if fit), key=lambda fit: fit.squares, default=round_lens)
-    return [*fits, *_gone_on(stack, [EACH_AXIS], best)]
-
-
-def _gone_on(stack: EdgeStack, forms: Sequence[OtfForm], simpler: OtfFit) -> list[OtfFit | None]:
-    """Fits of richer forms from the lens of a simpler one; where they gain little, a few steps."""
-    fits = []
-    for form in forms:
-        start = form.nearest(simpler.form.elements @ simpler.parameters)
-        is_worth = expected_gain(stack, form, simpler, start) > _NOT_WORTH_A_FIT
-        fits.append(fit_form(stack, form, start, FULL_STEPS if is_worth else _FEW_STEPS))
-    return fits
+def _gone_on(stack: EdgeStack, form: OtfForm, simpler: OtfFit) -> OtfFit | None:
+    """A fit of a richer form from the lens of a simpler one; a few steps where it gains little."""
+    start = form.nearest(simpler.form.elements @ simpler.parameters)
+    is_worth = expected_gain(stack, form, simpler, start) > _NOT_WORTH_A_FIT
+    return fit_form(stack, form, start, FULL_STEPS if is_worth else _FEW_STEPS)
 
 
 def _two_ellipses(stack: EdgeStack, fits: Sequence[OtfFit]) -> OtfFit | None:

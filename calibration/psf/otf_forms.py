@@ -243,9 +243,6 @@ AXIAL: Final = (
 )
 """A lens that is not round along the axes by its cut-off, its defocus or its Gaussian alone."""
 
-EACH_AXIS: Final = _form("elliptic", **_AXIAL_B, **_AXIAL_W, **_AXIAL_S)
-"""Along either axis a round lens of its own; between them what its ellipses say."""
-
 
 def form_of(name: str, names: tuple[str, ...]) -> OtfForm:
     """Return the form with these parameters.
@@ -261,7 +258,7 @@ def form_of(name: str, names: tuple[str, ...]) -> OtfForm:
         for harmonics in CORRECTION_HARMONICS
     ]
     gaussians = (GAUSSIAN, AXIAL_GAUSSIAN, TOTAL_GAUSSIAN, AXIAL_TOTAL_GAUSSIAN)
-    lenses = (ROUND, ELLIPTIC, ASTIGMATIC, TWO_ELLIPSES, *AXIAL, EACH_AXIS)
+    lenses = (ROUND, ELLIPTIC, ASTIGMATIC, TWO_ELLIPSES, *AXIAL)
     for form in (*gaussians, *lenses, *corrected):
         if (form.name, form.names) == (name, names):
             return form

@@ -6,6 +6,7 @@ from calibration.edge_search import EdgeLine
 from calibration.edges import EdgeImage, measure_edges, pixel_mtf50
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
+from tests.calibration.squares import square_cover
 
 DARK_DN, BRIGHT_DN = 8_000.0, 52_000.0
 ROWS, COLS = 120, 160
@@ -45,6 +46,48 @@ def test_a_slope_is_found_where_most_of_the_far_zone_is_within_the_frame() -> No
     found = shading(image + noise, x_px, 0.0)
     assert found.bright == pytest.approx(slope_dn_per_px, abs=0.1)
     assert found.dark == 0.0
+
+
+@pytest.mark.parametrize("to_frame_px", [60.0, 34.0, 24.0, 18.0, 14.0])
+def test_light_is_taken_off_a_side_that_the_frame_cuts(to_frame_px: float) -> None:
+    x_px = COLS - 1 - to_frame_px
+    relative_per_px = 1e-3
+    lit = step(x_px, 0.0) * (1 + relative_per_px * (np.arange(COLS) - x_px))
+    noise = np.random.default_rng(2).normal(0, 1.0, lit.shape)
+    found = shading(lit + noise, x_px, 0.0)
+    assert found.dark == pytest.approx(relative_per_px * DARK_DN, rel=0.05)
+    assert found.bright == pytest.approx(relative_per_px * BRIGHT_DN, rel=0.05)
+
+
+def test_a_tail_that_is_alike_on_both_sides_of_a_cut_frame_is_no_light() -> None:
+    # The profile of a Lorentzian beside the step: 1 / (pi d) of the contrast, 6 % at 5 px.
+    x_px = COLS - 1 - 24.0
+    image = step(x_px, 0.0)
+    away = np.arange(COLS) - x_px
+    tail = 0.02 * (BRIGHT_DN - DARK_DN) / np.maximum(np.abs(away), 1.0)
+    found = shading(image - np.sign(away) * tail, x_px, 0.0)
+    assert found.dark == found.bright == 0.0
+
+
+@pytest.mark.parametrize("margin_px", [20.0, 30.0])
+@pytest.mark.parametrize("sigma_px", [0.9, 1.5])
+def test_squares_near_the_frame_in_uneven_light_give_the_contrast_of_even_light(
+    sigma_px: float, margin_px: float
+) -> None:
+    side = 60 + 2 * int(margin_px)
+    cover = square_cover((side / 2 - 0.2, side / 2 - 0.7), 60.0, 7.0, sigma_px, (side, side))
+    y, x = np.mgrid[:side, :side] / (side - 1.0) - 0.5
+    for light in (1 + 0.15 * x, 1 + 0.35 * x, 1 + 0.25 * (x + y)):
+        for levels in ((BRIGHT_DN, DARK_DN), (DARK_DN, BRIGHT_DN)):
+            image = (levels[0] + (levels[1] - levels[0]) * cover) * light
+            edges = measure_edges(EdgeImage(name="", image_dn=image))
+            assert len(edges) == 4
+            for edge in edges:
+                truth = pixel_mtf50(sigma_px, edge.normal_rad)
+                # 5 and 10 % without; a square whose outer side has no pixels beyond the band keeps
+                # what its inside tells.
+                assert edge.esfr_mtf50_cy_per_px == pytest.approx(truth, rel=0.006)
+                assert edge.optical_sigma_px == pytest.approx(sigma_px, rel=0.006)
 
 
 def left(image: FloatArray, x_px: float) -> float:
