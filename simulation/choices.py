@@ -14,9 +14,10 @@ DEFAULT_MODEL: PoseModel = "lmmse"
 """Over lenses, zooms, poses and noise it has the least error, as
 ``benchmarks/bench_capture_model.py`` shows."""
 
-PsfForm = Literal["gaussian", "separable", "round", "elliptic", "free"]
+PsfForm = Literal["gaussian", "separable", "round", "elliptic", "free", "own"]
 """What a PSF's shape is known as: a Gaussian, a curve along either axis, a lens of the same
-sharpness in every direction, one of two, or one with a measured correction to it."""
+sharpness in every direction, one of two, one with a measured correction to it, or a table of one's
+own."""
 
 PsfShape = Literal["best", "gaussian", "measured"]
 """Which PSF of a psf.json is used: the best one, the Gaussian, or none but a measured one."""

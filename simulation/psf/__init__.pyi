@@ -21,6 +21,7 @@ from .measured import (
     Psf as Psf,
     SeparablePsf as SeparablePsf,
 )
+from .tabulated import TabulatedPsf as TabulatedPsf
 from .transfer import (
     GaussianTransfer as GaussianTransfer,
     SampledTransfer as SampledTransfer,

@@ -1,0 +1,366 @@
+"""A PSF of one's own: from a kernel, a transfer function, a pupil or its Zernike coefficients."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from hashlib import sha256
+from math import ceil, factorial, isfinite, log, pi, sqrt
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simulation.arrays import FloatArray
+from simulation.choices import PsfForm
+from simulation.psf.gaussian import GaussianPsf
+
+OtfFunction = Callable[[FloatArray, FloatArray], Any]
+"""Transfer at frequencies fx and fy in cycles per pixel; the two broadcast."""
+
+_LAST_CY_PER_PX = 4.0  # what lies beyond, no zoom folds back
+_FUNCTION_LAST_CY_PER_PX, _FUNCTION_STEPS = 2.0, 128
+_STEPS_PER_EXTENT = 6  # of one over the kernel's extent: a cubic spline is then right to 1e-5
+_ZERO_TOLERANCE = 0.02  # how far from 1 a transfer may be at frequency 0; it is divided by that
+_PUPIL_SAMPLES: Final = 256
+_RIM_SAMPLES = 4  # per sample of the pupil and axis: its rim is averaged
+_FEWEST, _WIDEST_KERNEL = 3, 1024
+_ANGLES_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
+_HALF_STEPS = 400
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TabulatedPsf:
+    """A PSF by a table of its transfer function; made by one of its ``from_`` methods.
+
+    Its centre is the centroid. Operators take a PSF that is symmetric about its centre; what is
+    not is left out, and ``asymmetry`` says how much that is.
+
+    Parameters
+    ----------
+    table
+        Real transfer at frequencies ``step_cy_per_px`` apart, shape ``(n + 1, 2 n + 1)``: rows from
+        fy = 0 on, columns about fx = 0. The transfer is the same at opposite frequencies, and 0
+        beyond the table.
+    step_cy_per_px
+        Distance of two frequencies.
+    has_pixel
+        Whether the pixel is in the table; else a square one comes on top.
+    asymmetry
+        Root mean square of the imaginary part over that of the whole transfer.
+    """
+
+    table: FloatArray = field(repr=False)
+    step_cy_per_px: float
+    has_pixel: bool
+    asymmetry: float = 0.0
+    gaussian: GaussianPsf = field(init=False)
+    _spline: FloatArray = field(init=False, repr=False)
+    _digest: bytes = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        from scipy.ndimage import spline_filter  # .1 s, where a PSF is not of a calibration
+
+        table = np.ascontiguousarray(self.table, dtype=np.float64)
+        # About fx = 0 and fy = 0 the curve goes on as its opposite half.
+        whole = np.concatenate([table[:0:-1, ::-1], table])
+        # Twice: once for the frozen class, whose values are set once and never change.
+        object.__setattr__(self, "table", table)
+        object.__setattr__(self, "_spline", spline_filter(whole, mode="nearest"))
+        facts = repr((self.step_cy_per_px, self.has_pixel)).encode()
+        object.__setattr__(self, "_digest", sha256(facts + table.tobytes()).digest())
+        object.__setattr__(self, "gaussian", self._nearest_gaussian())
+
+    @classmethod
+    def from_kernel(
+        cls, kernel: ArrayLike, *, samples_per_px: float = 1.0, has_pixel: bool = True
+    ) -> Self:
+        """Return the PSF of a sampled kernel.
+
+        Parameters
+        ----------
+        kernel
+            Samples of the PSF, shape ``(rows, cols)``, in any unit; the rest of the plane is 0.
+        samples_per_px
+            Samples per camera pixel along either axis. Beyond half of that, in cycles per pixel,
+            the transfer counts as 0.
+        has_pixel
+            Whether the kernel includes the camera's pixel, as one measured in its pictures does;
+            False for the PSF of the optics alone.
+
+        Raises
+        ------
+        ValueError
+            If the kernel is not a finite image with a positive sum, or the sampling not positive.
+        """
+        values = _checked(kernel, "kernel", (2,))
+        _positive(samples_per_px, "samples_per_px")
+        total = float(values.sum())
+        if not total > 1e-6 * float(np.abs(values).sum()):
+            raise ValueError("kernel: its sum must be positive")
+        rows, cols = values.shape
+        if max(rows, cols) > _WIDEST_KERNEL:
+            raise ValueError(
+                f"kernel: {cols} x {rows} samples are more than {_WIDEST_KERNEL} a side; crop it "
+                "to the PSF"
+            )
+        y, x = np.arange(rows), np.arange(cols)
+        y = (y - float(values.sum(axis=1) @ y) / total) / samples_per_px
+        x = (x - float(values.sum(axis=0) @ x) / total) / samples_per_px
+        step = samples_per_px / (_STEPS_PER_EXTENT * max(rows, cols))
+        last = ceil(min(samples_per_px / 2, _LAST_CY_PER_PX) / step) - 1
+        turn = -2j * pi * step
+        by_row = np.exp(turn * np.outer(np.arange(last + 1), y))
+        by_col = np.exp(turn * np.outer(x, np.arange(-last, last + 1)))
+        return cls._of_half(by_row @ (values / total) @ by_col, step, has_pixel)
+
+    @classmethod
+    def from_otf(cls, otf: OtfFunction, *, has_pixel: bool = True) -> Self:
+        """Return the PSF of a transfer function.
+
+        Parameters
+        ----------
+        otf
+            Of frequencies fx and fy in cycles per pixel, which broadcast; asked up to 2.
+        has_pixel
+            Whether the camera's pixel is in it.
+
+        Raises
+        ------
+        ValueError
+            If its values are not finite, not of the frequencies' shape, or not 1 at frequency 0.
+        """
+        steps = np.arange(-_FUNCTION_STEPS, _FUNCTION_STEPS + 1)
+        step = _FUNCTION_LAST_CY_PER_PX / _FUNCTION_STEPS
+        fy, fx = np.meshgrid(steps * step, steps * step, indexing="ij")
+        values = np.asarray(otf(fx, fy))
+        if values.shape != fx.shape or not np.all(np.isfinite(values)):
+            raise ValueError("otf: its values must be finite, one for each frequency")
+        return cls._of_half(values[_FUNCTION_STEPS:], step, has_pixel)
+
+    @classmethod
+    def from_mtf(cls, freq_cy_per_px: ArrayLike, mtf: ArrayLike, *, has_pixel: bool = True) -> Self:
+        """Return the PSF of a lens that is alike in all directions, from a table of its contrast.
+
+        Parameters
+        ----------
+        freq_cy_per_px
+            Frequencies from 0 on, increasing, shape ``(n,)``.
+        mtf
+            Contrast there, 1 at frequency 0, shape ``(n,)``; 0 beyond the last.
+        has_pixel
+            Whether the camera's pixel is in it.
+
+        Raises
+        ------
+        ValueError
+            As ``SampledTransfer``.
+        """
+        from simulation.psf.transfer import SampledTransfer
+
+        curve = SampledTransfer(
+            _checked(freq_cy_per_px, "freq_cy_per_px", (1,)), _checked(mtf, "mtf", (1,))
+        )
+        return cls.from_otf(lambda fx, fy: curve(np.hypot(fx, fy)), has_pixel=has_pixel)
+
+    @classmethod
+    def from_pupil(
+        cls, pupil: ArrayLike, *, cut_off_period_px: float, diameter: float | None = None
+    ) -> Self:
+        """Return the PSF of a lens by its exit pupil, over square pixels.
+
+        Parameters
+        ----------
+        pupil
+            Complex amplitude over the pupil, shape ``(n, n)``: ``A exp(2 pi i W)`` with the
+            transmission A and the path difference W in wavelengths.
+        cut_off_period_px
+            Period of the finest grating that passes: wavelength times f-number over pixel pitch.
+        diameter
+            Of the pupil, in samples; n if not given.
+
+        Raises
+        ------
+        ValueError
+            If the pupil is not a finite, square array that passes light, or the period or the
+            diameter not positive.
+
+        Notes
+        -----
+        The transfer is the autocorrelation of the pupil (J. W. Goodman, Introduction to Fourier
+        Optics, section 6.3).
+        """
+        values = np.asarray(pupil, dtype=np.complex128)
+        if values.ndim != 2 or values.shape[0] != values.shape[1] or len(values) < _FEWEST:
+            raise ValueError(f"pupil: expected a square array, got the shape {values.shape}")
+        if not np.all(np.isfinite(values)) or not np.any(values):
+            raise ValueError("pupil: its values must be finite, and not all 0")
+        _positive(cut_off_period_px, "cut_off_period_px")
+        across = float(len(values)) if diameter is None else diameter
+        _positive(across, "diameter")
+        power = float(np.sum(np.abs(values) ** 2))
+        return cls._of_pupil(values, 1 / (cut_off_period_px * across), power)
+
+    @classmethod
+    def _of_pupil(cls, values: NDArray[np.complex128], step: float, power: float) -> Self:
+        """The PSF of a pupil that lets this power through, of the frequency step of a sample."""
+        middle = len(values)
+        spread = np.abs(np.fft.fft2(values, (2 * middle, 2 * middle))) ** 2
+        spectrum = np.fft.fftshift(np.conj(np.fft.ifft2(spread))) / power
+        spectrum[middle, middle] = 1.0
+        half = spectrum[middle:, 1:]
+        # The centroid is the slope of the phase at frequency 0.
+        right, down = np.angle(half[0, middle]), np.angle(half[1, middle - 1])
+        turn = np.arange(middle)[:, None] * down + np.arange(1 - middle, middle) * right
+        return cls._of_half(half * np.exp(-1j * turn), step, has_pixel=False)
+
+    @classmethod
+    def from_zernike(
+        cls, waves: Mapping[int, float], *, cut_off_period_px: float, obscured: float = 0.0
+    ) -> Self:
+        """Return the PSF of a lens by the Zernike coefficients of its wavefront, over pixels.
+
+        Parameters
+        ----------
+        waves
+            Coefficients in wavelengths, by Noll's number: 4 is defocus, 5 and 6 astigmatism, 7 and
+            8 coma, 11 spherical. Each is the root mean square of its term over the pupil.
+        cut_off_period_px
+            Period of the finest grating that passes: wavelength times f-number over pixel pitch.
+        obscured
+            Diameter of a central obstruction over that of the pupil, 0 to below 1.
+
+        Raises
+        ------
+        ValueError
+            If a number is not a positive whole one, a coefficient not finite, or the obstruction
+            not in [0, 1).
+
+        References
+        ----------
+        R. J. Noll, "Zernike polynomials and atmospheric turbulence", J. Opt. Soc. Am. 66 (1976),
+        207-211.
+        """
+        if not 0 <= obscured < 1:
+            raise ValueError(f"obscured must be at least 0 and below 1, got {obscured}")
+        place = (np.arange(_PUPIL_SAMPLES) + 0.5) / (_PUPIL_SAMPLES / 2) - 1
+        y, x = np.meshgrid(place, place, indexing="ij")
+        path = np.zeros_like(x)
+        for number, coefficient in waves.items():
+            if not isfinite(coefficient):
+                raise ValueError(f"waves: coefficient {number} must be finite, got {coefficient}")
+            path += coefficient * _zernike(number, np.hypot(x, y), np.arctan2(y, x))
+        _positive(cut_off_period_px, "cut_off_period_px")
+        covered = _ring(obscured)
+        pupil = covered * np.exp(2j * pi * path)
+        # Samples at the rim are parts of samples, not weaker light.
+        step = 1 / (cut_off_period_px * _PUPIL_SAMPLES)
+        return cls._of_pupil(pupil, step, float(covered.sum()))
+
+    def otf(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
+        """Return the transfer function of optics and pixel at frequencies in cycles per pixel."""
+        from scipy.ndimage import map_coordinates
+
+        fx, fy = np.broadcast_arrays(np.asarray(fx_cy_per_px), np.asarray(fy_cy_per_px))
+        middle = len(self.table) - 1
+        places = np.stack([fy.ravel(), fx.ravel()]) / self.step_cy_per_px
+        inside = np.all(np.abs(places) <= middle, axis=0)
+        values = map_coordinates(
+            self._spline, np.where(inside, places, 0.0) + middle, prefilter=False, mode="nearest"
+        )
+        total = np.where(inside, values, 0.0).reshape(fx.shape)
+        return np.asarray(total if self.has_pixel else total * np.sinc(fx) * np.sinc(fy))
+
+    @property
+    def form(self) -> PsfForm:
+        """What is known about its shape."""
+        return "own"
+
+    @property
+    def covariance_px2(self) -> FloatArray:
+        """Covariance of the nearest Gaussian, shape (2, 2), order (x, y)."""
+        return self.gaussian.covariance_px2
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TabulatedPsf) and self._digest == other._digest
+
+    def __hash__(self) -> int:
+        return hash(self._digest)
+
+    @classmethod
+    def _of_half(cls, half: NDArray[Any], step: float, has_pixel: bool) -> Self:
+        """The PSF of its complex transfer from fy = 0 on, about its centroid."""
+        at_zero = complex(half[0, half.shape[1] // 2])
+        if abs(at_zero - 1) > _ZERO_TOLERANCE:
+            raise ValueError(f"a transfer function must be 1 at frequency 0, got {at_zero:.3g}")
+        half = half / at_zero
+        whole = float(np.sqrt(np.mean(np.abs(half) ** 2)))
+        return cls(
+            table=np.ascontiguousarray(half.real),
+            step_cy_per_px=step,
+            has_pixel=has_pixel,
+            asymmetry=float(np.sqrt(np.mean(half.imag**2))) / whole,
+        )
+
+    def _nearest_gaussian(self) -> GaussianPsf:
+        """The Gaussian whose contrast falls to a half where this one's does, in four directions."""
+        last = self.step_cy_per_px * (len(self.table) - 1)
+        freq = np.linspace(0.0, last, _HALF_STEPS)
+        variances = []
+        for angle in _ANGLES_RAD.tolist():
+            values = self.otf(freq * np.cos(angle), freq * np.sin(angle))
+            below = np.flatnonzero(values < 0.5)
+            if below.size == 0:
+                raise ValueError("the contrast does not fall to a half up to the last frequency")
+            pair = slice(below[0] - 1, below[0] + 1)
+            half = float(np.interp(-0.5, -values[pair], freq[pair]))
+            variances.append(log(2) / (2 * pi**2 * half**2))
+        c, s = np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)
+        design = np.column_stack([c * c, 2 * c * s, s * s])
+        xx, xy, yy = np.linalg.lstsq(design, np.array(variances), rcond=None)[0].tolist()
+        return GaussianPsf.from_covariance(np.array([[xx, xy], [xy, yy]]))
+
+
+def _checked(values: ArrayLike, name: str, dimensions: tuple[int, ...]) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim not in dimensions or min(array.shape, default=0) < _FEWEST:
+        raise ValueError(
+            f"{name}: expected {dimensions[0]} dimensions of at least {_FEWEST} values "
+            f"each, got the shape {array.shape}"
+        )
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name}: its values must be finite")
+    return array
+
+
+def _positive(value: float, name: str) -> None:
+    if not (isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be positive, got {value}")
+
+
+@lru_cache(maxsize=8)
+def _ring(obscured: float) -> FloatArray:
+    """How much of each sample of the pupil's square lies in the ring between the two circles."""
+    fine = _PUPIL_SAMPLES * _RIM_SAMPLES
+    place = (np.arange(fine) + 0.5) / (fine / 2) - 1
+    square = place[:, None] ** 2 + place[None, :] ** 2
+    is_open = (square <= 1) & (square >= obscured**2)
+    blocks = is_open.reshape(_PUPIL_SAMPLES, _RIM_SAMPLES, _PUPIL_SAMPLES, _RIM_SAMPLES)
+    return np.asarray(blocks.mean(axis=(1, 3)))
+
+
+def _zernike(number: int, radius: FloatArray, angle_rad: FloatArray) -> FloatArray:
+    """Zernike polynomial of Noll's number, of unit variance over the pupil."""
+    if number < 1 or number != int(number):
+        raise ValueError(f"waves: Noll's numbers are 1, 2, 3 ..., got {number}")
+    order = ceil((sqrt(8 * number + 1) - 3) / 2)
+    left = number - order * (order + 1) // 2 - 1
+    turns = 2 * ((left + (order + 1) % 2) // 2) + order % 2
+    radial = np.zeros_like(radius)
+    for k in range((order - turns) // 2 + 1):
+        top, bottom = factorial(order - k), factorial(k)
+        bottom *= factorial((order + turns) // 2 - k) * factorial((order - turns) // 2 - k)
+        radial += (-1) ** k * top / bottom * radius ** (order - 2 * k)
+    if turns == 0:
+        return np.asarray(sqrt(order + 1) * radial)
+    wave = np.cos if number % 2 == 0 else np.sin
+    return np.asarray(sqrt(2 * (order + 1)) * radial * wave(turns * angle_rad))
