@@ -5,6 +5,7 @@ from .psf.field import PsfField as PsfField
 from .psf.gaussian import GaussianPsf as GaussianPsf
 from .psf.lens import LensOtf as LensOtf
 from .psf.measured import MeasuredPsf as MeasuredPsf, Psf as Psf, SeparablePsf as SeparablePsf
+from .psf.tabulated import TabulatedPsf as TabulatedPsf
 from .psf.transfer import (
     GaussianTransfer as GaussianTransfer,
     SampledTransfer as SampledTransfer,

@@ -8,7 +8,6 @@ To load one from NRTK's configuration files, derive from both, ours first.
 import sys
 import zlib
 from collections.abc import Iterable, Mapping
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from standoff.library import (
     NoiseLike,
     PsfLike,
     camera_noise,
-    read_psf,
+    opened_psf,
     simulate,
 )
 from standoff.photographs import Encoding
@@ -91,7 +90,7 @@ class FollowupPerturber:
             "encoding": encoding,
             "seed": seed,
         }
-        self._psf = read_psf(psf) if isinstance(psf, str | PathLike) else psf
+        self._psf = opened_psf(psf)
         self._noise = camera_noise(noise)
         _be_a_perturb_image(type(self))
 

@@ -1,11 +1,11 @@
 """A PSF of one's own: from a kernel, a transfer function, a pupil or its Zernike coefficients."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from functools import lru_cache
 from hashlib import sha256
 from math import ceil, factorial, isfinite, log, pi, sqrt
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from simulation.psf.gaussian import GaussianPsf
 OtfFunction = Callable[[FloatArray, FloatArray], Any]
 """Transfer at frequencies fx and fy in cycles per pixel; the two broadcast."""
 
+_NYQUIST_CY_PER_PX = 0.5
 _LAST_CY_PER_PX = 4.0  # what lies beyond, no zoom folds back
 _FUNCTION_LAST_CY_PER_PX, _FUNCTION_STEPS = 2.0, 128
 _STEPS_PER_EXTENT = 6  # of one over the kernel's extent: a cubic spline is then right to 1e-5
@@ -28,7 +29,7 @@ _ANGLES_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
 _HALF_STEPS = 400
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class TabulatedPsf:
     """A PSF by a table of its transfer function; made by one of its ``from_`` methods.
 
@@ -46,28 +47,36 @@ class TabulatedPsf:
     has_pixel
         Whether the pixel is in the table; else a square one comes on top.
     asymmetry
-        Root mean square of the imaginary part over that of the whole transfer.
+        Root mean square of the imaginary part over that of the whole transfer, up to Nyquist.
+
+    Attributes
+    ----------
+    gaussian
+        The Gaussian whose contrast falls to a half where this one's does.
+    table_sha256
+        Hash of the table, by which two are told apart.
     """
 
-    table: FloatArray = field(repr=False)
+    _last: ClassVar[int]
+    _spline: ClassVar[FloatArray]
+    table: InitVar[FloatArray]
     step_cy_per_px: float
     has_pixel: bool
     asymmetry: float = 0.0
     gaussian: GaussianPsf = field(init=False)
-    _spline: FloatArray = field(init=False, repr=False)
-    _digest: bytes = field(init=False, repr=False)
+    table_sha256: str = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, table: FloatArray) -> None:
         from scipy.ndimage import spline_filter  # .1 s, where a PSF is not of a calibration
 
-        table = np.ascontiguousarray(self.table, dtype=np.float64)
+        values = np.ascontiguousarray(table, dtype=np.float64)
         # About fx = 0 and fy = 0 the curve goes on as its opposite half.
-        whole = np.concatenate([table[:0:-1, ::-1], table])
-        # Twice: once for the frozen class, whose values are set once and never change.
-        object.__setattr__(self, "table", table)
+        whole = np.concatenate([values[:0:-1, ::-1], values])
+        # A frozen class takes values in this way alone; arrays are no fields, whose comparison
+        # would be one of each value.
+        object.__setattr__(self, "_last", len(values) - 1)
         object.__setattr__(self, "_spline", spline_filter(whole, mode="nearest"))
-        facts = repr((self.step_cy_per_px, self.has_pixel)).encode()
-        object.__setattr__(self, "_digest", sha256(facts + table.tobytes()).digest())
+        object.__setattr__(self, "table_sha256", sha256(values.tobytes()).hexdigest())
         object.__setattr__(self, "gaussian", self._nearest_gaussian())
 
     @classmethod
@@ -103,9 +112,7 @@ class TabulatedPsf:
                 f"kernel: {cols} x {rows} samples are more than {_WIDEST_KERNEL} a side; crop it "
                 "to the PSF"
             )
-        y, x = np.arange(rows), np.arange(cols)
-        y = (y - float(values.sum(axis=1) @ y) / total) / samples_per_px
-        x = (x - float(values.sum(axis=0) @ x) / total) / samples_per_px
+        y, x = (_from_centroid(values.sum(axis=k)) / samples_per_px for k in (1, 0))
         step = samples_per_px / (_STEPS_PER_EXTENT * max(rows, cols))
         last = ceil(min(samples_per_px / 2, _LAST_CY_PER_PX) / step) - 1
         turn = -2j * pi * step
@@ -261,7 +268,7 @@ class TabulatedPsf:
         from scipy.ndimage import map_coordinates
 
         fx, fy = np.broadcast_arrays(np.asarray(fx_cy_per_px), np.asarray(fy_cy_per_px))
-        middle = len(self.table) - 1
+        middle = self._last
         places = np.stack([fy.ravel(), fx.ravel()]) / self.step_cy_per_px
         inside = np.all(np.abs(places) <= middle, axis=0)
         values = map_coordinates(
@@ -280,12 +287,6 @@ class TabulatedPsf:
         """Covariance of the nearest Gaussian, shape (2, 2), order (x, y)."""
         return self.gaussian.covariance_px2
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, TabulatedPsf) and self._digest == other._digest
-
-    def __hash__(self) -> int:
-        return hash(self._digest)
-
     @classmethod
     def _of_half(cls, half: NDArray[Any], step: float, has_pixel: bool) -> Self:
         """The PSF of its complex transfer from fy = 0 on, about its centroid."""
@@ -293,17 +294,19 @@ class TabulatedPsf:
         if abs(at_zero - 1) > _ZERO_TOLERANCE:
             raise ValueError(f"a transfer function must be 1 at frequency 0, got {at_zero:.3g}")
         half = half / at_zero
-        whole = float(np.sqrt(np.mean(np.abs(half) ** 2)))
+        last = len(half) - 1
+        fy, fx = np.mgrid[: last + 1, -last : last + 1] * step
+        seen = half[np.hypot(fx, fy) <= _NYQUIST_CY_PER_PX]
         return cls(
             table=np.ascontiguousarray(half.real),
             step_cy_per_px=step,
             has_pixel=has_pixel,
-            asymmetry=float(np.sqrt(np.mean(half.imag**2))) / whole,
+            asymmetry=float(np.sqrt(np.sum(seen.imag**2) / np.sum(np.abs(seen) ** 2))),
         )
 
     def _nearest_gaussian(self) -> GaussianPsf:
         """The Gaussian whose contrast falls to a half where this one's does, in four directions."""
-        last = self.step_cy_per_px * (len(self.table) - 1)
+        last = self.step_cy_per_px * self._last
         freq = np.linspace(0.0, last, _HALF_STEPS)
         variances = []
         for angle in _ANGLES_RAD.tolist():
@@ -330,6 +333,12 @@ def _checked(values: ArrayLike, name: str, dimensions: tuple[int, ...]) -> Float
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{name}: its values must be finite")
     return array
+
+
+def _from_centroid(profile: FloatArray) -> FloatArray:
+    """Places of samples from their centre of gravity."""
+    place = np.arange(profile.size, dtype=np.float64)
+    return np.asarray(place - (profile @ place) / profile.sum())
 
 
 def _positive(value: float, name: str) -> None:

@@ -38,6 +38,7 @@ _SHAPES: dict[PsfForm, str] = {
     "round": "measured, round",
     "elliptic": "measured, elliptic",
     "free": "measured, free in shape",
+    "own": "your own",
 }
 
 _RULES = (

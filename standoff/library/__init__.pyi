@@ -117,6 +117,7 @@ from .psf import (
     compare_psfs as compare_psfs,
     edge_image as edge_image,
     measure_edges as measure_edges,
+    opened_psf as opened_psf,
     psf_history as psf_history,
     read_psf as read_psf,
     write_edge_table as write_edge_table,

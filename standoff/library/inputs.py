@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from acquisition.session import Session
 from calibration.files import read_noise
 from calibration.psf import PsfCalibration
-from simulation import GaussianPsf, MeasuredPsf, SeparablePsf
+from simulation import GaussianPsf, MeasuredPsf, SeparablePsf, TabulatedPsf
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.library.bench_capture import BenchCapture
@@ -21,8 +21,9 @@ FilePath: TypeAlias = str | PathLike[str]
 ImageLike: TypeAlias = NDArray[Any] | Photograph | BenchCapture | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file."""
 
-PsfLike: TypeAlias = GaussianPsf | MeasuredPsf | SeparablePsf | PsfCalibration | FilePath
-"""A PSF, a calibration that holds one, or the path of a psf.json."""
+BarePsf: TypeAlias = GaussianPsf | MeasuredPsf | SeparablePsf | TabulatedPsf
+PsfLike: TypeAlias = BarePsf | PsfCalibration | FilePath
+"""A PSF, a calibration that holds one, or the path of a psf.json or of a PSF of one's own."""
 
 NoiseLike: TypeAlias = CaptureNoise | FilePath
 """The noise of a capture, or the path of a noise.json."""

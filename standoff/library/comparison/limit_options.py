@@ -2,19 +2,17 @@
 
 from dataclasses import dataclass
 from math import inf, isfinite
-from os import PathLike
 
 from analysis.choices import SPOT_SIGMA_PX
 from analysis.detection_limits import DetectionLimit
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
-from calibration.psf import PsfCalibration
 from simulation import Model
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability import CurveLike
 from standoff.library.inputs import FilePath, PsfLike, path_of
-from standoff.library.psf import read_psf
+from standoff.library.psf import calibration_of
 
 LIMIT_COLOURS = {
     "grey": (1.0, 1.0, 1.0),
@@ -190,7 +188,6 @@ def _scale(call: Call, geometry: GeometryCalibration | FilePath, height_mm: floa
 
 
 def _pitch_mm(psf: PsfLike | None) -> float | None:
-    if isinstance(psf, str | PathLike):
-        psf = read_psf(psf)
-    pitch_um = psf.pixel_pitch_um if isinstance(psf, PsfCalibration) else None
+    stored = None if psf is None else calibration_of(psf)
+    pitch_um = None if stored is None else stored.pixel_pitch_um
     return None if pitch_um is None else pitch_um / 1000

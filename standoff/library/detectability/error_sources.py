@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from analysis.detectability import STATED, ErrorSources, student_factor
-from calibration.files import read_noise, read_psf
+from calibration.files import read_noise
 from calibration.noise import NoiseCalibration
 from calibration.psf import PsfCalibration, capture_of
 from simulation.arrays import FloatArray
 from standoff.library.inputs import NoiseLike, PsfLike
+from standoff.library.psf import calibration_of
 
 
 def known_errors(
@@ -36,14 +37,12 @@ def known_errors(
     ErrorSources
         With a noise that is taken as stated; that of a noise.json has an error of its own.
     """
-    stored = psf
-    if isinstance(psf, str | PathLike):
-        stored = read_psf(Path(psf))
+    stored = None if psf is None else calibration_of(psf)
     variance_err_px2: float | None = None
     psf_focus_share = 0.0
     freedom: float | None = None
     focus_from = None if focus_scatter_px2 is None else STATED
-    if isinstance(stored, PsfCalibration):
+    if stored is not None:
         variance_err_px2 = _variance_err_px2(stored)
         psf_focus_share = _focus_share(stored)
         focus = stored.focus

@@ -24,5 +24,6 @@ from .psf_files import (
     camera_psf as camera_psf,
     channel_psfs as channel_psfs,
     frame_psf as frame_psf,
+    opened_psf as opened_psf,
     psf_and_field as psf_and_field,
 )

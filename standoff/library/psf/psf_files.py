@@ -5,11 +5,19 @@ from pathlib import Path
 
 from calibration.files import read_psf
 from calibration.psf import PsfCalibration
-from simulation import GaussianPsf, MeasuredPsf, Model, Psf, PsfField, SeparablePsf
+from simulation import (
+    GaussianPsf,
+    MeasuredPsf,
+    Model,
+    Psf,
+    PsfField,
+    SeparablePsf,
+)
 from simulation.arrays import AnyArray
 from simulation.choices import POSE_MODELS, PsfShape
 from standoff.library.call import Call
-from standoff.library.inputs import PsfLike, kind_of
+from standoff.library.inputs import BarePsf, PsfLike, kind_of
+from standoff.library.psf.own_psf import is_own_psf, read_own_psf
 
 _COLOURS = ("red", "green", "blue")
 
@@ -32,9 +40,8 @@ def camera_psf(call: Call, psf: PsfLike, shape: PsfShape = "best") -> Psf:
     PsfFileError
         If the file cannot be read, lacks a width, or has no measured PSF where one is asked for.
     """
-    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
-        return psf
-    return _psf(call, *_calibration(psf), shape)
+    bare = _bare(psf, call, shape)
+    return _psf(call, *_calibration(psf), shape) if bare is None else bare
 
 
 def frame_psf(
@@ -60,8 +67,9 @@ def frame_psf(
     PsfFileError
         As ``camera_psf``.
     """
-    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
-        return psf
+    bare = _bare(psf, call, shape)
+    if bare is not None:
+        return bare
     stored, path = _calibration(psf)
     field = _field(call, stored, path, model, shape)
     if field is None:
@@ -97,8 +105,9 @@ def psf_and_field(
     PsfFileError
         As ``camera_psf``.
     """
-    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
-        return psf, None
+    bare = _bare(psf, call, shape)
+    if bare is not None:
+        return bare, None
     stored, path = _calibration(psf)
     return _psf(call, stored, path, shape), _field(call, stored, path, model, shape)
 
@@ -111,9 +120,21 @@ def calibration_of(psf: PsfLike) -> PsfCalibration | None:
     PsfFileError
         If the file cannot be read.
     """
-    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
+    if _is_bare(psf):
         return None
     return _calibration(psf)[0]
+
+
+def opened_psf(psf: PsfLike) -> PsfCalibration | BarePsf:
+    """Return what is given, or what its file holds.
+
+    Raises
+    ------
+    PsfFileError
+        If the file cannot be read.
+    """
+    bare = _bare(psf, Call("opened_psf"), "best")
+    return _calibration(psf)[0] if bare is None else bare
 
 
 def channel_psfs(
@@ -135,7 +156,7 @@ def channel_psfs(
     known
         The PSF that was found in it for the whole image.
     """
-    if isinstance(psf, GaussianPsf | MeasuredPsf | SeparablePsf):
+    if _is_bare(psf):
         return None
     stored, name = _calibration(psf)
     if stored.channels is None or image.ndim != 3 or image.shape[2] != len(_COLOURS):
@@ -146,6 +167,23 @@ def channel_psfs(
         return None
     call.note(f"{name}: red, green and blue have a PSF each")
     return red, green, blue
+
+
+def _is_bare(psf: PsfLike) -> bool:
+    """Whether it is a PSF or a file of one's own, without a calibration."""
+    if isinstance(psf, str | PathLike):
+        return is_own_psf(Path(psf))
+    return isinstance(psf, BarePsf)
+
+
+def _bare(psf: PsfLike, call: Call, shape: PsfShape) -> BarePsf | None:
+    """A PSF that is given as such, or read from a file of one's own; None for a calibration."""
+    known: BarePsf | None = None
+    if isinstance(psf, BarePsf):
+        known = psf
+    elif isinstance(psf, str | PathLike) and is_own_psf(Path(psf)):
+        known = read_own_psf(Path(psf), call.note)
+    return known.gaussian if known is not None and shape == "gaussian" else known
 
 
 def _of_colour(stored: PsfCalibration, colour: str, known: Psf | PsfField) -> Psf | None:
@@ -186,7 +224,7 @@ def _psf(call: Call, stored: PsfCalibration, path: str, shape: PsfShape) -> Psf:
     return total
 
 
-def _calibration(psf: PsfCalibration | str | PathLike[str]) -> tuple[PsfCalibration, str]:
+def _calibration(psf: PsfLike) -> tuple[PsfCalibration, str]:
     """The calibration and what to call it."""
     if isinstance(psf, PsfCalibration):
         return psf, "psf"

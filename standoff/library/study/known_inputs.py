@@ -19,7 +19,7 @@ from analysis.study import (
     TransferModel,
     built_in_scenes,
 )
-from calibration.files import read_geometry, read_noise, read_psf
+from calibration.files import read_geometry, read_noise
 from calibration.geometry import CharucoBoard, GeometryCalibration
 from calibration.noise import NoiseCalibration
 from calibration.psf import PsfCalibration
@@ -30,7 +30,7 @@ from standoff.errors import ArgumentError
 from standoff.library.bench import bench_config, given_plan
 from standoff.library.call import Call
 from standoff.library.inputs import FilePath, NoiseLike, PsfLike, kind_of
-from standoff.library.psf import camera_psf
+from standoff.library.psf import camera_psf, opened_psf
 from standoff.library.study.pixel_levels import PixelLevels, noise_at
 from standoff.library.study.planned_session import planned_boards
 
@@ -87,7 +87,7 @@ class KnownInputs:
         """
         plan, bench, settings = session
         stated = given_plan(plan)
-        stored = read_psf(Path(psf)) if isinstance(psf, str | PathLike) else psf
+        stored = opened_psf(psf)
         best = camera_psf(call, stored)
         calibration = stored if isinstance(stored, PsfCalibration) else None
         source = str(psf) if isinstance(psf, str | PathLike) else "psf"
