@@ -85,3 +85,15 @@ class RegistrationHints:
         return replace(
             self, matrix=matrix, points=points, left_out=left_out, mirrored=not self.mirrored
         )
+
+
+def leaving_out(
+    hints: RegistrationHints | None, left_out: BoolArray | None
+) -> RegistrationHints | None:
+    """Return hints that leave out other follow-up pixels as well."""
+    if left_out is None:
+        return hints
+    hints = hints or RegistrationHints()
+    if hints.left_out is not None and hints.left_out.shape == left_out.shape:
+        left_out = left_out | hints.left_out
+    return replace(hints, left_out=left_out)

@@ -13,12 +13,14 @@ from calibration.geometry import (
     geometry_records,
     nominal_focal_px,
 )
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.files import write_page
 from standoff.library.inputs import FilePath, opened_session, path_of
 
 
+@checked
 def calibrate_geometry(
     session: Session | FilePath,
     *,
@@ -93,6 +95,7 @@ def calibrate_geometry(
     return found
 
 
+@checked
 def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
     """Write a geometry.json, whole or not at all.
 

@@ -7,5 +7,7 @@ from .raster import marked_png as marked_png
 from .reader import (
     IMAGE_SUFFIXES as IMAGE_SUFFIXES,
     ReadOptions as ReadOptions,
+    photograph_of as photograph_of,
     read_image as read_image,
+    taken_as as taken_as,
 )

@@ -13,6 +13,7 @@ from analysis.detectors.learned.weights import (
     one_thread,
     require_torch,
 )
+from simulation.arguments import checked
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ class TrainingOptions:
             raise ValueError(f"rate must be between 0 and 1, got {self.rate:g}")
 
 
+@checked
 def train_detector(
     pairs: Iterable[TrainingPair],
     options: TrainingOptions | None = None,

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 from acquisition.bench import BenchConfig, load_bench
 from acquisition.capture import PlanPreview
 from acquisition.plan import CapturePlan, load_plan
+from simulation.arguments import checked
 
 if TYPE_CHECKING:
     from standoff.library.inputs import FilePath
 
 
+@checked
 def preview_plan(
     plan: CapturePlan | FilePath,
     bench: BenchConfig | FilePath,

@@ -29,6 +29,7 @@ from hil_mocks.benchmark_set import (
     document_bytes,
     track_documents,
 )
+from simulation.arguments import checked
 from standoff.errors import ApplicationError
 from standoff.library.benchmark.task_files import (
     STATE_NAME,
@@ -98,6 +99,7 @@ class MadeBenchmark:
         return facts | {"out": str(self.out)}
 
 
+@checked
 def make_benchmark(
     out: FilePath,
     *,

@@ -13,6 +13,7 @@ from analysis.detectability import CurveChoice
 from analysis.pose import QUANTILE, PoseQuality, judge_pose
 from calibration.provenance import Provenance
 from calibration.registration import DistortedPose, Homography
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability.limits import CurveLike, given_curve
@@ -93,6 +94,7 @@ class JudgedHomography:
         )
 
 
+@checked
 def judge_homography(
     homography: ArrayLike | Homography | FilePath,
     curve: CurveLike,

@@ -26,6 +26,7 @@ from analysis.pose import (
     pose_limits as limits_of_curve,
 )
 from calibration.files import read_geometry
+from simulation.arguments import checked
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability.error_sources import known_errors
@@ -39,12 +40,16 @@ from standoff.library.inputs import (
     path_of,
 )
 from standoff.library.psf import camera_psf
+from standoff.photographs import ReadOptions
 
 
+@checked
 def d_prime_curves(
     images: ImageLike | Iterable[ImageLike],
     psf: PsfLike | None = None,
     task: DetectionTask | None = None,
+    *,
+    reading: ReadOptions | None = None,
 ) -> DetectabilityCurves:
     """Measure how well a change can be detected, at best, from different distances.
 
@@ -57,6 +62,8 @@ def d_prime_curves(
     task
         Zooms, noises, contrasts, models and observers; the defaults of ``DetectionTask`` if None.
         Where its ``sources`` say nothing, they are what the calibration says of its errors.
+    reading
+        How the photographs are read; see ``standoff.reading``.
 
     Returns
     -------
@@ -83,7 +90,8 @@ def d_prime_curves(
     if task.sources == ErrorSources():
         task = replace(task, sources=known)
     scenes = [
-        grey_image(image, f"images[{number}]") for number, image in enumerate(listed_images(images))
+        grey_image(image, f"images[{number}]", reading)
+        for number, image in enumerate(listed_images(images))
     ]
     return curves_of_images(
         scenes, None if psf is None else camera_psf(Call("d_prime_curves"), psf), task
@@ -148,6 +156,7 @@ _LIMITS = (
 )
 
 
+@checked
 def pose_limits(
     curve: CurveLike,
     min_d_prime: float,

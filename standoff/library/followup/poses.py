@@ -10,22 +10,29 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.files import read_homography
 from calibration.registration import Homography
 from simulation import (
-    MODELS,
     Model,
     PoseOptions,
     SimulatedPose,
     simulate_pose as simulate_pose_of_array,
 )
+from simulation.arguments import checked
 from simulation.choices import DEFAULT_MODEL, PoseModel, PsfShape
 from simulation.followup import from_pose, zoomed_out
 from standoff.library.call import Call
 from standoff.library.followup.channels import each_channel
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, colour_planes
 from standoff.library.psf import channel_psfs, frame_psf
+from standoff.photographs import ReadOptions
 
 
+@checked
 def zoom_out(
-    image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = DEFAULT_MODEL
+    image: ImageLike,
+    zoom: float,
+    psf: PsfLike | None = None,
+    model: Model = DEFAULT_MODEL,
+    *,
+    reading: ReadOptions | None = None,
 ) -> NDArray[np.floating[Any]]:
     """Return the image of the same scene from ``zoom`` times further away.
 
@@ -43,6 +50,8 @@ def zoom_out(
         one for each colour, each channel of an image in colour takes its own.
     model
         ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
+    reading
+        How the image is read; see ``standoff.reading``.
 
     Returns
     -------
@@ -65,9 +74,7 @@ def zoom_out(
     >>> far.shape, round(float(far.mean()), 3)
     ((60, 80), 700.0)
     """
-    if model not in MODELS:
-        raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
-    planes = colour_planes(image)
+    planes = colour_planes(image, options=reading)
     frame = planes.shape[1], planes.shape[0]
     shape: PsfShape = "gaussian" if model == "paper" else "best"
     camera = None if psf is None else frame_psf(Call("zoom_out"), psf, frame, model, shape)
@@ -81,12 +88,15 @@ def zoom_out(
     ).image
 
 
+@checked
 def simulate_pose(
     image: ImageLike,
     homography: ArrayLike | Homography | FilePath,
     psf: PsfLike,
     size: tuple[int, int] | None = None,
     model: PoseModel = DEFAULT_MODEL,
+    *,
+    reading: ReadOptions | None = None,
 ) -> SimulatedPose:
     """Return the image of the same plane from another pose of the same camera.
 
@@ -103,6 +113,8 @@ def simulate_pose(
         ``(width, height)`` of the follow-up; by default that of H.json, or else of the image.
     model
         ``matched`` or ``lmmse``.
+    reading
+        How the image is read; see ``standoff.reading``.
 
     Returns
     -------
@@ -122,7 +134,7 @@ def simulate_pose(
     >>> far.image.shape, round(float(far.outside.mean()), 2)
     ((240, 320), 0.29)
     """
-    planes = colour_planes(image)
+    planes = colour_planes(image, options=reading)
     frame = planes.shape[1], planes.shape[0]
     pose = given_homography(homography, size or frame)
     call, options = (

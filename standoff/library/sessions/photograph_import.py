@@ -15,6 +15,7 @@ from acquisition.choices import CaptureKind
 from acquisition.plan import CapturePlan, parse_plan
 from acquisition.printable import on_one_line
 from acquisition.session import Photograph, SessionWriter
+from simulation.arguments import checked
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.caller import login_name
@@ -48,6 +49,7 @@ class ImportedPhotographs:
         }
 
 
+@checked
 def import_photographs(
     images: Iterable[FilePath],
     out: FilePath,
@@ -56,6 +58,7 @@ def import_photographs(
     height_mm: float,
     scale_px_per_mm: float | None = None,
     operator: str | None = None,
+    white_level: float | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> ImportedPhotographs:
@@ -77,6 +80,8 @@ def import_photographs(
         In the plane of the target.
     operator
         The login name by default.
+    white_level
+        Level, as it is stored, at which they are clipped; the files' own by default.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -106,7 +111,7 @@ def import_photographs(
         raise ArgumentError(f"a height must be a finite number, got {height_mm}")
     if scale_px_per_mm is not None and not 0 < scale_px_per_mm < inf:
         raise ArgumentError(f"a scale must be above 0 px/mm, got {scale_px_per_mm}")
-    call = Call("import_photographs", progress, reading)
+    call = Call("import_photographs", progress, reading, white_level=white_level)
     paths, folder = [path_of(image, "images") for image in images], path_of(out, "out")
     plan = _plan_of(paths, kind, height_mm)
     # A bad file is named before anything is written.

@@ -22,6 +22,7 @@ from analysis.study import (
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.geometry import CharucoBoard, GeometryCalibration
 from calibration.noise import NoiseCalibration
+from simulation.arguments import checked
 from simulation.arrays import FloatArray
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
@@ -43,6 +44,7 @@ _USUAL_COUNT = 2
 _FEWEST_SIDE_PX = 128
 
 
+@checked
 def plan_study(
     plan: CapturePlan | FilePath,
     bench: BenchConfig | FilePath,
@@ -180,6 +182,7 @@ _FOCUS_UNKNOWN = (
 )
 
 
+@checked
 def write_study(path: FilePath, study: PlanStudy) -> None:
     """Write a study.json, whole or not at all.
 

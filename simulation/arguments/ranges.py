@@ -1,0 +1,67 @@
+"""Which numbers make sense, by the name of the argument; imports no library.
+
+A name means the same wherever it stands, and the number is in the unit that the name ends in.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf, isfinite
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """From ``low`` to ``high``, or above ``low`` where it is open; finite in any case."""
+
+    low: float = -inf
+    high: float = inf
+    is_open: bool = False
+
+    def holds(self, number: float) -> bool:
+        """Whether a number is in it."""
+        above = number > self.low if self.is_open else number >= self.low
+        return isfinite(number) and above and number <= self.high
+
+    def __str__(self) -> str:
+        if self.high < inf:
+            above = f"above {self.low:g} and up" if self.is_open else f"from {self.low:g}"
+            return f"{above} to {self.high:g}"
+        if self.low == -inf:
+            return "that is finite"
+        return f"above {self.low:g}" if self.is_open else f"from {self.low:g} on"
+
+
+def _named(names: str, range_: Range) -> dict[str, Range]:
+    return dict.fromkeys(names.split(), range_)
+
+
+RANGES: Mapping[str, Range] = {
+    **_named(
+        "zoom focal_length_px scale_px_per_mm pixel_size_mm spot_sigma_px signal_sigma_px sigma_px "
+        "sigma_x_px sigma_y_px sigmas_px min_d_prime timeout_s workers_gone_s false_alarms "
+        "edge_length_px white_level rate gain_e_per_dn",
+        Range(0, is_open=True),
+    ),
+    **_named(
+        "exposure noise_dn noises_dn curve_noise_dn scene_noise_dn reference_noise light_scatter "
+        "focus_scatter_px2 registration_err_px height_scatter_mm read_noise_e seed least x_px y_px "
+        "index indices retake",
+        Range(0),
+    ),
+    **_named(
+        "zooms reference_zoom at_zoom threads workers steps crop_px stride_px window_px crops "
+        "pairs page references photograph_count edges_per_capture frames readings epochs batch "
+        "frames_averaged part image_size size reference_size width_px height_px count",
+        Range(1),
+    ),
+    **_named("test_fraction vignetting", Range(0, 1)),
+    "false_discovery_rate": Range(0, 1, is_open=True),
+    "rho": Range(-1, 1),
+    # Telephones have 0.5 um, panels for X-rays 0.2 mm: a number below is one in mm.
+    "pixel_pitch_um": Range(0.1, 1000),
+}
+"""Any finite number for the other names."""
+
+
+def range_of(name: str) -> Range:
+    """Which numbers an argument of a name may be."""
+    return RANGES.get(name, Range())
