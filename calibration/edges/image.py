@@ -6,6 +6,7 @@ from calibration.choices import Pattern
 from calibration.edge_fit import JpegCompression
 from calibration.edge_search import EdgeSegment
 from calibration.noise import LevelNoise
+from simulation.arguments import check_fields
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 
 
@@ -17,6 +18,9 @@ class Region:
     y_px: int
     width_px: int
     height_px: int
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @classmethod
     def centre(cls, rows: int, cols: int) -> "Region":

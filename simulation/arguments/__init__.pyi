@@ -1,4 +1,9 @@
-from .checks import accepted as accepted, check_fields as check_fields, checked as checked
+from .checks import (
+    accepted as accepted,
+    arguments_at_fault as arguments_at_fault,
+    check_fields as check_fields,
+    checked as checked,
+)
 from .errors import (
     ArgumentError as ArgumentError,
     ArgumentTypeError as ArgumentTypeError,
@@ -10,4 +15,5 @@ from .given_arrays import (
     is_array_like as is_array_like,
     whole_array as whole_array,
 )
+from .models import CheckedModel as CheckedModel
 from .ranges import RANGES as RANGES, Range as Range

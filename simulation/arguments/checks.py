@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import ContextDecorator
 from dataclasses import fields
 from difflib import get_close_matches
 from functools import cache, wraps
@@ -38,7 +39,7 @@ def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
             bound = signature.bind(*args, **kwargs)
         except TypeError:
             return function(*args, **kwargs)  # Python says best which argument there is not
-        hints = _hints_of(function)
+        hints = hints_of(function)
         for name, value in bound.arguments.items():
             if value is not signature.parameters[name].default:
                 bound.arguments[name] = accepted(name, value, hints.get(name, Any))
@@ -55,7 +56,7 @@ def check_fields(document: Any) -> None:  # noqa: ANN401 - a dataclass
     ArgumentError
         If one cannot be.
     """
-    hints = _hints_of(type(document))
+    hints = hints_of(type(document))
     for one in fields(document):
         given = getattr(document, one.name)
         value = accepted(one.name, given, hints.get(one.name, Any))
@@ -98,8 +99,20 @@ def accepted(name: str, value: object, hint: object) -> Any:  # noqa: ANN401 - o
     raise ArgumentTypeError(f"expected {_named(members)}, got {kind_of(value)}", argument=name)
 
 
+class arguments_at_fault(ContextDecorator):  # noqa: N801 - a context and a decorator, as of the library
+    """Whatever pure functions refuse as a value is an argument of the function that calls them."""
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        """Turn a `ValueError` into an `ArgumentError`."""
+        if type(error) is ValueError:
+            raise ArgumentError(str(error)) from error
+
+
 @cache
-def _hints_of(owner: Any) -> dict[str, Any]:  # noqa: ANN401 - a function or a class
+def hints_of(owner: Any) -> dict[str, Any]:  # noqa: ANN401 - a function or a class
     """Annotations by name; those that only a type checker can resolve are left out."""
     found: dict[str, Any] = {}
     for one in reversed(inspect.getmro(owner)) if inspect.isclass(owner) else (owner,):
@@ -204,7 +217,8 @@ def _number(name: str, value: Any, *, is_whole: bool) -> float:  # noqa: ANN401 
     allowed = range_of(name)
     if not allowed.holds(number) or (is_whole and not number.is_integer()):
         what = "a whole number" if is_whole else "a number"
-        raise ArgumentError(f"expected {what} {allowed}, got {given!s:.40}", argument=name)
+        what = f"{what} {allowed}".rstrip()
+        raise ArgumentError(f"expected {what}, got {given!s:.40}", argument=name)
     if is_whole:
         return given if type(given) is int else int(given)
     return given if type(given) in (int, float) else number
@@ -212,6 +226,10 @@ def _number(name: str, value: Any, *, is_whole: bool) -> float:  # noqa: ANN401 
 
 def _tuple(name: str, value: object, kinds: tuple[Any, ...]) -> tuple[Any, ...]:
     listed = _listed_values(name, value)
+    if isinstance(value, set | frozenset):
+        raise ArgumentError("expected values in an order, got a set", argument=name)
+    if not listed and kinds:
+        raise ArgumentError("expected at least one value, got none", argument=name)
     if len(kinds) == 2 and kinds[1] is Ellipsis:
         kinds = (kinds[0],) * len(listed)
     if len(kinds) != len(listed):
@@ -226,7 +244,7 @@ def _several(name: str, value: Any, kinds: tuple[Any, ...]) -> Any:  # noqa: ANN
     if isinstance(value, str | bytes | Mapping | PathLike) or not isinstance(value, Iterable):
         raise ArgumentTypeError("not several", argument=name)
     is_column = is_array_like(value)
-    if not (is_column or isinstance(value, list | tuple)) or not kinds:
+    if not (is_column or isinstance(value, list | tuple | set | frozenset)) or not kinds:
         return value
     found = [_item(name, one, kinds[0]) for one in _listed_values(name, value)]
     return (
@@ -242,13 +260,11 @@ def _item(name: str, value: object, kind: object) -> Any:  # noqa: ANN401 - of t
 
 
 def _listed_values(name: str, value: object) -> list[Any]:
-    if isinstance(value, str | bytes | Mapping | set | frozenset) or not isinstance(
-        value, Iterable
-    ):
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
         raise ArgumentTypeError("not several", argument=name)
     try:
         return list(value)
-    except Exception as error:  # noqa: BLE001 - a column of any library, or a number of one
+    except Exception as error:
         raise ArgumentTypeError("not several", argument=name) from error
 
 

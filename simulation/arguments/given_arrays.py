@@ -98,7 +98,7 @@ def _numbers(held: Any, value: object, name: str) -> NDArray[Any]:  # noqa: ANN4
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             values = np.asarray(held)
-    except Exception as error:  # noqa: BLE001 - each library has errors of its own
+    except Exception as error:
         said = str(error).strip().splitlines()
         raise _no_array(value, name, said[0] if said else type(error).__name__) from error
     if values.dtype.kind not in "uifb":

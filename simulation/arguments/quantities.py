@@ -1,4 +1,4 @@
-"""Numbers with units, of astropy and pint, converted to the unit that an argument's name ends in."""
+"""Numbers with units, of astropy and pint, converted to the one that an argument's name ends in."""
 
 from collections.abc import Mapping
 from typing import Any

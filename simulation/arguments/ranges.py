@@ -5,29 +5,31 @@ A name means the same wherever it stands, and the number is in the unit that the
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite
+
+_MOST = 1e12
+"""Nothing in the units of a camera is as much."""
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """From ``low`` to ``high``, or above ``low`` where it is open; finite in any case."""
+    """From ``low`` to ``high``, or above ``low`` where it is open."""
 
-    low: float = -inf
-    high: float = inf
+    low: float = -_MOST
+    high: float = _MOST
     is_open: bool = False
 
     def holds(self, number: float) -> bool:
         """Whether a number is in it."""
         above = number > self.low if self.is_open else number >= self.low
-        return isfinite(number) and above and number <= self.high
+        return above and number <= self.high  # neither holds of what is no number
 
     def __str__(self) -> str:
-        if self.high < inf:
-            above = f"above {self.low:g} and up" if self.is_open else f"from {self.low:g}"
-            return f"{above} to {self.high:g}"
-        if self.low == -inf:
-            return "that is finite"
-        return f"above {self.low:g}" if self.is_open else f"from {self.low:g} on"
+        above = f"above {self.low:g}" if self.is_open else f"from {self.low:g}"
+        if self.high < _MOST:
+            return f"{above}{' and' if self.is_open else ''} up to {self.high:g}"
+        if self.low == -_MOST:
+            return f"of {_MOST:g} at most"
+        return above if self.is_open else f"{above} on"
 
 
 def _named(names: str, range_: Range) -> dict[str, Range]:
@@ -38,12 +40,12 @@ RANGES: Mapping[str, Range] = {
     **_named(
         "zoom focal_length_px scale_px_per_mm pixel_size_mm spot_sigma_px signal_sigma_px sigma_px "
         "sigma_x_px sigma_y_px sigmas_px min_d_prime timeout_s workers_gone_s false_alarms "
-        "edge_length_px white_level rate gain_e_per_dn",
+        "edge_length_px white_level contrast_dn scene_noise_dn rate gain_e_per_dn",
         Range(0, is_open=True),
     ),
     **_named(
-        "exposure noise_dn noises_dn curve_noise_dn scene_noise_dn reference_noise light_scatter "
-        "focus_scatter_px2 registration_err_px height_scatter_mm read_noise_e seed least x_px y_px "
+        "exposure noise_dn noises_dn curve_noise_dn reference_noise light_scatter "
+        "focus_scatter_px2 registration_err_px height_scatter_mm read_noise_e least x_px y_px "
         "index indices retake",
         Range(0),
     ),
@@ -55,6 +57,7 @@ RANGES: Mapping[str, Range] = {
     ),
     **_named("test_fraction vignetting", Range(0, 1)),
     "false_discovery_rate": Range(0, 1, is_open=True),
+    "seed": Range(0, 2**63),  # as wide as PyTorch's
     "rho": Range(-1, 1),
     # Telephones have 0.5 um, panels for X-rays 0.2 mm: a number below is one in mm.
     "pixel_pitch_um": Range(0.1, 1000),

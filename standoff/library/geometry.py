@@ -66,13 +66,10 @@ def calibrate_geometry(
     >>> round(geometry.zoom(160, 300), 3)
     1.812
     """
-    for name, value in (("scale_px_per_mm", scale_px_per_mm), ("focal_length_px", focal_length_px)):
-        if value is not None and not 0 < value < float("inf"):
-            raise ArgumentError(f"{name}: expected a number above 0, got {value:g}")
     try:
         layout = board if isinstance(board, CharucoBoard) else CharucoBoard.from_text(board)
     except ValueError as error:
-        raise ArgumentError(f"board: {error}") from error
+        raise ArgumentError(str(error), argument="board") from error
     call = Call("calibrate_geometry", progress)
     opened = opened_session(session)
     options = GeometryOptions(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
 from numbers import Number
 from os import PathLike, fspath
 from pathlib import Path
@@ -60,8 +60,11 @@ def path_of(path: object, name: str) -> Path:
 
 def listed_paths(files: FilePath | Iterable[FilePath], name: str) -> Iterator[Path]:
     """Yield one path or several, which need not fit into memory; refuse what is none."""
-    listed = [files] if isinstance(files, str | PathLike) else files
-    return (path_of(one, name) for one in listed)
+    given = iter([files] if isinstance(files, str | PathLike) else files)
+    first = next(given, None)
+    if first is None:
+        raise ArgumentError("expected at least one path, got none", argument=name)
+    return (path_of(one, name) for one in chain((first,), given))
 
 
 def opened_session(session: Session | FilePath) -> Session:

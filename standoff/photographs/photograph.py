@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -16,7 +16,6 @@ from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from standoff.errors import HintError, ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
-from standoff.photographs.guard import refuse_unusable
 from standoff.photographs.jpeg_coding import FROM_CHROMA, JpegCoding, coded_variance
 
 if TYPE_CHECKING:
@@ -456,7 +455,7 @@ def _cut_off_dn(pixels: AnyArray) -> float | None:
 
 
 def _is_abrupt(planes: AnyArray, at_end: BoolArray, at_other: BoolArray) -> bool:
-    """Whether the highest level of planes, ``(rows, cols, channels)``, is a plateau of cut light."""
+    """Whether the highest level of ``(rows, cols, channels)`` is a plateau of light cut off."""
     if not np.mean(at_end) > _PLATEAU_FRACTION:
         return False
     # A single pixel may well be the highest of its row.

@@ -261,8 +261,8 @@ def _planes(stored: StoredImage, number: int, shown: str) -> tuple[AnyArray, boo
     if holds_more and not stored.has_opacity:
         planes = pixels.shape[2]
         raise DecodingError(
-            f"{planes} planes are neither grey nor RGB, and the last is not the same everywhere, as "
-            f"an opacity would be; give {'one' if planes == 2 else 'the three that are RGB'}"
+            f"{planes} planes are neither grey nor RGB, and the last is not the same everywhere, "
+            f"as opacity would be; give {'one' if planes == 2 else 'the three that are RGB'}"
         )
     return light, holds_more
 

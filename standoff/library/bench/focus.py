@@ -262,7 +262,9 @@ def find_focus(
     291
     """
     if heights_mm is not None and not heights_mm[0] < heights_mm[1]:
-        raise ArgumentError(f"heights_mm: expected the lower one first, got {heights_mm}")
+        raise ArgumentError(
+            f"expected the lower one first, got {heights_mm}", argument="heights_mm"
+        )
     call, config = Call("find_focus", progress), bench_config(bench, settings)
     options = _options(measure, region, noise)
     request = SweepRequest(

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from math import inf
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -26,7 +25,7 @@ from analysis.pose import (
     pose_limits as limits_of_curve,
 )
 from calibration.files import read_geometry
-from simulation.arguments import checked
+from simulation.arguments import ArgumentTypeError, accepted, arguments_at_fault, checked, kind_of
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability.error_sources import known_errors
@@ -44,6 +43,7 @@ from standoff.photographs import ReadOptions
 
 
 @checked
+@arguments_at_fault()
 def d_prime_curves(
     images: ImageLike | Iterable[ImageLike],
     psf: PsfLike | None = None,
@@ -269,12 +269,8 @@ def given_curve(
     ResultsFileError
         If the file cannot be read.
     """
-    if not 0 < min_d_prime < inf:
-        raise ArgumentError(f"a threshold must be a number above 0, got {min_d_prime:g}")
-    if focus_scatter_px2 is not None and not 0 <= focus_scatter_px2 < inf:
-        raise ArgumentError(
-            f"a scatter of the focus must be a number from 0, got {focus_scatter_px2:g}"
-        )
+    accepted("min_d_prime", min_d_prime, float)
+    accepted("focus_scatter_px2", focus_scatter_px2, float | None)
     chosen = _chosen_curve(curve, choice)
     if focus_scatter_px2 is not None and chosen.uncertainty is None:
         raise ArgumentError(
@@ -291,9 +287,9 @@ def _chosen_curve(curve: CurveLike, choice: CurveChoice | None) -> Detectability
     if isinstance(curve, str | PathLike):
         name, curve = fspath(curve), read_any_curves(Path(curve))
     if not isinstance(curve, DetectabilityCurves):
-        raise TypeError(
-            "curve: expected a curve of d' or the path of a curves.json, "
-            f"got {type(curve).__name__}"
+        raise ArgumentTypeError(
+            f"expected a curve of d' or the path of a curves.json, got {kind_of(curve)}",
+            argument="curve",
         )
     try:
         return curve.chosen(choice or CurveChoice())
@@ -343,5 +339,6 @@ def viewing_camera(
         if geometry is not None:
             raise ApplicationError(f"{geometry}: {error}") from error
         raise ArgumentError(
-            f"--focal-length-px {focal_length_px:g}, --image-size {width_px}x{height_px}: {error}"
+            f"{focal_length_px:g} px and frames of {width_px} x {height_px} px: {error}",
+            argument="focal_length_px",
         ) from error

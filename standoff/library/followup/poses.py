@@ -1,7 +1,6 @@
 """How a scene looks from further away or from another pose."""
 
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,17 +14,27 @@ from simulation import (
     SimulatedPose,
     simulate_pose as simulate_pose_of_array,
 )
-from simulation.arguments import checked
+from simulation.arguments import (
+    ArgumentError,
+    ArgumentTypeError,
+    arguments_at_fault,
+    checked,
+    is_array_like,
+    kind_of,
+    whole_array,
+)
 from simulation.choices import DEFAULT_MODEL, PoseModel, PsfShape
 from simulation.followup import from_pose, zoomed_out
+from simulation.pose import homography_fault
 from standoff.library.call import Call
 from standoff.library.followup.channels import each_channel
-from standoff.library.inputs import FilePath, ImageLike, PsfLike, colour_planes
+from standoff.library.inputs import FilePath, ImageLike, PsfLike, colour_planes, path_of
 from standoff.library.psf import channel_psfs, frame_psf
-from standoff.photographs import ReadOptions
+from standoff.photographs import LARGEST_IMAGE_PX, ReadOptions
 
 
 @checked
+@arguments_at_fault()
 def zoom_out(
     image: ImageLike,
     zoom: float,
@@ -89,6 +98,7 @@ def zoom_out(
 
 
 @checked
+@arguments_at_fault()
 def simulate_pose(
     image: ImageLike,
     homography: ArrayLike | Homography | FilePath,
@@ -157,17 +167,49 @@ def simulate_pose(
 def given_homography(
     homography: ArrayLike | Homography | FilePath, size: tuple[int, int]
 ) -> Homography:
-    """Return a homography as given, or read from its H.json; ``size`` is for a bare matrix."""
-    if isinstance(homography, Homography):
-        return homography
+    """Return a homography as given, or read from its H.json; ``size`` is for a bare matrix.
+
+    Raises
+    ------
+    ArgumentError
+        If it has no inverse, or mirrors the scene.
+    HomographyFileError
+        If the file cannot be read.
+    """
     if isinstance(homography, str | PathLike):
-        return read_homography(Path(homography))
-    if not isinstance(homography, np.ndarray | list | tuple):
-        raise TypeError(
-            "homography: expected a 3 x 3 matrix or the path of an H.json, "
-            f"got {type(homography).__name__}"
+        found = read_homography(path_of(homography, "homography"))
+    elif isinstance(homography, Homography):
+        found = homography
+    elif is_array_like(homography) or isinstance(homography, list | tuple):
+        matrix = np.asarray(whole_array(homography, "homography"), dtype=np.float64)
+        fault = homography_fault(matrix)
+        if fault is not None:
+            raise ArgumentError(fault, argument="homography")
+        found = Homography(matrix=matrix, size=size)
+    else:
+        raise ArgumentTypeError(
+            "expected a 3 x 3 matrix or the path of an H.json, got " + kind_of(homography),
+            argument="homography",
         )
-    matrix = np.asarray(homography, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
-        raise ValueError(f"homography: expected 3 x 3 finite numbers, got shape {matrix.shape}")
-    return Homography(matrix=matrix, size=size)
+    width, height = found.size
+    refuse_giant_frame(found.size, "size")
+    fault = homography_fault(found.matrix, ((width - 1) / 2, (height - 1) / 2))
+    if fault is not None:
+        raise ArgumentError(fault, argument="homography")
+    return found
+
+
+def refuse_giant_frame(size: tuple[int, int], name: str) -> None:
+    """Check that a follow-up of ``(width, height)`` can be worked with.
+
+    Raises
+    ------
+    ArgumentError
+        If it has more pixels than photographs that are read.
+    """
+    width, height = size
+    if width * height > LARGEST_IMAGE_PX:
+        raise ArgumentError(
+            f"at most {LARGEST_IMAGE_PX / 1e6:g} million pixels, got {width} x {height}",
+            argument=name,
+        )
