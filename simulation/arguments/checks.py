@@ -10,7 +10,17 @@ from numbers import Number
 from os import PathLike
 from sys import modules
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    ParamSpec,
+    SupportsFloat,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 
@@ -56,7 +66,7 @@ def check_fields(document: Any) -> None:  # noqa: ANN401 - a dataclass
     ArgumentError
         If one cannot be.
     """
-    hints = hints_of(type(document))
+    hints = hints_of(type(document))  # type: ignore[arg-type]  # a class can be hashed
     for one in fields(document):
         given = getattr(document, one.name)
         value = accepted(one.name, given, hints.get(one.name, Any))
@@ -210,8 +220,9 @@ def _number(name: str, value: Any, *, is_whole: bool) -> float:  # noqa: ANN401 
         raise ArgumentError("expected a number, got one that is masked", argument=name)
     if isinstance(given, bool | np.bool_ | complex) or not isinstance(given, Number):
         raise ArgumentTypeError("no number", argument=name)
+    assert isinstance(given, SupportsFloat), "every number but a complex one"
     try:
-        number = float(given)  # type: ignore[arg-type]  # every number but a complex one
+        number = float(given)
     except (OverflowError, ValueError):
         number = np.inf
     allowed = range_of(name)
@@ -219,9 +230,9 @@ def _number(name: str, value: Any, *, is_whole: bool) -> float:  # noqa: ANN401 
         what = "a whole number" if is_whole else "a number"
         what = f"{what} {allowed}".rstrip()
         raise ArgumentError(f"expected {what}, got {given!s:.40}", argument=name)
-    if is_whole:
-        return given if type(given) is int else int(given)
-    return given if type(given) in (int, float) else number
+    if isinstance(given, int):
+        return int(given)
+    return int(number) if is_whole else number
 
 
 def _tuple(name: str, value: object, kinds: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -234,9 +245,7 @@ def _tuple(name: str, value: object, kinds: tuple[Any, ...]) -> tuple[Any, ...]:
         kinds = (kinds[0],) * len(listed)
     if len(kinds) != len(listed):
         raise ArgumentError(f"expected {len(kinds)} values, got {len(listed)}", argument=name)
-    found = tuple(_item(name, one, kind) for one, kind in zip(listed, kinds, strict=True))
-    same = isinstance(value, tuple) and all(a is b for a, b in zip(found, value, strict=True))
-    return value if same else found
+    return tuple(_item(name, one, kind) for one, kind in zip(listed, kinds, strict=True))
 
 
 def _several(name: str, value: Any, kinds: tuple[Any, ...]) -> Any:  # noqa: ANN401 - as given

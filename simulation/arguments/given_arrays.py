@@ -61,15 +61,16 @@ def given_array(value: object, name: str) -> GivenArray:
             held = getattr(held, step)()
     unit = unit_of_quantity(held)
     _refuse_unit(unit, name)
-    mask = getattr(held, "mask", None)
+    mask: Any = getattr(held, "mask", None)
     held = getattr(held, "unmasked", held)
     if unit is not None:
         held = getattr(held, "magnitude", getattr(held, "value", held))
     if isinstance(held, np.ma.MaskedArray):
         mask, held = np.ma.getmaskarray(held), held.data
     values = _numbers(held, value, name)
-    is_masked = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and bool(mask.any())
-    return GivenArray(values, np.broadcast_to(mask, values.shape) if is_masked else None)
+    is_mask = isinstance(mask, np.ndarray) and mask.dtype == np.bool_
+    is_masked = is_mask and mask.shape == values.shape and bool(mask.any())
+    return GivenArray(values, mask if is_masked else None)
 
 
 def whole_array(value: object, name: str) -> NDArray[Any]:

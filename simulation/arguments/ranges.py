@@ -38,17 +38,23 @@ def _named(names: str, range_: Range) -> dict[str, Range]:
 
 RANGES: Mapping[str, Range] = {
     **_named(
-        "zoom focal_length_px scale_px_per_mm pixel_size_mm spot_sigma_px signal_sigma_px sigma_px "
-        "sigma_x_px sigma_y_px sigmas_px min_d_prime timeout_s workers_gone_s false_alarms "
-        "edge_length_px white_level contrast_dn scene_noise_dn rate gain_e_per_dn",
+        "zoom focal_length_px scale_px_per_mm pixel_size_mm min_d_prime timeout_s workers_gone_s "
+        "false_alarms edge_length_px white_level contrast_dn scene_noise_dn rate gain_e_per_dn",
         Range(0, is_open=True),
     ),
     **_named(
-        "exposure noise_dn noises_dn curve_noise_dn reference_noise light_scatter "
-        "focus_scatter_px2 registration_err_px height_scatter_mm read_noise_e least x_px y_px "
-        "index indices retake",
+        "sigma_px sigma_x_px sigma_y_px sigmas_px spot_sigma_px signal_sigma_px",
+        Range(0, 1e4, is_open=True),
+    ),
+    **_named(
+        "exposure noise_dn noises_dn curve_noise_dn reference_noise light_scatter read_noise_e "
+        "least x_px y_px index indices retake",
         Range(0),
     ),
+    **_named("focus_scatter_px2 registration_err_px height_scatter_mm", Range(0, 1e4)),
+    **_named("height_mm heights_mm reference_height_mm", Range(-1e6, 1e6)),
+    **_named("tilts_deg at_tilt_deg reference_tilt_deg", Range(-90, 90)),
+    **_named("direction_deg orientation_deg", Range(-360, 360)),
     **_named(
         "zooms reference_zoom at_zoom threads workers steps crop_px stride_px window_px crops "
         "pairs page references photograph_count edges_per_capture frames readings epochs batch "
@@ -62,7 +68,7 @@ RANGES: Mapping[str, Range] = {
     # Telephones have 0.5 um, panels for X-rays 0.2 mm: a number below is one in mm.
     "pixel_pitch_um": Range(0.1, 1000),
 }
-"""Any finite number for the other names."""
+"""Any number that is not absurd for the other names."""
 
 
 def range_of(name: str) -> Range:

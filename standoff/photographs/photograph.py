@@ -223,9 +223,9 @@ class Photograph(PhotographHead):
         """Pixels that are masked, and those that are clipped if asked for; None if none is."""
         found = self.masked
         if is_clipped and self.saturation_dn is not None:
-            planes = np.asarray(self.linear_planes)
-            clipped = planes >= _CLIPPED_FROM * self.saturation_dn
-            clipped = clipped if clipped.ndim == 2 else clipped.any(axis=2)
+            planes: FloatArray = np.asarray(self.linear_planes, dtype=np.float64)
+            at_white = planes >= _CLIPPED_FROM * self.saturation_dn
+            clipped = np.asarray(at_white if at_white.ndim == 2 else at_white.any(axis=2))
             found = clipped if found is None else found | clipped
         return found if found is not None and found.any() else None
 
@@ -444,7 +444,7 @@ def _cut_off_dn(pixels: AnyArray) -> float | None:
     drawing as well, with no blur or one that ends: then nothing is told.
     """
     low, high = float(pixels.min()), float(pixels.max())
-    planes = np.asarray(pixels, dtype=np.float32).reshape(*pixels.shape[:2], -1)
+    planes: Float32Array = np.asarray(pixels, dtype=np.float32).reshape(*pixels.shape[:2], -1)
     at_high, at_low = (np.asarray(planes == np.float32(end)) for end in (high, low))
     if not low < high:
         return None
@@ -454,7 +454,7 @@ def _cut_off_dn(pixels: AnyArray) -> float | None:
     return high * _ABOVE_ALL if is_cut == (False, True) and low == 0 else None
 
 
-def _is_abrupt(planes: AnyArray, at_end: BoolArray, at_other: BoolArray) -> bool:
+def _is_abrupt(planes: Float32Array, at_end: BoolArray, at_other: BoolArray) -> bool:
     """Whether the highest level of ``(rows, cols, channels)`` is a plateau of light cut off."""
     if not np.mean(at_end) > _PLATEAU_FRACTION:
         return False

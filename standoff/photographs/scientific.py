@@ -54,7 +54,9 @@ def read_exr_image(data: bytes) -> StoredImage:
 
 def _colours_or_grey(planes: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], str]:
     """The light of a file's channels, and the others in words."""
-    light = _COLOURS if all(name in planes for name in _COLOURS) else (_GREY,)
+    light: tuple[str, ...] = (_GREY,)
+    if all(name in planes for name in _COLOURS):
+        light = _COLOURS
     if len(planes) == 1:
         light = tuple(planes)
     if not all(name in planes for name in light):

@@ -74,7 +74,8 @@ def option_named(command: Any, arguments: Sequence[str], argument: str | None) -
     options = {_letters(name): name for one in command.params for name in one.opts}
     near = get_close_matches(_letters(argument), options, n=1, cutoff=_LIKE)
     if near:
-        return options[near[0]] if options[near[0]].startswith("-") else options[near[0]].upper()
+        option = str(options[near[0]])
+        return option if option.startswith("-") else option.upper()
     return None
 
 

@@ -21,7 +21,7 @@ from analysis.study import (
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.geometry import CharucoBoard, GeometryCalibration
 from calibration.noise import NoiseCalibration
-from simulation.arguments import checked
+from simulation.arguments import arguments_at_fault, checked
 from simulation.arrays import FloatArray
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
@@ -44,6 +44,7 @@ _FEWEST_SIDE_PX = 128
 
 
 @checked
+@arguments_at_fault()
 def plan_study(
     plan: CapturePlan | FilePath,
     bench: BenchConfig | FilePath,
