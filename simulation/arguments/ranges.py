@@ -48,7 +48,7 @@ RANGES: Mapping[str, Range] = {
     ),
     **_named(
         "exposure noise_dn noises_dn curve_noise_dn reference_noise light_scatter read_noise_e "
-        "least x_px y_px index indices retake",
+        "least index indices retake",
         Range(0),
     ),
     **_named("focus_scatter_px2 registration_err_px height_scatter_mm", Range(0, 1e4)),
@@ -58,7 +58,7 @@ RANGES: Mapping[str, Range] = {
     **_named(
         "zooms reference_zoom at_zoom threads workers steps crop_px stride_px window_px crops "
         "pairs page references photograph_count edges_per_capture frames readings epochs batch "
-        "frames_averaged part image_size size reference_size width_px height_px count",
+        "frames_averaged part image_size size reference_size count",
         Range(1),
     ),
     **_named("test_fraction vignetting", Range(0, 1)),

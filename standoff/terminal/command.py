@@ -12,7 +12,7 @@ from typer.core import TyperCommand
 from standoff.library.files import require_reachable
 
 _LIKE = 0.7
-"""How alike an option and an argument are that mean one thing: a unit more, a plural."""
+"""How alike an option and an argument are that mean one thing, as a plural is."""
 
 
 class Command(TyperCommand):
@@ -72,11 +72,14 @@ def option_named(command: Any, arguments: Sequence[str], argument: str | None) -
     if argument is None:
         return None
     options = {_letters(name): name for one in command.params for name in one.opts}
-    near = get_close_matches(_letters(argument), options, n=1, cutoff=_LIKE)
-    if near:
-        option = str(options[near[0]])
-        return option if option.startswith("-") else option.upper()
-    return None
+    words = argument.split("_")
+    shorter = ["".join(words[:count]) for count in range(len(words), 0, -1)]  # without its unit
+    near = [one for one in shorter if one in options]
+    near += get_close_matches(shorter[0], options, n=1, cutoff=_LIKE)
+    if not near:
+        return None
+    option = str(options[near[0]])
+    return option if option.startswith("-") else option.upper()
 
 
 def _letters(name: str) -> str:

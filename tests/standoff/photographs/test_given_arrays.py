@@ -9,6 +9,7 @@ from PIL import Image
 from scipy.special import erf
 
 import standoff
+from calibration.errors import CalibrationError
 from simulation.arrays import BoolArray, FloatArray
 from standoff.errors import ImageFileError
 from standoff.photographs import ReadOptions, photograph_of, read_image, taken_as
@@ -65,7 +66,7 @@ def test_what_is_behind_a_mask_comes_out_of_no_function_that_needs_whole_picture
 
 
 def test_an_array_without_a_masked_sample_is_whole() -> None:
-    masked = np.ma.array(scene(), mask=np.zeros((96, 96)))
+    masked = np.ma.array(scene(), mask=np.zeros((96, 96), dtype=np.bool_))
     found = standoff.zoom_out(masked, 2.0, PSF)
     assert np.array_equal(found, standoff.zoom_out(scene(), 2.0, PSF))
 
@@ -83,7 +84,7 @@ def test_an_edge_that_a_mask_lies_on_is_flagged_and_others_are_not() -> None:
     mask[60:80, :] = True
     [across] = standoff.measure_edges(with_hole(levels, mask, 1e6))
     assert "masked" in across.flags
-    with pytest.raises(standoff.errors.CalibrationError, match="masked"):
+    with pytest.raises(CalibrationError, match="masked"):
         standoff.calibrate_psf(with_hole(levels, mask, 1e6))
     mask[:], mask[10:14, 10:14] = False, True
     [beside] = standoff.measure_edges(with_hole(levels, mask, 1e6))
@@ -218,7 +219,7 @@ def test_levels_that_were_cut_off_at_0_are_clipped_at_black() -> None:
 def area_sampled() -> FloatArray:
     y, x = (np.mgrid[: 8 * SIZE, : 8 * SIZE] + 0.5) / 8 - SIZE / 2
     inside = x * np.cos(np.radians(5)) + y * np.sin(np.radians(5)) > 0
-    return inside.astype(float).reshape(SIZE, 8, SIZE, 8).mean(axis=(1, 3))
+    return np.asarray(inside.astype(float).reshape(SIZE, 8, SIZE, 8).mean(axis=(1, 3)))
 
 
 @pytest.mark.parametrize(
