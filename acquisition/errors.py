@@ -259,6 +259,10 @@ class SessionError(KeepsFacts, Exception):
         self.keys = keys
 
 
+class SessionTypeError(SessionError, TypeError):
+    """What was given for the folder of a session is no path."""
+
+
 class BenchConfigError(SessionError, ValueError):
     """A bench file or an override names a key or value that is not accepted."""
 

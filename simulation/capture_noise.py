@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from simulation.arguments import check_fields
 from simulation.arrays import FloatArray, FloatImage
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class CaptureNoise:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a value is not finite, the gain not positive, the read noise negative or the number of
         frames below 1.
 
@@ -51,14 +52,7 @@ class CaptureNoise:
     frames_averaged: int = 1
 
     def __post_init__(self) -> None:
-        if not (self.gain_e_per_dn > 0 and np.isfinite(self.gain_e_per_dn)):
-            raise ValueError(f"gain_e_per_dn must be positive, got {self.gain_e_per_dn}")
-        if not (self.read_noise_e >= 0 and np.isfinite(self.read_noise_e)):
-            raise ValueError(f"read_noise_e must not be negative, got {self.read_noise_e}")
-        if not np.isfinite(self.black_level_dn):
-            raise ValueError(f"black_level_dn must be finite, got {self.black_level_dn}")
-        if self.frames_averaged < 1:
-            raise ValueError(f"frames_averaged must be at least 1, got {self.frames_averaged}")
+        check_fields(self)
 
     def variance_dn2(self, level_dn: NDArray[np.floating]) -> FloatArray:
         """Variance of a pixel of the mean at each level, in DN^2."""

@@ -1,10 +1,10 @@
 """A simulated follow-up with the camera's effects: light, noise, sharpening, in this order."""
 
 from dataclasses import dataclass
-from math import inf
 
 import numpy as np
 
+from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
@@ -34,19 +34,15 @@ class CaptureOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not (0 <= self.exposure < inf):
-            raise ValueError(
-                f"an exposure factor must be finite and not negative, got {self.exposure}"
+        check_fields(self)
+        if self.vignetting == 1:
+            raise ArgumentError("expected a number below 1, got 1", argument="vignetting")
+        if self.sharpening is not None and not (self.sharpening[0] >= 0 < self.sharpening[1]):
+            raise ArgumentError(
+                "expected an amount from 0 on and a width in px above 0, got "
+                f"{self.sharpening[0]:g},{self.sharpening[1]:g}",
+                argument="sharpening",
             )
-        if not 0 <= self.vignetting < 1:
-            raise ValueError(f"a corner fall-off must be in [0, 1), got {self.vignetting}")
-        if self.sharpening is not None:
-            amount, sigma_px = self.sharpening
-            if not (0 <= amount < inf and 0 < sigma_px < inf):
-                raise ValueError(
-                    "the sharpening amount must be finite and not negative, and its width in px "
-                    f"positive, got {amount:g},{sigma_px:g}"
-                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

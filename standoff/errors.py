@@ -3,29 +3,14 @@
 from acquisition.errors import DeviceError, ExportError, KeepsFacts, SessionError
 from analysis.errors import AnalysisError
 from calibration.errors import CalibrationError
+from simulation.arguments import (
+    ArgumentError as ArgumentError,
+    ArgumentTypeError as ArgumentTypeError,
+)
 
 
 class ApplicationError(KeepsFacts, Exception):
     """A command cannot do its work with the files it was given."""
-
-
-class ArgumentError(ValueError):
-    """An argument of a public function that cannot be, or does not go with the others.
-
-    ``argument`` names it, where the message leaves that to whoever shows it.
-
-    Examples
-    --------
-    >>> try:
-    ...     standoff.reading("sunlight")
-    ... except standoff.ArgumentError as error:
-    ...     print(error)
-    expected auto, linear, srgb or gamma:G such as gamma:2.2, got 'sunlight'
-    """
-
-    def __init__(self, text: str, *, argument: str | None = None) -> None:
-        super().__init__(text)
-        self.argument = argument
 
 
 class ImageFileError(ApplicationError):

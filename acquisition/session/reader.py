@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from acquisition.dataframe import dataframe
-from acquisition.errors import SessionError
+from acquisition.errors import SessionError, SessionTypeError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.regular_files import (
     LARGEST_DOCUMENT_BYTES,
@@ -75,7 +75,9 @@ class Session:
 
     def __init__(self, path: str | PathLike[str]) -> None:
         if not isinstance(path, str | PathLike):
-            raise TypeError(f"Session: expected the path of a session, got {type(path).__name__}")
+            raise SessionTypeError(
+                f"Session: expected the path of a session, got {type(path).__name__}"
+            )
         self._path = Path(path)
         manifest_path = self._path / MANIFEST_NAME
         if not manifest_path.is_file():

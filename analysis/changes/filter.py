@@ -31,7 +31,12 @@ from analysis.changes.unusable import clipped_at_white
 from analysis.changes.warning_sentences import ChangeMasks, change_warnings
 from analysis.errors import AnalysisError
 from calibration.notebook import html_table
-from calibration.registration import DistortedPose, RegistrationHints, register
+from calibration.registration import (
+    DistortedPose,
+    RegistrationHints,
+    RegistrationReference,
+    register,
+)
 from simulation import GaussianPsf, Psf, PsfField
 from simulation.arrays import AnyArray, BoolArray, FloatImage
 from simulation.pose import projection_depth
@@ -229,7 +234,8 @@ def _found(given: CodedAlike, psf: GaussianPsf | None, options: ChangeOptions) -
     hints = options.hints or RegistrationHints()
     if hints.left_out is None:
         hints = replace(hints, left_out=options.left_out)
-    made = register(reference, followup, psf, hints)
+    near = RegistrationReference.of(reference, options.reference_left_out)
+    made = register(near, followup, psf, hints)
     shift = nearest_shift(made.pose)
     view = None if shift is None else one_view(reference, followup, options, shift)
     if view is not None:

@@ -45,8 +45,8 @@ class ChangeOptions:
         Amplitude for which the detection limit says where it would have been found.
     expected
         Limits that were predicted, to hold against the one that is shown.
-    left_out
-        Follow-up pixels that do not count, shape of the follow-up.
+    left_out, reference_left_out
+        Pixels of the follow-up and of the reference that do not count, in their shapes.
     white_level_dn
         Levels at which the reference and the follow-up are clipped, where they are known; a
         plateau at the top counts anyway.
@@ -82,6 +82,7 @@ class ChangeOptions:
     limit_contrast_dn: float | None = None
     expected: "LimitCurve | None" = None
     left_out: BoolArray | None = None
+    reference_left_out: BoolArray | None = None
     white_level_dn: tuple[float | None, float | None] = (None, None)
     variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
     step_variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)

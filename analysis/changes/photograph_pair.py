@@ -121,8 +121,11 @@ class PhotographPair:
             variances.append(known)
             usable.append(finite)
             ends.append((clipped_at_black(levels), clipped))
-        if options.left_out is not None:
-            usable[1] &= ~options.left_out
+        for own, left_out in zip(
+            usable, (options.reference_left_out, options.left_out), strict=True
+        ):
+            if left_out is not None:
+                own &= ~left_out
         towards = pose.to_reference_px
         steps = [
             rounding_variance(image) if known is None else known

@@ -25,6 +25,7 @@ from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
 from calibration.notebook import html_table
 from simulation import Model
+from simulation.arguments import CheckedModel
 from simulation.arrays import FloatArray
 from simulation.choices import PsfForm
 
@@ -66,7 +67,7 @@ class AmbiguousCurveError(AnalysisError, ValueError):
         self.open_choices = open_choices
 
 
-class CurveChoice(StoredValues):
+class CurveChoice(CheckedModel, StoredValues):
     """Which curve of a file to use; None leaves a value open.
 
     Examples

@@ -15,6 +15,7 @@ from scipy.special import ndtr, ndtri, stdtrit
 
 from analysis.detectability.sensitivity import DPrimeSlopes
 from analysis.results_file import StoredValues
+from simulation.arguments import CheckedModel
 from simulation.arrays import FloatArray
 
 Source = Literal["scene", "psf", "focus", "noise", "registration"]
@@ -55,7 +56,7 @@ _EXPONENTIAL: Final[FloatArray] = np.asarray(-np.log(_equal_parts(61)))
 """Of an exponential distribution of mean 1, likewise."""
 
 
-class ErrorSources(StoredValues):
+class ErrorSources(CheckedModel, StoredValues):
     """What is known of a camera's errors; None where it is not, and then no interval holds it.
 
     Parameters

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from simulation.arguments import check_fields
 from simulation.arrays import FloatArray
 
 _REACH_SIGMAS = 6.0
@@ -42,15 +43,14 @@ class GaussianSignal:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the width is not positive.
     """
 
     sigma_px: float = 2.0
 
     def __post_init__(self) -> None:
-        if not (self.sigma_px > 0 and np.isfinite(self.sigma_px)):
-            raise ValueError(f"sigma_px must be positive, got {self.sigma_px}")
+        check_fields(self)
 
     @property
     def reach_px(self) -> float:

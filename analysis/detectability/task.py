@@ -23,6 +23,7 @@ from analysis.detectability.sensitivity import (
 from analysis.detectability.signal import ChangeSignal, GaussianSignal
 from analysis.detectability.sweep import SweepPlan, scene_sums, tiles_per_side
 from simulation import Model, Psf
+from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import FloatArray
 
 Found = dict[tuple[Observer, float], list[DPrime]]
@@ -62,8 +63,8 @@ class DetectionTask:
 
     Raises
     ------
-    ValueError
-        If the zooms do not rise from 1 or more.
+    ArgumentError
+        If the zooms do not rise from 1 or more, or a number or word cannot be.
 
     Examples
     --------
@@ -84,8 +85,21 @@ class DetectionTask:
     sources: ErrorSources = field(default_factory=ErrorSources)
 
     def __post_init__(self) -> None:
-        if not self.zooms or self.zooms[0] < 1 or np.any(np.diff(self.zooms) <= 0):
-            raise ValueError(f"zooms must increase and start at 1 or more, got {self.zooms}")
+        check_fields(self)
+        if np.any(np.diff(self.zooms) <= 0):
+            raise ArgumentError(f"expected rising numbers, got {self.zooms}", argument="zooms")
+        for name in ("noises_dn", "contrasts_dn"):
+            if not min(getattr(self, name)) > 0:
+                raise ArgumentError(
+                    f"expected numbers above 0, got {min(getattr(self, name)):g}", argument=name
+                )
+        for name in ("noises_dn", "contrasts_dn", "models", "observers"):
+            if len(set(getattr(self, name))) < len(getattr(self, name)):
+                raise ArgumentError(f"one is there twice: {getattr(self, name)}", argument=name)
+        if self.window_px % 2 == 0:
+            raise ArgumentError(
+                f"expected an odd number, got {self.window_px}", argument="window_px"
+            )
 
     def plan(self, psf: Psf | None, images: int) -> SweepPlan:
         """Return what is measured on each of so many images."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.detectability import GaussianSignal
 from calibration.psf import luma_plane
+from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import FloatArray
 
 _LEAST_ALPHA = 0.05
@@ -55,7 +56,7 @@ class Spot(GaussianSignal):
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the width is not positive.
 
     Examples
@@ -105,7 +106,7 @@ class Patch:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the two differ in shape, are not finite, or nothing is covered.
     """
 
@@ -114,13 +115,14 @@ class Patch:
     name: str = "patch"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         levels, alpha = self.levels_dn, self.alpha
         if alpha.ndim != 2 or levels.shape not in (alpha.shape, (*alpha.shape, 3)):
-            raise ValueError("a patch needs levels and an alpha of one shape (rows, cols)")
+            raise ArgumentError("a patch needs levels and an alpha of one shape (rows, cols)")
         if not (np.all(np.isfinite(levels)) and np.all((alpha >= 0) & (alpha <= 1))):
-            raise ValueError("a patch needs finite levels and an alpha from 0 to 1")
+            raise ArgumentError("a patch needs finite levels and an alpha from 0 to 1")
         if not np.any(alpha > _LEAST_ALPHA):
-            raise ValueError("the patch is transparent everywhere")
+            raise ArgumentError("the patch is transparent everywhere")
 
     @property
     def sigma_px(self) -> None:

@@ -10,12 +10,14 @@ import numpy as np
 
 from analysis.evaluation.painted_changes import PaintedChange, Patch, Spot
 from simulation import Model, Psf
+from simulation.arguments import ArgumentError, check_fields
 from simulation.choices import DEFAULT_MODEL, POSE_MODELS
 
 _VERSION = 1
 """Of the pairs; scores of others are measured again."""
 
 _LEAST_FOLLOWUP_PX = 16
+_STEEPEST_DEG = 60.0
 _MARGIN_SIGMAS, _TAPS_PX = 6.0, 8
 
 
@@ -75,7 +77,7 @@ class EvaluationTask:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a value is out of range, a tilt has no focal length or no model, or a follow-up would
         be smaller than 16 px.
 
@@ -101,38 +103,38 @@ class EvaluationTask:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not self.zooms or self.zooms[0] < 1 or np.any(np.diff(self.zooms) <= 0):
-            raise ValueError(f"zooms must rise from 1 or more, got {self.zooms}")
+        check_fields(self)
+        if np.any(np.diff(self.zooms) <= 0):
+            raise ArgumentError(f"expected rising numbers, got {self.zooms}", argument="zooms")
         for name in ("tilts_deg", "noises_dn", "contrasts_dn"):
             values = getattr(self, name)
-            if not values or not np.all(np.isfinite(values)) or len(set(values)) < len(values):
-                raise ValueError(f"{name} must be different numbers, got {values}")
-        for name in ("focus_scatter_px2", "light_scatter"):
-            if not (getattr(self, name) >= 0 and np.isfinite(getattr(self, name))):
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
-        if min(self.noises_dn) < 0:
-            raise ValueError(f"a noise must not be negative, got {min(self.noises_dn):g}")
-        if self.crops < 1 or not self.reference_zoom >= 1:
-            raise ValueError("crops and reference_zoom must be at least 1")
+            if len(set(values)) < len(values):
+                raise ArgumentError(f"expected different numbers, got {values}", argument=name)
         self._check_tilts()
         if self.followup_px(self.zooms[-1]) < _LEAST_FOLLOWUP_PX:
-            raise ValueError(
+            raise ArgumentError(
                 f"at zoom {self.zooms[-1]:g} a crop of {self.crop_px} px leaves a follow-up of "
                 f"{self.followup_px(self.zooms[-1])} px; at least {_LEAST_FOLLOWUP_PX} are needed"
             )
         if 2 * self.change.reach_px > self.reference_zoom * self.crop_px:
-            raise ValueError(f"the change does not fit into a crop of {self.crop_px} px")
+            raise ArgumentError(f"the change does not fit into a crop of {self.crop_px} px")
 
     def _check_tilts(self) -> None:
-        tilted = [tilt for tilt in self.tilts_deg if tilt != 0]
-        if not tilted:
+        steepest = max(map(abs, self.tilts_deg))
+        if steepest == 0:
             return
-        if max(map(abs, tilted)) > 60:
-            raise ValueError(f"tilts up to 60 degrees, got {max(map(abs, tilted)):g}")
-        if self.focal_length_px is None or not self.focal_length_px > 0:
-            raise ValueError("a tilt needs the camera's focal length in px")
+        if steepest > _STEEPEST_DEG:
+            raise ArgumentError(
+                f"tilts are up to {_STEEPEST_DEG:g} degrees, got {steepest:g}", argument="tilts_deg"
+            )
+        if self.focal_length_px is None:
+            raise ArgumentError(
+                "a tilt needs the camera's focal length in px", argument="focal_length_px"
+            )
         if self.model not in POSE_MODELS:
-            raise ValueError(f"a tilt needs model {' or '.join(POSE_MODELS)}, got {self.model}")
+            raise ArgumentError(
+                f"a tilt needs model {' or '.join(POSE_MODELS)}, got {self.model}", argument="model"
+            )
 
     @property
     def conditions(self) -> tuple[Condition, ...]:

@@ -14,6 +14,7 @@ from analysis.errors import ResultsFileError, SweepError
 from analysis.sweep.manifest import Manifest
 from analysis.sweep.shards import Shard, ShardDone, ShardWork, blocks_of
 from analysis.sweep.sorting import sorted_lines
+from simulation.arguments import ArgumentError, check_fields
 
 _LINES_SHOWN = 10
 
@@ -39,7 +40,7 @@ class SweepOptions:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If there is no such part, or no worker.
 
     Examples
@@ -57,10 +58,11 @@ class SweepOptions:
     workers_gone_s: float = 300.0
 
     def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise ValueError(f"workers must be at least 1, got {self.workers}")
-        if not 1 <= self.part[0] <= self.part[1]:
-            raise ValueError(f"part must be from 1 to {self.part[1]}, got {self.part[0]}")
+        check_fields(self)
+        if self.part[0] > self.part[1]:
+            raise ArgumentError(
+                f"expected one from 1 to {self.part[1]}, got {self.part[0]}", argument="part"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -176,9 +176,12 @@ def _pair(near: EdgeImage, far: EdgeImage, zoom: float | None, region: Region | 
 
 
 def _clipped(source: EdgeImage) -> BoolArray:
-    """Pixels at the level of clipping; their neighbours are left out where they are used."""
+    """Pixels that are clipped or masked; their neighbours are left out where they are used."""
+    unmeasured = np.zeros(source.image_dn.shape, dtype=np.bool_)
+    if source.masked is not None:
+        unmeasured = source.masked
     if source.saturation_dn is None:
-        return np.zeros(source.image_dn.shape, dtype=np.bool_)
+        return unmeasured
     clipped: BoolArray = np.asarray(source.image_dn >= _CLIPPED * source.saturation_dn)
     if np.mean(clipped) > _MOST_CLIPPED:
         raise PairError(
@@ -187,7 +190,7 @@ def _clipped(source: EdgeImage) -> BoolArray:
             reason="saturated",
             photographs=(source.name,),
         )
-    return clipped
+    return clipped | unmeasured
 
 
 def _filled(source: EdgeImage, clipped: BoolArray) -> EdgeImage:

@@ -6,6 +6,7 @@ from calibration.choices import Pattern
 from calibration.edge_fit import JpegCompression
 from calibration.edge_search import EdgeSegment
 from calibration.noise import LevelNoise
+from simulation.arguments import check_fields
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 
 
@@ -17,6 +18,9 @@ class Region:
     y_px: int
     width_px: int
     height_px: int
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @classmethod
     def centre(cls, rows: int, cols: int) -> "Region":
@@ -37,7 +41,8 @@ class EdgeImage:
     """One photograph with edges: a plane linear in light, and what is known about it.
 
     ``compression`` tells how a JPEG was made, if that is known and the plane is its luma.
-    ``clipped`` marks pixels that were clipped in the file, in any colour. The plane of one
+    ``clipped`` marks pixels that were clipped in the file, in any colour, ``masked`` those that
+    are no measurement. The plane of one
     colour of a mosaic has ``pitch_px`` 2: its pixels stand that far apart on the sensor, the
     first one at ``first_x_px``, ``first_y_px``. ``colours_dn`` are the linear levels of a colour
     photograph, shape ``(rows, cols, 3)``; ``pattern`` is that of a raw mosaic.
@@ -52,6 +57,7 @@ class EdgeImage:
     is_jpeg: bool = False
     compression: JpegCompression | None = None
     clipped: BoolArray | None = field(default=None, repr=False)
+    masked: BoolArray | None = field(default=None, repr=False)
     pitch_px: int = 1
     first_x_px: int = 0
     first_y_px: int = 0
@@ -84,7 +90,9 @@ class EdgeImage:
         pitch = self.pitch_px
         rows = slice(region.y_px // pitch, (region.y_px + region.height_px) // pitch)
         cols = slice(region.x_px // pitch, (region.x_px + region.width_px) // pitch)
-        clipped = None if self.clipped is None else self.clipped[rows, cols]
+        clipped, masked = (
+            None if mask is None else mask[rows, cols] for mask in (self.clipped, self.masked)
+        )
         compression = self.compression
         if compression is not None:
             compression = compression.cropped(rows.start, cols.start)
@@ -92,6 +100,7 @@ class EdgeImage:
             self,
             image_dn=self.image_dn[rows, cols],
             clipped=clipped,
+            masked=masked,
             compression=compression,
             colours_dn=None if self.colours_dn is None else self.colours_dn[rows, cols],
         )

@@ -37,11 +37,12 @@ from calibration.edges.straightness import border_flags
 Method = Literal["all-angles", "paper"]
 
 REJECTING_FLAGS = frozenset(
-    {"saturated", "too_short", "too_noisy", "uneven", "curved", "beside_target"}
+    {"saturated", "masked", "too_short", "too_noisy", "uneven", "curved", "beside_target"}
 )
 """Flags that exclude an edge; the others are only remarks."""
 
 _CLIPPED_FLAGS = {"clipped", "saturated"}  # the fit itself judges how far the levels are seen
+_MASKED_MOST = 0.02  # of the pixels: what stands for them moves sigma by less than its error
 _UNSEEN_MOST = 0.05  # of the contrast: in the narrowest band, 2 sigma + 1 px, 2.3 % are not seen
 _SIGMA_STEP = 1e-4  # relative
 # Relative change of MTF50 by a slope of this share of the contrast: contrast is told from a band
@@ -189,6 +190,9 @@ def _measured_edge(
         share = share_within(source.clipped, segment, fit, near_px)
         fit = replace(fit, clipped_fraction=share)
         is_clipped |= share > CLIPPED_FRACTION
+    if source.masked is not None:
+        share = share_within(source.masked, segment, fit, near_px)
+        fit = replace(fit, flags=(*(["masked"] if share > _MASKED_MOST else []), *fit.flags))
     is_seen = is_clipped or _is_seen(fit, samples)
     if not (is_seen or _is_at_border(fit, image.shape, near_px)):
         return None

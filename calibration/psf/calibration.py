@@ -337,6 +337,7 @@ def no_edge_error(names: list[str], edges: list[EdgeMeasurement], pitch_px: int 
     remedy = {
         "beside_target": "photograph the target alone, or use --target all",
         "saturated": "shorten the exposure",
+        "masked": "measure an edge whose pixels count",
         "too_short": f"photograph an edge at least {_least_side_px(edges, pitch_px)} px long",
         "too_noisy": "add light or average more frames",
         "uneven": "photograph an edge between two even areas, not a texture",

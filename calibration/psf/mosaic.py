@@ -25,11 +25,15 @@ COLOURS = ("red", "green", "blue")
 
 def plane_source(source: EdgeImage, place: PlanePlace) -> EdgeImage:
     """Return one colour plane of a mosaic photograph."""
-    clipped = source.clipped
+    clipped, masked = (
+        None if mask is None else place.plane(mask).astype(np.bool_)
+        for mask in (source.clipped, source.masked)
+    )
     return replace(
         source,
         image_dn=place.plane(source.image_dn),
-        clipped=None if clipped is None else place.plane(clipped).astype(np.bool_),
+        clipped=clipped,
+        masked=masked,
         pitch_px=PITCH_PX,
         first_x_px=place.first_x_px,
         first_y_px=place.first_y_px,

@@ -10,7 +10,7 @@ from .features import (
     homography_pose as homography_pose,
     match_features as match_features,
 )
-from .hints import RegistrationHints as RegistrationHints
+from .hints import RegistrationHints as RegistrationHints, leaving_out as leaving_out
 from .pair import Registration as Registration, register as register
 from .point_table import POINT_COLUMNS as POINT_COLUMNS, parse_points as parse_points
 from .reference import RegistrationReference as RegistrationReference

@@ -3,10 +3,12 @@
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
+from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer
 
 from calibration.provenance import Provenance
+from simulation.arguments import CheckedModel
 from simulation.arrays import FloatArray
+from simulation.pose import homography_fault
 
 HOMOGRAPHY_SCHEMA: Final = "standoff.homography/1"
 
@@ -16,10 +18,9 @@ def _matrix(value: object) -> FloatArray:
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError("expected 3 x 3 numbers") from error
-    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
-        raise ValueError("expected 3 x 3 finite numbers")
-    if np.linalg.det(matrix) == 0:
-        raise ValueError("expected a matrix that can be inverted")
+    fault = homography_fault(matrix)
+    if fault is not None:
+        raise ValueError(fault)
     matrix.setflags(write=False)
     return matrix
 
@@ -30,7 +31,7 @@ def _distortion(value: object) -> float:
     raise ValueError(f"{value!r} is not a number between -1 and 1")
 
 
-class Homography(BaseModel):
+class Homography(CheckedModel):
     """A homography from a follow-up to its reference.
 
     Parameters

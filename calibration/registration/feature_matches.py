@@ -5,6 +5,7 @@ from typing import Self
 
 import numpy as np
 
+from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import BoolArray, FloatArray
 from simulation.pose import project
 
@@ -27,6 +28,17 @@ class FeatureMatches:
 
     followup_px: FloatArray
     reference_px: FloatArray
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name in ("followup_px", "reference_px"):
+            points = getattr(self, name)
+            if points.shape != (len(self.reference_px), 2) or not np.isfinite(points).all():
+                raise ArgumentError(
+                    f"expected as many finite pairs as of the other, shape (n, 2), got "
+                    f"{points.shape}",
+                    argument=name,
+                )
 
     def swapped(self) -> Self:
         """Return the same pairs where the two photographs have changed roles."""

@@ -7,7 +7,9 @@ import numpy as np
 
 from calibration.registration.distorted_pose import mirrored_matrix
 from calibration.registration.feature_matches import FeatureMatches
+from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import BoolArray, FloatArray
+from simulation.pose import homography_fault
 
 POINTS_MIN = 4
 """Pairs of points that determine a homography."""
@@ -35,7 +37,7 @@ class RegistrationHints:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If a value is not of its kind or range.
 
     Examples
@@ -52,17 +54,19 @@ class RegistrationHints:
     mirrored: bool = False
 
     def __post_init__(self) -> None:
-        if self.zoom is not None and not 0 < self.zoom < np.inf:
-            raise ValueError(f"the expected zoom must be positive, got {self.zoom}")
-        if self.matrix is not None and (
-            self.matrix.shape != (3, 3)
-            or not np.isfinite(self.matrix).all()
-            or not np.linalg.det(self.matrix)
-        ):
-            raise ValueError(f"the expected pose must be an invertible 3 x 3, got {self.matrix}")
+        check_fields(self)
+        if self.matrix is not None:
+            fault = homography_fault(self.matrix)
+            if fault is not None:
+                raise ArgumentError(fault, argument="matrix")
+        if self.left_out is not None and self.left_out.ndim != 2:
+            raise ArgumentError(
+                f"expected shape (rows, cols), got {self.left_out.shape}", argument="left_out"
+            )
         if self.points is not None and len(self.points.followup_px) < POINTS_MIN:
-            raise ValueError(
-                f"{POINTS_MIN} pairs of points are needed, got {len(self.points.followup_px)}"
+            raise ArgumentError(
+                f"{POINTS_MIN} pairs are needed, got {len(self.points.followup_px)}",
+                argument="points",
             )
 
     @property
@@ -85,3 +89,15 @@ class RegistrationHints:
         return replace(
             self, matrix=matrix, points=points, left_out=left_out, mirrored=not self.mirrored
         )
+
+
+def leaving_out(
+    hints: RegistrationHints | None, left_out: BoolArray | None
+) -> RegistrationHints | None:
+    """Return hints that leave out other follow-up pixels as well."""
+    if left_out is None:
+        return hints
+    hints = hints or RegistrationHints()
+    if hints.left_out is not None and hints.left_out.shape == left_out.shape:
+        left_out = left_out | hints.left_out
+    return replace(hints, left_out=left_out)

@@ -5,7 +5,7 @@ from typing import Self
 
 from calibration.registration.dense import AlignedPhotograph
 from calibration.registration.features import ImageFeatures, features_of
-from simulation.arrays import AnyArray
+from simulation.arrays import AnyArray, BoolArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,15 +19,15 @@ class RegistrationReference:
     _features: dict[bool, ImageFeatures] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, image: AnyArray) -> Self:
-        """Take a grey image, shape ``(rows, cols)``.
+    def of(cls, image: AnyArray, left_out: BoolArray | None = None) -> Self:
+        """Take a grey image, shape ``(rows, cols)``; what is ``left_out`` does not count.
 
         Raises
         ------
         ValueError
-            If it is not a grey image with finite values.
+            If it is not a grey image with finite values, or ``left_out`` has another shape.
         """
-        return cls(AlignedPhotograph.of(image))
+        return cls(AlignedPhotograph.of(image, left_out))
 
     def features(self, *, is_closer_look: bool) -> ImageFeatures:
         """Features of the photograph, as `features_of` finds them."""

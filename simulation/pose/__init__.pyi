@@ -1,4 +1,5 @@
 from .homography import (
+    homography_fault as homography_fault,
     project as project,
     projection_depth as projection_depth,
     projection_slopes as projection_slopes,

@@ -6,6 +6,7 @@ from typing import Literal, Self, overload
 
 import numpy as np
 
+from simulation.arguments import ArgumentError, ArgumentTypeError, accepted
 from simulation.arrays import FloatArray
 
 PIXEL_VARIANCE_PX2 = 1.0 / 12.0
@@ -25,9 +26,9 @@ class GaussianPsf:
 
     Raises
     ------
-    TypeError
+    ArgumentTypeError
         If a width is missing, or given twice.
-    ValueError
+    ArgumentError
         If a width is not positive or ``rho`` is not inside (-1, 1).
 
     Examples
@@ -56,17 +57,19 @@ class GaussianPsf:
     ) -> None:
         if sigma_px is not None:
             if sigma_x_px is not None or sigma_y_px is not None or rho != 0:
-                raise TypeError("sigma_px is the width of a round PSF; leave the others out")
-            sigma_x_px = sigma_y_px = sigma_px
+                raise ArgumentTypeError(
+                    "it is the width of a round PSF; leave the others out", argument="sigma_px"
+                )
+            sigma_x_px = sigma_y_px = accepted("sigma_px", sigma_px, float)
         for name, value in (("sigma_x_px", sigma_x_px), ("sigma_y_px", sigma_y_px)):
             if value is None:
-                raise TypeError(f"{name} is missing; a round PSF is GaussianPsf(sigma_px=...)")
-            if not (value > 0 and np.isfinite(value)):
-                raise ValueError(f"{name} must be positive, got {value}")
-            object.__setattr__(self, name, value)
-        if not -1 < rho < 1:
-            raise ValueError(f"rho must be inside (-1, 1), got {rho}")
-        object.__setattr__(self, "rho", rho)
+                raise ArgumentTypeError(
+                    "it is missing; a round PSF is GaussianPsf(sigma_px=...)", argument=name
+                )
+            object.__setattr__(self, name, accepted(name, value, float))
+        object.__setattr__(self, "rho", accepted("rho", rho, float))
+        if abs(self.rho) == 1:
+            raise ArgumentError(f"expected a number inside (-1, 1), got {rho}", argument="rho")
 
     @classmethod
     def from_covariance(cls, covariance_px2: FloatArray) -> Self:

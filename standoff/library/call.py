@@ -12,7 +12,7 @@ from analysis.design_cache import keep_designs_on_disk
 from calibration.provenance import Provenance
 from standoff.compile_notice import announce_compiling
 from standoff.library.caller import caller
-from standoff.library.inputs import ImageLike, photograph
+from standoff.library.inputs import ImageLike, path_of, photograph, with_white_level
 from standoff.photographs import Inputs, Photograph, ReadOptions
 
 
@@ -68,6 +68,8 @@ class Call:
         How photographs are read.
     files
         Other arguments; the paths among them are listed in the provenance.
+    white_level
+        Level at which photographs are clipped, where it is stated.
 
     Raises
     ------
@@ -81,13 +83,14 @@ class Call:
         progress: Progress | None = None,
         reading: ReadOptions | None = None,
         files: Iterable[object] = (),
+        white_level: float | None = None,
     ) -> None:
         announce_compiling()
         keep_designs_on_disk()
         self._function = function
         self._progress = progress or Silent()
         self._notes: dict[str, None] = {}
-        self.inputs = Inputs(reading, self.announce)
+        self.inputs = Inputs(with_white_level(reading, white_level), self.announce)
         for given in files:
             if isinstance(given, str | PathLike):
                 self.inputs.add(Path(given))
@@ -117,8 +120,11 @@ class Call:
             If the file cannot be read, or the array is not a finite image.
         """
         if isinstance(image, str | PathLike):
-            return self.inputs.photograph(Path(image))
-        return photograph(image, name)
+            return self.inputs.photograph(path_of(image, name))
+        found = photograph(image, name, self.inputs.options)
+        if not isinstance(image, Photograph):
+            self.inputs.add_given(found)
+        return found
 
     @contextmanager
     def bar(self, task: str, total: int) -> Iterator[Callable[[int], None]]:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from simulation.arguments import checked
 from standoff.errors import ApplicationError
 
 
@@ -14,6 +15,7 @@ class ExamplePhotographs:
     further: Path
 
 
+@checked
 def example_photographs() -> ExamplePhotographs:
     """Find the two photographs that come with standoff: a postcard, from two distances.
 

@@ -13,12 +13,14 @@ from calibration.geometry import (
     geometry_records,
     nominal_focal_px,
 )
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.files import write_page
 from standoff.library.inputs import FilePath, opened_session, path_of
 
 
+@checked
 def calibrate_geometry(
     session: Session | FilePath,
     *,
@@ -64,13 +66,10 @@ def calibrate_geometry(
     >>> round(geometry.zoom(160, 300), 3)
     1.812
     """
-    for name, value in (("scale_px_per_mm", scale_px_per_mm), ("focal_length_px", focal_length_px)):
-        if value is not None and not 0 < value < float("inf"):
-            raise ArgumentError(f"{name}: expected a number above 0, got {value:g}")
     try:
         layout = board if isinstance(board, CharucoBoard) else CharucoBoard.from_text(board)
     except ValueError as error:
-        raise ArgumentError(f"board: {error}") from error
+        raise ArgumentError(str(error), argument="board") from error
     call = Call("calibrate_geometry", progress)
     opened = opened_session(session)
     options = GeometryOptions(
@@ -93,6 +92,7 @@ def calibrate_geometry(
     return found
 
 
+@checked
 def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
     """Write a geometry.json, whole or not at all.
 

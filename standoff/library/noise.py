@@ -9,11 +9,13 @@ from calibration.noise import (
     measure_noise as measured_noise,
     noise_records,
 )
+from simulation.arguments import checked
 from standoff.library.call import Call, Progress
 from standoff.library.files import require_writable, write_page, written_together
 from standoff.library.inputs import FilePath, opened_session, path_of
 
 
+@checked
 def measure_noise(
     session: Session | FilePath,
     *,
@@ -62,6 +64,7 @@ def measure_noise(
     return found
 
 
+@checked
 def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
     """Write noise.json and its maps beside it, all or none; return the document.
 

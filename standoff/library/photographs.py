@@ -1,22 +1,36 @@
 """Image files as photographs with linear levels."""
 
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.inputs import FilePath, path_of
 from standoff.photographs import Encoding, Photograph, ReadOptions, read_image as read
 
 
-def reading(encoding: str = "auto", *, page: int | None = None, mean: bool = False) -> ReadOptions:
-    """Say how image files are read, for the functions that take ``reading=``.
+@checked
+def reading(
+    encoding: str = "auto",
+    *,
+    page: int | None = None,
+    mean: bool = False,
+    white_level: float | None = None,
+) -> ReadOptions:
+    """Say how images are read, for the functions that take ``reading=``.
+
+    It counts for arrays as for files: their levels are taken for those of a file, and a stack has
+    its pages along the first axis.
 
     Parameters
     ----------
     encoding
         How their levels follow from light: ``auto`` (as the file states, or as is usual for its
-        format), ``linear``, ``srgb`` or ``gamma:G``.
+        format; of an array linear), ``linear``, ``srgb`` or ``gamma:G``.
     page
         Which image of a stack, from 1.
     mean
         Whether a stack is one capture: its mean, with the temporal variance.
+    white_level
+        Level, as it is stored, at which they are clipped; by default the one that a file states, or
+        the largest that its numbers can hold. Of floats it is where they were cut off, if it shows.
 
     Returns
     -------
@@ -38,14 +52,16 @@ def reading(encoding: str = "auto", *, page: int | None = None, mean: bool = Fal
         known = None if encoding == "auto" else Encoding(name=encoding)
     except ValueError as error:
         raise ArgumentError(
-            f"expected auto, linear, srgb or gamma:G such as gamma:2.2, got {encoding!r}"
+            f"expected auto, linear, srgb or gamma:G such as gamma:2.2, got {encoding!r}",
+            argument="encoding",
         ) from error
     try:
-        return ReadOptions(encoding=known, page=page, is_mean=mean)
+        return ReadOptions(encoding=known, page=page, is_mean=mean, white_level=white_level)
     except ValueError as error:
         raise ArgumentError(str(error)) from error
 
 
+@checked
 def read_image(
     path: FilePath, *, encoding: str = "auto", page: int | None = None, mean: bool = False
 ) -> Photograph:

@@ -12,6 +12,7 @@ from acquisition.focus import newest_frames
 from analysis.choices import Criterion
 from analysis.pose import PoseTracker, PoseVerdict, StreamSummary
 from calibration.errors import CalibrationError
+from simulation.arguments import checked
 from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.library.bench import bench_config, opened_camera, place_target
@@ -62,6 +63,7 @@ class PoseWatch:
     2
     """
 
+    @checked
     def __init__(
         self,
         reference: ImageLike,
@@ -88,6 +90,7 @@ class PoseWatch:
         """What there is to say of the photographs."""
         return self._call.notes
 
+    @checked
     def run(
         self,
         frames: Iterable[NamedFrame],
@@ -116,10 +119,12 @@ class PoseWatch:
                 break
         return self.summary
 
+    @checked
     def folder(self, path: FilePath, *, is_watched: bool = False) -> Iterator[NamedFrame]:
         """Return the images of a folder; then, if it is watched, new ones as they come."""
         return folder_frames(path_of(path, "path"), self._call.inputs, is_watched=is_watched)
 
+    @checked
     @contextmanager
     def camera(
         self,

@@ -17,6 +17,7 @@ from analysis.sr_dataset import (
     write_sr_dataset,
 )
 from analysis.sweep import SweepOptions as SweepOptions
+from simulation.arguments import checked
 from simulation.choices import DEFAULT_MODEL, Model, PsfShape
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
@@ -28,6 +29,7 @@ from standoff.library.swept_photographs import refusing
 from standoff.photographs import ReadOptions, marked_png, read_image
 
 
+@checked
 def training_pairs(
     images: FilePath | Iterable[FilePath],
     out: FilePath,

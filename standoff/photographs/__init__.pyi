@@ -1,11 +1,13 @@
 from .encoding import LINEAR as LINEAR, SRGB as SRGB, Encoding as Encoding
 from .exif import PhotographFacts as PhotographFacts, shared_facts as shared_facts
-from .guard import read_file as read_file
+from .guard import LARGEST_IMAGE_PX as LARGEST_IMAGE_PX, read_file as read_file
 from .inputs import Inputs as Inputs
 from .photograph import FileSteps as FileSteps, Photograph as Photograph
 from .raster import marked_png as marked_png
 from .reader import (
     IMAGE_SUFFIXES as IMAGE_SUFFIXES,
     ReadOptions as ReadOptions,
+    photograph_of as photograph_of,
     read_image as read_image,
+    taken_as as taken_as,
 )

@@ -115,8 +115,13 @@ def refuse_unusable(pixels: NDArray[Any], shown: str) -> None:
     if pixels.ndim not in (2, 3) or 0 in pixels.shape:
         raise ImageFileError(f"{shown}: expected one image, got an array of {pixels.shape}")
     if pixels.ndim == 3 and pixels.shape[2] > _MOST_CHANNELS:
+        meant = "pick out the ones meant"
+        if pixels.shape[0] <= _MOST_CHANNELS:
+            meant = (
+                "if the first axis counts them, move it to the end: numpy.moveaxis(image, 0, -1)"
+            )
         raise ImageFileError(
-            f"{shown}: {pixels.shape[2]} channels are neither grey nor RGB; pick out the ones meant"
+            f"{shown}: {pixels.shape[2]} channels are neither grey nor RGB; {meant}"
         )
     if pixels.dtype.kind not in "uifb":
         raise ImageFileError(f"{shown}: its pixels are of type {pixels.dtype}, not numbers")

@@ -49,6 +49,10 @@ class Inputs:
         self._add_head(photograph)
         return photograph
 
+    def add_given(self, photograph: Photograph) -> None:
+        """Say what there is to say of a photograph that no file holds."""
+        self._say(photograph)
+
     def grey(self, path: Path) -> FloatArray:
         """Read the linear grey levels of a photograph, shape ``(rows, cols)``, and list it.
 

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
@@ -11,18 +12,26 @@ from acquisition.printable import on_one_line
 from calibration.choices import Pattern
 from calibration.notebook import html_table
 from calibration.psf import REC601_LUMA, luma_plane
-from simulation.arrays import AnyArray, Float32Array, FloatArray
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from standoff.errors import HintError, ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
-from standoff.photographs.guard import refuse_unusable
 from standoff.photographs.jpeg_coding import FROM_CHROMA, JpegCoding, coded_variance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PLATEAU_FRACTION = 0.002
+_CLIPPED_FROM = 0.995  # of the saturation level
 _ADC_BITS = (10, 12, 14)
+_ABRUPT = 0.012
+"""Of the range of the levels: the last step before a plateau is larger where they were cut off.
+Rendered edges of 0.4 to 4 px come to theirs in steps below 0.001, in 8 bits below 0.008."""
+_LEAST_BESIDE_PX = 20
+_SOLID = 0.4
+"""Of a pixel and its eight neighbours."""
+_ABOVE_ALL = 1.02
+"""Beyond what counts as nearly saturated."""
 _USUAL_SAMPLING = (True, True)
 """Whether JPEG's chroma has half the rows and half the columns, where a file does not tell."""
 
@@ -38,7 +47,8 @@ class PhotographHead:
     encoding
         From light to the stored levels.
     encoding_from
-        What decided the encoding, as a noun: ``its ICC profile sRGB``, ``--encoding``.
+        What decided the encoding, as a noun: ``its ICC profile sRGB``, ``--encoding``; empty for an
+        array, which is linear unless somebody says otherwise.
     is_encoding_stated
         Whether the file or the operator says it, so that it is not what is usual.
     facts
@@ -47,6 +57,8 @@ class PhotographHead:
         Colours of a raw mosaic.
     sha256
         Of the file; None for an array.
+    left_out
+        What else the file holds beside light, in words: an opacity that varies, a depth.
     """
 
     path: Path
@@ -56,6 +68,7 @@ class PhotographHead:
     facts: PhotographFacts = field(default_factory=PhotographFacts)
     pattern: Pattern | None = None
     sha256: str | None = None
+    left_out: str = ""
 
     @property
     def name(self) -> str:
@@ -75,8 +88,12 @@ class PhotographHead:
     @property
     def remarks(self) -> dict[str, str]:
         """What is worth saying once for each kind of file, by kind."""
-        encoding = f"encoding {self.encoding.name} {self.encoding_from}"
-        said = {encoding: f"{self.name}: {self.encoding_sentence}"}
+        said = {}
+        if self.encoding_from:
+            encoding = f"encoding {self.encoding.name} {self.encoding_from}"
+            said[encoding] = f"{self.name}: {self.encoding_sentence}"
+        if self.left_out:
+            said[f"beside {self.left_out}"] = f"{self.name}: left out is {self.left_out}"
         if self.facts.turn is not None:
             said[f"turn {self.facts.turn}"] = (
                 f"{self.name}: viewers show it {self.facts.turn}; rows and columns here are those "
@@ -127,6 +144,9 @@ class Photograph(PhotographHead):
         Temporal variance of one frame and the number of them, for the mean of a stack.
     has_modelled_variance
         Whether that variance is the noise model's, as of an exposure bracket, and not a sample's.
+    masked
+        Pixels that are no measurement, as an array's mask says, shape ``(rows, cols)``; None where
+        all are. Their levels are those of the nearest pixels that are one.
     """
 
     stored: AnyArray = field(repr=False)
@@ -138,25 +158,7 @@ class Photograph(PhotographHead):
     variance_dn2: FloatArray | None = field(default=None, repr=False)
     frames: int = 1
     has_modelled_variance: bool = False
-
-    @classmethod
-    def of_array(cls, name: str, pixels: NDArray[Any]) -> Self:
-        """Take an array of levels linear in light for a photograph.
-
-        Raises
-        ------
-        ImageFileError
-            If it is no image, or holds values that are not finite.
-        """
-        refuse_unusable(pixels, name)
-        stored = without_opacity(as_numbers(pixels))
-        full_scale = full_scale_dn(stored)
-        return cls(
-            path=Path(name),
-            stored=stored,
-            full_scale_dn=full_scale,
-            saturation_dn=saturation_dn(stored, full_scale),
-        )
+    masked: BoolArray | None = field(default=None, repr=False)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.colour_planes, dtype=dtype, copy=copy)
@@ -206,10 +208,31 @@ class Photograph(PhotographHead):
         Raises
         ------
         ImageFileError
-            If it is a raw mosaic.
+            If it is a raw mosaic, or some pixels are masked.
         """
         self.refuse_mosaic()
+        if self.masked is not None:
+            raise ImageFileError(
+                f"{self.name}: {np.count_nonzero(self.masked)} of its {self.masked.size} pixels "
+                "are masked, and all of them are needed here; fill them (numpy.ma.filled), or cut "
+                "out a part without"
+            )
         return self.linear_planes
+
+    def not_measured(self, *, is_clipped: bool = False) -> BoolArray | None:
+        """Pixels that are masked, and those that are clipped if asked for; None if none is."""
+        found = self.masked
+        if is_clipped and self.saturation_dn is not None:
+            planes: FloatArray = np.asarray(self.linear_planes, dtype=np.float64)
+            at_white = planes >= _CLIPPED_FROM * self.saturation_dn
+            clipped = np.asarray(at_white if at_white.ndim == 2 else at_white.any(axis=2))
+            found = clipped if found is None else found | clipped
+        return found if found is not None and found.any() else None
+
+    @property
+    def filled(self) -> "Photograph":
+        """The photograph with all pixels taken as measured, for who leaves out ``masked``."""
+        return self if self.masked is None else replace(self, masked=None)
 
     def refuse_mosaic(self) -> None:
         """Check that all pixels have the same colours.
@@ -400,14 +423,51 @@ def full_scale_dn(pixels: AnyArray) -> float | None:
 
 
 def saturation_dn(pixels: AnyArray, full_scale: float | None) -> float | None:
-    """Level of the clipping: of the file's numbers, or of a narrower ADC whose plateau shows."""
+    """Level of the clipping: of the file's numbers, or of a narrower ADC whose plateau shows.
+
+    Floats have none, unless their levels were cut off.
+    """
     if full_scale is None:
-        return None
+        return _cut_off_dn(pixels)
     top = float(pixels.max())
     adc_tops = {float(2**bits - 1) for bits in _ADC_BITS}
     if top in adc_tops and np.mean(pixels == pixels.dtype.type(top)) > _PLATEAU_FRACTION:
         return top
     return full_scale
+
+
+def _cut_off_dn(pixels: AnyArray) -> float | None:
+    """Level at which floats were cut off, or one above all where they were at 0 alone.
+
+    Light that comes to an even level comes there in ever smaller steps. Where levels are cut off
+    it meets a plateau with the whole step of its slope. Where it does so at both ends, it is a
+    drawing as well, with no blur or one that ends: then nothing is told.
+    """
+    low, high = float(pixels.min()), float(pixels.max())
+    planes: Float32Array = np.asarray(pixels, dtype=np.float32).reshape(*pixels.shape[:2], -1)
+    at_high, at_low = (np.asarray(planes == np.float32(end)) for end in (high, low))
+    if not low < high:
+        return None
+    is_cut = _is_abrupt(planes, at_high, at_low), _is_abrupt(-planes, at_low, at_high)
+    if is_cut == (True, False):
+        return high
+    return high * _ABOVE_ALL if is_cut == (False, True) and low == 0 else None
+
+
+def _is_abrupt(planes: Float32Array, at_end: BoolArray, at_other: BoolArray) -> bool:
+    """Whether the highest level of ``(rows, cols, channels)`` is a plateau of light cut off."""
+    if not np.mean(at_end) > _PLATEAU_FRACTION:
+        return False
+    # A single pixel may well be the highest of its row.
+    solid, other = (one.astype(np.float32).reshape(planes.shape) for one in (at_end, at_other))
+    solid[cv2.blur(solid, (3, 3)).reshape(planes.shape) < _SOLID] = 0
+    around = (cv2.dilate(one, np.ones((3, 3))).reshape(planes.shape) for one in (solid, other))
+    beside, near_other = (np.asarray(one > 0) for one in around)
+    beside &= ~at_end
+    if np.count_nonzero(beside) < _LEAST_BESIDE_PX or np.mean(near_other[beside]) > 0.5:
+        return False
+    gaps = float(planes.max()) - planes[beside]
+    return bool(np.median(gaps) > _ABRUPT * float(np.ptp(planes)))
 
 
 def as_numbers(pixels: NDArray[Any]) -> NDArray[Any]:
@@ -419,8 +479,14 @@ def as_numbers(pixels: NDArray[Any]) -> NDArray[Any]:
     return pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
 
 
-def without_opacity(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Grey levels of shape ``(rows, cols)`` or colours of ``(rows, cols, 3)``."""
+def light_planes(pixels: NDArray[Any]) -> tuple[NDArray[Any], bool]:
+    """Grey levels of shape ``(rows, cols)`` or colours of ``(rows, cols, 3)``.
+
+    With whether there is a plane beside them that is not the same everywhere.
+    """
     if pixels.ndim == 2:
-        return pixels
-    return pixels[:, :, 0] if pixels.shape[2] < 3 else pixels[:, :, :3]
+        return pixels, False
+    light = 1 if pixels.shape[2] < 3 else 3
+    others = pixels[:, :, light:]
+    planes = pixels[:, :, 0] if light == 1 else pixels[:, :, :3]
+    return planes, bool(others.size and np.ptp(others) > 0)

@@ -57,10 +57,7 @@ def read_raster_image(data: bytes) -> StoredImage:
     """
     with decoding("image", cv2.error):
         image = _opened(data)
-        if image.mode in _WITHOUT_LUMA:
-            raise DecodingError(
-                f"its colours are {_WITHOUT_LUMA[image.mode]}; convert it to RGB or grey"
-            )
+        _refuse_without_luma(image)
         refuse_giant((image.height, image.width, len(image.getbands())), 1, len(data))
         is_jpeg = image.format in ("JPEG", "MPO")
         if is_jpeg:
@@ -82,6 +79,42 @@ def read_raster_image(data: bytes) -> StoredImage:
             luma_steps=_luma_steps(image) if is_jpeg else None,
             jpeg_coding=JpegCoding.of(image) if is_jpeg else None,
             white_dn=white_dn,
+            has_opacity=True,
+        )
+
+
+def stored_picture(image: Image.Image) -> StoredImage:
+    """Take a picture of Pillow as its file would be read: the frame that it shows.
+
+    Raises
+    ------
+    DecodingError
+        If it has colours without a luma, or cannot be decoded.
+    """
+    with decoding("image"):
+        _refuse_without_luma(image)
+        image.load()
+        pixels = image.convert("RGB") if image.mode in _WITH_A_PALETTE else image
+        is_jpeg = image.format in ("JPEG", "MPO")
+        is_linear = image.mode.startswith(("I", "F")) or image.format == "TIFF"
+        levels = np.asarray(pixels)
+        return StoredImage(
+            count=1,
+            page=lambda _: levels,
+            marked=partial(_marked, image.info.get("icc_profile"), _tags(image), b""),
+            unmarked=(LINEAR if is_linear else SRGB, "pictures of Pillow"),
+            facts=PhotographFacts.of_tags(_tags(image), image.width),
+            is_jpeg=is_jpeg,
+            luma_steps=_luma_steps(image) if is_jpeg else None,
+            jpeg_coding=JpegCoding.of(image) if is_jpeg else None,
+            has_opacity=True,
+        )
+
+
+def _refuse_without_luma(image: Image.Image) -> None:
+    if image.mode in _WITHOUT_LUMA:
+        raise DecodingError(
+            f"its colours are {_WITHOUT_LUMA[image.mode]}; convert it to RGB or grey"
         )
 
 

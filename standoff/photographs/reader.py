@@ -1,26 +1,31 @@
-"""The one reader of image files: of every format, with the encoding of its levels found."""
+"""The one way in for photographs: files of every format, and arrays of every library."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+from PIL.Image import Image
+from scipy.ndimage import distance_transform_edt
 
 from acquisition.printable import on_one_line
-from simulation.arrays import AnyArray, FloatArray
+from simulation.arguments import ArgumentError, given_array
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 from standoff.errors import ImageFileError
 from standoff.photographs.camera_raw import RAW_SUFFIXES, is_camera_raw, read_camera_raw
-from standoff.photographs.encoding import Encoding
+from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.guard import is_swollen, read_file, refuse_unusable
 from standoff.photographs.photograph import (
     Photograph,
     as_numbers,
     full_scale_dn,
+    light_planes,
     saturation_dn,
-    without_opacity,
 )
-from standoff.photographs.raster import read_raster_image
+from standoff.photographs.raster import read_raster_image, stored_picture
 from standoff.photographs.scientific import is_exr, is_fits, read_exr_image, read_fits_image
 from standoff.photographs.stored import DecodingError, StoredImage
 from standoff.photographs.tiff import is_tiff, read_tiff_image, tiff_facts
@@ -46,21 +51,27 @@ class ReadOptions:
         Which image of a stack, from 1.
     is_mean
         Whether a stack is one capture: its mean, with the temporal variance.
+    white_level
+        Level, as it is stored, at which they are clipped; None for what each tells.
     """
 
     encoding: Encoding | None = None
     page: int | None = None
     is_mean: bool = False
+    white_level: float | None = None
 
     def __str__(self) -> str:
         encoding = "auto" if self.encoding is None else self.encoding.name
-        return f"encoding {encoding}, page {self.page}, mean {self.is_mean}"
+        said = f"encoding {encoding}, page {self.page}, mean {self.is_mean}"
+        return said if self.white_level is None else f"{said}, white {self.white_level:g}"
 
     def __post_init__(self) -> None:
         if self.page is not None and self.is_mean:
             raise ValueError("a page or the mean of all pages, not both")
         if self.page is not None and self.page < 1:
             raise ValueError(f"pages count from 1, got {self.page}")
+        if self.white_level is not None and not 0 < self.white_level < np.inf:
+            raise ValueError(f"white is a level above 0, got {self.white_level:g}")
 
 
 _AS_STATED = ReadOptions()
@@ -76,29 +87,116 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         or holds levels that cannot be calculated with.
     """
     data = read_file(path)
-    shown = on_one_line(path)
-    try:
+    with _naming(on_one_line(path)):
         stored = _stored(data, path)
-        number = _page_number(stored, options)
-        pixels = _levels(stored, number, shown)
-        encoding, encoding_from, is_stated = _encoding(stored, options)
-        _refuse_other_channels(encoding, pixels)
-        white = stored.white_dn or full_scale_dn(pixels)
-        if white is None and not encoding.is_linear:
-            _refuse_levels_beyond_white(float(pixels.max()), encoding)
-        saturation = stored.saturation_dn or saturation_dn(pixels, white)
-        variance, frames = stored.variance_dn2, stored.frames
-        if options.is_mean and stored.count > 1:
-            _refuse_swollen_stack(stored.count, pixels.nbytes, len(data))
-            mean, variance = _mean(stored, encoding, white or 1.0, shown)
-            frames, pixels = stored.count, encoding.encode(mean, white or 1.0)
+        digest = sha256(data).hexdigest()
+        return _photograph(stored, options, _Source(path, digest, len(data)))
+
+
+def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Photograph:
+    """Take what holds an array for a photograph, in the way in which files are read.
+
+    Parameters
+    ----------
+    value
+        An array of levels, of any library, with or without a mask; or a picture of Pillow, whose
+        levels are encoded as those of its format.
+    name
+        Of the argument.
+    options
+        As for files; a stack has its pages along the first axis. Without an encoding, arrays are
+        linear in light.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it holds no array of numbers.
+    ArgumentError
+        If it is in a unit that levels do not have.
+    ImageFileError
+        If it is no image, or holds levels that cannot be calculated with.
+    """
+    source = _Source(Path(name))
+    with _naming(name):
+        if isinstance(value, Image):
+            return _photograph(stored_picture(value), options, source)
+        given = given_array(value, name)
+        pages, masked = given.values, given.masked
+        if options.page is None and not options.is_mean:
+            pages, masked = pages[np.newaxis], None if masked is None else masked[np.newaxis]
+        elif pages.ndim < 3:
+            raise DecodingError(
+                f"a stack has its pages along the first of 3 axes, not {pages.ndim}"
+            )
+        if masked is not None:
+            masked = _masked_pixels(masked, options, name)
+            pages = np.stack([_filled(page, masked) for page in pages])
+        stored = StoredImage(
+            count=len(pages), page=lambda index: pages[index], unmarked=(LINEAR, "")
+        )
+        return replace(_photograph(stored, options, source), masked=masked)
+
+
+def taken_as(photograph: Photograph, options: ReadOptions) -> Photograph:
+    """Take a photograph that was read before as other options say.
+
+    Raises
+    ------
+    ImageFileError
+        If they choose a page, of which only one is left.
+    """
+    if options.page is not None or options.is_mean:
+        raise ImageFileError(
+            f"{photograph.name}: it was read before; give its file to choose pages"
+        )
+    if options.encoding is not None:
+        photograph = photograph.taken_as(options.encoding, "reading")
+    if options.white_level is None:
+        return photograph
+    return replace(photograph, saturation_dn=photograph.white_level_dn(options.white_level))
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """Where pixels come from; the hash and the size of a file."""
+
+    path: Path
+    sha256: str | None = None
+    file_bytes: int | None = None
+
+
+@contextmanager
+def _naming(shown: str) -> Iterator[None]:
+    try:
+        yield
     except DecodingError as error:
         raise ImageFileError(f"{shown}: {on_one_line(error)}") from error
-    if saturation is not None and white is not None:
+
+
+def _photograph(stored: StoredImage, options: ReadOptions, source: _Source) -> Photograph:
+    """The photograph that is chosen of what a file or an array holds."""
+    shown = on_one_line(source.path)
+    number = _page_number(stored, options)
+    pixels, holds_more = _planes(stored, number, shown)
+    encoding, encoding_from, is_stated = _encoding(
+        stored, options, is_file=source.sha256 is not None
+    )
+    _refuse_other_channels(encoding, pixels)
+    white = stored.white_dn or full_scale_dn(pixels)
+    if white is None and not encoding.is_linear:
+        _refuse_levels_beyond_white(float(pixels.max()), encoding)
+    saturation = stored.saturation_dn or saturation_dn(pixels, white)
+    variance, frames = stored.variance_dn2, stored.frames
+    if options.is_mean and stored.count > 1:
+        if source.file_bytes is not None:
+            _refuse_swollen_stack(stored.count, pixels.nbytes, source.file_bytes)
+        mean, variance = _mean(stored, encoding, white or 1.0, shown)
+        frames, pixels = stored.count, encoding.encode(mean, white or 1.0)
+    if saturation is not None:
         top = np.full((1, 1, max(len(encoding.curves), 1)), saturation)
-        saturation = float(encoding.decode(top, white).max())
-    return Photograph(
-        path=path,
+        saturation = float(encoding.decode(top, white or 1.0).max())
+    read = Photograph(
+        path=source.path,
         stored=pixels,
         encoding=encoding,
         encoding_from=encoding_from,
@@ -113,8 +211,27 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         variance_dn2=variance,
         frames=frames,
         has_modelled_variance=stored.has_modelled_variance and encoding.is_linear,
-        sha256=sha256(data).hexdigest(),
+        sha256=source.sha256,
+        left_out=stored.left_out or ("its opacity" if holds_more else ""),
     )
+    stated = options.white_level
+    return read if stated is None else replace(read, saturation_dn=read.white_level_dn(stated))
+
+
+def _masked_pixels(masked: BoolArray, options: ReadOptions, name: str) -> BoolArray:
+    """Pixels that are masked in any channel of the pages that count, shape ``(rows, cols)``."""
+    pages = masked if options.page is None else masked[options.page - 1 : options.page]
+    axes = (0, *range(3, pages.ndim))
+    found = np.asarray(pages.any(axis=axes))
+    if found.all():
+        raise ArgumentError("all of its pixels are masked", argument=name)
+    return found
+
+
+def _filled(page: AnyArray, masked: BoolArray) -> AnyArray:
+    """A page with the nearest measured level where there is none: no edge, and no false level."""
+    nearest = distance_transform_edt(masked, return_distances=False, return_indices=True)
+    return np.asarray(page[tuple(nearest)])
 
 
 def _stored(data: bytes, path: Path) -> StoredImage:
@@ -133,9 +250,21 @@ def _stored(data: bytes, path: Path) -> StoredImage:
 
 
 def _levels(stored: StoredImage, number: int, shown: str) -> AnyArray:
+    return _planes(stored, number, shown)[0]
+
+
+def _planes(stored: StoredImage, number: int, shown: str) -> tuple[AnyArray, bool]:
+    """The planes of light of a page, and whether there is an opacity that varies."""
     pixels = as_numbers(stored.page(number))
     refuse_unusable(pixels, shown)
-    return without_opacity(pixels)
+    light, holds_more = light_planes(pixels)
+    if holds_more and not stored.has_opacity:
+        planes = pixels.shape[2]
+        raise DecodingError(
+            f"{planes} planes are neither grey nor RGB, and the last is not the same everywhere, "
+            f"as opacity would be; give {'one' if planes == 2 else 'the three that are RGB'}"
+        )
+    return light, holds_more
 
 
 def _refuse_swollen_stack(count: int, page_bytes: int, file_bytes: int) -> None:
@@ -198,12 +327,14 @@ def _mean(
     return mean, squares / (stored.count - 1)
 
 
-def _encoding(stored: StoredImage, options: ReadOptions) -> tuple[Encoding, str, bool]:
+def _encoding(
+    stored: StoredImage, options: ReadOptions, *, is_file: bool
+) -> tuple[Encoding, str, bool]:
     """The encoding, what decided it, and whether anybody states it."""
     if options.encoding is not None:
-        return options.encoding, "--encoding", True
+        return options.encoding, "--encoding" if is_file else "", True
     marked = stored.marked()
     if marked is not None:
         return *marked, True
     encoding, kind = stored.unmarked
-    return encoding, f"usual for {kind} without a mark", False
+    return encoding, f"usual for {kind} without a mark" if kind else "", False

@@ -1,5 +1,6 @@
 """OpenEXR and FITS: linear levels in floating point, read where their library is installed."""
 
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -47,27 +48,31 @@ def read_exr_image(data: bytes) -> StoredImage:
                 refuse_giant(shape, 4, len(data))
         with OpenEXR.File(BytesIO(data), separate_channels=True) as file:
             planes = {name: np.array(each.pixels) for name, each in file.channels().items()}
-        pixels = _colours_or_grey(planes)
-    return _linear(pixels[np.newaxis], "OpenEXR")
+        pixels, others = _colours_or_grey(planes)
+    return replace(_linear(pixels[np.newaxis], "OpenEXR"), left_out=others)
 
 
-def _colours_or_grey(planes: dict[str, NDArray[Any]]) -> NDArray[Any]:
+def _colours_or_grey(planes: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], str]:
+    """The light of a file's channels, and the others in words."""
+    light: tuple[str, ...] = (_GREY,)
     if all(name in planes for name in _COLOURS):
-        return np.stack([planes[name] for name in _COLOURS], axis=2)
-    if _GREY in planes:
-        return planes[_GREY]
+        light = _COLOURS
     if len(planes) == 1:
-        return next(iter(planes.values()))
-    raise DecodingError(f"its channels {', '.join(planes)} are neither RGB nor grey")
+        light = tuple(planes)
+    if not all(name in planes for name in light):
+        raise DecodingError(f"its channels {', '.join(planes)} are neither RGB nor grey")
+    others = sorted(planes.keys() - set(light))
+    pixels = planes[light[0]] if len(light) == 1 else np.stack([planes[n] for n in light], axis=2)
+    return pixels, f"what its channels {', '.join(others)} hold" if others else ""
 
 
 def read_fits_image(data: bytes) -> StoredImage:
-    """Read the first image of a FITS file; a cube is a stack.
+    """Read the image of a FITS file; a cube is a stack.
 
     Raises
     ------
     DecodingError
-        If astropy is not installed, the file is damaged, or holds no image.
+        If astropy is not installed, the file is damaged, or holds no image or several.
     """
     try:
         from astropy.io import fits
@@ -77,15 +82,21 @@ def read_fits_image(data: bytes) -> StoredImage:
         decoding("FITS image", fits.VerifyError),
         fits.open(BytesIO(data), memmap=False) as units,
     ):
-        cube = _first_cube(units, len(data))
+        cube = _only_cube(units, len(data))
     return _linear(cube, "FITS")
 
 
-def _first_cube(units: Any, file_bytes: int) -> NDArray[Any]:  # noqa: ANN401 - no types
-    """The first image or stack, shape ``(pages, rows, cols)``, its rows in the file's order."""
-    found = next((each for each in units if each.is_image and each.shape), None)
+def _only_cube(units: Any, file_bytes: int) -> NDArray[Any]:  # noqa: ANN401 - no types
+    """The image or stack, shape ``(pages, rows, cols)``, its rows in the file's order."""
+    images = [each for each in units if each.is_image and each.shape]
+    found = next(iter(images), None)
     if found is None or len(found.shape) not in (2, 3):
         raise DecodingError("a FITS file without an image of two axes")
+    if len(images) > 1:
+        names = ", ".join(each.name or str(number) for number, each in enumerate(images))
+        raise DecodingError(
+            f"a FITS file of {len(images)} images ({names}); save the one that is meant by itself"
+        )
     rows, cols = found.shape[-2:]
     refuse_giant((rows * (found.shape[0] if len(found.shape) == 3 else 1), cols), 8, file_bytes)
     return np.asarray(found.data).reshape(-1, rows, cols)

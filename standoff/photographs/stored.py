@@ -52,6 +52,10 @@ class StoredImage:
         Of a capture of a session: temporal variance of a frame, and the frames in the mean.
     has_modelled_variance
         Whether that variance is the noise model's, as of an exposure bracket, and not a sample's.
+    has_opacity
+        Whether a plane beside grey or colours is their opacity, and no light.
+    left_out
+        What else the file holds and its pages do not, in words.
     """
 
     count: int
@@ -68,6 +72,8 @@ class StoredImage:
     variance_dn2: FloatArray | None = field(default=None, repr=False)
     frames: int = 1
     has_modelled_variance: bool = False
+    has_opacity: bool = False
+    left_out: str = ""
 
 
 _DAMAGE = (

@@ -33,6 +33,8 @@ _ICC_TAG, _EXIF_TAG, _CFA_REPEAT_TAG, _CFA_PATTERN_TAG = 34675, 34665, 33421, 33
 _BLACK_REPEAT_TAG, _SUB_DIRECTORIES_TAG = 50713, 330
 _SMALL_PX = 1 << 16
 _REDUCED_OR_MASK = 1 | 4
+_OPACITY = {1, 2}
+"""Of a further sample, with the colours multiplied by it or not: TIFF 6.0, section 18."""
 _PATTERNS: dict[object, Pattern] = {(0, 1, 1, 2): "RGGB", (1, 0, 2, 1): "GRBG",
                                     (1, 2, 0, 1): "GBRG", (2, 1, 1, 0): "BGGR"}  # fmt: skip
 
@@ -68,6 +70,7 @@ def read_tiff_image(data: bytes) -> StoredImage:
         is_jpeg=int(first.compression) in _JPEG,
         white_dn=_white_dn(first),
         pattern=_pattern(first),
+        has_opacity=bool(_OPACITY.intersection(map(int, first.extrasamples))),
     )
 
 

@@ -10,13 +10,14 @@ from typing import Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
+from typer.main import get_command
 
 from acquisition.spelling import decimal_comma_remedy
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS, ArgumentError
 from standoff.library.files import refusal_text
 from standoff.streams import STANDARD_OUTPUT, output_fault
-from standoff.terminal.command import Command
+from standoff.terminal.command import Command, option_named
 from standoff.terminal.command_help import examples_text
 from standoff.terminal.invocation import invocation
 from standoff.terminal.output import print_text, say_error
@@ -128,8 +129,8 @@ def run_application(app: typer.Typer, arguments: list[str]) -> int:
         say_error(" ".join(said.split()))
         return EXIT_USAGE
     except ArgumentError as error:
-        named = "" if error.argument is None else f"Invalid value for --{error.argument}: "
-        say_error(f"{named}{error}")
+        option = option_named(get_command(app), arguments, error.argument)
+        say_error(error if option is None else f"Invalid value for {option}: {error.reason}")
         return EXIT_USAGE
     except REPORTED_ERRORS as error:
         say_error(error)

@@ -1,6 +1,7 @@
 """A command: the help of its lists, and its paths, which are checked before it does anything."""
 
 from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args
@@ -9,6 +10,9 @@ from typer import BadParameter
 from typer.core import TyperCommand
 
 from standoff.library.files import require_reachable
+
+_LIKE = 0.7
+"""How alike an option and an argument are that mean one thing, as a plural is."""
 
 
 class Command(TyperCommand):
@@ -49,6 +53,37 @@ class Command(TyperCommand):
             if isinstance(path, Path) and given.get(parameter.name) is not None:
                 require_reachable(path)
         return rest
+
+
+def option_named(command: Any, arguments: Sequence[str], argument: str | None) -> str | None:  # noqa: ANN401 - typer's own
+    """The option of a command line for an argument of the function behind it; None if none is.
+
+    Parameters
+    ----------
+    command
+        The application.
+    arguments
+        The command line, which begins with the names of the command.
+    argument
+        As Python spells it: ``min_d_prime`` is ``--min-dprime``.
+    """
+    for word in arguments:
+        command = getattr(command, "commands", {}).get(word, command)
+    if argument is None:
+        return None
+    options = {_letters(name): name for one in command.params for name in one.opts}
+    words = argument.split("_")
+    shorter = ["".join(words[:count]) for count in range(len(words), 0, -1)]  # without its unit
+    near = [one for one in shorter if one in options]
+    near += get_close_matches(shorter[0], options, n=1, cutoff=_LIKE)
+    if not near:
+        return None
+    option = str(options[near[0]])
+    return option if option.startswith("-") else option.upper()
+
+
+def _letters(name: str) -> str:
+    return name.replace("-", "").replace("_", "")
 
 
 def path_parameters(command: TyperCommand) -> Iterator[Any]:

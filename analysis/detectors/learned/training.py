@@ -13,6 +13,7 @@ from analysis.detectors.learned.weights import (
     one_thread,
     require_torch,
 )
+from simulation.arguments import ArgumentError, check_fields, checked
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class TrainingOptions:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If one is out of range.
 
     Examples
@@ -74,12 +75,12 @@ class TrainingOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.epochs < 1 or self.batch < 1 or self.seed < 0:
-            raise ValueError("epochs and batch must be at least 1, seed at least 0")
-        if not 0 < self.rate < 1:
-            raise ValueError(f"rate must be between 0 and 1, got {self.rate:g}")
+        check_fields(self)
+        if self.rate >= 1:
+            raise ArgumentError(f"expected a number below 1, got {self.rate:g}", argument="rate")
 
 
+@checked
 def train_detector(
     pairs: Iterable[TrainingPair],
     options: TrainingOptions | None = None,
@@ -126,7 +127,7 @@ def train_detector(
     options = options or TrainingOptions()
     known = [(on_one_grid(p.reference, p.followup, p.homography), p.mask) for p in pairs]
     if len({bool(mask.any()) for _, mask in known}) < 2:
-        raise ValueError("training needs pairs with a change and pairs without one")
+        raise ArgumentError("training needs pairs with a change and pairs without one")
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(options.seed)
         network = SiameseNetwork()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from analysis.choices import ChangeSigns
 from analysis.errors import RefusedPhotographError
@@ -15,6 +15,7 @@ from analysis.evaluation.pairs import PairMaker
 from analysis.evaluation.task import Condition, EvaluationTask
 from calibration.psf import luma_plane
 from simulation import Model, Psf
+from simulation.arguments import CheckedModel
 from simulation.arrays import BoolArray, FloatArray
 from simulation.choices import DEFAULT_MODEL
 
@@ -34,7 +35,7 @@ Range = Annotated[tuple[float, float], AfterValidator(_rising)]
 """Least and largest value."""
 
 
-class ChangePairsTask(BaseModel):
+class ChangePairsTask(CheckedModel):
     """What pairs a data set is made of; each draws its conditions from these ranges.
 
     Zoom, noise, contrast and width are drawn evenly on a logarithmic scale, the tilt evenly.

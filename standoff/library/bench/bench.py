@@ -21,6 +21,7 @@ from acquisition.focus import (
 )
 from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries
 from acquisition.session import Session
+from simulation.arguments import checked
 from standoff.library.bench.devices import placement_of
 from standoff.library.bench.movable_bench import MovableBench
 from standoff.library.bench_capture import BenchCapture
@@ -62,6 +63,7 @@ class Bench(MovableBench):
     (250.0, 3)
     """
 
+    @checked
     def focus(
         self,
         heights_mm: tuple[float, float] | None = None,
@@ -108,6 +110,7 @@ class Bench(MovableBench):
             raise NoFocusPeakError(found.why_not or "no peak")
         return found.peak
 
+    @checked
     def capture(
         self, *, exposure_us: float | None = None, frames: int | None = None
     ) -> BenchCapture:
@@ -149,6 +152,7 @@ class Bench(MovableBench):
             focus_value=take.focus_value,
         )
 
+    @checked
     def sweep(
         self,
         heights_mm: Iterable[float],
@@ -196,6 +200,7 @@ class Bench(MovableBench):
         )
         return self.run(plan, out, progress=progress)
 
+    @checked
     def run(
         self,
         plan: CapturePlan | FilePath,

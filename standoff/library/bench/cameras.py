@@ -2,10 +2,13 @@
 
 from typing import TYPE_CHECKING
 
+from simulation.arguments import checked
+
 if TYPE_CHECKING:
     from acquisition.aravis import FoundCamera
 
 
+@checked
 def find_cameras() -> tuple["FoundCamera", ...]:
     """Search for cameras; this broadcasts on every network interface of this computer.
 

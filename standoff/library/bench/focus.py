@@ -26,6 +26,7 @@ from acquisition.focus import (
 )
 from calibration.noise import level_noise
 from calibration.sharpness import NORMAL_95
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.bench.devices import OpenCamera, opened_camera, place_target
 from standoff.library.bench.movable_bench import MovableBench
@@ -123,6 +124,7 @@ class FoundFocus:
         }
 
 
+@checked
 def watch_focus(
     bench: BenchConfig | FilePath,
     show: Callable[[FocusReading, float], None] = lambda *_: None,
@@ -205,6 +207,7 @@ def watch_focus(
     return WatchedFocus(reading=last, measure=measure, notes=call.notes)
 
 
+@checked
 def find_focus(
     bench: BenchConfig | FilePath,
     heights_mm: tuple[float, float] | None = None,
@@ -259,7 +262,9 @@ def find_focus(
     291
     """
     if heights_mm is not None and not heights_mm[0] < heights_mm[1]:
-        raise ArgumentError(f"heights_mm: expected the lower one first, got {heights_mm}")
+        raise ArgumentError(
+            f"expected the lower one first, got {heights_mm}", argument="heights_mm"
+        )
     call, config = Call("find_focus", progress), bench_config(bench, settings)
     options = _options(measure, region, noise)
     request = SweepRequest(

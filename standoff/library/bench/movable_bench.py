@@ -11,6 +11,7 @@ from acquisition.devices import Camera, Stage
 from acquisition.errors import DeviceError, StageNotHomedError
 from acquisition.stages import home_timeout_s, move_timeout_s
 from hil_mocks import SimulatedBench
+from simulation.arguments import checked
 from standoff.library.bench.devices import OpenBench, open_bench
 from standoff.library.bench.plan_preview import bench_config
 from standoff.library.caller import login_name
@@ -20,6 +21,7 @@ from standoff.library.inputs import FilePath
 class MovableBench:
     """The devices of a bench and the moves of its stage; see `Bench`, which adds captures."""
 
+    @checked
     def __init__(
         self,
         bench: FilePath | BenchConfig,
@@ -141,6 +143,7 @@ class MovableBench:
             stage.home(home_timeout_s(self.config.stage, stage))
         return stage.position_mm()
 
+    @checked
     def move(self, height_mm: float) -> float:
         """Move to a height and settle; return the height read back.
 
@@ -165,6 +168,7 @@ class MovableBench:
         """Stop the stage under control; any thread may call it."""
         self.stage.stop()
 
+    @checked
     def place(self, target: str, orientation_deg: float = 0.0) -> None:
         """Place a target under the camera of a simulated bench.
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
 from acquisition.bench import BenchConfig, load_bench
 from acquisition.capture import PlanPreview
 from acquisition.plan import CapturePlan, load_plan
+from simulation.arguments import ArgumentTypeError, checked, kind_of
 
-if TYPE_CHECKING:
-    from standoff.library.inputs import FilePath
+FilePath: TypeAlias = str | PathLike[str]
+"""As in ``standoff.library.inputs``, whose import takes longer than a preview."""
 
 
+@checked
 def preview_plan(
     plan: CapturePlan | FilePath,
     bench: BenchConfig | FilePath,
@@ -65,7 +67,7 @@ def bench_config(bench: object, settings: Mapping[str, Any] | None) -> BenchConf
 
     Raises
     ------
-    TypeError
+    ArgumentTypeError
         If it is neither a path nor a config, or a config with further keys.
     BenchConfigError
         If a key is unknown, missing or out of range.
@@ -73,9 +75,11 @@ def bench_config(bench: object, settings: Mapping[str, Any] | None) -> BenchConf
     if isinstance(bench, str | PathLike):
         return load_bench(Path(bench), dict(settings or {}))
     if not isinstance(bench, BenchConfig):
-        raise TypeError(
-            f"bench: expected the path of a bench file or a config, got {type(bench).__name__}"
+        raise ArgumentTypeError(
+            f"expected the path of a bench file or a config, got {kind_of(bench)}", argument="bench"
         )
     if settings:
-        raise TypeError("settings: expected None, got keys beside a config; change the config")
+        raise ArgumentTypeError(
+            "expected None, got keys beside a config; change the config", argument="settings"
+        )
     return bench

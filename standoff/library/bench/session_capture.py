@@ -23,6 +23,7 @@ from acquisition.plan import (
     estimate_plan,
     plan_entries,
 )
+from simulation.arguments import checked
 from standoff.library.bench.devices import placement_of
 from standoff.library.bench.movable_bench import MovableBench
 from standoff.library.bench.plan_preview import bench_config, given_plan
@@ -44,6 +45,7 @@ class CapturedSession(RunSummary):
         return {"session": str(self.session), **counts}
 
 
+@checked
 def capture_session(
     plan: CapturePlan | FilePath,
     bench: BenchConfig | FilePath,

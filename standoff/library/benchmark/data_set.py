@@ -20,7 +20,6 @@ from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
 from hil_mocks.benchmark_set import (
     FORMAT,
-    SIZES,
     TRACKS,
     VERSION,
     Task,
@@ -29,6 +28,7 @@ from hil_mocks.benchmark_set import (
     document_bytes,
     track_documents,
 )
+from simulation.arguments import checked
 from standoff.errors import ApplicationError
 from standoff.library.benchmark.task_files import (
     STATE_NAME,
@@ -98,6 +98,7 @@ class MadeBenchmark:
         return facts | {"out": str(self.out)}
 
 
+@checked
 def make_benchmark(
     out: FilePath,
     *,
@@ -132,7 +133,7 @@ def make_benchmark(
     ------
     ApplicationError
         If ``out`` holds something else, or cannot be written.
-    ValueError
+    ArgumentError
         If there is no such size, or ``seed`` or ``workers`` is out of range.
 
     Examples
@@ -140,10 +141,6 @@ def make_benchmark(
     >>> standoff.make_benchmark("benchmark", size="tiny").tasks
     {'psf': 4, 'simulation': 3, 'alignment': 7, 'changes': 6}
     """
-    if size not in SIZES:
-        raise ValueError(f"size must be one of {', '.join(SIZES)}, got {size!r}")
-    if seed < 0 or workers < 1:
-        raise ValueError(f"seed must not be negative and workers at least 1: {seed}, {workers}")
     call = Call("make_benchmark", progress)
     target = path_of(out, "out")
     if is_url(target):

@@ -20,6 +20,7 @@ from analysis.reports import render_benchmark_report
 from analysis.results_file import write_results
 from calibration.documents import json_object
 from calibration.notebook import html_table
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.files import make_folder, write_file, write_page, written_together
@@ -84,6 +85,7 @@ class ScoredBenchmark:
         return "".join(html_table(one.title, one.columns, one.rows) for one in tables)
 
 
+@checked
 def score_benchmark(
     results: FilePath | Iterable[FilePath],
     data: FilePath,

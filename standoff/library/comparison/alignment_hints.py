@@ -15,6 +15,7 @@ from calibration.registration import (
     RegistrationHints,
     parse_points,
 )
+from simulation.arguments import checked
 from simulation.arrays import BoolArray, FloatArray
 from standoff.errors import HintError
 from standoff.library.inputs import FilePath
@@ -135,6 +136,7 @@ def hint_files(hints: AlignmentHints | RegistrationHints | None) -> tuple[Path |
     return hints.files.paths if isinstance(hints, AlignmentHints) else ()
 
 
+@checked
 def alignment_hints(
     zoom: float | None = None,
     *,

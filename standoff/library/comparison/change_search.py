@@ -28,8 +28,9 @@ from analysis.reports import (
 from analysis.results_file import write_results
 from calibration.documents import json_object
 from calibration.errors import CalibrationError
-from calibration.registration import RegistrationHints
+from calibration.registration import RegistrationHints, leaving_out
 from simulation import Psf, PsfField
+from simulation.arguments import checked
 from simulation.arrays import BoolArray, Float32Array
 from simulation.choices import PsfShape
 from standoff.library.call import Call, Progress
@@ -177,6 +178,7 @@ class ComparedPhotographs(ChangeResult):
             write_changes(part, self)
 
 
+@checked
 def find_changes(
     reference: ImageLike,
     followup: ImageLike,
@@ -319,13 +321,16 @@ def compared(
     stated, hints = rules.white_level, rules.hints
     if isinstance(hints, AlignmentHints):
         hints = hints.of_pair(near.stored.shape[:2], far.stored.shape[:2], far.name)
-    near, far, said = decoded_alike(near, far)
+    masks = near.masked, far.masked
+    hints = leaving_out(hints, masks[1])
+    near, far, said = decoded_alike(near.filled, far.filled)
     before, after = near.file_steps, far.file_steps
     colours = _colours(near, far, (before, after))
     options = replace(
         rules.options,
         hints=hints,
-        left_out=rules.left_out,
+        left_out=rules.left_out if masks[1] is None or hints is None else hints.left_out,
+        reference_left_out=masks[0],
         white_level_dn=(near.white_level_dn(stated), far.white_level_dn(stated)),
         variance_dn2=(_variance_dn2(near), _variance_dn2(far)),
         step_variance_dn2=(before.variance_dn2, after.variance_dn2),
@@ -345,7 +350,7 @@ def compared(
         update["detection_limit"] = rules.scale.in_mm(summary.detection_limit, summary.zoom)
     found = replace(found, summary=summary.model_copy(update=update))
     own = {one.name: getattr(found, one.name) for one in fields(found)}
-    return ComparedPhotographs(**own, reference=near, followup=far, left_out=rules.left_out)
+    return ComparedPhotographs(**own, reference=near, followup=far, left_out=options.left_out)
 
 
 def _colours(

@@ -1,13 +1,14 @@
 """Which spots a detection limit is for, what was predicted, and how large a pixel is."""
 
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import isfinite
 
 from analysis.choices import SPOT_SIGMA_PX
 from analysis.detection_limits import DetectionLimit
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from simulation import Model
+from simulation.arguments import check_fields
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability import CurveLike
@@ -74,15 +75,16 @@ class DetectionLimitOptions:
     curve_noise_dn: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("spot_sigma_px", "contrast_dn", "pixel_size_mm"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < inf:
-                raise ArgumentError(f"{name}: expected a number above 0, got {value:g}")
+        check_fields(self)
         limit_rgb(self.colour)
         if self.pixel_size_mm is not None and self.geometry is not None:
-            raise ArgumentError("pixel_size_mm: the geometry states it already; give one of them")
+            raise ArgumentError(
+                "the geometry states it already; give one of them", argument="pixel_size_mm"
+            )
         if self.reference_height_mm is not None and self.geometry is None:
-            raise ArgumentError("reference_height_mm: needs a geometry, which has the scale there")
+            raise ArgumentError(
+                "needs a geometry, which has the scale there", argument="reference_height_mm"
+            )
 
 
 def limit_rgb(colour: str) -> tuple[float, float, float]:
@@ -103,8 +105,9 @@ def limit_rgb(colour: str) -> tuple[float, float, float]:
     largest = max(map(abs, (red, green, blue)))
     if not largest > 0 or not isfinite(red + green + blue):
         raise ArgumentError(
-            f"colour: expected {', '.join(LIMIT_COLOURS)} or three numbers such as 1,-0.5,0, got "
-            f"{colour!r}"
+            f"expected {', '.join(LIMIT_COLOURS)} or three numbers such as 1,-0.5,0, got "
+            f"{colour!r}",
+            argument="colour",
         )
     return red / largest, green / largest, blue / largest
 

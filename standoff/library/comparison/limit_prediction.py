@@ -10,6 +10,7 @@ from analysis.detectability import (
     expected_limits,
     read_curves,
 )
+from simulation.arguments import ArgumentTypeError, kind_of
 from standoff.errors import ArgumentError
 from standoff.library.call import Call
 from standoff.library.comparison.limit_options import DetectionLimitOptions
@@ -35,9 +36,9 @@ def expected_limit(options: DetectionLimitOptions) -> LimitCurve | None:
     if isinstance(curves, DetectabilityCurve):
         curves = DetectabilityCurves(curves=[curves])
     if not isinstance(curves, DetectabilityCurves):
-        raise TypeError(
-            "curves: expected curves of d' or the path of a curves.json, "
-            f"got {type(curves).__name__}"
+        raise ArgumentTypeError(
+            f"expected curves of d' or the path of a curves.json, got {kind_of(curves)}",
+            argument="curves",
         )
     return expected_limits(_chosen(curves, options, name))
 

@@ -13,10 +13,11 @@ from analysis.detectability import CurveChoice
 from analysis.pose import QUANTILE, PoseQuality, judge_pose
 from calibration.provenance import Provenance
 from calibration.registration import DistortedPose, Homography
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability.limits import CurveLike, given_curve
-from standoff.library.followup import given_homography
+from standoff.library.followup import given_homography, refuse_giant_frame
 from standoff.library.inputs import FilePath
 
 
@@ -93,6 +94,7 @@ class JudgedHomography:
         )
 
 
+@checked
 def judge_homography(
     homography: ArrayLike | Homography | FilePath,
     curve: CurveLike,
@@ -156,6 +158,7 @@ def judge_homography(
     pose = given_homography(homography, size or (1, 1))
     followup_size = size or pose.size
     frame = reference_size or followup_size
+    refuse_giant_frame(frame, "reference_size")
     matrix = pose.matrix
     if pose.distortion_k1 != 0:
         whole = DistortedPose(

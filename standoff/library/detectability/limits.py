@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from math import inf
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -26,6 +25,7 @@ from analysis.pose import (
     pose_limits as limits_of_curve,
 )
 from calibration.files import read_geometry
+from simulation.arguments import ArgumentTypeError, accepted, arguments_at_fault, checked, kind_of
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability.error_sources import known_errors
@@ -39,12 +39,17 @@ from standoff.library.inputs import (
     path_of,
 )
 from standoff.library.psf import camera_psf
+from standoff.photographs import ReadOptions
 
 
+@checked
+@arguments_at_fault()
 def d_prime_curves(
     images: ImageLike | Iterable[ImageLike],
     psf: PsfLike | None = None,
     task: DetectionTask | None = None,
+    *,
+    reading: ReadOptions | None = None,
 ) -> DetectabilityCurves:
     """Measure how well a change can be detected, at best, from different distances.
 
@@ -57,6 +62,8 @@ def d_prime_curves(
     task
         Zooms, noises, contrasts, models and observers; the defaults of ``DetectionTask`` if None.
         Where its ``sources`` say nothing, they are what the calibration says of its errors.
+    reading
+        How the photographs are read; see ``standoff.reading``.
 
     Returns
     -------
@@ -83,7 +90,8 @@ def d_prime_curves(
     if task.sources == ErrorSources():
         task = replace(task, sources=known)
     scenes = [
-        grey_image(image, f"images[{number}]") for number, image in enumerate(listed_images(images))
+        grey_image(image, f"images[{number}]", reading)
+        for number, image in enumerate(listed_images(images))
     ]
     return curves_of_images(
         scenes, None if psf is None else camera_psf(Call("d_prime_curves"), psf), task
@@ -148,6 +156,7 @@ _LIMITS = (
 )
 
 
+@checked
 def pose_limits(
     curve: CurveLike,
     min_d_prime: float,
@@ -260,12 +269,8 @@ def given_curve(
     ResultsFileError
         If the file cannot be read.
     """
-    if not 0 < min_d_prime < inf:
-        raise ArgumentError(f"a threshold must be a number above 0, got {min_d_prime:g}")
-    if focus_scatter_px2 is not None and not 0 <= focus_scatter_px2 < inf:
-        raise ArgumentError(
-            f"a scatter of the focus must be a number from 0, got {focus_scatter_px2:g}"
-        )
+    accepted("min_d_prime", min_d_prime, float)
+    accepted("focus_scatter_px2", focus_scatter_px2, float | None)
     chosen = _chosen_curve(curve, choice)
     if focus_scatter_px2 is not None and chosen.uncertainty is None:
         raise ArgumentError(
@@ -282,9 +287,9 @@ def _chosen_curve(curve: CurveLike, choice: CurveChoice | None) -> Detectability
     if isinstance(curve, str | PathLike):
         name, curve = fspath(curve), read_any_curves(Path(curve))
     if not isinstance(curve, DetectabilityCurves):
-        raise TypeError(
-            "curve: expected a curve of d' or the path of a curves.json, "
-            f"got {type(curve).__name__}"
+        raise ArgumentTypeError(
+            f"expected a curve of d' or the path of a curves.json, got {kind_of(curve)}",
+            argument="curve",
         )
     try:
         return curve.chosen(choice or CurveChoice())
@@ -334,5 +339,6 @@ def viewing_camera(
         if geometry is not None:
             raise ApplicationError(f"{geometry}: {error}") from error
         raise ArgumentError(
-            f"--focal-length-px {focal_length_px:g}, --image-size {width_px}x{height_px}: {error}"
+            f"{focal_length_px:g} px and frames of {width_px} x {height_px} px: {error}",
+            argument="focal_length_px",
         ) from error

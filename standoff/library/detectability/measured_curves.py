@@ -29,6 +29,7 @@ from analysis.reports import plot_detectability
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep
 from simulation import Psf
+from simulation.arguments import checked
 from simulation.arrays import FloatArray
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
@@ -116,6 +117,7 @@ class _Asked:
         )
 
 
+@checked
 def measure_curves(
     images: FilePath | Iterable[FilePath],
     state: FilePath,

@@ -13,6 +13,7 @@ from analysis.evaluation.change_pairs import (
     write_change_pairs,
 )
 from analysis.sweep import SweepOptions, SweepSummary
+from simulation.arguments import checked
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
@@ -35,6 +36,7 @@ class ChangePairs:
     notes: tuple[str, ...] = ()
 
 
+@checked
 def change_pairs(
     photographs: FilePath | Iterable[FilePath],
     out: FilePath,
@@ -118,6 +120,7 @@ def change_pairs(
     return ChangePairs(dataset=dataset, photographs=summary, notes=call.notes)
 
 
+@checked
 def read_change_pairs(folder: FilePath) -> ChangePairsDataset:
     """Return the data set in a folder that ``change_pairs`` wrote.
 

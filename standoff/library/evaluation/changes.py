@@ -9,6 +9,7 @@ import numpy as np
 from acquisition.printable import on_one_line
 from analysis.errors import RefusedPhotographError
 from analysis.evaluation import LaterScene, Patch
+from simulation.arguments import checked
 from simulation.arrays import FloatArray
 from standoff.errors import ApplicationError
 from standoff.library.inputs import FilePath
@@ -18,6 +19,7 @@ from standoff.photographs import ReadOptions, read_image
 _SAME_NAME = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr", ".dng")
 
 
+@checked
 def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
     """Return a picture as a change; where a PNG or TIFF has an alpha, it says what is covered.
 

@@ -36,6 +36,7 @@ from analysis.evaluation import (
 from analysis.reports import evaluation_figures, render_evaluation_report
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep, blocks_of
+from simulation.arguments import ArgumentTypeError, checked, kind_of
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
@@ -107,6 +108,7 @@ class EvaluatedDetector:
         return self.evaluation
 
 
+@checked
 def evaluate(
     detector: Detector | str,
     photographs: FilePath | Iterable[FilePath],
@@ -211,8 +213,8 @@ def _spec(detector: Detector | str) -> DetectorSpec:
     if isinstance(detector, str):
         return DetectorSpec.parse(detector)
     if not callable(detector):
-        raise TypeError(
-            f"detector: expected a function or what names one, got {type(detector).__name__}"
+        raise ArgumentTypeError(
+            f"expected a function or what names one, got {kind_of(detector)}", argument="detector"
         )
     return DetectorSpec.of_callable(detector)
 

@@ -1,6 +1,7 @@
 from .learned_kernel import FoundKernel as FoundKernel
 from .poses import (
     given_homography as given_homography,
+    refuse_giant_frame as refuse_giant_frame,
     simulate_pose as simulate_pose,
     zoom_out as zoom_out,
 )

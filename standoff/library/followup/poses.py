@@ -1,7 +1,6 @@
 """How a scene looks from further away or from another pose."""
 
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,22 +9,39 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.files import read_homography
 from calibration.registration import Homography
 from simulation import (
-    MODELS,
     Model,
     PoseOptions,
     SimulatedPose,
     simulate_pose as simulate_pose_of_array,
 )
+from simulation.arguments import (
+    ArgumentError,
+    ArgumentTypeError,
+    arguments_at_fault,
+    checked,
+    is_array_like,
+    kind_of,
+    whole_array,
+)
 from simulation.choices import DEFAULT_MODEL, PoseModel, PsfShape
 from simulation.followup import from_pose, zoomed_out
+from simulation.pose import homography_fault
 from standoff.library.call import Call
 from standoff.library.followup.channels import each_channel
-from standoff.library.inputs import FilePath, ImageLike, PsfLike, colour_planes
+from standoff.library.inputs import FilePath, ImageLike, PsfLike, colour_planes, path_of
 from standoff.library.psf import channel_psfs, frame_psf
+from standoff.photographs import LARGEST_IMAGE_PX, ReadOptions
 
 
+@checked
+@arguments_at_fault()
 def zoom_out(
-    image: ImageLike, zoom: float, psf: PsfLike | None = None, model: Model = DEFAULT_MODEL
+    image: ImageLike,
+    zoom: float,
+    psf: PsfLike | None = None,
+    model: Model = DEFAULT_MODEL,
+    *,
+    reading: ReadOptions | None = None,
 ) -> NDArray[np.floating[Any]]:
     """Return the image of the same scene from ``zoom`` times further away.
 
@@ -43,6 +59,8 @@ def zoom_out(
         one for each colour, each channel of an image in colour takes its own.
     model
         ``matched``, ``paper`` (equation 1 of the paper), ``lmmse`` or ``bicubic``.
+    reading
+        How the image is read; see ``standoff.reading``.
 
     Returns
     -------
@@ -65,9 +83,7 @@ def zoom_out(
     >>> far.shape, round(float(far.mean()), 3)
     ((60, 80), 700.0)
     """
-    if model not in MODELS:
-        raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
-    planes = colour_planes(image)
+    planes = colour_planes(image, options=reading)
     frame = planes.shape[1], planes.shape[0]
     shape: PsfShape = "gaussian" if model == "paper" else "best"
     camera = None if psf is None else frame_psf(Call("zoom_out"), psf, frame, model, shape)
@@ -81,12 +97,16 @@ def zoom_out(
     ).image
 
 
+@checked
+@arguments_at_fault()
 def simulate_pose(
     image: ImageLike,
     homography: ArrayLike | Homography | FilePath,
     psf: PsfLike,
     size: tuple[int, int] | None = None,
     model: PoseModel = DEFAULT_MODEL,
+    *,
+    reading: ReadOptions | None = None,
 ) -> SimulatedPose:
     """Return the image of the same plane from another pose of the same camera.
 
@@ -103,6 +123,8 @@ def simulate_pose(
         ``(width, height)`` of the follow-up; by default that of H.json, or else of the image.
     model
         ``matched`` or ``lmmse``.
+    reading
+        How the image is read; see ``standoff.reading``.
 
     Returns
     -------
@@ -122,7 +144,7 @@ def simulate_pose(
     >>> far.image.shape, round(float(far.outside.mean()), 2)
     ((240, 320), 0.29)
     """
-    planes = colour_planes(image)
+    planes = colour_planes(image, options=reading)
     frame = planes.shape[1], planes.shape[0]
     pose = given_homography(homography, size or frame)
     call, options = (
@@ -145,17 +167,49 @@ def simulate_pose(
 def given_homography(
     homography: ArrayLike | Homography | FilePath, size: tuple[int, int]
 ) -> Homography:
-    """Return a homography as given, or read from its H.json; ``size`` is for a bare matrix."""
-    if isinstance(homography, Homography):
-        return homography
+    """Return a homography as given, or read from its H.json; ``size`` is for a bare matrix.
+
+    Raises
+    ------
+    ArgumentError
+        If it has no inverse, or mirrors the scene.
+    HomographyFileError
+        If the file cannot be read.
+    """
     if isinstance(homography, str | PathLike):
-        return read_homography(Path(homography))
-    if not isinstance(homography, np.ndarray | list | tuple):
-        raise TypeError(
-            "homography: expected a 3 x 3 matrix or the path of an H.json, "
-            f"got {type(homography).__name__}"
+        found = read_homography(path_of(homography, "homography"))
+    elif isinstance(homography, Homography):
+        found = homography
+    elif is_array_like(homography) or isinstance(homography, list | tuple):
+        matrix = np.asarray(whole_array(homography, "homography"), dtype=np.float64)
+        fault = homography_fault(matrix)
+        if fault is not None:
+            raise ArgumentError(fault, argument="homography")
+        found = Homography(matrix=matrix, size=size)
+    else:
+        raise ArgumentTypeError(
+            "expected a 3 x 3 matrix or the path of an H.json, got " + kind_of(homography),
+            argument="homography",
         )
-    matrix = np.asarray(homography, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
-        raise ValueError(f"homography: expected 3 x 3 finite numbers, got shape {matrix.shape}")
-    return Homography(matrix=matrix, size=size)
+    width, height = found.size
+    refuse_giant_frame(found.size, "size")
+    fault = homography_fault(found.matrix, ((width - 1) / 2, (height - 1) / 2))
+    if fault is not None:
+        raise ArgumentError(fault, argument="homography")
+    return found
+
+
+def refuse_giant_frame(size: tuple[int, int], name: str) -> None:
+    """Check that a follow-up of ``(width, height)`` can be worked with.
+
+    Raises
+    ------
+    ArgumentError
+        If it has more pixels than photographs that are read.
+    """
+    width, height = size
+    if width * height > LARGEST_IMAGE_PX:
+        raise ArgumentError(
+            f"at most {LARGEST_IMAGE_PX / 1e6:g} million pixels, got {width} x {height}",
+            argument=name,
+        )

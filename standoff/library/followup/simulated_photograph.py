@@ -26,7 +26,7 @@ from standoff.library.followup.uncertainty import (
     SimulationUncertainty,
 )
 from standoff.library.inputs import FilePath, path_of
-from standoff.photographs import Photograph
+from standoff.photographs import photograph_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -160,7 +160,7 @@ class SimulatedPhotograph:
 
     def plot(self) -> "Figure":
         """Return a figure of the follow-up as a screen shows it."""
-        return Photograph.of_array(f"{Path(self.source).name}: {self.how}", self.image).plot()
+        return photograph_of(self.image, f"{Path(self.source).name}: {self.how}").plot()
 
 
 _LONG = ("provenance", "kernel_covariance_px2")

@@ -11,6 +11,7 @@ from calibration.files import read_correction
 from calibration.noise import CorrectionMaps
 from calibration.registration import Homography
 from simulation import PoseOptions, Psf, PsfField, SamplingGrid
+from simulation.arguments import checked
 from simulation.arrays import AnyArray
 from simulation.choices import (
     DEFAULT_MODEL,
@@ -51,7 +52,11 @@ from standoff.library.inputs import FilePath, ImageLike, NoiseLike, PsfLike, cam
 from standoff.library.psf import channel_psfs, frame_psf
 from standoff.photographs import Photograph, ReadOptions
 
+_CLIPPED_SAID = 0.001
+"""Share of the pixels."""
 
+
+@checked
 def simulate(
     image: ImageLike,
     *,
@@ -70,6 +75,7 @@ def simulate(
     kernel_cache: FilePath | None = None,
     uncertainty: UncertaintyOptions | None = None,
     threads: int = 1,
+    white_level: float | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> SimulatedPhotograph:
@@ -108,6 +114,8 @@ def simulate(
         Asks for the standard error of each pixel, of models ``matched``, ``lmmse`` and ``paper``.
     threads
         Threads that share the rows; the image does not depend on it.
+    white_level
+        Level, as it is stored, at which the reference is clipped: a note says how much of it is.
     reading
         How the file is read; see ``standoff.reading``.
     progress
@@ -139,13 +147,15 @@ def simulate(
         _refuse_uncertainty(model, camera)
     zoom = None if zoom is None else float(zoom)
     own_noise = None if uncertainty is None else uncertainty.reference_noise
-    call = Call("simulate", progress, reading, (psf, noise, homography, correct, own_noise))
+    files = psf, noise, homography, correct, own_noise
+    call = Call("simulate", progress, reading, files, white_level)
     how = Rendering(noise=camera_noise(noise), gaussian=gaussian, threads=threads)
     camera = camera or CaptureOptions()
     photograph = call.photograph(image)
     source = fspath(image) if isinstance(image, str | PathLike) else photograph.name
     fault = fspath(homography) if isinstance(homography, str | PathLike) else source
     reference = _corrected(photograph, correct)
+    _note_clipping(call, photograph)
     frame = reference.shape[1], reference.shape[0]
     errors = None
     try:
@@ -309,6 +319,17 @@ def _zoomed(
         psf=known,
         is_by_channel=own_psfs is not None,
     )
+
+
+def _note_clipping(call: Call, photograph: Photograph) -> None:
+    """Say how much of a reference is clipped: more light was there than its levels say."""
+    clipped = photograph.not_measured(is_clipped=True)
+    share = 0.0 if clipped is None else float(clipped.mean())
+    if share >= _CLIPPED_SAID:
+        call.note(
+            f"{photograph.name}: {100 * share:.2g} % of the pixels are clipped; the follow-up is "
+            "too dark there"
+        )
 
 
 def _refuse_uncertainty(model: Model | KernelModel, camera: CaptureOptions | None) -> None:

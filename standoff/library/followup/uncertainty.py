@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
+from simulation.arguments import check_fields
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.capture_noise import CaptureNoise
 from simulation.followup import CaptureOptions, FollowUp, light_on
@@ -49,6 +50,9 @@ class UncertaintyOptions:
 
     reference_noise: NoiseLike | float | None = None
     focus_scatter_px2: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,8 +165,6 @@ def _reference_noise(done: Simulation, given: NoiseLike | float | None) -> Float
     """Variance of the reference's noise in each pixel; None if it is not known."""
     levels = np.asarray(done.reference, dtype=np.float64)
     if isinstance(given, int | float):
-        if not given >= 0:
-            raise ValueError(f"the reference's noise must not be negative, got {given}")
         return np.full(levels.shape, float(given) ** 2)
     noise = camera_noise(given) or done.noise
     if noise is not None:

@@ -23,6 +23,7 @@ from calibration.psf import (
     scene_records,
 )
 from calibration.sharpness import read_limits
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.files import write_page
@@ -68,6 +69,7 @@ class _Calibrated:
     edges: EdgeSources | None = None
 
 
+@checked
 def calibrate_psf(
     images: ImageLike | Iterable[ImageLike] | Session,
     *,
@@ -80,6 +82,7 @@ def calibrate_psf(
     noise: NoiseLike | None = None,
     correct: CorrectionMaps | FilePath | None = None,
     pixel_pitch_um: float | None = None,
+    white_level: float | None = None,
     limits: FilePath | None = None,
     report: FilePath | None = None,
     reading: ReadOptions | None = None,
@@ -112,6 +115,9 @@ def calibrate_psf(
         Maps of dark, flat and defects that are applied first, or their noise.json.
     pixel_pitch_um
         For lp/mm; by default as the session's bench file or Exif states.
+    white_level
+        Level, as it is stored, at which photographs are clipped; by default the file's own, and
+        of floats the one at which they were cut off, if they were.
     limits
         Limits for pass and fail (TOML); the ``verdict`` of the result.
     report
@@ -142,7 +148,7 @@ def calibrate_psf(
     >>> psf.sigma_x_err_px < 0.02
     True
     """
-    call = Call("calibrate_psf", progress, reading, (noise, correct, limits))
+    call = Call("calibrate_psf", progress, reading, (noise, correct, limits), white_level)
     request = _Request(
         images=images if isinstance(images, Session) else listed_images(images),
         reading=_reading(channel, bayer, noise, correct, pixel_pitch_um),

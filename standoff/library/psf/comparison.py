@@ -19,6 +19,7 @@ from calibration.errors import CalibrationError
 from calibration.files import read_psf
 from calibration.provenance import Provenance
 from calibration.psf import PsfCalibration, PsfChange, compare_psfs as change_between
+from simulation.arguments import checked
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.files import require_folder, require_writable, write_page
@@ -50,6 +51,7 @@ class PsfComparison(PsfChange):
         }
 
 
+@checked
 def compare_psfs(
     first: PsfCalibration | FilePath, second: PsfCalibration | FilePath
 ) -> PsfComparison:
@@ -128,6 +130,7 @@ class PsfHistory:
         write_page(path_of(path, "path"), page)
 
 
+@checked
 def psf_history(
     files: FilePath | Iterable[FilePath], *, progress: Progress | None = None
 ) -> PsfHistory:

@@ -208,6 +208,7 @@ def edge_image(photograph: Photograph, reading: Reading) -> EdgeImage:
         is_jpeg=photograph.is_jpeg,
         compression=_compression_of(photograph, reading),
         clipped=clipped,
+        masked=photograph.masked,
         pixel_pitch_um=reading.pixel_pitch_um or photograph.facts.pixel_pitch_um,
         colours_dn=planes if photograph.is_colour else None,
     )

@@ -6,13 +6,21 @@ from calibration.files import read_psf as read_psf_file, write_psf as write_psf_
 from calibration.psf import PsfCalibration
 from calibration.sharpness import with_sharpness
 from simulation import GaussianPsf as GaussianPsf
+from simulation.arguments import ArgumentError, checked
 from standoff.library.files import write_file
-from standoff.library.inputs import FilePath, ImageLike, path_of, photograph
+from standoff.library.inputs import FilePath, ImageLike, path_of, photograph, with_white_level
 from standoff.library.psf.edge_sources import Reading, edge_image
+from standoff.photographs import ReadOptions
 
 
+@checked
 def measure_edges(
-    image: ImageLike, *, method: Method = "all-angles", region: Region | None = None
+    image: ImageLike,
+    *,
+    method: Method = "all-angles",
+    region: Region | None = None,
+    white_level: float | None = None,
+    reading: ReadOptions | None = None,
 ) -> tuple[EdgeMeasurement, ...]:
     """Find the straight edges of one photograph and measure the blur across each.
 
@@ -20,7 +28,7 @@ def measure_edges(
     ----------
     image
         An array or a file, linear in light.
-    method, region
+    method, region, white_level, reading
         As in ``calibrate_psf``.
 
     Returns
@@ -38,12 +46,18 @@ def measure_edges(
     >>> [round(edge.sigma_px, 2) for edge in standoff.measure_edges("vertical.tif")]
     [0.94, 0.93]
     """
-    source = edge_image(photograph(image), Reading())
+    source = edge_image(
+        photograph(image, options=with_white_level(reading, white_level)), Reading()
+    )
     if region is not None:
-        source.refuse_beyond_frame(region)
+        try:
+            source.refuse_beyond_frame(region)
+        except ValueError as error:
+            raise ArgumentError(str(error), argument="region") from error
     return tuple(with_sharpness(measured_edges(source, region, method), source))
 
 
+@checked
 def read_psf(path: FilePath) -> PsfCalibration:
     """Read a psf.json.
 
@@ -72,6 +86,7 @@ def read_psf(path: FilePath) -> PsfCalibration:
     return read_psf_file(path_of(path, "path"))
 
 
+@checked
 def write_psf(path: FilePath, psf: PsfCalibration) -> None:
     """Write a psf.json, whole or not at all.
 
@@ -93,11 +108,10 @@ def write_psf(path: FilePath, psf: PsfCalibration) -> None:
     --------
     >>> standoff.write_psf("edge-psf.json", standoff.calibrate_psf("vertical.tif"))
     """
-    if not isinstance(psf, PsfCalibration):
-        raise TypeError(f"psf: expected a PSF calibration, got {type(psf).__name__}")
     write_psf_file(path_of(path, "path"), psf)
 
 
+@checked
 def write_edge_table(path: FilePath, psf: PsfCalibration) -> None:
     """Write the edges of a calibration as CSV, a line an edge, with their SFR.
 

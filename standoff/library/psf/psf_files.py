@@ -5,18 +5,12 @@ from pathlib import Path
 
 from calibration.files import read_psf
 from calibration.psf import PsfCalibration
-from simulation import (
-    GaussianPsf,
-    MeasuredPsf,
-    Model,
-    Psf,
-    PsfField,
-    SeparablePsf,
-)
+from simulation import GaussianPsf, MeasuredPsf, Model, Psf, PsfField, SeparablePsf
+from simulation.arguments import ArgumentTypeError, kind_of
 from simulation.arrays import AnyArray
 from simulation.choices import POSE_MODELS, PsfShape
 from standoff.library.call import Call
-from standoff.library.inputs import BarePsf, PsfLike, kind_of
+from standoff.library.inputs import BarePsf, PsfLike
 from standoff.library.psf.own_psf import is_own_psf, read_own_psf
 
 _COLOURS = ("red", "green", "blue")
@@ -230,6 +224,7 @@ def _calibration(psf: PsfLike) -> tuple[PsfCalibration, str]:
         return psf, "psf"
     if isinstance(psf, str | PathLike):
         return read_psf(Path(psf)), str(psf)
-    raise TypeError(
-        f"psf: expected a PSF, a PSF calibration or the path of a psf.json, got {kind_of(psf)}"
+    raise ArgumentTypeError(
+        f"expected a PSF, a PSF calibration or the path of a psf.json, got {kind_of(psf)}",
+        argument="psf",
     )

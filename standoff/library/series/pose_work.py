@@ -27,9 +27,11 @@ from calibration.registration import (
     DistortedPose,
     RegistrationHints,
     RegistrationReference,
+    leaving_out,
     register,
 )
 from simulation import GaussianPsf
+from simulation.arguments import checked
 from standoff.library.call import Call, Progress
 from standoff.library.comparison import (
     AlignmentHints,
@@ -131,6 +133,7 @@ class JudgedPose:
         write_figure(path_of(path, "path"), self.plot())
 
 
+@checked
 def judge_pose(
     reference: ImageLike,
     followup: ImageLike,
@@ -142,6 +145,7 @@ def judge_pose(
     psf: PsfLike | None = None,
     hints: AlignmentHints | RegistrationHints | None = None,
     focus_scatter_px2: float | None = None,
+    white_level: float | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> JudgedPose:
@@ -165,6 +169,8 @@ def judge_pose(
         What is known of the pose beforehand, as in ``find_changes``.
     focus_scatter_px2
         Standard deviation of the PSF's variance from capture to capture, instead of the curve's.
+    white_level
+        Level at which both are clipped, as in ``find_changes``.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -190,7 +196,8 @@ def judge_pose(
     >>> standoff.judge_pose("before.tif", "after.tif", "curves.json", 2).is_accepted
     True
     """
-    call = Call("judge_pose", progress, reading, (curve, psf, *hint_files(hints)))
+    files = curve, psf, *hint_files(hints)
+    call = Call("judge_pose", progress, reading, files, white_level)
     demand = PoseDemand(
         curve=given_curve(curve, min_d_prime, choice, focus_scatter_px2),
         min_d_prime=min_d_prime,
@@ -245,7 +252,9 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Judged
     if isinstance(hints, AlignmentHints):
         hints = hints.of_pair(*shapes, far.name)
     try:
-        found = register(_prepared(near), far.grey_dn, demand.psf, hints)
+        found = register(
+            _prepared(near), far.filled.grey_dn, demand.psf, leaving_out(hints, far.masked)
+        )
         quality = pose_quality(
             # Of the whole pose, with the lens's distortion and the scene's departure from a plane.
             found.pose.nearest_homography(),
@@ -271,7 +280,7 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Judged
 @lru_cache(maxsize=1)
 def _prepared(near: Photograph) -> RegistrationReference:
     """Return the reference prepared once, where all follow-ups share it."""
-    return RegistrationReference.of(near.grey_dn)
+    return RegistrationReference.of(near.filled.grey_dn, near.masked)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,6 +26,7 @@ from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.reports import render_series_report
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions
+from simulation.arguments import checked
 from simulation.arrays import AnyArray
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError
@@ -89,6 +90,7 @@ def is_series(followups: Iterable[Path]) -> bool:
     return len(paths) > 1 or bool(folders)
 
 
+@checked
 def find_changes_of_series(
     reference: FilePath,
     followups: FilePath | Iterable[FilePath],
@@ -216,6 +218,7 @@ def find_changes_of_series(
         return replace(run_series(call, work, manifest, tables, sweep), notes=call.notes)
 
 
+@checked
 def judge_poses(
     reference: FilePath,
     followups: FilePath | Iterable[FilePath],

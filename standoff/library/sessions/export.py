@@ -14,6 +14,7 @@ from acquisition.session_export import (
 )
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
+from simulation.arguments import checked
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.inputs import FilePath, opened_session, path_of
@@ -41,6 +42,7 @@ class ExportedSession:
         }
 
 
+@checked
 def export_session(
     session: Session | FilePath,
     out: FilePath,

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,8 @@ from acquisition.choices import CaptureKind
 from acquisition.plan import CapturePlan, parse_plan
 from acquisition.printable import on_one_line
 from acquisition.session import Photograph, SessionWriter
-from standoff.errors import ApplicationError, ArgumentError
+from simulation.arguments import checked
+from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.caller import login_name
 from standoff.library.inputs import FilePath, path_of
@@ -48,6 +48,7 @@ class ImportedPhotographs:
         }
 
 
+@checked
 def import_photographs(
     images: Iterable[FilePath],
     out: FilePath,
@@ -56,6 +57,7 @@ def import_photographs(
     height_mm: float,
     scale_px_per_mm: float | None = None,
     operator: str | None = None,
+    white_level: float | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
 ) -> ImportedPhotographs:
@@ -77,6 +79,8 @@ def import_photographs(
         In the plane of the target.
     operator
         The login name by default.
+    white_level
+        Level, as it is stored, at which they are clipped; the files' own by default.
     reading
         How files are read; see ``standoff.reading``.
     progress
@@ -102,11 +106,7 @@ def import_photographs(
     >>> standoff.import_photographs(paths, "imported", kind="texture", height_mm=0).imported
     2
     """
-    if not isfinite(height_mm):
-        raise ArgumentError(f"a height must be a finite number, got {height_mm}")
-    if scale_px_per_mm is not None and not 0 < scale_px_per_mm < inf:
-        raise ArgumentError(f"a scale must be above 0 px/mm, got {scale_px_per_mm}")
-    call = Call("import_photographs", progress, reading)
+    call = Call("import_photographs", progress, reading, white_level=white_level)
     paths, folder = [path_of(image, "images") for image in images], path_of(out, "out")
     plan = _plan_of(paths, kind, height_mm)
     # A bad file is named before anything is written.

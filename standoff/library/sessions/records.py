@@ -16,6 +16,7 @@ from acquisition.session import (
     repair_session,
     verify,
 )
+from simulation.arguments import checked
 from standoff.errors import ApplicationError
 from standoff.library.caller import login_name
 from standoff.library.files import refusal_text
@@ -55,6 +56,7 @@ class VerifiedSession:
         }
 
 
+@checked
 def verify_session(session: FilePath, *, repair: bool = False) -> VerifiedSession:
     """Check every file of a session against its journal.
 
@@ -86,6 +88,7 @@ def verify_session(session: FilePath, *, repair: bool = False) -> VerifiedSessio
     return VerifiedSession(session=folder, report=verify(folder), repaired=repaired)
 
 
+@checked
 def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
     """Return plan, captures, creation time and operator of the sessions in a folder.
 
@@ -129,6 +132,7 @@ def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
     return found
 
 
+@checked
 def show_session(session: Session | FilePath) -> dict[str, Any]:
     """Return a session's captures, whether they are used, and its notes.
 
@@ -156,6 +160,7 @@ def show_session(session: Session | FilePath) -> dict[str, Any]:
     return opened_session(session).to_json()
 
 
+@checked
 def exclude_capture(
     session: Session | FilePath, index: int, reason: str, *, operator: str | None = None
 ) -> None:
@@ -186,6 +191,7 @@ def exclude_capture(
     _notes(session, operator).exclude(index, reason)
 
 
+@checked
 def include_capture(
     session: Session | FilePath, index: int, reason: str = "", *, operator: str | None = None
 ) -> None:
@@ -206,6 +212,7 @@ def include_capture(
     _notes(session, operator).include(index, reason)
 
 
+@checked
 def correct_height(
     session: Session | FilePath,
     indices: Sequence[int],
@@ -248,6 +255,7 @@ def correct_height(
     return _notes(session, operator).correct_height(indices, height_mm, reason)
 
 
+@checked
 def add_note(session: Session | FilePath, text: str, *, operator: str | None = None) -> None:
     """Add a note to the session's journal.
 
@@ -265,6 +273,7 @@ def add_note(session: Session | FilePath, text: str, *, operator: str | None = N
     _notes(session, operator).note(text)
 
 
+@checked
 def set_aside_files(
     session: Session | FilePath, reason: str, *, operator: str | None = None
 ) -> tuple[dict[str, str], ...]:

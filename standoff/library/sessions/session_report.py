@@ -22,6 +22,7 @@ from analysis.validation import Validation, registrations_at_most
 from calibration.errors import PsfFileError
 from calibration.files import read_psf
 from calibration.psf import PsfCalibration
+from simulation.arguments import checked
 from standoff.library.call import Call, Progress
 from standoff.library.files import (
     RESULTS_FOLDER,
@@ -51,6 +52,7 @@ class WrittenReport:
         return {"session": str(self.session), "report": str(self.report)}
 
 
+@checked
 def write_report(
     session: Session | FilePath, out: FilePath | None = None, *, progress: Progress | None = None
 ) -> WrittenReport:

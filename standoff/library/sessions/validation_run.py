@@ -27,6 +27,7 @@ from analysis.validation import (
 )
 from calibration.psf import PsfCalibration
 from simulation import Psf
+from simulation.arguments import checked
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
@@ -54,6 +55,7 @@ VALIDATION_FILES = (
 """What ``run_validation`` writes into its folder."""
 
 
+@checked
 def validate(
     session: Session | FilePath,
     psf: FilePath,

@@ -24,12 +24,13 @@ from calibration.geometry import CharucoBoard, GeometryCalibration
 from calibration.noise import NoiseCalibration
 from calibration.psf import PsfCalibration
 from simulation import GaussianPsf, Psf
+from simulation.arguments import ArgumentTypeError, kind_of
 from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.errors import ArgumentError
 from standoff.library.bench import bench_config, given_plan
 from standoff.library.call import Call
-from standoff.library.inputs import FilePath, NoiseLike, PsfLike, kind_of
+from standoff.library.inputs import FilePath, NoiseLike, PsfLike
 from standoff.library.psf import camera_psf, opened_psf
 from standoff.library.study.pixel_levels import PixelLevels, noise_at
 from standoff.library.study.planned_session import planned_boards
@@ -247,7 +248,7 @@ def _gaussian(psf: Psf) -> GaussianPsf:
     gaussian = getattr(psf, "gaussian", None)
     if isinstance(gaussian, GaussianPsf):
         return gaussian
-    raise ArgumentError("psf: give a calibration or a Gaussian, whose widths are known")
+    raise ArgumentError("give a calibration or a Gaussian, whose widths are known", argument="psf")
 
 
 def _geometry(geometry: GeometryCalibration | FilePath | None) -> GeometryCalibration | None:
@@ -255,4 +256,6 @@ def _geometry(geometry: GeometryCalibration | FilePath | None) -> GeometryCalibr
         return geometry
     if isinstance(geometry, str | PathLike):
         return read_geometry(Path(geometry))
-    raise TypeError(f"geometry: expected a geometry or a path, got {kind_of(geometry)}")
+    raise ArgumentTypeError(
+        f"expected a geometry or a path, got {kind_of(geometry)}", argument="geometry"
+    )

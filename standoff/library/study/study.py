@@ -1,7 +1,6 @@
 """What a planned capture session will know, and what it would take to know what is wanted."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from analysis.study import (
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.geometry import CharucoBoard, GeometryCalibration
 from calibration.noise import NoiseCalibration
+from simulation.arguments import arguments_at_fault, checked
 from simulation.arrays import FloatArray
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
@@ -43,6 +43,8 @@ _USUAL_COUNT = 2
 _FEWEST_SIDE_PX = 128
 
 
+@checked
+@arguments_at_fault()
 def plan_study(
     plan: CapturePlan | FilePath,
     bench: BenchConfig | FilePath,
@@ -126,21 +128,6 @@ def plan_study(
     >>> print(study.next_step)
     Run the plan: it gives all that is wanted.
     """
-    _refuse_odd_numbers(
-        {
-            "focus_scatter_px2": focus_scatter_px2,
-            "height_scatter_mm": height_scatter_mm,
-        },
-        {
-            "photograph_count": photograph_count,
-            "edges_per_capture": edges_per_capture,
-            "edge_length_px": edge_length_px,
-            "scene_noise_dn": scene_noise_dn,
-            "contrast_dn": contrast_dn,
-            "signal_sigma_px": signal_sigma_px,
-            "min_d_prime": min_d_prime,
-        },
-    )
     wants, layout = parsed_wants(want), _board(board)
     call = Call("plan_study", progress, files=(plan, bench, psf, noise, geometry))
     known = KnownInputs.of(call, (plan, bench, settings), psf, noise, geometry)
@@ -180,6 +167,7 @@ _FOCUS_UNKNOWN = (
 )
 
 
+@checked
 def write_study(path: FilePath, study: PlanStudy) -> None:
     """Write a study.json, whole or not at all.
 
@@ -203,29 +191,18 @@ def write_study(path: FilePath, study: PlanStudy) -> None:
     write_results(path_of(path, "path"), study)
 
 
-def _refuse_odd_numbers(
-    not_below: Mapping[str, float | None], above: Mapping[str, float | None]
-) -> None:
-    for name, value in (*not_below.items(), *above.items()):
-        if value is None:
-            continue
-        if not isfinite(value) or value < 0 or (value == 0 and name in above):
-            least = "above 0" if name in above else "of 0 or more"
-            raise ArgumentError(f"{name}: expected a number {least}, got {value:g}")
-
-
 def _board(board: CharucoBoard | str) -> CharucoBoard:
     try:
         return board if isinstance(board, CharucoBoard) else CharucoBoard.from_text(board)
     except ValueError as error:
-        raise ArgumentError(f"board: {error}") from error
+        raise ArgumentError(str(error), argument="board") from error
 
 
 def _photographs(call: Call, photographs: ImageLike | Iterable[ImageLike]) -> list[FloatArray]:
     """Grey levels of the first photographs."""
     if isinstance(photographs, list | tuple) and not photographs:
         return []
-    listed = listed_images(photographs)
+    listed = listed_images(photographs, "photographs")
     if len(listed) > _MOST_PHOTOGRAPHS:
         call.note(f"the first {_MOST_PHOTOGRAPHS} of {len(listed)} photographs are looked at")
     shown = []

@@ -145,12 +145,12 @@ def test_photographs_that_are_too_small_are_refused_with_the_size_they_need() ->
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"zooms": (1.5, 1.2)}, "zooms must rise"),
+        ({"zooms": (1.5, 1.2)}, "zooms: expected rising"),
         ({"tilts_deg": (5.0,)}, "focal length"),
         ({"tilts_deg": (5.0,), "focal_length_px": 900.0, "model": "bicubic"}, "a tilt needs model"),
         ({"zooms": (1.0, 8.0)}, "leaves a follow-up of 12 px"),
         ({"change": Spot(sigma_px=12.0)}, "does not fit"),
-        ({"noises_dn": (-1.0,)}, "must not be negative"),
+        ({"noises_dn": (-1.0,)}, "noises_dn: expected a number from 0"),
     ],
 )
 def test_tasks_that_cannot_be_done_say_why(wrong: dict[str, object], message: str) -> None:

@@ -111,7 +111,7 @@ def _named_files(command: Any) -> Iterator[Any]:
 
 
 def _option(name: str, command: Any, parameter: Any) -> PathOption:
-    line, word = _line_of(name), parameter.opts[0]
+    line, word = line_of(name), parameter.opts[0]
     head = len(name.split())
     if word.startswith("-"):
         at = line.index(word) + 1 if word in line else len(line) + 1
@@ -133,7 +133,7 @@ def _option(name: str, command: Any, parameter: Any) -> PathOption:
     )
 
 
-def _line_of(name: str) -> list[str]:
+def line_of(name: str) -> list[str]:
     if name in LINES:
         return LINES[name].split()
     slots = (slot for slot in SLOTS if " ".join(slot.arguments).startswith(f"{name} "))

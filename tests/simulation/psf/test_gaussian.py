@@ -48,7 +48,7 @@ def test_widths_may_be_given_in_their_order_or_one_for_a_round_psf() -> None:
 @pytest.mark.parametrize(
     ("widths", "said"),
     [
-        ({}, "sigma_x_px is missing"),
+        ({}, "sigma_x_px: it is missing"),
         ({"sigma_x_px": 0.8}, "sigma_px="),
         ({"sigma_px": 0.8, "sigma_x_px": 0.8}, "leave the others out"),
         ({"sigma_px": 0.8, "rho": 0.1}, "leave the others out"),

@@ -261,7 +261,7 @@ def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
     [
         ("800", "640xabc", "--image-size must be WxH in px, such as 780x580, got 640xabc"),
         ("800", "640", "--image-size must be WxH in px"),
-        ("-1", "640x480", "--focal-length-px -1"),
+        ("-1", "640x480", "--focal-length-px: expected a number above 0"),
         ("8", "640x480", "divided by the pixel pitch"),
         ("800,5", "640x480", "write 800.5"),
         ("8 mm", "640x480", "'mm' is not one of its units"),

@@ -102,7 +102,7 @@ def test_a_curve_of_before_does_not_pretend_to_know_the_focus(tmp_path: Path) ->
         standoff.pose_limits(
             path, 1.5, focal_length_px=900.0, image_size=(780, 580), focus_scatter_px2=0.1
         )
-    with pytest.raises(ArgumentError, match="a number from 0, got -1"):
+    with pytest.raises(ArgumentError, match="focus_scatter_px2: expected a number from 0"):
         standoff.pose_limits(
             path, 1.5, focal_length_px=900.0, image_size=(780, 580), focus_scatter_px2=-1.0
         )

@@ -54,8 +54,8 @@ def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_pat
             "two photographs are named edge.tif",
         ),
         (["edge.tif", "--kind", "lens"], 2, "kind"),
-        (["edge.tif", "--kind", "edge", "--height-mm", "9", "--scale", "0"], 2, "px/mm"),
-        (["edge.tif", "--kind", "edge", "--height-mm", "nan"], 2, "finite"),
+        (["edge.tif", "--kind", "edge", "--height-mm", "9", "--scale", "0"], 2, "--scale"),
+        (["edge.tif", "--kind", "edge", "--height-mm", "nan"], 2, "--height-mm"),
         (["edge.tif", "--height-mm", "9"], 2, "--kind"),
         # A height that nobody gave would stay in the session for ever.
         (["edge.tif", "--kind", "edge"], 2, "--height-mm"),

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 import standoff
 from calibration.psf import REC601_LUMA
-from standoff.photographs import Photograph, read_image
+from standoff.photographs import photograph_of, read_image
 
 SHAPE = (128, 160, 3)
 
@@ -63,7 +63,7 @@ def test_a_jpeg_file_s_error_is_within_it_once_smoothed(tmp_path: Path, quality:
 
 
 def test_floating_point_levels_have_none() -> None:
-    assert Photograph.of_array("a", scene().astype(np.float32)).file_steps.variance_dn2 is None
+    assert photograph_of(scene().astype(np.float32), "a").file_steps.variance_dn2 is None
 
 
 @pytest.mark.parametrize("quality", [75, 90, 98])
@@ -93,4 +93,4 @@ def test_a_png_has_the_steps_of_each_channel(tmp_path: Path) -> None:
     assert found.channel_variance_dn2 is not None
     assert np.allclose(found.channel_variance_dn2, 1 / 12)
     assert read_image(tmp_path / "a.png").file_steps.channel_step_dn is not None
-    assert Photograph.of_array("a", levels[..., 0]).file_steps.channel_step_dn is None
+    assert photograph_of(levels[..., 0], "a").file_steps.channel_step_dn is None
