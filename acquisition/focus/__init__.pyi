@@ -12,12 +12,16 @@ from .search import (
     FocusSweep as FocusSweep,
     SweepRequest as SweepRequest,
     light_fault as light_fault,
+    pooled_errs as pooled_errs,
     positions_of as positions_of,
     sweep_bench as sweep_bench,
 )
 from .sweep import (
+    UNKNOWN_PUPIL as UNKNOWN_PUPIL,
     FocusPeak as FocusPeak,
     NoFocusPeakError as NoFocusPeakError,
+    PupilOffset as PupilOffset,
     fit_focus_peak as fit_focus_peak,
 )
+from .texture import texture_share as texture_share
 from .trace import FocusReading as FocusReading, FocusTrace as FocusTrace

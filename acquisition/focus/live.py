@@ -16,6 +16,7 @@ from acquisition.choices import FocusMeasure
 from acquisition.devices import Camera, Frame, FrameImage
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
 from acquisition.focus.measures import Region, focus_value
+from acquisition.focus.texture import texture_share
 from acquisition.restarting import restarted
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
 
@@ -59,6 +60,8 @@ class FocusPoint:
     saturated_fraction: float
     field: tuple[float, ...] = ()
     """Focus values of further regions, in the order in which they were asked for."""
+    texture_share: float = 0.0
+    """Share of the detail that does not lie along one edge across the region."""
 
 
 class FocusMeter:
@@ -335,6 +338,7 @@ def _point(
         level_dn=level_dn,
         saturated_fraction=_saturated_fraction(averaged, options.region),
         field=tuple(value_in(region)[0] for region in field),
+        texture_share=texture_share(options.view(averaged.mean_dn)),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from acquisition.bench import BenchConfig
 from acquisition.choices import FocusMeasure
 from acquisition.focus import (
+    UNKNOWN_PUPIL,
     FocusOptions,
     FocusPeak,
     FocusPoint,
@@ -18,12 +19,15 @@ from acquisition.focus import (
     FocusSweep,
     FocusTrace,
     NoFocusPeakError,
+    PupilOffset,
     Region,
     SweepRequest,
     focus_values,
     positions_of,
     sweep_bench,
 )
+from calibration.files import read_geometry
+from calibration.geometry import GeometryCalibration
 from calibration.noise import level_noise
 from calibration.sharpness import NORMAL_95
 from standoff.errors import ArgumentError
@@ -113,10 +117,13 @@ class FoundFocus:
         return {
             "height_mm": peak.height_mm,
             "height_err_mm": peak.err_mm,
+            "height_err_pupil_mm": peak.pupil_err_mm,
+            "height_err_scale_mm": peak.scale_err_mm,
             "value": peak.value,
             "shape": peak.shape,
             "width_mm": peak.width_mm,
             "metric": self.measure,
+            "remark": self.sweep.remark,
             "positions": [
                 {"height_mm": p.height_mm, "value": p.value, "value_err": p.err} for p in points
             ],
@@ -216,6 +223,7 @@ def find_focus(
     measure: FocusMeasure = "squared-gradient",
     region: Region | None = None,
     noise: NoiseLike | None = None,
+    geometry: GeometryCalibration | FilePath | None = None,
     target: str | None = None,
     measured: Callable[[FocusPoint], None] = lambda _: None,
     progress: Progress | None = None,
@@ -234,6 +242,9 @@ def find_focus(
         At each height, at least 2; as the bench says if None.
     ends_at_peak
         Move to the peak at the end.
+    geometry
+        Of an earlier session with this lens, or its geometry.json: where the entrance pupil is.
+        Without it that is part of the error.
     measured
         Called at each height.
 
@@ -246,8 +257,8 @@ def find_focus(
     ------
     ArgumentError
         Besides, if the heights are not in order.
-    BenchConfigError, DeviceError, NoiseFileError
-        If the bench, a device or the noise is at fault; the stage is stopped first.
+    BenchConfigError, DeviceError, GeometryFileError, NoiseFileError
+        If the bench, a device, the geometry or the noise is at fault; the stage is stopped first.
 
     Examples
     --------
@@ -267,6 +278,7 @@ def find_focus(
         steps=steps,
         frames=frames or config.capture.frames_per_capture,
         ends_at_peak=ends_at_peak,
+        pupil=pupil_of(geometry),
     )
     with MovableBench(config) as opened:
         _prepare(call, opened, target, options)
@@ -284,6 +296,27 @@ def find_focus(
         )
     tolerance_mm = config.stage.tolerance_mm
     return FoundFocus(sweep=found, measure=measure, tolerance_mm=tolerance_mm, notes=call.notes)
+
+
+def pupil_of(geometry: GeometryCalibration | FilePath | None) -> PupilOffset:
+    """What a geometry says of the entrance pupil.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a geometry nor a path.
+    GeometryFileError
+        If the file cannot be read.
+    """
+    if geometry is None:
+        return UNKNOWN_PUPIL
+    if not isinstance(geometry, GeometryCalibration):
+        geometry = read_geometry(path_of(geometry, "geometry"))
+    err_mm = geometry.pupil_offset_err_mm
+    return PupilOffset(
+        offset_mm=geometry.pupil_offset_mm,
+        err_mm=UNKNOWN_PUPIL.err_mm if err_mm is None else err_mm,
+    )
 
 
 def _options(measure: FocusMeasure, region: Region | None, noise: NoiseLike | None) -> FocusOptions:
