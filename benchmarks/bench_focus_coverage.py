@@ -7,8 +7,8 @@ from these, each with its own noise, heights and errors, so that a thousand cost
 pixels.
 
 The pupil is 12.5 mm above height 0 and the focus at 287.5 mm; the ranges lie on both sides of
-the peak, evenly and unevenly, and nearly on one. ``known`` is with a geometry (± 0.03 mm), ``unknown``
-without. Sweeps that are refused, with a line that says why, are counted apart.
+the peak, evenly and unevenly, and nearly on one. ``known`` is with a geometry (± 0.03 mm),
+``unknown`` without. Sweeps that are refused, with a line that says why, are counted apart.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from acquisition.focus import (
 )
 from benchmarks.harness import Recorder, bench_parser
 from hil_mocks.scene import BenchTruth, CameraPose
-from simulation.arrays import FloatArray
+from simulation.arrays import Float32Array, FloatArray
 
 PUPIL_MM, FOCUS_MM = 12.5, 287.5
 F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
@@ -49,6 +49,7 @@ CONFIGS = Path(__file__).parents[1] / "configs"
 class Figures:
     """Focus value by height, its scatter in one frame and in the mean of several, and the share."""
 
+    f_number: float
     value: CubicSpline
     single: FloatArray
     mean: FloatArray
@@ -75,7 +76,7 @@ class Figures:
         # Symmetric in 1 / distance, where it is smoothest.
         by_inverse = CubicSpline(1 / (heights + PUPIL_MM)[::-1], np.log(values[::-1]))
         single, mean = np.polynomial.polynomial.polyfit(heights - FOCUS_MM, np.log(scatter), 2).T
-        return cls(by_inverse, single, mean, texture_share(sharpest))
+        return cls(f_number, by_inverse, single, mean, texture_share(sharpest))
 
     def sweep(
         self, heights_mm: FloatArray, frames: int, rng: np.random.Generator
@@ -91,7 +92,7 @@ class Figures:
         return values, single * np.sqrt(drawn / frames)
 
 
-def _scatter(truth: BenchTruth, view: FloatArray, frames: int, rng: np.random.Generator) -> float:
+def _scatter(truth: BenchTruth, view: Float32Array, frames: int, rng: np.random.Generator) -> float:
     sensor = truth.sensor
     electrons = sensor.white_e_per_us * EXPOSURE_US * view.astype(np.float64)
     noise_e = np.sqrt((electrons + sensor.read_noise_e**2) / frames)
@@ -111,7 +112,7 @@ def peaks_of(
 ) -> list[FocusPeak]:
     """The peaks of the sweeps that are not refused."""
     low, high = range_mm
-    rng = np.random.default_rng([frames, low + 1000, high, round(1e6 * figures.single[0] ** 2)])
+    rng = np.random.default_rng([frames, low + 1000, high, round(10 * figures.f_number)])
     found = []
     for _ in range(draws):
         moved = rng.uniform(-0.5, 0.5) * (high - low) / (STEPS - 1)

@@ -338,7 +338,9 @@ def _point(
         level_dn=level_dn,
         saturated_fraction=_saturated_fraction(averaged, options.region),
         field=tuple(value_in(region)[0] for region in field),
-        texture_share=texture_share(options.view(averaged.mean_dn)),
+        texture_share=texture_share(
+            averaged.mean_dn if options.region is None else options.region.cut(averaged.mean_dn)
+        ),
     )
 
 
