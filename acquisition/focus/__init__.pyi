@@ -1,8 +1,9 @@
-from .detail import has_detail as has_detail
+from .detail import has_detail as has_detail, shows_nothing as shows_nothing
 from .live import (
     FocusMeter as FocusMeter,
     FocusOptions as FocusOptions,
     FocusPoint as FocusPoint,
+    LiveFocus as LiveFocus,
     focus_values as focus_values,
     newest_frames as newest_frames,
     sweep_focus as sweep_focus,

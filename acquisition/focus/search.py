@@ -119,7 +119,9 @@ def sweep_bench(
             field=request.field,
             progress=progress,
         )
-    found = FocusSweep(points=points, peak=None, why_not=light_fault(points))
+    found = FocusSweep(
+        points=points, peak=None, why_not=_nothing_seen(points) or light_fault(points)
+    )
     if found.why_not is not None:
         return found
     heights_mm, values, errs = found.columns()
@@ -139,6 +141,16 @@ def sweep_bench(
     fields = np.array([point.field for point in points]).T
     field = (_peak_or_none(heights_mm, one, request.pupil) for one in fields)
     return replace(found, peak=peak, field=tuple(field))
+
+
+def _nothing_seen(points: Sequence[FocusPoint]) -> str | None:
+    if any(point.has_detail for point in points):
+        return None
+    heights = [point.height_mm for point in points]
+    return (
+        f"there is nothing to focus on from {min(heights):.2f} to {max(heights):.2f} mm: take off "
+        "the lens cap, and place a target with detail"
+    )
 
 
 def light_fault(points: Sequence[FocusPoint]) -> str | None:

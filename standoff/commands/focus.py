@@ -140,6 +140,9 @@ def _show_last(last: library.WatchedFocus, *, json: bool) -> None:
         terminal.print_json(last.to_json())
         return
     reading = last.reading
+    if not reading.has_detail:
+        terminal.say("nothing to focus on: take off the lens cap, and place a target with detail")
+        return
     terminal.say(
         f"last {reading.value:.5g}, peak {reading.peak:.5g}, "
         f"{reading.percent_of_peak:.1f} % of peak"

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 _LIVE_FRAMES = 3
 _CLIPPED = 0.01
 _EDGE_ORIENTATION_DEG = 5.0
-_READING = ("value", "peak", "percent_of_peak", "trend", "is_past_peak", "noise")
+_READING = ("value", "peak", "percent_of_peak", "trend", "is_past_peak", "noise", "has_detail")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,8 +200,8 @@ def watch_focus(
         _prepare(call, opened, target, options)
         try:
             with closing(focus_values(opened.camera, options)) as values:
-                for number, value in enumerate(values, start=1):
-                    last = trace.add(value)
+                for number, (value, has_detail) in enumerate(values, start=1):
+                    last = trace.add(value, has_detail=has_detail)
                     show(last, opened.clock())
                     if number == readings:
                         break
