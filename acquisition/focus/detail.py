@@ -14,7 +14,9 @@ _SIGMAS = 5.0
 _OVERLAP = 4.62  # 2 (1 + 2 (15^2 + 6^2 + 1) / 20^2): differences of neighbours share levels
 _LEAST_PX = 32  # either way; less than half of it may be of one colour
 _PIXELS = 2**17
-_COARSE = 4  # an edge far out of focus, blurred over 20 px, is seen in means of so many
+_COARSE, _COARSE_PX = 4, 195
+"""An edge far out of focus is seen in means over 4 px, or of at most 195 to a picture's side."""
+
 _SHADING = 2e-3  # of the level: a highlight on paper leaves half of that in such means
 _SPARSEST = 8  # a row of blocks every 32 px
 _LEAST_DN = 0.3  # steps of 1 DN of a smooth light scatter by 1 / sqrt(12)
@@ -39,7 +41,8 @@ def shows_nothing(image_dn: Levels) -> bool:
     if has_detail(image_dn) or has_detail(image_dn[::2, ::2]):
         return False
     rows, cols = image_dn.shape
-    size = cols // _COARSE, rows // _COARSE
+    factor = max(_COARSE, max(rows, cols) // _COARSE_PX)
+    size = cols // factor, rows // factor
     coarse_dn = cv2.resize(image_dn.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     return not has_detail(coarse_dn, least_dn=max(_LEAST_DN, _SHADING * float(coarse_dn.mean())))
 
