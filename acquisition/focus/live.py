@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,7 +15,9 @@ from acquisition.bench import BenchDevices
 from acquisition.choices import FocusMeasure
 from acquisition.devices import Camera, Frame, FrameImage
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
+from acquisition.focus.detail import shows_nothing
 from acquisition.focus.measures import Region, focus_value
+from acquisition.focus.texture import texture_share
 from acquisition.restarting import restarted
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
 
@@ -59,6 +61,17 @@ class FocusPoint:
     saturated_fraction: float
     field: tuple[float, ...] = ()
     """Focus values of further regions, in the order in which they were asked for."""
+    texture_share: float = 0.0
+    """Share of the detail that does not lie along one edge across the region."""
+    has_detail: bool = True
+    """Whether there was anything to focus on."""
+
+
+class LiveFocus(NamedTuple):
+    """Focus value of one frame, and whether there is anything in it to focus on."""
+
+    value: float
+    has_detail: bool
 
 
 class FocusMeter:
@@ -81,6 +94,8 @@ class FocusMeter:
         self._variances: deque[float] = deque(maxlen=_PAIRS)
         self.is_after_step = False
         """Whether the last frame had another light than the one before it."""
+        self.has_detail = True
+        """Whether there was anything to focus on in the last frame that has a value."""
 
     def add(self, image_dn: FrameImage, black_level_dn: float) -> float | None:
         """Focus value of the next frame; None for one whose noise is not known yet.
@@ -110,6 +125,7 @@ class FocusMeter:
             self._variances.append(variance_between(self._previous, view, black_level_dn))
             variance = min(self._variances)
         self._previous = view
+        self.has_detail = not shows_nothing(view)
         return focus_value(
             view,
             black_level_dn=black_level_dn,
@@ -139,7 +155,7 @@ def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
         camera.stop()
 
 
-def focus_values(camera: Camera, options: FocusOptions) -> Generator[float, None, None]:
+def focus_values(camera: Camera, options: FocusOptions) -> Generator[LiveFocus, None, None]:
     """Stream, and yield the focus value of every complete frame until closed.
 
     Without a noise model the noise is taken from pairs of consecutive frames: the smallest of the
@@ -164,7 +180,7 @@ def focus_values(camera: Camera, options: FocusOptions) -> Generator[float, None
                 continue
             value = meter.add(frame.image_dn, black_level_dn)
             if value is not None:
-                yield value
+                yield LiveFocus(value, meter.has_detail)
     finally:
         camera.stop()
 
@@ -328,6 +344,7 @@ def _point(
         )
 
     value, level_dn = value_in(options.region)
+    mean_dn = averaged.mean_dn if options.region is None else options.region.cut(averaged.mean_dn)
     return FocusPoint(
         height_mm=height_mm,
         value=value,
@@ -335,6 +352,8 @@ def _point(
         level_dn=level_dn,
         saturated_fraction=_saturated_fraction(averaged, options.region),
         field=tuple(value_in(region)[0] for region in field),
+        texture_share=texture_share(mean_dn),
+        has_detail=not shows_nothing(mean_dn),
     )
 
 

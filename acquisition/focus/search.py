@@ -10,13 +10,25 @@ from numpy.typing import NDArray
 from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.focus.live import FocusOptions, FocusPoint, sweep_focus
 from acquisition.focus.measures import Region
-from acquisition.focus.sweep import FocusPeak, NoFocusPeakError, fit_focus_peak
+from acquisition.focus.sweep import (
+    UNKNOWN_PUPIL,
+    FocusPeak,
+    NoFocusPeakError,
+    PupilOffset,
+    fit_focus_peak,
+)
 from acquisition.stages import move_timeout_s
 
 _NORMAL_95 = 1.959963984540054
 _REFINED_STEPS = 2
 _LIGHT_STEP = 0.15  # of the logarithm
 _GOOD_STEPS = 0.25  # of the distance between heights, for a 95 % half-interval
+_LARGE_PART = 0.5  # of the error
+_NAMED_STEPS = 0.01  # of the distance between heights: a smaller part is not worth a word
+_SHARP = 0.5  # of the largest focus value
+_POOLED_FREEDOM = 20.0
+"""The error of one height is taken from a few frames, and is no better known than they are many:
+from two frames it may be zero by chance. It counts as much against that of all the heights."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +36,7 @@ class SweepRequest:
     """A sweep: lowest and highest height, how many heights, and frames at each.
 
     If ``heights_mm`` is None, the whole travel; ``ends_at_peak`` moves the stage there at the end.
-    ``field`` are further regions that are measured.
+    ``field`` are further regions that are measured; ``pupil`` is what is known of the lens.
     """
 
     heights_mm: tuple[float, float] | None
@@ -32,6 +44,7 @@ class SweepRequest:
     frames: int
     ends_at_peak: bool = False
     field: tuple[Region, ...] = ()
+    pupil: PupilOffset = UNKNOWN_PUPIL
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,9 +66,22 @@ class FocusSweep:
 
     @property
     def remark(self) -> str | None:
-        """What would tell the peak better, if it is not known to a fraction of the sweep's step."""
+        """What would tell the peak better: what is not known, or more data than a wide step has."""
+        if self.peak is None:
+            return None
         step_mm = float(np.median(np.diff(np.sort(self.columns()[0]))))
-        if self.peak is None or _NORMAL_95 * self.peak.err_mm < _GOOD_STEPS * step_mm:
+        least_mm = max(_LARGE_PART * self.peak.err_mm, _NAMED_STEPS * step_mm / _NORMAL_95)
+        if self.peak.scale_err_mm > least_mm:
+            return (
+                f"± {_NORMAL_95 * self.peak.scale_err_mm:.2g} mm of it are the target's, whose "
+                "detail changes with its scale as well: use one edge across the region"
+            )
+        if self.peak.pupil_err_mm > least_mm:
+            return (
+                f"± {_NORMAL_95 * self.peak.pupil_err_mm:.2g} mm of it are the entrance pupil's, "
+                "whose place is not known: give the geometry"
+            )
+        if _NORMAL_95 * self.peak.err_mm < _GOOD_STEPS * step_mm:
             return None
         return "to know it better, sweep further on both sides, or average more frames"
 
@@ -93,19 +119,38 @@ def sweep_bench(
             field=request.field,
             progress=progress,
         )
-    found = FocusSweep(points=points, peak=None, why_not=light_fault(points))
+    found = FocusSweep(
+        points=points, peak=None, why_not=_nothing_seen(points) or light_fault(points)
+    )
     if found.why_not is not None:
         return found
     heights_mm, values, errs = found.columns()
     try:
-        peak = fit_focus_peak(heights_mm, values, errs)
+        peak = fit_focus_peak(
+            heights_mm,
+            values,
+            pooled_errs(errs, request.frames),
+            pupil=request.pupil,
+            texture_share=_texture_share(points),
+        )
     except NoFocusPeakError as error:
         return replace(found, why_not=str(error))
     if request.ends_at_peak:
         timeout_s = move_timeout_s(devices.config.stage)
         devices.stage.move_to(round(peak.height_mm, 3), timeout_s)
-    field = (_peak_or_none(heights_mm, one) for one in np.array([p.field for p in points]).T)
+    fields = np.array([point.field for point in points]).T
+    field = (_peak_or_none(heights_mm, one, request.pupil) for one in fields)
     return replace(found, peak=peak, field=tuple(field))
+
+
+def _nothing_seen(points: Sequence[FocusPoint]) -> str | None:
+    if any(point.has_detail for point in points):
+        return None
+    heights = [point.height_mm for point in points]
+    return (
+        f"there is nothing to focus on from {min(heights):.2f} to {max(heights):.2f} mm: take off "
+        "the lens cap, and place a target with detail"
+    )
 
 
 def light_fault(points: Sequence[FocusPoint]) -> str | None:
@@ -125,9 +170,31 @@ def light_fault(points: Sequence[FocusPoint]) -> str | None:
     return None
 
 
-def _peak_or_none(heights_mm: NDArray[np.float64], values: NDArray[np.float64]) -> FocusPeak | None:
+def pooled_errs(errs: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
+    """Standard errors of several heights, each from a few frames, drawn towards their median.
+
+    References
+    ----------
+    Smyth: "Linear models and empirical Bayes methods for assessing differential expression",
+    Statistical Applications in Genetics and Molecular Biology 3, 2004, equation 5: the variance
+    that is moderated.
+    """
+    freedom = frames - 1
+    own, common = freedom * errs**2, _POOLED_FREEDOM * float(np.median(errs)) ** 2
+    return np.asarray(np.sqrt((own + common) / (freedom + _POOLED_FREEDOM)))
+
+
+def _texture_share(points: Sequence[FocusPoint]) -> float:
+    """The largest share of a texture in the pictures that are sharp."""
+    least = _SHARP * max(point.value for point in points)
+    return max((point.texture_share for point in points if point.value >= least), default=1.0)
+
+
+def _peak_or_none(
+    heights_mm: NDArray[np.float64], values: NDArray[np.float64], pupil: PupilOffset
+) -> FocusPeak | None:
     try:
-        return fit_focus_peak(heights_mm, values)
+        return fit_focus_peak(heights_mm, values, pupil=pupil)
     except NoFocusPeakError:
         return None
 

@@ -13,6 +13,7 @@ _SIGMA_PER_MAD = 1.4826  # of a Gaussian
 _SECOND_DIFFERENCE = 6.0**0.5  # white noise of 1 has second differences of this
 _FEWEST = 5
 _NOISES = 100
+_HELD = 5  # values: detail at the limit of the noise does not come and go
 _LEAST_NOISE = 1e-9  # relative; keeps constant values steady
 
 
@@ -22,7 +23,8 @@ class FocusReading:
 
     ``value`` is the smoothed one, ``peak`` the largest of those since the last reset.
     ``is_past_peak`` stays on until the value is back at the peak, so that it does not flicker.
-    ``noise`` is the standard deviation of one value, 0 until there are enough values.
+    ``noise`` is the standard deviation of one value, 0 until there are enough values. Without
+    ``has_detail`` there is nothing to focus on, and the value is the noise's.
     """
 
     value: float
@@ -30,11 +32,12 @@ class FocusReading:
     trend: Trend
     is_past_peak: bool
     noise: float
+    has_detail: bool = True
 
     @property
     def percent_of_peak(self) -> float:
-        """Value in percent of the peak; 0 if there is no peak."""
-        return 100.0 * self.value / self.peak if self.peak > 0 else 0.0
+        """Value in percent of the peak; 0 if there is no peak, or nothing to focus on."""
+        return 100.0 * self.value / self.peak if self.has_detail and self.peak > 0 else 0.0
 
 
 class FocusTrace:
@@ -70,9 +73,13 @@ class FocusTrace:
         self._has_risen = False
         self._lowest = np.inf
         self._is_past = False
+        self._empty = _HELD
 
-    def add(self, value: float) -> FocusReading:
+    def add(self, value: float, *, has_detail: bool = True) -> FocusReading:
         """Add the next focus value and return the reading.
+
+        Where there is nothing to focus on, the value counts for nothing: what was seen before is
+        compared with what comes after.
 
         Raises
         ------
@@ -81,6 +88,9 @@ class FocusTrace:
         """
         if not np.isfinite(value):
             raise ValueError(f"a focus value must be finite, got {value}")
+        self._empty = 0 if has_detail else self._empty + 1
+        if self._empty and (self._empty >= _HELD or not self._raw):
+            return self._nothing(value)
         self._raw.append(value)
         recent = list(self._raw)
         shown = float(np.median(recent[-self._smoothed :]))
@@ -105,6 +115,17 @@ class FocusTrace:
             trend=self._trend(recent, noise),
             is_past_peak=self._is_past,
             noise=noise,
+        )
+
+    def _nothing(self, value: float) -> FocusReading:
+        self._raw.clear()
+        return FocusReading(
+            value=value,
+            peak=max(float(self._peak), 0.0),
+            trend="steady",
+            is_past_peak=False,
+            noise=float(np.median(self._noises)) if self._noises else 0.0,
+            has_detail=False,
         )
 
     @staticmethod

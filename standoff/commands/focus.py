@@ -19,7 +19,7 @@ _LIVE_FRAMES = 3
 _REGION = "X,Y,W,H in px, 0 or more and at least 2 x 2"
 
 _RULES = (
-    *(terminal.needs(option, "sweep") for option in ("from_mm", "to_mm", "go", "out")),
+    *(terminal.needs(option, "sweep") for option in ("from_mm", "to_mm", "go", "out", "geometry")),
     terminal.excludes("sweep", "readings", because="--readings is for the live aid"),
     terminal.needs("from_mm", "to_mm"),
     terminal.needs("to_mm", "from_mm"),
@@ -61,6 +61,13 @@ def focus(
     noise: Annotated[
         Path | None, Option(help="noise.json of the camera; the noise is measured by default.")
     ] = None,
+    geometry: Annotated[
+        Path | None,
+        Option(
+            help="Sweep: geometry.json of this lens, for the place of its entrance pupil; without "
+            "it that is part of the error."
+        ),
+    ] = None,
     target: Annotated[
         str | None, Option(help="Target under a simulated camera; edge by default.")
     ] = None,
@@ -74,7 +81,7 @@ def focus(
     """
     terminal.check_options(context, _RULES)
     terminal.refuse_suffix(out, "--out", {".png"})
-    terminal.refuse_overwriting([out], [bench, noise], force=force)
+    terminal.refuse_overwriting([out], [bench, noise, geometry], force=force)
     if from_mm is not None and to_mm is not None and not from_mm < to_mm:
         raise BadParameter("--from must be below --to")
     library.require_writable([out])
@@ -100,6 +107,7 @@ def focus(
         steps=steps,
         frames=frames,
         ends_at_peak=go,
+        geometry=geometry,
         measured=lambda at: progress.describe(f"{at.height_mm:.2f} mm: {at.value:.4g}"),
         **how,
     )
@@ -132,6 +140,9 @@ def _show_last(last: library.WatchedFocus, *, json: bool) -> None:
         terminal.print_json(last.to_json())
         return
     reading = last.reading
+    if not reading.has_detail:
+        terminal.say("nothing to focus on: take off the lens cap, and place a target with detail")
+        return
     terminal.say(
         f"last {reading.value:.5g}, peak {reading.peak:.5g}, "
         f"{reading.percent_of_peak:.1f} % of peak"

@@ -52,6 +52,8 @@ def focus_display() -> Iterator[Callable[[FocusReading, float], None]]:
 
 def _reading_text(reading: FocusReading) -> str:
     """Value, bar, trend, share of the peak and the peak, as one line of text."""
+    if not reading.has_detail:
+        return f"focus {'–':>10} nothing to focus on"
     share = reading.percent_of_peak
     filled = round(_BAR_CELLS * min(max(share, 0.0), 100.0) / 100.0)
     bar = "█" * filled + "·" * (_BAR_CELLS - filled)

@@ -145,8 +145,9 @@ class PictureMonitor:
             reading = None if self._meter.is_after_step else facts.focus
             focus_s = facts.focus_s
             if value is not None and np.isfinite(value):
-                reading, focus_s = self._trace.add(value), frame.arrived_s
-                if frame.received_s - self._traced_s >= TRACE_STEP_S:
+                reading = self._trace.add(value, has_detail=self._meter.has_detail)
+                focus_s = frame.arrived_s
+                if reading.has_detail and frame.received_s - self._traced_s >= TRACE_STEP_S:
                     self._traced_s = frame.received_s
                     self._values.append(reading.value)
                     self._values_s.append(frame.received_s)

@@ -5,7 +5,13 @@ from dataclasses import dataclass
 from threading import Event, Lock, Thread
 
 from acquisition.focus import FOCUS_MEASURES, Region, focus_value, has_detail
-from standoff.console.devices.edge_reading import EdgeReading, edge_in, edge_source, read_edge
+from standoff.console.devices.edge_reading import (
+    EdgeReading,
+    SteadyEdge,
+    edge_in,
+    edge_source,
+    read_edge,
+)
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster, LiveFrame
 
 PERIOD_S = 0.12
@@ -73,6 +79,7 @@ class SharpnessMonitor:
         self._is_field_wanted = False
         self._peaks: dict[str, float] = {}
         self._exposed: tuple[float, float | None, float | None] | None = None
+        self._steady: dict[str, SteadyEdge] = {}
         self._times_s: list[float] = []
         self._view = SharpnessView()
         self._is_closing = Event()
@@ -122,15 +129,19 @@ class SharpnessMonitor:
             return
         settings = frame.settings
         exposed = settings.exposure_us, settings.gain_db, settings.gain
+        is_as_before = exposed == self._exposed
+        steady = self._steady if is_as_before else {}
         edge, why_not = None, ""
         if region is not None:
-            edge, why_not = read_edge(frame, region, self._pitch_um)
-        peaks = dict(self._peaks) if exposed == self._exposed else {}
-        field = self._field_of(frame, peaks) if is_field_wanted else ()
+            edge, why_not = steady.setdefault("region", SteadyEdge()).add(
+                *read_edge(frame, region, self._pitch_um)
+            )
+        peaks = dict(self._peaks) if is_as_before else {}
+        field = self._field_of(frame, peaks, steady) if is_field_wanted else ()
         with self._lock:
             if (region, is_field_wanted) != (self._region, self._is_field_wanted):
                 return  # something else was asked for meanwhile
-            self._peaks, self._exposed = peaks, exposed
+            self._peaks, self._steady, self._exposed = peaks, steady, exposed
             self._times_s = [*self._times_s[-10:], frame.received_s]
             span_s = self._times_s[-1] - self._times_s[0]
             self._view = SharpnessView(
@@ -142,7 +153,9 @@ class SharpnessMonitor:
                 arrived_s=frame.arrived_s,
             )
 
-    def _field_of(self, frame: LiveFrame, peaks: dict[str, float]) -> tuple[FieldReading, ...]:
+    def _field_of(
+        self, frame: LiveFrame, peaks: dict[str, float], steady: dict[str, SteadyEdge]
+    ) -> tuple[FieldReading, ...]:
         found = []
         for name, region in field_regions(frame.image_dn.shape).items():
             view = region.cut(frame.image_dn)
@@ -151,13 +164,14 @@ class SharpnessMonitor:
             is_drawn = has_detail(source.image_dn)
             # Noise is no peak: the focus of the next thing seen there may well be below its value.
             peaks[name] = max(peaks.get(name, 0.0), value if is_drawn else 0.0)
+            edge = edge_in(source, self._pitch_um) if is_drawn else (None, "")
             found.append(
                 FieldReading(
                     name=name,
                     region=region,
                     focus=value,
                     peak=peaks[name],
-                    edge=edge_in(source, self._pitch_um)[0] if is_drawn else None,
+                    edge=steady.setdefault(name, SteadyEdge()).add(*edge)[0],
                     has_detail=is_drawn,
                 )
             )
@@ -165,6 +179,7 @@ class SharpnessMonitor:
 
     def _forget(self) -> None:
         self._peaks = {}
+        self._steady = {}
         self._times_s = []
         self._view = SharpnessView(sequence=self._view.sequence + 1)
 

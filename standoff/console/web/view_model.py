@@ -187,6 +187,8 @@ def focus_document(facts: PictureFacts, validity: Validity = "valid") -> Documen
         return document
     if validity == "none":
         return document | {"hint": "no new picture"}
+    if not reading.has_detail:
+        return document | {"hint": "nothing to focus on"}
     if reading.is_past_peak:
         hint = "past the peak: go back"
     elif reading.trend == "steady":

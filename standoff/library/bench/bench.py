@@ -21,8 +21,10 @@ from acquisition.focus import (
 )
 from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries
 from acquisition.session import Session
+from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked
 from standoff.library.bench.devices import placement_of
+from standoff.library.bench.focus import pupil_of
 from standoff.library.bench.movable_bench import MovableBench
 from standoff.library.bench_capture import BenchCapture
 from standoff.library.inputs import FilePath, path_of
@@ -71,6 +73,7 @@ class Bench(MovableBench):
         steps: int = 15,
         region: Region | None = None,
         measure: FocusMeasure = "squared-gradient",
+        geometry: GeometryCalibration | FilePath | None = None,
     ) -> FocusPeak:
         """Sweep the stage through the focus, move to the peak and return it with its error.
 
@@ -84,6 +87,9 @@ class Bench(MovableBench):
             Number of heights, at least 7.
         region
             Part of the frame to use; None for all of it.
+        geometry
+            Of an earlier session with this lens, or its geometry.json: where the entrance pupil
+            is. Without it that is part of the error.
 
         Raises
         ------
@@ -97,6 +103,7 @@ class Bench(MovableBench):
             steps=steps,
             frames=self.config.capture.frames_per_capture,
             ends_at_peak=True,
+            pupil=pupil_of(geometry),
         )
         self._asked_mm = None
         self._exposure_control().settle(self.config.camera.exposure_us)

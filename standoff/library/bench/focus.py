@@ -11,6 +11,7 @@ import numpy as np
 from acquisition.bench import BenchConfig
 from acquisition.choices import FocusMeasure
 from acquisition.focus import (
+    UNKNOWN_PUPIL,
     FocusOptions,
     FocusPeak,
     FocusPoint,
@@ -18,12 +19,15 @@ from acquisition.focus import (
     FocusSweep,
     FocusTrace,
     NoFocusPeakError,
+    PupilOffset,
     Region,
     SweepRequest,
     focus_values,
     positions_of,
     sweep_bench,
 )
+from calibration.files import read_geometry
+from calibration.geometry import GeometryCalibration
 from calibration.noise import level_noise
 from calibration.sharpness import NORMAL_95
 from simulation.arguments import checked
@@ -41,7 +45,7 @@ if TYPE_CHECKING:
 _LIVE_FRAMES = 3
 _CLIPPED = 0.01
 _EDGE_ORIENTATION_DEG = 5.0
-_READING = ("value", "peak", "percent_of_peak", "trend", "is_past_peak", "noise")
+_READING = ("value", "peak", "percent_of_peak", "trend", "is_past_peak", "noise", "has_detail")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,10 +118,13 @@ class FoundFocus:
         return {
             "height_mm": peak.height_mm,
             "height_err_mm": peak.err_mm,
+            "height_err_pupil_mm": peak.pupil_err_mm,
+            "height_err_scale_mm": peak.scale_err_mm,
             "value": peak.value,
             "shape": peak.shape,
             "width_mm": peak.width_mm,
             "metric": self.measure,
+            "remark": self.sweep.remark,
             "positions": [
                 {"height_mm": p.height_mm, "value": p.value, "value_err": p.err} for p in points
             ],
@@ -195,8 +202,8 @@ def watch_focus(
         _prepare(call, opened, target, options)
         try:
             with closing(focus_values(opened.camera, options)) as values:
-                for number, value in enumerate(values, start=1):
-                    last = trace.add(value)
+                for number, (value, has_detail) in enumerate(values, start=1):
+                    last = trace.add(value, has_detail=has_detail)
                     show(last, opened.clock())
                     if number == readings:
                         break
@@ -219,6 +226,7 @@ def find_focus(
     measure: FocusMeasure = "squared-gradient",
     region: Region | None = None,
     noise: NoiseLike | None = None,
+    geometry: GeometryCalibration | FilePath | None = None,
     target: str | None = None,
     measured: Callable[[FocusPoint], None] = lambda _: None,
     progress: Progress | None = None,
@@ -237,6 +245,9 @@ def find_focus(
         At each height, at least 2; as the bench says if None.
     ends_at_peak
         Move to the peak at the end.
+    geometry
+        Of an earlier session with this lens, or its geometry.json: where the entrance pupil is.
+        Without it that is part of the error.
     measured
         Called at each height.
 
@@ -249,8 +260,8 @@ def find_focus(
     ------
     ArgumentError
         Besides, if the heights are not in order.
-    BenchConfigError, DeviceError, NoiseFileError
-        If the bench, a device or the noise is at fault; the stage is stopped first.
+    BenchConfigError, DeviceError, GeometryFileError, NoiseFileError
+        If the bench, a device, the geometry or the noise is at fault; the stage is stopped first.
 
     Examples
     --------
@@ -272,6 +283,7 @@ def find_focus(
         steps=steps,
         frames=frames or config.capture.frames_per_capture,
         ends_at_peak=ends_at_peak,
+        pupil=pupil_of(geometry),
     )
     with MovableBench(config) as opened:
         _prepare(call, opened, target, options)
@@ -289,6 +301,27 @@ def find_focus(
         )
     tolerance_mm = config.stage.tolerance_mm
     return FoundFocus(sweep=found, measure=measure, tolerance_mm=tolerance_mm, notes=call.notes)
+
+
+def pupil_of(geometry: GeometryCalibration | FilePath | None) -> PupilOffset:
+    """What a geometry says of the entrance pupil.
+
+    Raises
+    ------
+    TypeError
+        If it is neither a geometry nor a path.
+    GeometryFileError
+        If the file cannot be read.
+    """
+    if geometry is None:
+        return UNKNOWN_PUPIL
+    if not isinstance(geometry, GeometryCalibration):
+        geometry = read_geometry(path_of(geometry, "geometry"))
+    err_mm = geometry.pupil_offset_err_mm
+    return PupilOffset(
+        offset_mm=geometry.pupil_offset_mm,
+        err_mm=UNKNOWN_PUPIL.err_mm if err_mm is None else err_mm,
+    )
 
 
 def _options(measure: FocusMeasure, region: Region | None, noise: NoiseLike | None) -> FocusOptions:

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
-from acquisition.focus import has_detail
+from acquisition.focus import has_detail, shows_nothing
 
 SHAPE = (96, 128)
 LEVEL_DN = 1000.0
@@ -45,3 +45,35 @@ def test_texture_fainter_than_the_noise_is_detail() -> None:
 
 def test_too_small_a_picture_has_none() -> None:
     assert not has_detail(np.eye(15))
+
+
+@pytest.mark.parametrize("gains", [(1.0, 1.0), (0.5, 0.8)])
+def test_plain_paper_under_a_colour_camera_shows_nothing_and_an_edge_something(
+    gains: tuple[float, float],
+) -> None:
+    mosaic = np.ones((1200, 1600))
+    mosaic[::2, 1::2], mosaic[1::2, ::2] = gains
+    rng = np.random.default_rng(8)
+    paper = LEVEL_DN * mosaic + rng.normal(0, 5.0, mosaic.shape)
+    edge = LEVEL_DN * mosaic * (1 + 0.5 * ndtr((np.arange(1600) - 805.0) / 20.0))
+    assert shows_nothing(np.rint(paper).astype(np.uint16))
+    assert not shows_nothing(np.rint(edge + rng.normal(0, 5.0, edge.shape)).astype(np.uint16))
+
+
+def test_a_region_too_small_to_tell_is_not_said_to_show_nothing() -> None:
+    assert not shows_nothing(np.full((31, 200), 100, np.uint16))
+
+
+@pytest.mark.parametrize("sigma_px", [5.0, 10.0, 20.0])
+def test_an_edge_far_out_of_focus_is_something_to_focus_on(sigma_px: float) -> None:
+    profile = LEVEL_DN * (1 + 0.5 * ndtr((np.arange(780) - 405.3) / sigma_px))
+    image_dn = profile + np.random.default_rng(9).normal(0, 5.0, (580, 780))
+    assert not shows_nothing(np.rint(image_dn).astype(np.uint16))
+
+
+def test_a_dull_highlight_on_paper_is_nothing_to_focus_on() -> None:
+    y, x = np.mgrid[:580, :780]
+    highlight = 0.2 * np.exp(-0.5 * ((x - 300.0) ** 2 + (y - 250.0) ** 2) / 150.0**2)
+    for seed in range(20):
+        noise_dn = np.random.default_rng(seed).normal(0, 10.0, x.shape)
+        assert shows_nothing(np.rint(2500 * (1 + highlight) + noise_dn).astype(np.uint16))

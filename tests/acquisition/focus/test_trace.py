@@ -70,3 +70,26 @@ def test_what_is_no_number_is_refused() -> None:
 def test_settings_without_sense_are_refused(wrong: dict[str, int]) -> None:
     with pytest.raises(ValueError):
         FocusTrace(**wrong)
+
+
+def test_where_there_is_nothing_to_focus_on_there_is_no_trend_and_the_peak_stays() -> None:
+    rng = np.random.default_rng(6)
+    trace = FocusTrace()
+    seen = followed(0.01 + rng.normal(0, 1e-5, 20), trace)
+    empty = [trace.add(float(value), has_detail=False) for value in rng.normal(0, 1, 30)]
+    assert not any(reading.has_detail for reading in empty[4:])
+    assert {reading.percent_of_peak for reading in empty[4:]} == {0.0}
+    assert {reading.trend for reading in empty[4:]} == {"steady"}
+    back = followed(0.01 + rng.normal(0, 1e-5, 20), trace)
+    assert back[-1].has_detail
+    assert seen[-1].has_detail
+
+
+def test_detail_at_the_limit_of_the_noise_does_not_come_and_go() -> None:
+    rng = np.random.default_rng(7)
+    trace = FocusTrace()
+    shown = [
+        trace.add(0.01, has_detail=number == 0 or bool(rng.random() < 0.7)).has_detail
+        for number in range(300)
+    ]
+    assert np.mean(shown) > 0.95

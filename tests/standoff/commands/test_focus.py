@@ -212,3 +212,17 @@ def test_the_live_aid_needs_a_real_camera_alone_and_tells_its_warnings(
         assert refused.status == 2
         assert "only a simulated bench takes a target" in refused.err
         assert practice.camera.controller is None
+
+
+@pytest.mark.parametrize("target", ["dark", "flat"])
+def test_a_lens_cap_and_plain_paper_are_nothing_to_focus_on(
+    command: Command, bench: Path, target: str
+) -> None:
+    live = command("focus", "--bench", bench, "--readings", 30, "--target", target)
+    assert live.status == 0
+    assert "nothing to focus on" in live.out
+    assert "% of peak" not in live.out + live.err
+    sweep = ("--sweep", "--from", 180, "--to", 280, "--steps", 8, "--frames", 3)
+    done = command("focus", "--bench", bench, *sweep, "--target", target)
+    assert done.status == 1
+    assert "nothing to focus on" in done.err

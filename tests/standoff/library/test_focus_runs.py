@@ -11,6 +11,7 @@ from acquisition.focus import (
     SweepRequest,
     fit_focus_peak,
     light_fault,
+    pooled_errs,
     sweep_bench,
 )
 from hil_mocks import SimulatedBench
@@ -80,20 +81,49 @@ def test_a_sweep_measures_further_regions_and_finds_their_peaks() -> None:
     assert seen
 
 
-def found_between(low_mm: float, high_mm: float) -> FocusSweep:
-    """A sweep without noise over the values of an edge that is sharp at 300 mm."""
+def found_between(
+    low_mm: float,
+    high_mm: float,
+    *,
+    width_mm: float = 20.0,
+    noise: float = 3e-4,
+    share: float = 0.0,
+) -> FocusSweep:
+    """A sweep over the values of an edge that is sharp at 300 mm."""
     heights_mm = np.linspace(low_mm, high_mm, 15)
-    values = 1 / np.hypot(1, (heights_mm - 300) * (300 / heights_mm) / 20)
+    values = 1 / np.hypot(1, (heights_mm - 300) * (300 / heights_mm) / width_mm)
     points = tuple(
         FocusPoint(height_mm=height, value=value, err=1e-4, level_dn=1000.0, saturated_fraction=0.0)
         for height, value in zip(heights_mm.tolist(), values.tolist(), strict=True)
     )
-    values = values + np.random.default_rng(3).normal(0, 3e-4, values.size)
-    return FocusSweep(points=points, peak=fit_focus_peak(heights_mm, values), why_not=None)
+    values = values + np.random.default_rng(3).normal(0, noise, values.size)
+    peak = fit_focus_peak(heights_mm, values, texture_share=share)
+    return FocusSweep(points=points, peak=peak, why_not=None)
 
 
 def test_a_sweep_of_the_flat_top_alone_is_said_to_be_too_narrow() -> None:
     assert found_between(220.0, 380.0).remark is None
-    remark = found_between(291.0, 309.0).remark
+    remark = found_between(291.0, 309.0, noise=6e-3).remark
     assert remark is not None
     assert "sweep further on both sides" in remark
+
+
+def test_a_sweep_says_which_part_of_its_error_is_of_what_it_does_not_know() -> None:
+    wide = found_between(240.0, 360.0, width_mm=80.0, noise=1e-3)
+    assert wide.remark is not None
+    assert "entrance pupil" in wide.remark
+    texture = found_between(260.0, 340.0, share=1.0)
+    assert texture.remark is not None
+    assert "scale" in texture.remark
+    # d ln F / d ln distance of 1 shifts the top of a peak of width w at a distance D by w^2 / D.
+    assert texture.peak is not None
+    assert texture.peak.scale_err_mm == pytest.approx(20**2 / 300, rel=0.5)
+
+
+@pytest.mark.parametrize("frames", [2, 10])
+def test_the_errors_of_heights_from_two_frames_count_little(frames: int) -> None:
+    rng = np.random.default_rng(5)
+    errs = np.sqrt(rng.chisquare(frames - 1, 200) / (frames - 1))
+    pooled = pooled_errs(errs, frames)
+    assert np.std(pooled) < 0.35 * np.std(errs)
+    assert pooled_errs(np.append(errs, 100.0), 10)[-1] > 30  # where the camera moved

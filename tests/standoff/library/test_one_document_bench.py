@@ -12,19 +12,25 @@ from acquisition.aravis import FoundCamera
 from acquisition.capture import CaptureProgress
 from acquisition.focus import FocusPoint, FocusReading, NoFocusPeakError, Region
 from acquisition.plan import PlanEntry, PlanEstimate, load_plan
+from calibration.geometry import GeometryCalibration
 from tests.standoff.conftest import SMALL_BENCH, SMALL_PLAN, Command
 from tests.standoff.library.one_document import printed
 
 FOCUS_MM = 300.0
 SMALL = {"simulated.width_px": 64, "simulated.height_px": 48}
+LARGER = {"simulated.width_px": 160, "simulated.height_px": 120}
 SMALL_WORDS = [word for key, value in SMALL.items() for word in ("--set", f"{key}={value}")]
 
 
 @pytest.fixture
 def fast_lens(tmp_path: Path) -> Path:
     """A bench with a lens of f/1, focused at a height of 300 mm."""
-    path = tmp_path / "f.toml"
-    path.write_text(f"{SMALL_BENCH}focus_distance_mm = {FOCUS_MM}\nf_number = 1.0\n")
+    return fast_bench(tmp_path / "f.toml", f_number=1.0)
+
+
+def fast_bench(path: Path, *, f_number: float) -> Path:
+    """A bench with a lens that is focused at 300 mm from its entrance pupil."""
+    path.write_text(f"{SMALL_BENCH}focus_distance_mm = {FOCUS_MM}\nf_number = {f_number}\n")
     return path
 
 
@@ -120,6 +126,36 @@ def test_focus_sweep(command: Command, fast_lens: Path, tmp_path: Path) -> None:
     assert tuple(points) == found.sweep.points
     found.write_plot(tmp_path / "function.png")
     assert (tmp_path / "function.png").read_bytes()[:4] == plot.read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.slow
+def test_a_geometry_tells_a_sweep_where_the_entrance_pupil_is(
+    command: Command, tmp_path: Path
+) -> None:
+    deep, offset_mm = fast_bench(tmp_path / "f4.toml", f_number=4.0), 12.5
+    focus_mm = FOCUS_MM - offset_mm
+    geometry = GeometryCalibration.model_construct(
+        pupil_offset_mm=offset_mm, pupil_offset_err_mm=0.03
+    )
+    sweep = {
+        "settings": LARGER | {"simulated.pupil_offset_mm": offset_mm},
+        "steps": 9,
+        "frames": 4,
+        "target": "edge",
+    }
+    heights_mm = (focus_mm - 60, focus_mm + 60)
+    known = standoff.find_focus(deep, heights_mm, geometry=geometry, **sweep)  # type: ignore[arg-type]  # as they are named
+    unknown = standoff.find_focus(deep, heights_mm, **sweep)  # type: ignore[arg-type]  # as they are named
+    for found in (known, unknown):
+        assert abs(found.peak.height_mm - focus_mm) < 3 * found.peak.err_mm
+    assert known.peak.err_mm < unknown.peak.err_mm
+    assert known.peak.pupil_err_mm < 0.1 * unknown.peak.pupil_err_mm
+    assert known.to_json()["height_err_pupil_mm"] == known.peak.pupil_err_mm
+    done = command("focus", "--bench", deep, "--geometry", tmp_path / "none.json", "--sweep")
+    assert done.status == 1
+    assert "none.json" in done.err
+    with pytest.raises(TypeError, match="geometry"):
+        standoff.find_focus(deep, heights_mm, geometry=12.5)  # type: ignore[arg-type]  # none
 
 
 def test_a_sweep_beside_the_focus_says_where_to_look(fast_lens: Path) -> None:

@@ -15,6 +15,7 @@ from tests.acquisition.fakes import SETTINGS, frame
 from tests.standoff.console.hub_fixtures import DEADLINE_S, wait_for
 
 RNG = np.random.default_rng(4)
+STRIPES_DN = 1000 * (np.arange(100) // 9 % 2)
 ACCEPTED = PoseVerdict(
     accepted=True,
     verdict="go",
@@ -31,7 +32,7 @@ ACCEPTED = PoseVerdict(
 
 def live(sequence: int, rows: int, cols: int) -> LiveFrame:
     return LiveFrame(
-        image_dn=RNG.integers(500, 3000, (rows, cols)).astype(np.uint16),
+        image_dn=(RNG.integers(500, 600, (rows, cols)) + STRIPES_DN[:cols]).astype(np.uint16),
         sequence=sequence,
         received_s=float(sequence),
         settings=SETTINGS,
@@ -52,6 +53,23 @@ def test_focus_is_measured_anew_when_the_frames_change_their_size() -> None:
     assert monitor.facts.focus is not None
     assert len(monitor.facts.trace) == 1  # of the new size alone
     monitor.close()  # though it never began
+
+
+def test_behind_a_lens_cap_there_is_nothing_to_focus_on() -> None:
+    monitor = PictureMonitor(FrameBroadcaster())
+    for sequence in range(30):
+        dark = replace(
+            live(sequence, 60, 80),
+            image_dn=np.rint(RNG.normal(64, 3, (60, 80))).astype(np.uint16),
+        )
+        monitor.look(dark)
+        focus = monitor.facts.focus
+        assert focus is None or not focus.has_detail
+    assert monitor.facts.focus is not None
+    assert monitor.facts.trace == ()
+    for sequence in range(30, 33):
+        monitor.look(live(sequence, 60, 80))
+    assert monitor.facts.focus.has_detail
 
 
 def test_without_new_pictures_there_is_no_verdict_on_the_pose(

@@ -72,6 +72,12 @@ def test_the_hint_says_where_to_turn(trend: str, is_past: bool, hint: str) -> No
     assert focus_document(facts)["hint"] == hint
 
 
+def test_nothing_to_focus_on_is_no_number() -> None:
+    shown = focus_document(PictureFacts(focus=reading(has_detail=False)))
+    assert (shown["hint"], shown["percent"]) == ("nothing to focus on", None)
+    assert (shown["value"], shown["percent_text"]) == ("–", "–")
+
+
 def test_no_focus_is_no_number() -> None:
     shown = focus_document(PictureFacts(region=Region(x_px=1, y_px=2, width_px=30, height_px=40)))
     assert shown["percent"] is None
