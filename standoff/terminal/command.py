@@ -19,13 +19,13 @@ class Group(TyperGroup):
         """Return the command that is named; wrong usage with the one that is meant if none is."""
         word = args[0]
         if self.get_command(ctx, word) is None and not word.startswith("-"):
-            path = ctx.command_path
             meant = meant_command(word, ctx.info_name, self.commands)
-            if meant is None:
-                ctx.fail(f"No such command {word!r}; {path} --help lists the commands.")
-            named = self.get_command(ctx, meant.split()[0])
-            purpose = "" if named is None else f" {named.get_short_help_str(limit=200)}"
-            ctx.fail(f"No such command {word!r}. Did you mean {meant!r}?{purpose}")
+            remedy = f"; {ctx.command_path} --help lists the commands."
+            if meant is not None:
+                named = self.get_command(ctx, meant.partition(" ")[0])
+                purpose = "" if named is None else f" {named.get_short_help_str(limit=200)}"
+                remedy = f". Did you mean {meant!r}?{purpose}"
+            ctx.fail(f"No such command {word!r}{remedy}")
         return super().resolve_command(ctx, args)
 
 
