@@ -9,6 +9,7 @@ first use compiles it.
 import gc
 import logging
 import sys
+import time
 from collections.abc import Callable
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -18,6 +19,9 @@ from typing import Any
 
 _EVENTS = "numba.core.event"
 _SENTENCE = "compiling the numerical code, once: up to a minute"
+_BETWEEN_S = 1.0
+"""Functions follow each other within this time while one measurement waits for all of them."""
+
 _has_teller = False
 
 
@@ -43,8 +47,8 @@ class _AfterImport(MetaPathFinder):
         return spec
 
 
-def when_compiling(tell: Callable[[str], None]) -> None:
-    """Call ``tell`` with the name of each function that is compiled from here on.
+def when_compiling(tell: Callable[[str], None], ended: Callable[[], None] = lambda: None) -> None:
+    """Call ``tell`` with the name of each function that is compiled from here on, then ``ended``.
 
     What the cache has is not compiled. Nothing is imported: numba takes a quarter of a second.
     Python's collector rests meanwhile: it would look through millions of objects that stay.
@@ -63,6 +67,7 @@ def when_compiling(tell: Callable[[str], None]) -> None:
 
             def on_end(self, event: Any) -> None:  # noqa: ANN401
                 self.depth -= 1
+                ended()
                 if self.depth == 0 and self.collects:
                     gc.enable()
 
@@ -97,3 +102,34 @@ def announce_compiling(tell: Callable[[str], None] | None = None) -> None:
             (tell or logging.getLogger("standoff").warning)(_SENTENCE)
 
     when_compiling(say)
+
+
+class CompileWatch:
+    """Whether this process is compiling, for whoever shows that something takes long.
+
+    Parameters
+    ----------
+    clock
+        Gives the time in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._depth = 0
+        self._ended_s = float("-inf")
+
+    def start(self) -> None:
+        """Watch from here on."""
+        when_compiling(self._begin, self._end)
+
+    @property
+    def is_compiling(self) -> bool:
+        """Whether a function is being compiled, or was just now."""
+        return self._depth > 0 or self._clock() - self._ended_s < _BETWEEN_S
+
+    def _begin(self, _function: str) -> None:
+        self._depth += 1
+
+    def _end(self) -> None:
+        self._depth -= 1
+        self._ended_s = self._clock()

@@ -202,7 +202,6 @@ def check_camera(probe: CameraProbe) -> Check:
 def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check, ...]:
     """The camera's limits, and whether the bench file keeps within them."""
     rate = probe.frame_rate_hz
-    formats = ", ".join(probe.pixel_formats)
     return (
         *_check_resend(probe),
         _within("exposure", "camera.exposure_us", config.exposure_us, probe.exposure_us, "us"),
@@ -212,14 +211,7 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
             status="ok",
             found=f"up to {rate.high:.1f} Hz with the camera's current settings",
         ),
-        Check(name="pixel formats", status="ok", found=formats)
-        if config.pixel_format in probe.pixel_formats
-        else Check(
-            name="pixel formats",
-            status="fail",
-            found=f"{formats}; not {config.pixel_format}",
-            remedy="set camera.pixel_format in the bench file to one of these",
-        ),
+        _check_pixel_format(probe, config.pixel_format),
         Check(
             name="temperature",
             status="ok",
@@ -229,6 +221,23 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
                 else f"{probe.temperature_c:.1f} C"
             ),
         ),
+    )
+
+
+def _check_pixel_format(probe: CameraProbe, pixel_format: str) -> Check:
+    formats = ", ".join(probe.pixel_formats) or "none that can be decoded here"
+    if pixel_format in probe.pixel_formats:
+        return Check(name="pixel formats", status="ok", found=formats)
+    cannot_be_decoded = pixel_format in probe.undecoded_formats
+    return Check(
+        name="pixel formats",
+        status="fail",
+        found=f"{formats}; {pixel_format} cannot be decoded here"
+        if cannot_be_decoded
+        else f"{formats}; not {pixel_format}",
+        remedy="set camera.pixel_format in the bench file to one of these"
+        if probe.pixel_formats
+        else "use a camera with a Mono or Bayer format of 8 to 16 bits",
     )
 
 

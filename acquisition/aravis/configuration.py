@@ -100,10 +100,9 @@ class CameraControls:
         return FrameChunks(self._opened, self.features, self._name)
 
     def pixel_formats(self) -> tuple[str, ...]:
-        """Those of the camera's pixel formats that can be decoded."""
+        """The camera's pixel formats; `can_decode` says which of them can be used."""
         with translated_errors(self._opened.library, "PixelFormat"):
-            offered = list(self._opened.camera.dup_available_pixel_formats_as_strings())
-        return tuple(name for name in offered if can_decode(name))
+            return tuple(self._opened.camera.dup_available_pixel_formats_as_strings() or ())
 
     def _read_settings(self, neutral: NeutralFeatures) -> CameraSettings:
         """Read back everything that a session records."""
@@ -138,11 +137,17 @@ class CameraControls:
         return _with_black_level(settings, black_level)
 
     def _set_pixel_format(self, pixel_format: str) -> None:
-        usable = self.pixel_formats()
+        offered = self.pixel_formats()
+        usable = [name for name in offered if can_decode(name)]
         if pixel_format not in usable:
+            cannot = "cannot be decoded here" if pixel_format in offered else "is not available"
+            remedy = (
+                f"set one of this camera's {', '.join(usable)}"
+                if usable
+                else f"nor can what this camera has: {', '.join(offered) or 'nothing'}"
+            )
             raise CameraFeatureError(
-                f"PixelFormat (camera.pixel_format) {pixel_format!r} is not available; this "
-                f"camera has {', '.join(usable)}",
+                f"PixelFormat (camera.pixel_format) {pixel_format!r} {cannot}; {remedy}",
                 feature="PixelFormat",
             )
         with translated_errors(self._opened.library, "PixelFormat"):

@@ -12,6 +12,7 @@ from acquisition.aravis.device import GIGE_VISION, open_camera
 from acquisition.aravis.errors import translated_errors
 from acquisition.aravis.features import Bounds
 from acquisition.aravis.library import AravisLibrary, load_aravis, text_of
+from acquisition.aravis.pixel_decoding import can_decode
 from acquisition.bench import CameraConfig
 
 TEMPERATURE = "DeviceTemperature"
@@ -35,9 +36,9 @@ class CameraProbe:
     """The present state of one camera; the limits are those at its present settings.
 
     ``gain`` is its lowest and highest, as the camera states them. ``pixel_formats`` are those that
-    can be decoded. ``temperature_c`` is None where the camera has no such feature,
-    ``packet_size_bytes`` and ``resends_packets``, whether it sends lost packets again, where it is
-    not on a network.
+    can be decoded, ``undecoded_formats`` the others. ``temperature_c`` is None where the camera has
+    no such feature, ``packet_size_bytes`` and ``resends_packets``, whether it sends lost packets
+    again, where it is not on a network.
     """
 
     vendor: str
@@ -51,6 +52,7 @@ class CameraProbe:
     packet_size_bytes: int | None
     temperature_c: float | None
     resends_packets: bool | None = None
+    undecoded_formats: tuple[str, ...] = ()
 
 
 def list_cameras(load: Callable[[], AravisLibrary] = load_aravis) -> tuple[FoundCamera, ...]:
@@ -94,6 +96,7 @@ def probe_camera(config: CameraConfig) -> CameraProbe:
     try:
         controls = CameraControls(opened, config.frame_rate_hz)
         has_temperature = controls.features.has(TEMPERATURE)
+        formats = controls.pixel_formats()
         with translated_errors(opened.library, "its identity"):
             return CameraProbe(
                 vendor=text_of(opened.camera.get_vendor_name),
@@ -103,7 +106,8 @@ def probe_camera(config: CameraConfig) -> CameraProbe:
                 exposure_us=controls.levels.exposure_bounds_us(),
                 gain=controls.levels.gain_bounds(),
                 frame_rate_hz=controls.frame_rate.bounds_hz(),
-                pixel_formats=controls.pixel_formats(),
+                pixel_formats=tuple(name for name in formats if can_decode(name)),
+                undecoded_formats=tuple(name for name in formats if not can_decode(name)),
                 packet_size_bytes=(
                     int(opened.camera.gv_get_packet_size()) if opened.is_gige else None
                 ),

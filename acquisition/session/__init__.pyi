@@ -32,4 +32,4 @@ from .shared_files import (
 )
 from .take import Photograph as Photograph, Take as Take
 from .verification import VerifyReport as VerifyReport, verify as verify
-from .writer import SessionWriter as SessionWriter
+from .writer import SPARE_BYTES as SPARE_BYTES, SessionWriter as SessionWriter

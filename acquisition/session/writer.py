@@ -129,7 +129,8 @@ class SessionWriter:
         if free_bytes < needed_bytes + SPARE_BYTES:
             raise SessionError(
                 f"the disk of {self.path} has {free_bytes / 1e6:.0f} MB free, but the captures "
-                f"need {(needed_bytes + SPARE_BYTES) / 1e6:.0f} MB; free some space and run again",
+                f"need {needed_bytes / 1e6:.0f} MB, and {SPARE_BYTES / 1e6:.0f} MB stay free; free "
+                "some space and run again",
                 fault="unwritable",
                 path=self.path,
             )

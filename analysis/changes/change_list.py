@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -26,6 +27,12 @@ _SURE = 2.0
 
 _MARGIN_PX = 16.0
 """Beside what a fit reaches of the pixels around a region."""
+
+_CLEAR = 10.0
+"""Standard deviations of a peak from which an outline at half of it is clear of the noise."""
+
+_OUTLINE_WIDTHS = 2.0
+"""Widths of the smoothing around its pixels that a change's outline is looked for in."""
 
 _MOST_FITTED = 300
 """Changes whose shape is fitted; a frame with more is another scene, and the rest get levels."""
@@ -55,7 +62,7 @@ def list_changes(
     spots = _fitted(regions, levels, compared)
     colours = [spot.amplitude_rgb_dn if isinstance(spot, _ColourSpot) else None for spot in spots]
     y, x = np.array([(spot.y_px, spot.x_px) for spot in spots]).T
-    area_px = np.array([len(region.rows) for region in regions], dtype=np.float64)
+    area_px = np.array([spot.area_px for spot in spots])
     sigma_px = np.array([spot.sigma_px for spot in spots])
     followup, reference = places_in_both(compared, pose, y, x)
     if not compared.is_on_followup:
@@ -122,24 +129,55 @@ def _fitted(
         distance = np.linalg.norm(at[others] - at[index], axis=1)
         nearest = at[others[np.argsort(distance, kind="stable")]]
         if part is None:
-            spots.append(
-                fit_spot(field, (region.row, region.col), nearest) or _as_it_stands(region, fields)
-            )
+            spots.append(_described(region, fields, number, nearest))
             continue
-        own = part.region
-        found = fit_spot(part.fields[number], (own.row, own.col), nearest - part.origin)
-        spots.append(part.spot(found or _as_it_stands(own, part.fields)))
+        spots.append(part.spot(_described(part.region, part.fields, number, nearest - part.origin)))
     return spots
 
 
+def _described(
+    region: LinkedRegion, fields: Sequence[SmoothedField], number: int, nearest: IntArray
+) -> FittedSpot:
+    """A spot where that is what the change is, else its outline, with the peak that was fitted."""
+    found = fit_spot(fields[number], (region.row, region.col), nearest)
+    if found is None:
+        return _as_it_stands(region, fields)
+    return found if found.is_whole else _with_outline(found, region, fields)
+
+
 def _as_it_stands(region: LinkedRegion, fields: Sequence[SmoothedField]) -> FittedSpot:
-    """Take the strongest place for the peak of a change that is no spot, and its pixels for a disc.
+    """Take the strongest place for the peak of a change that is no spot, its outline for the rest.
 
     Of the fields that are no wider than the one that finds it best, the one that is surest of the
     peak tells: the narrower ones have the more noise, the wider ones less of what is narrow. A disc
     has the second moments of a Gaussian half as wide as its radius.
     """
-    best: tuple[float, FittedSpot] | None = None
+    peak = max(_peaks(region, fields), key=lambda one: one.surely_dn)
+    spot = FittedSpot(
+        y_px=float(peak.row * peak.field.step_px),
+        x_px=float(peak.col * peak.field.step_px),
+        amplitude_dn=float(peak.field.difference_dn[peak.row, peak.col]),
+        amplitude_err_dn=float(peak.field.sd_dn[peak.row, peak.col]),
+        sigma_px=0.0,
+        area_px=0.0,
+    )
+    return _with_outline(spot, region, fields)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Peak:
+    """The strongest place of a change in a field, its standard deviations, and its sure part."""
+
+    field: SmoothedField
+    row: int
+    col: int
+    height: float
+    surely_dn: float
+
+
+def _peaks(region: LinkedRegion, fields: Sequence[SmoothedField]) -> list[_Peak]:
+    """Those of a change in the fields no wider than the one that finds it best, narrowest first."""
+    peaks = []
     for field in fields[: region.level + 2]:
         last = np.subtract(field.valid.shape, 1)
         rows = np.minimum(np.rint(region.rows / field.step_px).astype(np.int64), last[0])
@@ -153,20 +191,70 @@ def _as_it_stands(region: LinkedRegion, fields: Sequence[SmoothedField]) -> Fitt
         top = int(np.argmax(signed / sd_dn))
         independent = len(region.rows) / (4 * np.pi * field.width_px**2)
         chance = np.sqrt(2 * np.log(max(independent, math.e)))
-        surely = float(signed[top] - _SURE * chance * sd_dn[top])
-        if best is None or surely > best[0]:
-            best = (
-                surely,
-                FittedSpot(
-                    y_px=float(rows[top] * field.step_px),
-                    x_px=float(cols[top] * field.step_px),
-                    amplitude_dn=float(field.difference_dn[rows[top], cols[top]]),
-                    amplitude_err_dn=float(sd_dn[top]),
-                    sigma_px=float(np.sqrt(len(region.rows) / np.pi) / 2),
-                ),
+        peaks.append(
+            _Peak(
+                field=field,
+                row=int(rows[top]),
+                col=int(cols[top]),
+                height=float(signed[top] / sd_dn[top]),
+                surely_dn=float(signed[top] - _SURE * chance * sd_dn[top]),
             )
-    assert best is not None, "a region has pixels that were compared"
-    return best[1]
+        )
+    assert peaks, "a region has pixels that were compared"
+    return peaks
+
+
+def _with_outline(
+    spot: FittedSpot, region: LinkedRegion, fields: Sequence[SmoothedField]
+) -> FittedSpot:
+    """The change with the middle, the area and the width of what lies within its outline.
+
+    The narrowest field in which noise hardly moves the outline shows it; smoothing only widens it.
+    """
+    peaks = _peaks(region, fields)
+    clear = [one for one in peaks if one.height > _CLEAR]
+    peak = clear[0] if clear else max(peaks, key=lambda one: one.surely_dn)
+    rows, cols = _outlined(region, peak.field)
+    return replace(
+        spot,
+        y_px=float(rows.mean()),
+        x_px=float(cols.mean()),
+        sigma_px=math.sqrt(len(rows) / math.pi) / 2,
+        area_px=float(len(rows)),
+    )
+
+
+def _outlined(region: LinkedRegion, field: SmoothedField) -> tuple[IntArray, IntArray]:
+    """Pixels ``(rows, cols)`` of the grid within the outline of a change.
+
+    Blur and smoothing spread light to either side of an outline alike, so that it lies where the
+    difference has half of what it has inside; the pixels beyond a threshold reach as much further
+    as the change is stronger. What it has inside is the median of what exceeds half the peak, which
+    is high by chance where there is noise.
+    """
+    step = field.step_px
+    margin = math.ceil(_OUTLINE_WIDTHS * field.width_px) + step
+    places = np.stack([region.rows, region.cols])
+    first = np.maximum(places.min(axis=1) - margin, 0)
+    end = np.minimum(places.max(axis=1) + margin, (np.array(field.valid.shape) - 1) * step) + 1
+    own = np.zeros(end - first, dtype=np.bool_)
+    rows, cols = places - first[:, None]
+    seen = (rows < own.shape[0]) & (cols < own.shape[1])
+    own[rows[seen], cols[seen]] = True
+    signed = np.where(field.valid, field.difference_dn, 0) * np.float32(
+        np.sign(region.significance)
+    )
+    light = cv2.warpAffine(
+        np.asarray(signed, dtype=np.float32),
+        np.array([[1 / step, 0, first[1] / step], [0, 1 / step, first[0] / step]]),
+        (own.shape[1], own.shape[0]),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+    )
+    level = np.median(light[own & (light > light[own].max() / 2)])
+    above = light > level / 2
+    _, labels = cv2.connectedComponents(above.astype(np.uint8), connectivity=8)
+    rows, cols = np.nonzero(above & np.isin(labels, np.unique(labels[above & own])))
+    return rows + first[0], cols + first[1]
 
 
 def _followup_px_by_pixel(pose: DistortedPose, y: FloatArray, x: FloatArray) -> FloatArray:
@@ -217,6 +305,7 @@ class _RegionFields:
             amplitude_dn=found.amplitude_dn * luma,
             amplitude_err_dn=found.amplitude_err_dn * self.luma_err,
             sigma_px=found.sigma_px,
+            area_px=found.area_px,
             amplitude_rgb_dn=(red, green, blue),
         )
 

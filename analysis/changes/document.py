@@ -33,14 +33,15 @@ _Row3 = tuple[float, float, float]
 class Change(StoredValues):
     """One thing that changed or moved: connected changes that touch, or lie in one outline.
 
-    Of a thing of one part the place is the strongest one, of one with several their middle.
+    Its place is its middle: of a spot the centre, of what is none that of its outline.
 
     Parameters
     ----------
     x_px, y_px, reference_x_px, reference_y_px
         Its place in the follow-up and in the reference; 0 at the centre of the first pixel.
     area_px
-        Follow-up pixels beyond the threshold.
+        Its area in follow-up pixels, however much it stands out: within the outline at half of what
+        it has inside, of a spot that of a flat one with its peak and its light, ``2 pi sigma^2``.
     amplitude_dn, amplitude_err_dn
         Peak of the change, after minus before, in the follow-up's levels, as the coarser of the two
         photographs shows it, and its standard error.

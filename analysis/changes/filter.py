@@ -294,7 +294,7 @@ class _Detected:
         regions = [found.regions[index] for index in np.flatnonzero(kept).tolist()]
         listed = [every[index] for index in np.flatnonzero(kept).tolist()]
         moved = moved_apart(compared, pose, regions, listed)
-        apart = as_things(moved, compared, pose, options.colours)
+        apart = as_things(moved, compared, options.colours)
         if options.count_moved:
             apart = apart.together()
         return cls(

@@ -9,7 +9,7 @@ within reach are fitted along, so that none takes another's light.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import ceil, exp, log, sqrt
+from math import ceil, exp, log, pi, sqrt
 from typing import Final, Self
 
 import numpy as np
@@ -72,13 +72,19 @@ _LONGEST = 20.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedSpot:
-    """A change as a Gaussian: its centre, its peak with the standard error, its width."""
+    """A change as a Gaussian: its centre, its peak with the standard error, its width.
+
+    ``area_px`` is that of a flat change: of a Gaussian, that with its peak and its light.
+    ``is_whole`` says that it alone is the change, and no part of a longer or another one.
+    """
 
     y_px: float
     x_px: float
     amplitude_dn: float
     amplitude_err_dn: float
     sigma_px: float
+    area_px: float
+    is_whole: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -159,7 +165,7 @@ def fit_spot(seen: SmoothedField, peak: tuple[int, int], others: IntArray) -> Fi
         left = np.abs(disc.data - _model(fit.parameters, disc)[0])
         worst = int(np.argmax(left))
         if left[worst] < disc.most_left and fit.cost < disc.most_cost:
-            return fit.first_spot(seen.step_px)
+            return fit.first_spot(seen.step_px, is_whole=len(fit.free) == _PER_SPOT * len(starts))
         refined = fit.refined(disc, disc.pixel(worst))
         if not refined:
             break
@@ -263,14 +269,17 @@ class _Fit:
             and np.hypot(y - peak[0], x - peak[1]) < most
         )
 
-    def first_spot(self, step_px: int) -> FittedSpot:
+    def first_spot(self, step_px: int, *, is_whole: bool) -> FittedSpot:
         amplitude, y, x, log_size = self.parameters[:4].tolist()
+        variance_px2 = step_px**2 * exp(log_size)
         return FittedSpot(
             y_px=y * step_px,
             x_px=x * step_px,
             amplitude_dn=amplitude / (1 + _PEAK_BIAS * float(self.variance[0]) / amplitude**2),
             amplitude_err_dn=float(np.sqrt(self.variance[0])),
-            sigma_px=step_px * float(np.exp(log_size / 2)),
+            sigma_px=sqrt(variance_px2),
+            area_px=2 * pi * variance_px2,
+            is_whole=is_whole,
         )
 
 

@@ -20,13 +20,11 @@ import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from analysis.changes.change_list import places_in_both
 from analysis.changes.colour import ColourPlanes, PairColours, SeenDifference, to_channels, to_rgb
 from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change, Happened
 from analysis.changes.moved_changes import Entry, ToldApart, images_of
 from analysis.changes.movement import Images, Surroundings
-from calibration.registration import DistortedPose
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage, IntArray
 
 _REACH: Final = 0.3
@@ -66,7 +64,6 @@ _MOST_LEFT: Final = 1.0
 def as_things(
     apart: ToldApart,
     compared: Comparison,
-    pose: DistortedPose,
     colours: PairColours | None = None,
 ) -> ToldApart:
     """Join changes and movements to things, and order them.
@@ -77,8 +74,6 @@ def as_things(
         Changes and movements.
     compared
         Whose changes they are.
-    pose
-        Of the follow-up in the reference.
     colours
         Of both photographs, where they are in colour.
     """
@@ -105,7 +100,7 @@ def as_things(
             others = [one for one in others if one.area_px > _MOST_LEFT * largest.area_px]
             shifted += _as_movements(movements, left)
         if others:
-            thing = _as_thing(others, images, compared, pose)
+            thing = _as_thing(others, images)
             found.append(thing if in_colour is None else in_colour.with_colours(thing))
     return ToldApart(found=view.ordered(found), shifted=view.ordered(shifted))
 
@@ -299,9 +294,7 @@ def _apart_px(one: Change, other: Change) -> float:
     return dist(one.displacement_px, other.displacement_px)
 
 
-def _as_thing(
-    group: Sequence[Entry], images: Images, compared: Comparison, pose: DistortedPose
-) -> Entry:
+def _as_thing(group: Sequence[Entry], images: Images) -> Entry:
     regions = tuple(region for entry in group for region in entry.regions)
     whole = Entry(change=group[0].change, regions=regions)
     update: dict[str, object] = {"what": _happened(whole, images)}
@@ -309,14 +302,11 @@ def _as_thing(
         parts = [entry.change for entry in group]
         first = max(parts, key=lambda one: _peak(one) * one.area_px**0.5)
         area_px = sum(one.area_px for one in parts)
-        (y, x), (reference_y, reference_x) = places_in_both(
-            compared, pose, *(at.mean(keepdims=True) for at in whole.pixels)
-        )
         update |= {
-            "x_px": float(x[0]),
-            "y_px": float(y[0]),
-            "reference_x_px": float(reference_x[0]),
-            "reference_y_px": float(reference_y[0]),
+            name: sum(getattr(one, name) * one.area_px for one in parts) / area_px
+            for name in ("x_px", "y_px", "reference_x_px", "reference_y_px")
+        }
+        update |= {
             "area_px": area_px,
             "spot_sigma_px": float(np.sqrt(area_px / np.pi) / 2),
             "amplitude_dn": first.amplitude_dn,

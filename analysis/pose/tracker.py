@@ -121,6 +121,12 @@ class PoseTracker:
         self._shape: tuple[int, ...] = ()
         self._frames = 0
         self._anchors = 0
+        self._is_searching = False
+
+    @property
+    def is_searching(self) -> bool:
+        """Whether ``update`` is searching a whole frame, which takes seconds; for other threads."""
+        return self._is_searching
 
     @property
     def frames(self) -> int:
@@ -162,11 +168,14 @@ class PoseTracker:
         is_anchored = found is None
         if found is None:
             self._anchors += 1
+            self._is_searching = True
             try:
                 found = self._reference.anchored(image)
             except RegistrationError as error:
                 self._last = None
                 return _unknown(f"the reference is not recognised: {error}")
+            finally:
+                self._is_searching = False
         return self._judged(found, (image.shape[1], image.shape[0]), is_anchored=is_anchored)
 
     def _followed(self, image: AnyArray) -> TrackedPose | None:

@@ -36,8 +36,8 @@ _RATIO = 0.8
 """Matches of a mirrored pose that is judged; ratio test as for the poses that are not."""
 
 _SENTENCE = (
-    "one photograph is the mirror image of the other; flip one of them, or give --mirrored to "
-    "align them as they are, mirrored"
+    "one photograph is the mirror image of the other (viewers show FITS files top to bottom); flip "
+    "one of them, or give --mirrored to align them as they are, mirrored"
 )
 
 

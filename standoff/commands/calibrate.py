@@ -117,7 +117,10 @@ def calibrate(
     force: terminal.Force = False,
     json: terminal.Json = False,
 ) -> None:
-    """Measure the camera's PSF from photographs of straight edges, at any angle."""
+    """Measure the sharpness of a lens and camera: PSF, MTF and SFR of straight edges, at any angle.
+
+    Photographs in colour also show lateral chromatic aberration. --report writes a lens report.
+    """
     terminal.check_options(context, _RULES)
     terminal.refuse_overwriting(
         [out, csv, report], [*(images or []), noise, correct, limits], force=force

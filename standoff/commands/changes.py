@@ -167,9 +167,9 @@ def changes(
     force: terminal.Force = False,
     json: terminal.Json = False,
 ) -> None:
-    """Find what changed between two photographs that their poses do not explain.
+    """Find the difference between two photographs: what changed that their poses do not explain.
 
-    Without --psf the blur between them is fitted to the pair.
+    The two are aligned first. Without --psf the blur between them is fitted to the pair.
     """
     terminal.check_options(context, _RULES)
     terminal.refuse_suffix(report, "--report", terminal.REPORTS)

@@ -101,7 +101,10 @@ def limits(
     force: terminal.Force = False,
     json: terminal.Json = False,
 ) -> None:
-    """Find the largest distance ratio, tilt and shift that can keep d' above a threshold."""
+    """Find the largest distance ratio, tilt and shift that can keep d' above a threshold.
+
+    First measure the curves, with standoff detectability, or standoff evaluate for a detector.
+    """
     terminal.check_options(context, _RULES)
     terminal.refuse_suffix(plot, "--plot", {".png", ".svg"})
     terminal.refuse_overwriting([plot], [curves, geometry, homography], force=force)

@@ -87,7 +87,7 @@ def pose(
     force: terminal.Force = False,
     json: terminal.Json = False,
 ) -> None:
-    """Accept or reject a follow-up's pose by the d' that it allows over the frame.
+    """Align a follow-up with its reference, and accept or reject its pose by the d' it allows.
 
     Live (--stream or --bench), it tracks the pose from frame to frame and accepts or rejects
     each one, with the margin; Ctrl-C ends it with status 130.

@@ -5,11 +5,11 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Event, Lock, Thread
+from threading import Event, Lock
 
 from acquisition.bench import BenchConfig
-from acquisition.errors import DeviceError
 from calibration.geometry import DEFAULT_BOARD, CharucoBoard
+from standoff.compile_notice import CompileWatch
 from standoff.console.devices import (
     CameraService,
     FrameBroadcaster,
@@ -27,6 +27,7 @@ from standoff.console.jobs import (
     JobRunner,
     PromptQueue,
     SessionRun,
+    StageStop,
 )
 from standoff.console.plan_library import PlanLibrary
 from standoff.console.pose_curves import GivenCurves, PoseCurves
@@ -34,10 +35,6 @@ from standoff.console.results import ResultJobs
 from standoff.console.session_library import SNAPSHOTS_FOLDER, SessionLibrary
 from standoff.console.snapshot_library import SnapshotLibrary
 from standoff.library import login_name
-
-STOP_AGAIN_S = 0.3
-STOP_TRIES = 100
-"""A stop is repeated until the job has ended, because it may come between two moves."""
 
 CLOSE_TIMEOUT_S = 10.0
 NOTICES = 20
@@ -100,6 +97,8 @@ class BenchHub:
             lambda is_again: drivers.open_stage(is_again, self.prompts.ask),
             limits_mm=bench.stage.limits_mm,
         )
+        self.stopping = StageStop(self.stage, self.tell)
+        self.compiling = CompileWatch()
         self.picture = PictureMonitor(self.frames)
         optics = bench.optics
         self.sharpness = SharpnessMonitor(self.frames, optics.pixel_pitch_um)
@@ -154,15 +153,16 @@ class BenchHub:
 
     def start(self) -> None:
         """Open the devices and start watching them, in threads."""
+        self.compiling.start()
         for part in (self.camera, self.stage, *self._monitors):
             part.start()
 
-    def stop(self) -> None:
-        """Stop the stage and the current job; returns at once, from any thread."""
+    def stop(self) -> int:
+        """Stop the stage and the current job; returns the stop's number at once, in any thread."""
         job = self.jobs.current
         if job is not None:
             job.ask_stop()
-        Thread(target=self._stop_stage, name="stop", daemon=True).start()
+        return self.stopping.order(job)
 
     def close(self) -> None:
         """Stop the current job, and release the devices."""
@@ -176,19 +176,6 @@ class BenchHub:
     def _judge_by(self, make_tracker: TrackerMaker | None, words: tuple[str, ...]) -> None:
         self.pose.judge_by(make_tracker)
         self.results.judge_by(words)
-
-    def _stop_stage(self) -> None:
-        job = self.jobs.current
-        told: str | None = None
-        for _ in range(STOP_TRIES):
-            try:
-                self.stage.stop()
-            except DeviceError as error:
-                if str(error) != told:
-                    told = str(error)
-                    self.tell(f"STOP: {error}")
-            if job is None or job.ended.wait(STOP_AGAIN_S):
-                return
 
     def _check_job(self) -> None:
         job = self.jobs.current

@@ -10,10 +10,11 @@ from numbers import Real
 from typing import Any, Self
 
 _MM_PER_RESOLUTION_UNIT: dict[float, float] = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+TOP_TO_BOTTOM = 4
 _TURNS = {
     2: "mirrored",
     3: "turned by 180 degrees",
-    4: "mirrored and turned by 180 degrees",
+    TOP_TO_BOTTOM: "mirrored top to bottom",
     5: "mirrored and turned by 90 degrees",
     6: "turned by 90 degrees clockwise",
     7: "mirrored and turned by 270 degrees",

@@ -97,7 +97,7 @@ class PhotographHead:
         if self.facts.turn is not None:
             said[f"turn {self.facts.turn}"] = (
                 f"{self.name}: viewers show it {self.facts.turn}; rows and columns here are those "
-                "of the sensor"
+                "of the file"
             )
         return said
 

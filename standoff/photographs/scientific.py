@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from standoff.photographs.encoding import LINEAR
+from standoff.photographs.exif import TOP_TO_BOTTOM, PhotographFacts
 from standoff.photographs.guard import refuse_giant
 from standoff.photographs.stored import DecodingError, StoredImage, decoding
 
@@ -16,6 +17,9 @@ _FITS = b"SIMPLE  ="
 _EXTRA = 'install the reader: pip install "standoff[formats]"'
 _COLOURS = ("R", "G", "B")
 _GREY = "Y"
+_ROW_ORDER = "ROWORDER"
+"""By which some programs say that the first row is the upper one; FITS 4.0 fixes no order, and the
+usual viewers show the first row at the bottom."""
 
 
 def is_exr(data: bytes) -> bool:
@@ -82,12 +86,15 @@ def read_fits_image(data: bytes) -> StoredImage:
         decoding("FITS image", fits.VerifyError),
         fits.open(BytesIO(data), memmap=False) as units,
     ):
-        cube = _only_cube(units, len(data))
-    return _linear(cube, "FITS")
+        found = _only_image(units)
+        is_shown_upright = str(found.header.get(_ROW_ORDER, "")).strip().upper() == "TOP-DOWN"
+        cube = _cube(found, len(data))
+    facts = PhotographFacts(orientation=None if is_shown_upright else TOP_TO_BOTTOM)
+    return _linear(cube, "FITS", facts)
 
 
-def _only_cube(units: Any, file_bytes: int) -> NDArray[Any]:  # noqa: ANN401 - no types
-    """The image or stack, shape ``(pages, rows, cols)``, its rows in the file's order."""
+def _only_image(units: Any) -> Any:  # noqa: ANN401 - no types
+    """The unit of a file that holds an image or a stack."""
     images = [each for each in units if each.is_image and each.shape]
     found = next(iter(images), None)
     if found is None or len(found.shape) not in (2, 3):
@@ -97,14 +104,20 @@ def _only_cube(units: Any, file_bytes: int) -> NDArray[Any]:  # noqa: ANN401 - n
         raise DecodingError(
             f"a FITS file of {len(images)} images ({names}); save the one that is meant by itself"
         )
+    return found
+
+
+def _cube(found: Any, file_bytes: int) -> NDArray[Any]:  # noqa: ANN401 - no types
+    """Its images, shape ``(pages, rows, cols)``, with the rows in the file's order."""
     rows, cols = found.shape[-2:]
     refuse_giant((rows * (found.shape[0] if len(found.shape) == 3 else 1), cols), 8, file_bytes)
     return np.asarray(found.data).reshape(-1, rows, cols)
 
 
-def _linear(pages: NDArray[Any], name: str) -> StoredImage:
+def _linear(pages: NDArray[Any], name: str, facts: PhotographFacts | None = None) -> StoredImage:
     return StoredImage(
         count=len(pages),
         page=lambda index: np.asarray(pages[index]),
         unmarked=(LINEAR, name),
+        facts=facts or PhotographFacts(),
     )

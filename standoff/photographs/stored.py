@@ -92,6 +92,8 @@ _DAMAGE = (
     zlib.error,
     Image.DecompressionBombError,
 )
+_OF_CODE = (AssertionError, AttributeError, LookupError, TypeError)
+"""What a library's code stumbles over: its words are about arrays and names, not about a file."""
 
 
 @contextmanager
@@ -120,7 +122,8 @@ def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
     except DecodingError:
         raise
     except _DAMAGE + damage as error:
-        said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise DecodingError(f"not a complete {kind}: {said}") from error
+        said = "" if isinstance(error, _OF_CODE) else str(error)
+        cause = f": {said.splitlines()[0][:120]}" if said else ""
+        raise DecodingError(f"not a complete {kind}{cause}") from error
     finally:
         ImageFile.LOAD_TRUNCATED_IMAGES = fills_what_is_missing

@@ -262,8 +262,18 @@ def _as_shown(pixels: NDArray[Any], page: tifffile.TiffPage) -> NDArray[Any]:
             raise DecodingError("levels whose white is 0, but no unsigned integers; turn them over")
         return np.asarray(pixels.dtype.type(2 ** int(page.bitspersample) - 1) - pixels)
     if photometric == _PALETTE and page.colormap is not None:
-        return np.asarray(np.moveaxis(page.colormap, 0, -1)[pixels])
+        return _in_colours(pixels, np.moveaxis(page.colormap, 0, -1))
     return pixels
+
+
+def _in_colours(pixels: NDArray[Any], colours: NDArray[Any]) -> NDArray[Any]:
+    """The colour of each pixel; opacity stands behind the number of the colour and is not read."""
+    numbers = pixels[..., 0] if pixels.ndim == 3 else pixels
+    if numbers.dtype.kind != "u" or numbers.max() >= len(colours):
+        raise DecodingError(
+            f"its palette has {len(colours)} colours, and its pixels name others; save it in RGB"
+        )
+    return np.asarray(colours[numbers])
 
 
 def _white_dn(page: tifffile.TiffPage) -> float | None:

@@ -17,7 +17,7 @@ from standoff import __version__
 from standoff.errors import REPORTED_ERRORS, ArgumentError
 from standoff.library.files import refusal_text
 from standoff.streams import STANDARD_OUTPUT, output_fault
-from standoff.terminal.command import Command, option_named
+from standoff.terminal.command import Command, Group, option_named
 from standoff.terminal.command_help import examples_text
 from standoff.terminal.invocation import invocation
 from standoff.terminal.output import print_text, say_error
@@ -69,9 +69,11 @@ def application(arguments: list[str]) -> typer.Typer:
     app = typer.Typer(
         name="standoff",
         help=(
-            "Calibrate a bench camera's PSF, simulate the scene from further away, and say how "
-            "much a change of camera pose costs in change detection."
+            "Measure the sharpness of a lens and camera (PSF, MTF and SFR), simulate the scene "
+            "from further away, align photographs and find the difference between them, and say "
+            "how much a change of camera pose costs in change detection."
         ),
+        cls=Group,
         invoke_without_command=True,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
@@ -82,7 +84,7 @@ def application(arguments: list[str]) -> typer.Typer:
         if isinstance(command, typer.Typer):
             for one in command.registered_commands:
                 one.cls = Command
-            app.add_typer(command, epilog=examples_text(name))
+            app.add_typer(command, cls=Group, epilog=examples_text(name))
         else:
             app.command(name, cls=Command, epilog=examples_text(name))(command)
     return app

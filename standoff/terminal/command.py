@@ -7,9 +7,28 @@ from pathlib import Path
 from typing import Any, get_args
 
 from typer import BadParameter
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from standoff.library.files import require_reachable
+from standoff.terminal.field_words import meant_command
+
+
+class Group(TyperGroup):
+    """Commands, one of which is named to whoever asks for it by another word of the field."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - typer's own
+        """Return the command that is named; wrong usage with the one that is meant if none is."""
+        word = args[0]
+        if self.get_command(ctx, word) is None and not word.startswith("-"):
+            meant = meant_command(word, ctx.info_name, self.commands)
+            remedy = f"; {ctx.command_path} --help lists the commands."
+            if meant is not None:
+                named = self.get_command(ctx, meant.partition(" ")[0])
+                purpose = "" if named is None else f" {named.get_short_help_str(limit=200)}"
+                remedy = f". Did you mean {meant!r}?{purpose}"
+            ctx.fail(f"No such command {word!r}{remedy}")
+        return super().resolve_command(ctx, args)
+
 
 _LIKE = 0.7
 """How alike an option and an argument are that mean one thing, as a plural is."""
@@ -47,7 +66,12 @@ class Command(TyperCommand):
                     raise BadParameter(
                         f"no name of a file or folder: {fault}", ctx=ctx, param=parameter
                     )
-        rest = super().parse_args(ctx, args)
+        try:
+            rest = super().parse_args(ctx, args)
+        except BadParameter as error:
+            # What is missing has no message of its own; what it is for says where to get it.
+            error.message = error.message or getattr(error.param, "help", None) or ""
+            raise
         for parameter in path_parameters(self):
             path = ctx.params.get(parameter.name)
             if isinstance(path, Path) and given.get(parameter.name) is not None:

@@ -5,12 +5,16 @@ import shutil
 from pathlib import Path
 
 from acquisition.plan import PlanEstimate
+from acquisition.session import SPARE_BYTES
 
 
 def preview_line(estimate: PlanEstimate, out: Path) -> str:
     """Captures, time and disk use in words."""
     placing = f"{estimate.placements} placements" if estimate.placements != 1 else "1 placement"
-    room = f"{_free_bytes(out) / 1e6:.0f} MB free"
+    free = _free_bytes(out)
+    room = f"{free / 1e6:.0f} MB free"
+    if estimate.bytes_ is not None and free < estimate.bytes_ + SPARE_BYTES:
+        room += f", which is NOT ENOUGH: {SPARE_BYTES / 1e6:.0f} MB stay free"
     if estimate.bytes_ is None:
         disk = f"disk use depends on the camera's frame ({room})"
     else:

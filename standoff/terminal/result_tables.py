@@ -103,9 +103,11 @@ def _print_source(calibration: PsfCalibration) -> None:
 
 
 def _left_out(calibration: PsfCalibration) -> list[str]:
-    """The flags for which edges are left out, the commonest first; an edge may have several."""
+    """Why edges are left out, the commonest first; each edge counts once, with all its flags."""
     counted = Counter(
-        flag for edge in calibration.edges for flag in REJECTING_FLAGS.intersection(edge.flags)
+        " and ".join(sorted(REJECTING_FLAGS.intersection(edge.flags)))
+        for edge in calibration.edges
+        if not edge.is_used
     )
     if not counted:
         return []

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from standoff.compile_notice import CompileWatch
+
 PROGRAM = """
 from standoff.compile_notice import when_compiling
 said = []
@@ -39,3 +41,19 @@ def test_each_function_is_told_when_it_is_compiled_and_not_when_it_is_loaded(
     first = compiled(tmp_path)
     assert "ideal_factors" in first
     assert compiled(tmp_path) == [""]
+
+
+def test_a_watch_says_compiling_until_no_function_has_followed_for_a_second() -> None:
+    now_s = [10.0]
+    watch = CompileWatch(lambda: now_s[0])
+    assert not watch.is_compiling
+    watch._begin("one")
+    watch._begin("a part of it")
+    watch._end()
+    now_s[0] += 30.0
+    assert watch.is_compiling
+    watch._end()
+    now_s[0] += 0.5
+    assert watch.is_compiling
+    now_s[0] += 1.0
+    assert not watch.is_compiling

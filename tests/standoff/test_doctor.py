@@ -142,6 +142,15 @@ def test_what_the_bench_asks_for_beyond_the_camera_fails_and_names_the_key() -> 
     assert {bad[name].status for name in ("exposure", "gain", "pixel formats")} == {"fail"}
 
 
+def test_a_pixel_format_that_the_camera_offers_and_nothing_decodes_is_said_to_be_that() -> None:
+    asked = camera_config("192.168.10.46", pixel_format="Mono12p")
+    for offered, said in (((), "; not Mono12p"), (("Mono12p",), "Mono12p cannot be decoded here")):
+        probe = replace(PROBE, undecoded_formats=offered)
+        checks = {check.name: check for check in check_camera_limits(probe, asked)}
+        assert checks["pixel formats"].status == "fail"
+        assert checks["pixel formats"].found.endswith(said)
+
+
 @pytest.mark.parametrize(
     ("unit", "keys", "status"),
     [

@@ -175,10 +175,10 @@ _STATE = re.compile(r"([A-Z][A-Za-z]*)(?::(.*))?")
 _FIELD_NAME = re.compile(r"[A-Za-z$%#&@_][A-Za-z0-9$%#&@_. -]*")
 _NUMBER = re.compile(r"-?\d{1,7}(\.\d{1,9})?")
 _OLD_GRBL = re.compile(
-    r"Grbl (0\.\d[a-z]?) \["  # the greeting
+    r"Grbl v?(0\.\d+[a-z]?)(?!\w)"  # the greeting
     r"|^\[(0\.\d[a-z]?)\.\d{6,8}:.*\]$"  # the answer to $I
     r"|^<[A-Z][a-z]+,[MW]Pos:.*>$"
-    r"|^(?:error|ALARM): [A-Z][A-Za-z0-9 '<>=:]+$"
+    r"|^(?:error|ALARM): [A-Z][A-Za-z0-9 '<>=:./]+$"
 )
 
 

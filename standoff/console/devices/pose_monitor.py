@@ -28,7 +28,8 @@ class PoseView:
     """The current pose; ``picture`` is the reference, None if none is chosen.
 
     ``is_possible`` is False if there is no curve to judge by, ``fault`` says why there is no
-    verdict though there is one. ``arrived_s`` is when the frame of the verdict arrived (monotonic).
+    verdict though there is one. ``arrived_s`` is when the frame of the verdict arrived (monotonic);
+    ``is_searching`` says that the pose was lost since, and the whole of a newer frame is searched.
     """
 
     is_possible: bool
@@ -36,6 +37,7 @@ class PoseView:
     fault: str = ""
     verdict: PoseVerdict | None = None
     arrived_s: float | None = None
+    is_searching: bool = False
 
     @property
     def reference(self) -> str:
@@ -78,7 +80,8 @@ class PoseMonitor:
     @property
     def view(self) -> PoseView:
         """The current pose."""
-        return self._view
+        view, tracker = self._view, self._tracker
+        return view if tracker is None else replace(view, is_searching=tracker.is_searching)
 
     def choose(self, name: str, image: AnyArray, max_level_dn: float | None = None) -> None:
         """Compare the pose with this image from now on.

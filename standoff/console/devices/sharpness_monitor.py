@@ -49,7 +49,8 @@ class SharpnessView:
     """What was measured last; ``why_not`` says why there is no edge.
 
     ``sequence`` counts the measurements, ``rate_hz`` is how many there are a second, ``arrived_s``
-    is when the frame arrived (monotonic).
+    is when the frame arrived (monotonic). ``is_awaited`` says that an edge is asked for, and none
+    has been measured yet.
     """
 
     sequence: int = 0
@@ -58,6 +59,7 @@ class SharpnessView:
     why_not: str = ""
     field: tuple[FieldReading, ...] = ()
     arrived_s: float | None = None
+    is_awaited: bool = False
 
 
 class SharpnessMonitor:
@@ -181,7 +183,9 @@ class SharpnessMonitor:
         self._peaks = {}
         self._steady = {}
         self._times_s = []
-        self._view = SharpnessView(sequence=self._view.sequence + 1)
+        self._view = SharpnessView(
+            sequence=self._view.sequence + 1, is_awaited=self._region is not None
+        )
 
     def _run(self) -> None:
         seen = 0

@@ -12,3 +12,4 @@ from .session_run import (
     SessionRun as SessionRun,
     rows_of as rows_of,
 )
+from .stage_stop import StageStop as StageStop, StopView as StopView

@@ -136,6 +136,8 @@ class ResultJobs:
             raise ApplicationError(lack)
         if request.kind in ("pose", "changes") and None in (request.reference, request.followup):
             raise ApplicationError("Choose the two captures to compare.")
+        if request.reference is not None and request.reference[0] == session_file(request):
+            raise ApplicationError("Choose two captures: this would compare one with itself.")
 
     def name_of(self, request: ResultRequest) -> str:
         """Name of the job."""

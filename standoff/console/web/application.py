@@ -21,6 +21,7 @@ from acquisition.errors import SessionError
 from acquisition.printable import on_one_line
 from standoff.console.bench_checks import bench_checks
 from standoff.console.bench_hub import BenchHub
+from standoff.console.page_words import page_words
 from standoff.console.serving import Access, AccessMiddleware, Allowance, LoginThrottle
 from standoff.console.session_library import UnknownSessionError
 from standoff.console.web.live_sockets import LiveSockets
@@ -175,7 +176,7 @@ class _Pages:
     async def fault(self, request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
         return HTMLResponse(
-            self._page("fault.html", status=error.status_code, text=error.detail),
+            self._page("fault.html", status=error.status_code, text=page_words(error.detail)),
             status_code=error.status_code,
             headers=error.headers,
         )

@@ -10,6 +10,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import PictureEncoder
+from standoff.console.page_words import page_words
 from standoff.console.serving import Allowance
 from standoff.console.web import messages
 from standoff.console.web.command_handler import CommandHandler
@@ -144,7 +145,8 @@ class LiveSockets:
             self._handler.carry_out(viewer.identity, message)
         if message.id is not None:
             self._stops.append(message.id)
-            viewer.reply_first({"type": "stop-heard", "id": message.id})
+            number = self._hub.stopping.view.number
+            viewer.reply_first({"type": "stop-heard", "id": message.id, "number": number})
 
     async def _work(self, waiting: asyncio.Queue[messages.Message | None], viewer: Viewer) -> None:
         """Execute what a page sends, one after the other, until it is gone."""
@@ -165,7 +167,7 @@ class LiveSockets:
 
 def _refusal(text: str, do: str = "", key: str = "") -> dict[str, str]:
     """What a page is told that asked for something in vain; a field at fault is set back."""
-    return {"type": "refused", "text": text, "do": do, "key": key}
+    return {"type": "refused", "text": page_words(text), "do": do, "key": key}
 
 
 async def _quietly(closing: Awaitable[None]) -> None:

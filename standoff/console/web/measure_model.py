@@ -20,6 +20,7 @@ def measure_document(view: SharpnessView, square: SquarenessView, *, has_field: 
         "rate": f"{view.rate_hz:.1f}",
         "edge": None if view.edge is None else _edge(view.edge),
         "why_not": view.why_not,
+        "is_awaited": view.is_awaited,
         "has_field": has_field,
         "field": [
             {

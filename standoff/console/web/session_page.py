@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 from urllib.parse import quote
 
 from acquisition.session import CaptureRecord, SessionCapture
+from standoff.console.page_words import page_words
 from standoff.console.results import results_of
 from standoff.console.session_library import SessionLibrary
 from standoff.console.web.view_model import target_text
@@ -64,7 +65,7 @@ def session_document(
         "planned": len(session.entries),
         "is_complete": session.is_complete,
         "has_report": library.report_of(name) is not None,
-        "remarks": list(session.remarks),
+        "remarks": [page_words(remark) for remark in session.remarks],
         "captures": [
             _capture(capture, f"/sessions/{quote(name)}") for capture in _rows(captures, page)
         ],
@@ -125,21 +126,28 @@ def _capture(capture: SessionCapture, address: str) -> dict[str, Any]:
 
 
 def _pair(records: Sequence[CaptureRecord]) -> dict[str, int]:
-    """Two captures that one would compare: of a scene, the nearest and the furthest."""
-    scenes = [r for r in records if r.kind in ("texture", "chart")]
-    scenes = scenes or [r for r in records if r.kind not in ("flat", "dark")]
-    if not scenes:
-        return {}
-    names = Counter((r.kind, r.target) for r in scenes)
-    kind, target = names.most_common(1)[0][0]
-    same = sorted(
-        (r for r in scenes if (r.kind, r.target) == (kind, target)), key=lambda r: r.height_mm
-    )
-    return {"reference": same[0].index, "followup": same[-1].index}
+    """Two captures that one would compare: of a scene, the nearest and the furthest.
+
+    Where no scene was captured twice, as of imported photographs, each with a name of its own, the
+    first and the last of all; of a single one, nothing to compare it with.
+    """
+    seen = [r for r in records if r.kind not in ("flat", "dark")]
+    for scenes in ([r for r in seen if r.kind in ("texture", "chart")], seen):
+        commonest = Counter(map(_scene, scenes)).most_common(1)
+        series = [[r for r in scenes if _scene(r) == name] for name, _ in commonest]
+        for same in (*series, scenes):
+            if len(same) > 1:
+                ordered = sorted(same, key=lambda r: r.height_mm)
+                return {"reference": ordered[0].index, "followup": ordered[-1].index}
+    return {"followup": seen[0].index} if seen else {}
+
+
+def _scene(record: CaptureRecord) -> tuple[str, str]:
+    return record.kind, record.target
 
 
 def _note(facts: Mapping[str, Any]) -> str:
     index = facts.get("index")
     about = "" if index is None else f"capture {index}: "
     text = facts.get("text") or facts.get("message") or facts.get("error")
-    return _short(f"{about}{text or 'stopped or skipped by the operator'}")
+    return _short(f"{about}{page_words(text or 'stopped or skipped by the operator')}")

@@ -8,6 +8,7 @@ from typing import Any
 from acquisition.devices import CameraSettings, StreamStatistics
 from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate
 from acquisition.printable import on_one_line
+from acquisition.session import SPARE_BYTES
 from standoff.console.bench_hub import BenchHub, Notice
 from standoff.console.devices import (
     DeviceStatus,
@@ -17,7 +18,8 @@ from standoff.console.devices import (
     PictureFacts,
     StageView,
 )
-from standoff.console.jobs import ControlView, PlanRow, Prompt, RunView
+from standoff.console.jobs import ControlView, PlanRow, Prompt, RunView, StopView
+from standoff.console.page_words import page_words
 from standoff.console.results import ResultProgress
 from standoff.console.web.figure_ages import Validity, figure_ages
 from standoff.console.web.pose import pose_state
@@ -62,10 +64,12 @@ def state_document(hub: BenchHub) -> Document:
         "result": result_document(hub.results.view),
         "run": run_document(hub.run.view, is_pause_wanted=hub.run.is_pause_wanted),
         "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
+        "stop": stop_document(hub.stopping.view),
         "prompt": prompt_document(hub.prompts.current),
         "pose": pose_state(hub, ages["pose"].validity),
         "exposure_limits_us": list(hub.camera.exposure_limits_us),
         "snapshot": hub.snapshots.latest,
+        "is_compiling": hub.compiling.is_compiling,
         "disk": disk_document(hub.free_bytes()),
         "notices": [_notice(notice) for notice in hub.notices],
     }
@@ -166,6 +170,11 @@ def _target(view: StageView) -> str:
     return "" if view.target_mm is None else f"moving to {view.target_mm:.3f} mm"
 
 
+def stop_document(view: StopView) -> Document:
+    """What became of the last STOP."""
+    return {"number": view.number, "outcome": view.outcome, "fault": _said(view.fault)}
+
+
 def focus_document(facts: PictureFacts, validity: Validity = "valid") -> Document:
     """The focus figures, and a hint in words; figures too old are not shown."""
     region = facts.region
@@ -238,7 +247,7 @@ def run_document(view: RunView, *, is_pause_wanted: bool) -> Document:
         "session": view.session,
         "plan": view.plan,
         "state": view.state,
-        "message": on_one_line(view.message),
+        "message": _said(view.message),
         "placed": on_one_line(view.placed),
         "captured": view.captured,
         "planned": len(view.rows),
@@ -277,7 +286,8 @@ def preview_document(
         "placements": estimate.placements,
         "time": time_text(estimate.seconds),
         "disk": disk,
-        "is_room": estimate.bytes_ is None or free_bytes > estimate.bytes_ + TOO_FEW_BYTES,
+        "is_room": estimate.bytes_ is None or free_bytes >= estimate.bytes_ + SPARE_BYTES,
+        "room": f"{free_bytes / 1e6:.0f} MB free, of which {SPARE_BYTES / 1e6:.0f} MB stay free",
         "warnings": list(warnings),
         "rows": [_row(PlanRow(entry=entry)) for entry in entries],
     }
@@ -297,7 +307,7 @@ def result_document(view: ResultProgress) -> Document:
         "text": on_one_line(progress.text),
         "done": progress.done,
         "total": progress.total,
-        "message": on_one_line(view.message),
+        "message": _said(view.message),
     }
 
 
@@ -324,8 +334,8 @@ def disk_document(free_bytes: int) -> Document:
 def _status(status: DeviceStatus) -> Document:
     return {
         "state": status.state,
-        "text": on_one_line(status.text),
-        "remedy": on_one_line(status.remedy),
+        "text": _said(status.text),
+        "remedy": _said(status.remedy),
     }
 
 
@@ -334,7 +344,11 @@ def _format(settings: CameraSettings) -> str:
 
 
 def _notice(notice: Notice) -> Document:
-    return {"number": notice.number, "text": on_one_line(notice.text)}
+    return {"number": notice.number, "text": _said(notice.text)}
+
+
+def _said(text: str) -> str:
+    return on_one_line(page_words(text))
 
 
 def _row(row: PlanRow) -> Document:

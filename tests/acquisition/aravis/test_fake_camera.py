@@ -67,6 +67,10 @@ def test_a_format_that_it_has_but_nobody_decodes_is_refused() -> None:
     with pytest.raises(CameraFeatureError) as refused:
         AravisCamera.open(camera_config(ADDRESS, **{**KEYS, "pixel_format": "RGB8"}))
     assert refused.value.feature == "PixelFormat"
+    assert "'RGB8' cannot be decoded here" in str(refused.value)
+    assert "Mono8" in str(refused.value)
+    with pytest.raises(CameraFeatureError, match="'Mono12p' is not available"):
+        AravisCamera.open(camera_config(ADDRESS, **{**KEYS, "pixel_format": "Mono12p"}))
 
 
 @pytest.mark.slow  # it lets a second client wait when that one closes
@@ -79,3 +83,4 @@ def test_a_probe_tells_the_limits_and_whether_another_program_has_control() -> N
     assert (probe.exposure_us.low, probe.exposure_us.high) == (10.0, 1e7)  # its XML
     assert probe.temperature_c is None
     assert "RGB8" not in probe.pixel_formats
+    assert "RGB8" in probe.undecoded_formats

@@ -25,6 +25,7 @@ from simulation.capture_noise import CaptureNoise
 from standoff.shipped_configs import shipped_config
 from tests.analysis.blob_scene import blobs, photograph, pose_matrix
 from tests.analysis.changed_scenes import bench_noise, bench_pair, bench_psf, far_pose
+from tests.analysis.changes.test_change_list import flat_thing
 from tests.analysis.random_poses import bench_truth
 
 NEAR, FAR, ZOOM, PSF_PX, SHIFT_PX = (270, 330), (170, 210), 1.5, 0.9, 2.3
@@ -89,6 +90,20 @@ def test_nothing_is_flagged_where_only_pose_and_light_changed(noise: CaptureNois
     # The plain difference of the same pair is far beyond its noise.
     noise_dn = np.sqrt(np.median(result.variance_dn2[result.valid]))
     assert result.plain_difference_dn[result.valid].std() > 1.5 * noise_dn
+
+
+@pytest.mark.parametrize(("contrast_dn", "noise_dn"), [(25.0, 0.5), (-25.0, 3.0), (120.0, 1.0)])
+def test_a_disc_is_listed_at_its_middle_with_its_own_area(
+    contrast_dn: float, noise_dn: float
+) -> None:
+    disc, rng = flat_thing("disc", (45.3, 60.8), 28.0, 1.2), np.random.default_rng(4)
+    ground = 120 + 600 * (gaussian_filter(rng.random(disc.shape), 3.0) - 0.5)  # of 15 DN
+    before = ground + rng.normal(0, noise_dn, disc.shape)
+    after = ground + contrast_dn * disc + rng.normal(0, noise_dn, disc.shape)
+    options = posed(np.eye(3), None, disc.shape, disc.shape)
+    (change,) = find_changes(before, after, None, options).summary.changes
+    assert (change.y_px, change.x_px) == pytest.approx((45.3, 60.8), abs=0.3)
+    assert change.area_px == pytest.approx(np.pi * 14**2, rel=0.05)
 
 
 @pytest.mark.slow

@@ -1,3 +1,6 @@
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -103,3 +106,23 @@ def test_the_same_frames_give_the_same_verdicts() -> None:
         followed = tracker()
         runs.append([followed.update(frame).dprime for frame in frames])
     np.testing.assert_array_equal(runs[0], runs[1])
+
+
+def test_it_says_while_it_searches_and_only_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    followed = tracker()
+    seen: dict[str, bool] = {}
+
+    def watched(name: str, of: Callable[..., Any]) -> None:
+        def told(*arguments: Any) -> Any:
+            seen[name] = followed.is_searching
+            return of(*arguments)
+
+        monkeypatch.setattr(followed._reference, name, told)
+
+    watched("anchored", followed._reference.anchored)
+    watched("followed", followed._reference.followed)
+    followed.update(seen_from(scene(), pose(1.1)))
+    followed.update(seen_from(scene(), pose(1.1)))
+    assert seen == {"anchored": True, "followed": False}
+    followed.update(scene(7))  # not recognised
+    assert not followed.is_searching

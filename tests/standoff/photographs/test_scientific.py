@@ -44,6 +44,19 @@ def refusal(folder: Path, data: bytes) -> str:
     return text
 
 
+def test_rows_of_fits_are_in_the_order_of_the_file_which_viewers_turn_over(tmp_path: Path) -> None:
+    found = read(tmp_path, fits(GREY_16.astype(np.int16)))
+    np.testing.assert_array_equal(found.stored, GREY_16.astype(np.int16))
+    assert found.facts.turn == "mirrored top to bottom"
+    assert any("mirrored top to bottom" in said for said in found.remarks.values())
+
+
+def test_fits_that_state_the_first_row_at_the_top_are_not_turned_over(tmp_path: Path) -> None:
+    library = pytest.importorskip("astropy.io.fits", reason="an extra")
+    header = library.Header({"ROWORDER": "TOP-DOWN"})
+    assert read(tmp_path, fits(GREY_16.astype(np.int16), header=header)).facts.turn is None
+
+
 @pytest.mark.parametrize("kind", [np.float32, np.float16])
 def test_the_colours_of_an_exr_are_read(tmp_path: Path, kind: type[np.floating[Any]]) -> None:
     light = LIGHT.astype(kind)

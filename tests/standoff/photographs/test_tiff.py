@@ -97,6 +97,24 @@ def test_a_palette_is_replaced_by_its_colours(tmp_path: Path) -> None:
     assert found.full_scale_dn == 65535
 
 
+def test_opacity_beside_a_palette_is_not_read(tmp_path: Path) -> None:
+    palette = Image.fromarray(GREY).convert("P")
+    buffer = BytesIO()
+    palette.convert("PA").save(buffer, "TIFF")
+    found = read(tmp_path, buffer.getvalue())
+    np.testing.assert_array_equal(found.stored[:, :, 0] // 256, GREY)  # as Pillow widens them
+
+
+def test_a_palette_too_short_for_its_pixels_is_told_in_its_own_words(tmp_path: Path) -> None:
+    # The count of the colour map's entry (tag 320, SHORT) is cut from 3 x 256 to 3 x 16.
+    whole = tiff(GREY, photometric="palette", colormap=np.zeros((3, 256), np.uint16))
+    entry, count = struct.pack("<HH", 320, 3), struct.pack("<I", 3 * 256)
+    assert whole.count(entry + count) == 1
+    short = whole.replace(entry + count, entry + struct.pack("<I", 3 * 16))
+    with pytest.raises(ImageFileError, match="palette has 16 colours"):
+        read(tmp_path, short)
+
+
 @pytest.mark.parametrize("pixels", [GREY, GREY_16])
 def test_where_white_is_zero_levels_are_turned_over(
     tmp_path: Path, pixels: np.ndarray[Any, Any]

@@ -10,6 +10,8 @@ from standoff.console.web.figure_ages import Validity
 
 Document = dict[str, Any]
 
+_NO_PICTURE = "waiting for a picture"
+
 
 def pose_state(hub: BenchHub, validity: Validity) -> Document:
     """The pose, its reference as a picture over the live one, and what judges it."""
@@ -34,8 +36,11 @@ def pose_document(view: PoseView, validity: Validity = "valid") -> Document:
     verdict = view.verdict
     if view.picture is None or not view.is_possible or view.fault:
         return document
-    if verdict is None or validity == "none":
-        return document | {"verdict": "…", "reason": "waiting for a picture"}
+    # A pose that was lost is searched for again and again, and meanwhile is no less lost.
+    is_out_of_date = view.is_searching and verdict is not None and verdict.dprime is not None
+    if verdict is None or validity == "none" or is_out_of_date:
+        waits = "searching the picture for the reference" if view.is_searching else _NO_PICTURE
+        return document | {"verdict": "…", "reason": waits}
     margin = "" if verdict.margin is None else f"{100 * verdict.margin:+.0f} %"
     return document | {
         "verdict": verdict.verdict.upper(),

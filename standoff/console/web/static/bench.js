@@ -6,9 +6,12 @@ import { region } from "./picture_card.js";
 import { byId, command, connection, costOf, nameCells, onKey, setText, show } from "./shell.js";
 import { TypedNumbers } from "./typed.js";
 
+const AGAIN_MS = 3000;
+
 let state = null;
 let planShown = "";
 let isPlanRunning = false;
+let isRoom = true; // on the disk, for the plan that is chosen
 
 connection.addEventListener("levels", ({ detail }) => {
   drawTrace(byId("trace"), detail.trace, detail.trace_s, Number(state?.focus.peak) || 0, state?.focus.is_past_peak && !isPlanRunning);
@@ -75,13 +78,17 @@ function run_(run, isMine) {
   show("run-form", !isPlanRunning);
   show("preview", !isPlanRunning);
   enable(isMine, "pause", "go-on", "target-moved");
-  enable(isMine && !state.job, "run", "resume", "resume-last");
+  enable(isMine && !state.job && isRoom, "run");
+  enable(isMine && !state.job, "resume", "resume-last"); // the rest of a plan may still have room
   for (const button of document.querySelectorAll("#plan-table button")) button.disabled = !isMine;
 }
 
 connection.addEventListener("plan", ({ detail }) => { if (detail.rows.length) table(detail.rows, detail.session); });
 connection.addEventListener("preview", ({ detail }) => {
   if (isPlanRunning) return;
+  isRoom = detail.is_room;
+  byId("run").title = isRoom ? "" : "There is not enough space on the disk for this plan";
+  byId("preview").classList.toggle("bad", !isRoom);
   setText("preview", costOf(detail));
   if (!state || state.run.state === "idle" || planShown === "preview") table(detail.rows, "");
 });
@@ -153,4 +160,5 @@ function freshName() {
 onKey("f", () => byId("forget-peak").click());
 onKey("p", () => (state?.run.is_pause_wanted ? byId("go-on") : byId("pause")).click());
 connection.addEventListener("open", preview);
+setInterval(() => { if (!isRoom && connection.isOpen) preview(); }, AGAIN_MS); // space may be freed meanwhile
 if (connection.isOpen) preview();

@@ -6,15 +6,20 @@ import { Choice, byId, command, connection, setText, show } from "./shell.js";
 import { TypedNumbers } from "./typed.js";
 
 const WAITING = "drag a region over a straight edge to measure it";
+const MEASURING = "measuring the edge …";
+const COMPILING = "the first edge waits for the numerical code, which is compiled once: up to a minute …";
 const watched = { "watch-field": new Choice(), "watch-square": new Choice() };
 let corners = [];
 let peakMm = null;
+let isAwaited = false;
+let isCompiling = false;
 
 connection.addEventListener("measure", ({ detail }) => {
   const { edge } = detail;
   show("edge", Boolean(edge));
   show("edge-why", !edge);
-  setText("edge-why", detail.why_not || WAITING);
+  isAwaited = detail.is_awaited;
+  setText("edge-why", detail.why_not || (isAwaited ? awaited() : WAITING));
   if (edge) {
     for (const [id, text] of [["sigma", edge.sigma], ["mtf50", edge.mtf50], ["lp", edge.mtf50_lp]]) setText(`edge-${id}`, text);
     const others = edge.edges > 1 ? `, the longest of ${edge.edges}` : "";
@@ -30,6 +35,12 @@ connection.addEventListener("measure", ({ detail }) => {
   setText("square-advice", square.advice || (square.why_not && "no tilt") || "…");
   byId("square-advice").className = `hint ${square.advice === "level" ? "rising" : ""}`;
   setText("square-tilt", square.why_not || square.tilt);
+});
+
+const awaited = () => (isCompiling ? COMPILING : MEASURING);
+connection.addEventListener("state", ({ detail }) => {
+  isCompiling = detail.is_compiling;
+  if (isAwaited) setText("edge-why", awaited());
 });
 
 // The four regions on the picture, with their focus in percent of their own peak.

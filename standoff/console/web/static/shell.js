@@ -26,7 +26,7 @@ for (const table of document.querySelectorAll(".table table")) nameCells(table);
 
 const counted = (count, noun) => `${count} ${noun}${count === 1 ? "" : "s"}`;
 export const costOf = (plan) => [
-  `${counted(plan.captures, "capture")}, ${counted(plan.placements, "placement")}, about ${plan.time} plus your own time, ${plan.disk} on disk${plan.is_room ? "" : " — NOT ENOUGH DISK SPACE"}`,
+  `${counted(plan.captures, "capture")}, ${counted(plan.placements, "placement")}, about ${plan.time} plus your own time, ${plan.disk} on disk${plan.is_room ? "" : ` — NOT ENOUGH DISK SPACE: ${plan.room}`}`,
   ...plan.warnings,
 ].join(" · ");
 
@@ -108,7 +108,7 @@ function takeControl() {
   command("take", { name: name.slice(0, 60) });
 }
 
-const stopping = new Stop(connection, byId("stop"), byId("alert-stop"), tell);
+const stopping = new Stop(connection, byId("stop"), byId("alert-stop"), byId("alert-moving"), tell);
 
 connection.addEventListener("open", () => {
   show("alert-connection", false);
@@ -135,6 +135,7 @@ connection.addEventListener("state", ({ detail: state }) => {
   device("camera", state.camera);
   device("stage", state.stage);
   chip("chip-disk", state.disk.text, state.disk.level, "disk space for sessions");
+  show("chip-compiling", state.is_compiling);
   setText("control-text", state.control.text);
   byId("control-text").title = `${state.control.text}; ${state.control.viewers} page(s) connected`;
   show("rename", state.control.is_mine);
@@ -156,6 +157,7 @@ connection.addEventListener("state", ({ detail: state }) => {
 });
 
 byId("stop").onclick = () => stopping.press();
+byId("stop-seen").onclick = () => stopping.seen();
 byId("take-control").onclick = takeControl;
 byId("rename").onclick = takeControl;
 byId("stop-asking").onclick = () => command("refuse");

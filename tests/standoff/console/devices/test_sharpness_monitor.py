@@ -172,6 +172,17 @@ def test_the_four_regions_have_peaks_of_their_own_until_the_exposure_changes() -
     assert {round(each.percent_of_peak, 9) for each in monitor.view.field} == {100.0}
 
 
+def test_an_edge_is_awaited_from_the_choice_of_its_region_to_the_first_measurement() -> None:
+    monitor = SharpnessMonitor(FrameBroadcaster(), PITCH_UM)
+    assert not monitor.view.is_awaited
+    monitor.look_at(WHOLE)
+    assert measure_document(monitor.view, SquarenessView(), has_field=False)["is_awaited"]
+    monitor.look(edge_frame(0.9, 5.0))
+    assert not monitor.view.is_awaited
+    monitor.look_at(None)
+    assert not monitor.view.is_awaited
+
+
 def texture(seed: int) -> FrameImage:
     """Detail three pixels wide, as behind a lens."""
     coarse = np.random.default_rng(seed).integers(500, 3000, (ROWS // 3, COLS // 3 + 1))

@@ -152,6 +152,16 @@ def test_two_captures_are_compared_and_the_comparison_is_listed(session_dir: Pat
     assert found.page == ""  # the picture was not written here
 
 
+def test_a_capture_is_not_compared_with_itself(session_dir: Path) -> None:
+    record = Session(session_dir).records[1]
+    own = (session_dir / record.file, "1")
+    jobs = ResultJobs(session_dir.parent, ("--curves=c.json",), run=Commands({}))
+    for kind in ("pose", "changes"):
+        request = ResultRequest(session=session_dir, kind=kind, reference=own, followup=record)
+        with pytest.raises(ApplicationError, match="with itself"):
+            jobs.refuse_impossible(request)
+
+
 def test_results_are_served_by_their_names_alone(session_dir: Path) -> None:
     results = session_dir / "results"
     (results / "changes/1 against 0").mkdir(parents=True)

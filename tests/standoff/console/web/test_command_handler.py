@@ -73,6 +73,8 @@ def faulty_hub(
 class SizeTracker:
     """Accepts every frame of its reference's size; stands for a tracker that needs texture."""
 
+    is_searching = False
+
     def __init__(self, reference: AnyArray) -> None:
         self._reference = reference
 
@@ -175,7 +177,7 @@ def test_a_stage_that_cannot_be_stopped_is_told_once(
         tries.append(1)
         raise DeviceTimeoutError("the stage does not answer to a stop")
 
-    monkeypatch.setattr("standoff.console.bench_hub.STOP_AGAIN_S", 0.01)
+    monkeypatch.setattr("standoff.console.jobs.stage_stop.STOP_AGAIN_S", 0.01)
     monkeypatch.setattr(hub.stage, "stop", mute)
 
     def until_tried_again(job: Job) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,10 +10,11 @@ import pytest
 pytest.importorskip("starlette", reason="the console's extra is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Page
 
 from acquisition.session import MANIFEST_NAME
 from hil_mocks.camera import CameraFaults, SimulatedCamera
+from hil_mocks.stage import SimulatedStage, StageFaults
 from standoff.console.bench_hub import BenchHub
 from tests.analysis.reports.changes.test_pages import page as changes_page
 from tests.standoff.console.console_rig import chromium_browser, text, wait_until
@@ -71,6 +73,84 @@ def test_a_minute_of_exposure_is_asked_for_counted_down_and_broken_off(
         wait_until(lambda: hub.frames.counts.complete > seen, "a picture")
         wait_until(lambda: not page.is_visible("#exposing"), "no countdown")
         assert exposure_us(hub) == before
+
+
+def classes(page: Page, selector: str) -> set[str]:
+    return set((page.get_attribute(selector, "class") or "").split())
+
+
+def test_a_stop_is_green_only_once_the_stage_was_seen_at_rest(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with running_hub(tmp_path) as hub, live_page(browser, hub) as live:
+        page = live.page
+        page.click("#stop")
+        wait_until(lambda: "stopped" in classes(page, "#stop"), "green")
+        assert not page.is_visible("#alert-moving")
+        assert hub.stopping.view.outcome == "stopped"
+
+
+def test_a_stage_that_cannot_be_told_to_stop_is_said_large_and_red_with_what_to_do(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with running_hub(tmp_path) as hub, live_page(browser, hub) as live:
+        page = live.page
+        stage = hub.stage._stage
+        assert isinstance(stage, SimulatedStage)
+        stage.faults = StageFaults(unplugged=True)
+        page.wait_for_selector("#alert-stage:visible")
+        page.click("#stop")
+        page.wait_for_selector("#alert-moving:visible")
+        assert "failed" in classes(page, "#stop")
+        assert not {"stopped", "pressed"} & classes(page, "#stop")
+        assert "emergency stop" in text(page, "#alert-moving strong")
+        size = "Number.parseFloat(getComputedStyle(document.querySelector('#alert-moving strong'))"
+        assert live.asked(f"{size}.fontSize)") > 30  # px; the text of the page has 16
+        page.screenshot(path=tmp_path / "not-stopped.png")
+
+        page.goto(page.url + "sessions")  # whichever page is open says so
+        page.wait_for_selector("#alert-moving:visible")
+        page.click("#stop-seen")
+        page.wait_for_selector("#alert-moving", state="hidden")
+        page.click("#stop")
+        page.wait_for_selector("#alert-moving:visible")
+        stage.faults, stage._is_open = StageFaults(), True  # plugged in, and opened again
+        page.wait_for_selector("#alert-moving", state="hidden")
+        assert hub.stopping.view.outcome == "stopped"
+
+
+def test_a_plan_without_room_on_the_disk_cannot_be_run_until_there_is(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running_hub(tmp_path) as hub:
+        free_bytes = [64 * 2**20]
+        monkeypatch.setattr(hub, "free_bytes", lambda: free_bytes[0])
+        with live_page(browser, hub) as live:
+            page = live.page
+            wait_until(lambda: "NOT ENOUGH" in text(page, "#preview"), "said")
+            assert "67 MB free, of which 67 MB stay free" in text(page, "#preview")
+            wait_until(lambda: page.is_enabled("#home"), "free to set")
+            assert page.is_disabled("#run")
+            page.screenshot(path=tmp_path / "no-room.png", full_page=True)
+            free_bytes[0] = 10**9
+            wait_until(lambda: page.is_enabled("#run"), "free to run")
+            assert "NOT ENOUGH" not in text(page, "#preview")
+
+
+def test_the_first_edge_says_that_it_waits_for_the_code_to_be_compiled(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with running_hub(tmp_path) as hub, live_page(browser, hub) as live:
+        page = live.page
+        assert not page.is_visible("#chip-compiling")
+        hub.sharpness._view = replace(hub.sharpness.view, is_awaited=True, sequence=99)
+        wait_until(lambda: "measuring" in text(page, "#edge-why"), "measuring")
+        hub.compiling._begin("as the first edge does")
+        page.wait_for_selector("#chip-compiling:visible")
+        wait_until(lambda: "compiled once" in text(page, "#edge-why"), "said")
+        page.screenshot(path=tmp_path / "compiling.png")
+        hub.compiling._end()
+        page.wait_for_selector("#chip-compiling", state="hidden")
 
 
 def test_a_lost_camera_is_shown_and_gone_from_the_page_when_it_is_back(

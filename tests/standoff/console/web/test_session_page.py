@@ -1,5 +1,6 @@
 """What the page of a session shows of retakes, notes and results, whatever its files hold."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 
 from starlette.testclient import TestClient
 
+from acquisition.choices import CaptureKind
 from acquisition.session.notes import SessionNotes
 from standoff.console.session_library import SessionLibrary
 from standoff.console.web.application import console_app
-from standoff.console.web.session_page import ROWS_A_PAGE, session_document
+from standoff.console.web.session_page import ROWS_A_PAGE, _pair, session_document
+from tests.acquisition.records import RECORD
 from tests.standoff.conftest import Command
 from tests.standoff.console.hub_fixtures import idle_hub
 from tests.standoff.console.long_session import lengthen
@@ -50,6 +53,30 @@ def test_notes_skips_and_errors_are_told_with_the_capture_they_are_about(
     assert told[3] == "lamp changed"
 
 
+@pytest.mark.parametrize(
+    ("kinds", "names", "heights_mm", "pair"),
+    [
+        # Two photographs that were imported: each is a target of its own, at one height.
+        ("tt", "ab", (250.0, 250.0), (0, 1)),
+        ("tt", "aa", (250.0, 240.0), (1, 0)),
+        ("ttt", "aba", (250.0, 230.0, 240.0), (2, 0)),
+        ("tee", "abc", (250.0, 240.0, 230.0), (2, 0)),
+        ("fdt", "abc", (1.0, 2.0, 3.0), (None, 2)),
+        ("fd", "ab", (1.0, 2.0), (None, None)),
+    ],
+)
+def test_two_captures_are_proposed_for_a_comparison_and_never_one_with_itself(
+    kinds: str, names: str, heights_mm: tuple[float, ...], pair: tuple[int | None, int | None]
+) -> None:
+    spelt: dict[str, CaptureKind] = {"t": "texture", "e": "edge", "f": "flat", "d": "dark"}
+    records = [
+        replace(RECORD, index=at, kind=spelt[kind], target=name, height_mm=height_mm)
+        for at, (kind, name, height_mm) in enumerate(zip(kinds, names, heights_mm, strict=True))
+    ]
+    proposed = _pair(records)
+    assert (proposed.get("reference"), proposed.get("followup")) == pair
+
+
 def test_a_session_without_a_report_says_so(session_dir: Path, tmp_path: Path) -> None:
     hub = idle_hub(tmp_path)
     hub.sessions.folder.mkdir()
@@ -82,7 +109,7 @@ def test_the_captures_of_a_long_session_are_shown_a_page_at_a_time(
         shown_rows = [page.count("data-retake") for page in pages]
         assert shown_rows == [ROWS_A_PAGE, ROWS_A_PAGE, 1]
         assert "201 to 400 of 401" in pages[1]
-        assert max(len(page) for page in pages) < 1.6e5  # all 10 000 captures were 4 MB
+        assert max(len(page) for page in pages) < 1.7e5  # all 10 000 captures were 4 MB
         for number in ("0", "-1", "x", "²", "9" * 9):
             assert client.get("/sessions/long", params={"page": number}).status_code == 404
 

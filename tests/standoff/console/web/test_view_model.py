@@ -1,11 +1,17 @@
 """What the pages show, without a page."""
 
+import tomllib
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from acquisition.errors import SessionError
 from acquisition.focus.measures import Region
 from acquisition.focus.trace import FocusReading
-from acquisition.plan import PlanEntry
+from acquisition.plan import PlanEntry, PlanEstimate, parse_plan
+from acquisition.session import SessionWriter
 from analysis.pose import PoseVerdict, Verdict
 from standoff.console.devices.device_status import DeviceStatus
 from standoff.console.devices.frame_broadcaster import FrameCounts
@@ -15,6 +21,7 @@ from standoff.console.devices.reference_picture import ReferencePicture
 from standoff.console.devices.stage_service import StageView
 from standoff.console.jobs.control_arbiter import ControlView
 from standoff.console.jobs.session_run import PlanRow, RunView
+from standoff.console.web.figure_ages import Validity
 from standoff.console.web.pose import pose_document
 from standoff.console.web.view_model import (
     camera_document,
@@ -23,12 +30,15 @@ from standoff.console.web.view_model import (
     focus_document,
     levels_document,
     plan_document,
+    preview_document,
     run_document,
     saturation_text,
     stage_document,
 )
 from tests.acquisition.fakes import SETTINGS
+from tests.standoff.console import hub_fixtures
 
+PLAN = parse_plan(tomllib.loads(hub_fixtures.PLAN), source="the fixture")
 READY = DeviceStatus(state="ready")
 BEFORE = ReferencePicture(
     number=1, name="before", image_dn=np.zeros((4, 6), np.uint16), max_level_dn=4095
@@ -195,6 +205,65 @@ def test_the_pose_is_go_no_go_or_unsure_with_its_margin_and_probability(
     assert (shown["verdict"], shown["margin"], shown["probability"]) == texts
     assert shown["reason"] == "because"
     assert pose_document(PoseView(is_possible=True))["verdict"] == ""
+
+
+LOST, GOOD = (
+    PoseVerdict(
+        accepted=dprime is not None,
+        verdict="no go" if dprime is None else "go",
+        probability=None,
+        dprime=dprime,
+        margin=dprime,
+        reason="because",
+        homography=None,
+        zoom=None,
+        overlap=None,
+        anchored=True,
+    )
+    for dprime in (None, 3.0)
+)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "is_searching", "validity", "shown"),
+    [
+        (None, False, "valid", ("…", "waiting for a picture")),
+        (None, True, "valid", ("…", "searching the picture for the reference")),
+        (GOOD, False, "valid", ("GO", "because")),
+        (GOOD, True, "valid", ("…", "searching the picture for the reference")),
+        (GOOD, True, "none", ("…", "searching the picture for the reference")),
+        (GOOD, False, "none", ("…", "waiting for a picture")),
+        (LOST, True, "valid", ("NO GO", "because")),
+        (LOST, True, "none", ("…", "searching the picture for the reference")),
+    ],
+)
+def test_a_go_from_before_the_reference_was_lost_is_not_shown_while_it_is_searched_for(
+    verdict: PoseVerdict | None, is_searching: bool, validity: Validity, shown: tuple[str, str]
+) -> None:
+    view = PoseView(is_possible=True, picture=BEFORE, verdict=verdict, is_searching=is_searching)
+    document = pose_document(view, validity)
+    assert (document["verdict"], document["reason"]) == shown
+
+
+@pytest.mark.parametrize(
+    ("free_bytes", "is_room"), [(10**6 + 64 * 2**20 - 1, False), (10**6 + 64 * 2**20, True)]
+)
+def test_a_plan_has_room_by_the_rule_by_which_a_session_is_refused(
+    free_bytes: int, is_room: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    estimate = PlanEstimate(captures=1, placements=1, seconds=1.0, bytes_=10**6)
+    shown = preview_document("p", PLAN, (), estimate, (), free_bytes=free_bytes)
+    assert shown["is_room"] is is_room
+    assert shown["disk"] == "1 MB"
+    usage = SimpleNamespace(free=free_bytes)
+    monkeypatch.setattr("acquisition.session.writer.shutil.disk_usage", lambda _: usage)
+    writer = SessionWriter.__new__(SessionWriter)
+    writer.path = tmp_path
+    if is_room:
+        writer.require_space(10**6)
+    else:
+        with pytest.raises(SessionError, match="need 1 MB, and 67 MB stay free"):
+            writer.require_space(10**6)
 
 
 @pytest.mark.parametrize(("free", "level"), [(10**8 - 1, "fail"), (10**9, "warn"), (10**10, "ok")])

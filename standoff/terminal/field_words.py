@@ -1,0 +1,94 @@
+"""Words of the field, and of other programs, for what a command does under another name."""
+
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+
+_WORDS = {
+    "calibrate": "mtf mtf50 sfr esfr e-sfr psf esf lsf otf sharpness sharp resolution resolve blur "
+    "edge slanted slanted-edge iso12233 iso-12233 chart sfrmat fwhm optics lens-test kernel "
+    "aberration chromatic chromatic-aberration lateral lateral-chromatic-aberration "
+    "lateral-colour lateral-color lca ca colour-fringe colour-shift astigmatism field measure",
+    "calibrate --report": "lens lens-report datasheet",
+    "compare": "drift trend history decentring stability compare-psf",
+    "focus": "autofocus defocus sweep focus-sweep through-focus depth-of-field dof live",
+    "geometry": "distortion magnification scale px-per-mm pupil entrance-pupil intrinsics "
+    "checkerboard chessboard charuco squareness camera-calibration",
+    "noise": "gain dark flat darks-flats emva emva1288 emva-1288 prnu dsnu ptc photon-transfer "
+    "conversion-gain read-noise linearity saturation full-well snr defect hot-pixel correction",
+    "simulate": "zoom zoom-out downsample downscale resample resize shrink degrade distance "
+    "further farther degradation synthesize render forward",
+    "changes": "diff difference differ subtract subtraction change detect detection anomaly "
+    "compare-photographs compare-images compare-pictures defects moved",
+    "pose": "align alignment register registration registration-error warp homography match "
+    "overlay go-no-go tilt",
+    "limits": "limit tolerance how-far allowed maximum max-distance budget",
+    "detectability": "dprime d-prime d' detectable visibility sensitivity contrast "
+    "contrast-threshold observer cho ideal-observer curve",
+    "evaluate": "detector roc auc score test-detector benchmark-detector false-alarm recall",
+    "change-pairs": "training dataset data-set augment synthetic",
+    "sr-pairs": "super-resolution superresolution sr crop kernelgan",
+    "plan-study": "power sample-size precision uncertainty study predict design",
+    "validate": "validation accuracy model prediction tables",
+    "capture": "acquire acquisition grab snap shoot record scan take photograph timelapse run "
+    "dry-run resume plan",
+    "session": "exclude include note retake captures",
+    "verify": "checksum hash sha256 integrity audit fsck",
+    "import": "load ingest add",
+    "export": "convert save ome-tiff ome-zarr nexus hdf5 zarr",
+    "report": "html pdf summary protocol",
+    "console": "gui ui web server serve browser dashboard operator start",
+    "mock": "simulator emulator fake practice simulated-bench virtual",
+    "doctor": "check diagnose diagnostics selftest self-test health test troubleshoot setup info",
+    "cameras": "camera discover list-cameras gige arv-tool devices ls list",
+    "stage": "move home homing jog grbl zaber axis height unlock stop motor",
+    "demo": "example tour tutorial quickstart try",
+    "paper": "reproduce replicate",
+    "benchmark": "leaderboard challenge",
+    "--help": "help usage man commands",
+    "--version": "version about",
+    "session list": "sessions",
+    "session show": "show",
+}
+_OF_GROUPS = {
+    "session": {
+        "list": "ls dir",
+        "show": "info status print cat",
+        "exclude": "remove delete rm drop reject",
+        "include": "restore undo add accept",
+        "note": "comment remark annotate",
+        "set-height": "height correct-height",
+    },
+    "benchmark": {
+        "make": "create generate download build",
+        "score": "run evaluate test",
+    },
+}
+_ALIKE = 0.8
+"""Similarity from which a misspelt word is taken for one of these."""
+
+
+def _by_word(words: Mapping[str, str]) -> dict[str, str]:
+    return {word: command for command, text in words.items() for word in text.split()}
+
+
+def meant_command(word: str, group: str, commands: Iterable[str]) -> str | None:
+    """Return the command, perhaps with an option, that is meant by a word; None if none is.
+
+    Parameters
+    ----------
+    word
+        What was typed in place of a command; ``lens report`` and ``lens_report`` are one word.
+    group
+        Command whose sub-commands these are; ``standoff`` for the application.
+    commands
+        Names of the commands that there are.
+    """
+    meant = _by_word(_OF_GROUPS.get(group, {}) if group != "standoff" else _WORDS)
+    meant = {**meant, **{name: name for name in commands}}
+    spelt = "-".join(word.casefold().replace("_", " ").replace("-", " ").split())
+    singular = spelt.removesuffix("s")
+    for each in (spelt, singular, f"{spelt}s"):
+        if each in meant:
+            return meant[each]
+    alike = get_close_matches(spelt, meant, n=1, cutoff=_ALIKE)
+    return meant[alike[0]] if alike else None
