@@ -75,6 +75,7 @@ GROUPS = (
             "write_psf",
             "write_edge_table",
             "GaussianPsf",
+            "TabulatedPsf",
         ),
     ),
     Group(
@@ -171,7 +172,7 @@ _ALIASES = """
 | --- | --- |
 | `FilePath` | a path, as text or as `pathlib.Path` |
 | `ImageLike` | an array linear in light, a photograph, a capture of a bench, or a path |
-| `PsfLike` | a `GaussianPsf`, a measured PSF, a calibration, or the path of a psf.json |
+| `PsfLike` | a PSF, a calibration, or the path of one, also [of one's own](../../own-psf.md) |
 | `CurveLike` | a curve, several, or the path of a curves.json |
 | `NoiseLike` | what a noise.json says, or its path |
 | `Progress` | an object with the two methods of [`Progress`](calls.md#progress) |

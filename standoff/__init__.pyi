@@ -57,6 +57,7 @@ from .library.pose_stream import PoseWatch as PoseWatch
 from .library.psf import (
     GaussianPsf as GaussianPsf,
     Session as Session,
+    TabulatedPsf as TabulatedPsf,
     calibrate_psf as calibrate_psf,
     compare_psfs as compare_psfs,
     measure_edges as measure_edges,

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simulation.arguments import ArgumentError, checked
 from simulation.arrays import FloatArray
 from simulation.choices import PsfForm
 from simulation.psf.gaussian import GaussianPsf
@@ -55,6 +56,13 @@ class TabulatedPsf:
         The Gaussian whose contrast falls to a half where this one's does.
     table_sha256
         Hash of the table, by which two are told apart.
+
+    Examples
+    --------
+    >>> psf = standoff.TabulatedPsf.from_zernike({4: 0.1}, cut_off_period_px=0.37)
+    >>> round(psf.gaussian.sigma_x_px, 2)
+    0.44
+    >>> far = standoff.simulate("before.tif", zoom=2, psf=psf)
     """
 
     _last: ClassVar[int]
@@ -80,6 +88,7 @@ class TabulatedPsf:
         object.__setattr__(self, "gaussian", self._nearest_gaussian())
 
     @classmethod
+    @checked
     def from_kernel(
         cls, kernel: ArrayLike, *, samples_per_px: float = 1.0, has_pixel: bool = True
     ) -> Self:
@@ -98,19 +107,20 @@ class TabulatedPsf:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If the kernel is not a finite image with a positive sum, or the sampling not positive.
         """
         values = _checked(kernel, "kernel", (2,))
         _positive(samples_per_px, "samples_per_px")
         total = float(values.sum())
         if not total > 1e-6 * float(np.abs(values).sum()):
-            raise ValueError("kernel: its sum must be positive")
+            raise ArgumentError("its sum must be positive", argument="kernel")
         rows, cols = values.shape
         if max(rows, cols) > _WIDEST_KERNEL:
-            raise ValueError(
-                f"kernel: {cols} x {rows} samples are more than {_WIDEST_KERNEL} a side; crop it "
-                "to the PSF"
+            raise ArgumentError(
+                f"{cols} x {rows} samples are more than {_WIDEST_KERNEL} a side; crop it to the "
+                "PSF",
+                argument="kernel",
             )
         y, x = (_from_centroid(values.sum(axis=k)) / samples_per_px for k in (1, 0))
         step = samples_per_px / (_STEPS_PER_EXTENT * max(rows, cols))
@@ -121,6 +131,7 @@ class TabulatedPsf:
         return cls._of_half(by_row @ (values / total) @ by_col, step, has_pixel)
 
     @classmethod
+    @checked
     def from_otf(cls, otf: OtfFunction, *, has_pixel: bool = True) -> Self:
         """Return the PSF of a transfer function.
 
@@ -133,7 +144,7 @@ class TabulatedPsf:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If its values are not finite, not of the frequencies' shape, or not 1 at frequency 0.
         """
         steps = np.arange(-_FUNCTION_STEPS, _FUNCTION_STEPS + 1)
@@ -141,10 +152,11 @@ class TabulatedPsf:
         fy, fx = np.meshgrid(steps * step, steps * step, indexing="ij")
         values = np.asarray(otf(fx, fy))
         if values.shape != fx.shape or not np.all(np.isfinite(values)):
-            raise ValueError("otf: its values must be finite, one for each frequency")
+            raise ArgumentError("its values must be finite, one for each frequency", argument="otf")
         return cls._of_half(values[_FUNCTION_STEPS:], step, has_pixel)
 
     @classmethod
+    @checked
     def from_mtf(cls, freq_cy_per_px: ArrayLike, mtf: ArrayLike, *, has_pixel: bool = True) -> Self:
         """Return the PSF of a lens that is alike in all directions, from a table of its contrast.
 
@@ -159,7 +171,7 @@ class TabulatedPsf:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             As ``SampledTransfer``.
         """
         from simulation.psf.transfer import SampledTransfer
@@ -170,6 +182,7 @@ class TabulatedPsf:
         return cls.from_otf(lambda fx, fy: curve(np.hypot(fx, fy)), has_pixel=has_pixel)
 
     @classmethod
+    @checked
     def from_pupil(
         cls, pupil: ArrayLike, *, cut_off_period_px: float, diameter: float | None = None
     ) -> Self:
@@ -187,7 +200,7 @@ class TabulatedPsf:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If the pupil is not a finite, square array that passes light, or the period or the
             diameter not positive.
 
@@ -198,9 +211,11 @@ class TabulatedPsf:
         """
         values = np.asarray(pupil, dtype=np.complex128)
         if values.ndim != 2 or values.shape[0] != values.shape[1] or len(values) < _FEWEST:
-            raise ValueError(f"pupil: expected a square array, got the shape {values.shape}")
+            raise ArgumentError(
+                f"expected a square array, got the shape {values.shape}", argument="pupil"
+            )
         if not np.all(np.isfinite(values)) or not np.any(values):
-            raise ValueError("pupil: its values must be finite, and not all 0")
+            raise ArgumentError("its values must be finite, and not all 0", argument="pupil")
         _positive(cut_off_period_px, "cut_off_period_px")
         across = float(len(values)) if diameter is None else diameter
         _positive(across, "diameter")
@@ -221,6 +236,7 @@ class TabulatedPsf:
         return cls._of_half(half * np.exp(-1j * turn), step, has_pixel=False)
 
     @classmethod
+    @checked
     def from_zernike(
         cls, waves: Mapping[int, float], *, cut_off_period_px: float, obscured: float = 0.0
     ) -> Self:
@@ -238,7 +254,7 @@ class TabulatedPsf:
 
         Raises
         ------
-        ValueError
+        ArgumentError
             If a number is not a positive whole one, a coefficient not finite, or the obstruction
             not in [0, 1).
 
@@ -248,13 +264,17 @@ class TabulatedPsf:
         207-211.
         """
         if not 0 <= obscured < 1:
-            raise ValueError(f"obscured must be at least 0 and below 1, got {obscured}")
+            raise ArgumentError(
+                f"must be at least 0 and below 1, got {obscured}", argument="obscured"
+            )
         place = (np.arange(_PUPIL_SAMPLES) + 0.5) / (_PUPIL_SAMPLES / 2) - 1
         y, x = np.meshgrid(place, place, indexing="ij")
         path = np.zeros_like(x)
         for number, coefficient in waves.items():
             if not isfinite(coefficient):
-                raise ValueError(f"waves: coefficient {number} must be finite, got {coefficient}")
+                raise ArgumentError(
+                    f"coefficient {number} must be finite, got {coefficient}", argument="waves"
+                )
             path += coefficient * _zernike(number, np.hypot(x, y), np.arctan2(y, x))
         _positive(cut_off_period_px, "cut_off_period_px")
         covered = _ring(obscured)
@@ -292,7 +312,7 @@ class TabulatedPsf:
         """The PSF of its complex transfer from fy = 0 on, about its centroid."""
         at_zero = complex(half[0, half.shape[1] // 2])
         if abs(at_zero - 1) > _ZERO_TOLERANCE:
-            raise ValueError(f"a transfer function must be 1 at frequency 0, got {at_zero:.3g}")
+            raise ArgumentError(f"a transfer function must be 1 at frequency 0, got {at_zero:.3g}")
         half = half / at_zero
         last = len(half) - 1
         fy, fx = np.mgrid[: last + 1, -last : last + 1] * step
@@ -313,7 +333,7 @@ class TabulatedPsf:
             values = self.otf(freq * np.cos(angle), freq * np.sin(angle))
             below = np.flatnonzero(values < 0.5)
             if below.size == 0:
-                raise ValueError("the contrast does not fall to a half up to the last frequency")
+                raise ArgumentError("its contrast does not fall to a half up to the last frequency")
             pair = slice(below[0] - 1, below[0] + 1)
             half = float(np.interp(-0.5, -values[pair], freq[pair]))
             variances.append(log(2) / (2 * pi**2 * half**2))
@@ -326,12 +346,13 @@ class TabulatedPsf:
 def _checked(values: ArrayLike, name: str, dimensions: tuple[int, ...]) -> FloatArray:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim not in dimensions or min(array.shape, default=0) < _FEWEST:
-        raise ValueError(
-            f"{name}: expected {dimensions[0]} dimensions of at least {_FEWEST} values "
-            f"each, got the shape {array.shape}"
+        raise ArgumentError(
+            f"expected {dimensions[0]} dimensions of at least {_FEWEST} values each, got the shape "
+            f"{array.shape}",
+            argument=name,
         )
     if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name}: its values must be finite")
+        raise ArgumentError("its values must be finite", argument=name)
     return array
 
 
@@ -343,7 +364,7 @@ def _from_centroid(profile: FloatArray) -> FloatArray:
 
 def _positive(value: float, name: str) -> None:
     if not (isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be positive, got {value}")
+        raise ArgumentError(f"must be positive, got {value}", argument=name)
 
 
 @lru_cache(maxsize=8)
@@ -360,7 +381,7 @@ def _ring(obscured: float) -> FloatArray:
 def _zernike(number: int, radius: FloatArray, angle_rad: FloatArray) -> FloatArray:
     """Zernike polynomial of Noll's number, of unit variance over the pupil."""
     if number < 1 or number != int(number):
-        raise ValueError(f"waves: Noll's numbers are 1, 2, 3 ..., got {number}")
+        raise ArgumentError(f"Noll's numbers are 1, 2, 3 ..., got {number}", argument="waves")
     order = ceil((sqrt(8 * number + 1) - 3) / 2)
     left = number - order * (order + 1) // 2 - 1
     turns = 2 * ((left + (order + 1) % 2) // 2) + order % 2

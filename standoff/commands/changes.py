@@ -47,7 +47,7 @@ def changes(
     out: Annotated[Path, Option(help="Folder for the results; a series is resumed.")],
     psf: Annotated[
         Path | None,
-        Option(help="psf.json of the camera; the blur is fitted to the pair by default."),
+        Option(help="psf.json, or a PSF of your own; the blur is fitted to the pair by default."),
     ] = None,
     transfer: terminal.TransferForm = "best",
     noise: Annotated[

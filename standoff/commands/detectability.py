@@ -42,7 +42,7 @@ def detectability(
         Path,
         Option(help="Where to write curves.json, a URL as well; figures come beside it."),
     ],
-    psf: Annotated[Path | None, Option(help="psf.json of the camera.")] = None,
+    psf: Annotated[Path | None, Option(help="psf.json, or a PSF of your own.")] = None,
     transfer: terminal.TransferForm = "best",
     zooms: Annotated[
         str, Option(help="Distance ratios, each at least 1.")

@@ -44,7 +44,7 @@ def evaluate(
     out: Annotated[
         Path, Option(help="Where to write evaluation.json; the figures are written beside it.")
     ],
-    psf: Annotated[Path | None, Option(help="psf.json of the camera.")] = None,
+    psf: Annotated[Path | None, Option(help="psf.json, or a PSF of your own.")] = None,
     transfer: terminal.TransferForm = "best",
     zooms: Annotated[
         str, Option(help="Distance ratios, each at least 1.")

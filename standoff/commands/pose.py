@@ -48,7 +48,8 @@ def pose(
         Option(help="d' reaches the threshold in all of the overlap (min) or 95 % (quantile)."),
     ] = "min",
     psf: Annotated[
-        Path | None, Option(help="psf.json of the camera, for a finer registration.")
+        Path | None,
+        Option(help="psf.json, or a PSF of your own, for a finer registration."),
     ] = None,
     expect_zoom: terminal.ExpectZoom = None,
     homography: terminal.PoseHint = None,

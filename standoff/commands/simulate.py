@@ -83,7 +83,7 @@ def simulate(
     nearer: Annotated[
         Path | None, _pose(help="Also write a mask (PNG) of pixels sharper than the reference.")
     ] = None,
-    psf: Annotated[Path | None, _model(help="psf.json of the camera.")] = None,
+    psf: Annotated[Path | None, _model(help="psf.json, or a PSF of your own.")] = None,
     model: Annotated[AnyModel, _model(help="Capture model.")] = DEFAULT_MODEL,
     transfer: terminal.TransferForm = "best",
     gaussian: Annotated[

@@ -27,7 +27,7 @@ def sr_pairs(
         Argument(help="Photographs, or folders of them; URLs as well.", show_default=False),
     ],
     *,
-    psf: Annotated[Path, Option(help="psf.json of the camera.")],
+    psf: Annotated[Path, Option(help="psf.json, or a PSF of your own.")],
     transfer: terminal.TransferForm = "best",
     zoom: Annotated[
         float, Option(help="Distance ratio, at least 1.", callback=terminal.checked_zoom)
@@ -118,7 +118,8 @@ def change_pairs(
     ],
     *,
     psf: Annotated[
-        Path | None, Option(help="psf.json of the camera; only model bicubic works without it.")
+        Path | None,
+        Option(help="psf.json, or a PSF of your own; only model bicubic works without it."),
     ] = None,
     transfer: terminal.TransferForm = "best",
     out: Annotated[Path, Option(help="Folder for the pairs; an existing one is resumed.")],

@@ -113,6 +113,7 @@ from .psf import (
     PsfHistory as PsfHistory,
     Reading as Reading,
     Session as Session,
+    TabulatedPsf as TabulatedPsf,
     calibrate_psf as calibrate_psf,
     compare_psfs as compare_psfs,
     edge_image as edge_image,

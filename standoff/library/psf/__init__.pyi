@@ -14,6 +14,7 @@ from .edge_sources import (
 from .edges import (
     GaussianPsf as GaussianPsf,
     Session as Session,
+    TabulatedPsf as TabulatedPsf,
     measure_edges as measure_edges,
     read_psf as read_psf,
     write_edge_table as write_edge_table,

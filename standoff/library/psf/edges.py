@@ -5,7 +5,7 @@ from calibration.edges import EdgeMeasurement, Method, Region, measure_edges as 
 from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
 from calibration.psf import PsfCalibration
 from calibration.sharpness import with_sharpness
-from simulation import GaussianPsf as GaussianPsf
+from simulation import GaussianPsf as GaussianPsf, TabulatedPsf as TabulatedPsf
 from simulation.arguments import ArgumentError, checked
 from standoff.library.files import write_file
 from standoff.library.inputs import FilePath, ImageLike, path_of, photograph, with_white_level
