@@ -177,6 +177,8 @@ def simulate(
         with np.errstate(over="ignore"):  # levels beyond float32 are refused below
             delivered = captured(made.followup, camera, how.noise).astype(np.float32, copy=False)
     except ValueError as error:
+        if isinstance(error, ArgumentError) and error.argument and fault == source:
+            raise
         raise ApplicationError(f"{fault}: {error}") from error
     if not np.all(np.isfinite(delivered)):
         raise ApplicationError(f"{source}: the follow-up's levels exceed float32; lower --exposure")
