@@ -67,6 +67,11 @@ RANGES: Mapping[str, Range] = {
     "rho": Range(-1, 1),
     # Telephones have 0.5 um, panels for X-rays 0.2 mm: a number below is one in mm.
     "pixel_pitch_um": Range(0.1, 1000),
+    **_named(
+        "samples_per_px cut_off_period_px diameter step_cy_per_px",
+        Range(0, 1e4, is_open=True),
+    ),
+    **_named("obscured asymmetry", Range(0, 1)),
 }
 """Any number that is not absurd for the other names."""
 

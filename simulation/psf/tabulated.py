@@ -10,7 +10,13 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simulation.arguments import ArgumentError, checked
+from simulation.arguments import (
+    ArgumentError,
+    ArgumentTypeError,
+    accepted,
+    checked,
+    whole_array,
+)
 from simulation.arrays import FloatArray
 from simulation.choices import PsfForm
 from simulation.psf.gaussian import GaussianPsf
@@ -77,7 +83,13 @@ class TabulatedPsf:
     def __post_init__(self, table: FloatArray) -> None:
         from scipy.ndimage import spline_filter  # .1 s, where a PSF is not of a calibration
 
-        values = np.ascontiguousarray(table, dtype=np.float64)
+        for name, hint in (("step_cy_per_px", float), ("has_pixel", bool), ("asymmetry", float)):
+            object.__setattr__(self, name, accepted(name, getattr(self, name), hint))
+        values = np.ascontiguousarray(_checked(table, "table", 2))
+        if values.shape[1] != 2 * len(values) - 1:
+            raise ArgumentError(
+                f"expected the shape (n + 1, 2 n + 1), got {values.shape}", argument="table"
+            )
         # About fx = 0 and fy = 0 the curve goes on as its opposite half.
         whole = np.concatenate([values[:0:-1, ::-1], values])
         # A frozen class takes values in this way alone; arrays are no fields, whose comparison
@@ -110,8 +122,7 @@ class TabulatedPsf:
         ArgumentError
             If the kernel is not a finite image with a positive sum, or the sampling not positive.
         """
-        values = _checked(kernel, "kernel", (2,))
-        _positive(samples_per_px, "samples_per_px")
+        values = _checked(kernel, "kernel", 2)
         total = float(values.sum())
         if not total > 1e-6 * float(np.abs(values).sum()):
             raise ArgumentError("its sum must be positive", argument="kernel")
@@ -150,7 +161,12 @@ class TabulatedPsf:
         steps = np.arange(-_FUNCTION_STEPS, _FUNCTION_STEPS + 1)
         step = _FUNCTION_LAST_CY_PER_PX / _FUNCTION_STEPS
         fy, fx = np.meshgrid(steps * step, steps * step, indexing="ij")
-        values = np.asarray(otf(fx, fy))
+        try:
+            values = np.asarray(otf(fx, fy))
+        except TypeError as error:
+            raise ArgumentTypeError(
+                f"expected a function of fx and fy, arrays: {error}", argument="otf"
+            ) from error
         if values.shape != fx.shape or not np.all(np.isfinite(values)):
             raise ArgumentError("its values must be finite, one for each frequency", argument="otf")
         return cls._of_half(values[_FUNCTION_STEPS:], step, has_pixel)
@@ -177,7 +193,7 @@ class TabulatedPsf:
         from simulation.psf.transfer import SampledTransfer
 
         curve = SampledTransfer(
-            _checked(freq_cy_per_px, "freq_cy_per_px", (1,)), _checked(mtf, "mtf", (1,))
+            _checked(freq_cy_per_px, "freq_cy_per_px", 1), _checked(mtf, "mtf", 1)
         )
         return cls.from_otf(lambda fx, fy: curve(np.hypot(fx, fy)), has_pixel=has_pixel)
 
@@ -209,16 +225,14 @@ class TabulatedPsf:
         The transfer is the autocorrelation of the pupil (J. W. Goodman, Introduction to Fourier
         Optics, section 6.3).
         """
-        values = np.asarray(pupil, dtype=np.complex128)
-        if values.ndim != 2 or values.shape[0] != values.shape[1] or len(values) < _FEWEST:
+        values = _checked(pupil, "pupil", 2, complex)
+        if values.shape[0] != values.shape[1]:
             raise ArgumentError(
                 f"expected a square array, got the shape {values.shape}", argument="pupil"
             )
-        if not np.all(np.isfinite(values)) or not np.any(values):
+        if not np.any(values):
             raise ArgumentError("its values must be finite, and not all 0", argument="pupil")
-        _positive(cut_off_period_px, "cut_off_period_px")
         across = float(len(values)) if diameter is None else diameter
-        _positive(across, "diameter")
         power = float(np.sum(np.abs(values) ** 2))
         return cls._of_pupil(values, 1 / (cut_off_period_px * across), power)
 
@@ -276,7 +290,6 @@ class TabulatedPsf:
                     f"coefficient {number} must be finite, got {coefficient}", argument="waves"
                 )
             path += coefficient * _zernike(number, np.hypot(x, y), np.arctan2(y, x))
-        _positive(cut_off_period_px, "cut_off_period_px")
         covered = _ring(obscured)
         pupil = covered * np.exp(2j * pi * path)
         # Samples at the rim are parts of samples, not weaker light.
@@ -343,11 +356,20 @@ class TabulatedPsf:
         return GaussianPsf.from_covariance(np.array([[xx, xy], [xy, yy]]))
 
 
-def _checked(values: ArrayLike, name: str, dimensions: tuple[int, ...]) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim not in dimensions or min(array.shape, default=0) < _FEWEST:
+def _checked(
+    values: ArrayLike, name: str, dimensions: int, kind: type[float] | type[complex] = float
+) -> NDArray[Any]:
+    """The finite numbers of an array that has so many dimensions."""
+    try:
+        # Numbers of a pupil are complex, which no other array is.
+        array = np.asarray(values if kind is complex else whole_array(values, name), dtype=kind)
+    except (TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, ArgumentError):
+            raise
+        raise ArgumentError("expected an array of numbers", argument=name) from error
+    if array.ndim != dimensions or min(array.shape, default=0) < _FEWEST:
         raise ArgumentError(
-            f"expected {dimensions[0]} dimensions of at least {_FEWEST} values each, got the shape "
+            f"expected {dimensions} dimensions of at least {_FEWEST} values each, got the shape "
             f"{array.shape}",
             argument=name,
         )
@@ -360,11 +382,6 @@ def _from_centroid(profile: FloatArray) -> FloatArray:
     """Places of samples from their centre of gravity."""
     place = np.arange(profile.size, dtype=np.float64)
     return np.asarray(place - (profile @ place) / profile.sum())
-
-
-def _positive(value: float, name: str) -> None:
-    if not (isfinite(value) and value > 0):
-        raise ArgumentError(f"must be positive, got {value}", argument=name)
 
 
 @lru_cache(maxsize=8)

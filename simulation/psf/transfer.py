@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from simulation.arguments import ArgumentError
 from simulation.arrays import FloatArray
 
 _LOWEST_END_CY_PER_PX = 0.5
@@ -41,7 +42,7 @@ class GaussianTransfer:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the width is negative or not finite, or is 0 without a pixel.
     """
 
@@ -50,9 +51,9 @@ class GaussianTransfer:
 
     def __post_init__(self) -> None:
         if not (self.sigma_px >= 0 and np.isfinite(self.sigma_px)):
-            raise ValueError(f"sigma_px must not be negative, got {self.sigma_px}")
+            raise ArgumentError(f"sigma_px must not be negative, got {self.sigma_px}")
         if self.sigma_px == 0 and not self.over_pixel:
-            raise ValueError("a line spread function needs a positive width, but sigma_px is 0")
+            raise ArgumentError("a line spread function needs a positive width, but sigma_px is 0")
 
     def __call__(self, freq_cy_per_px: FloatArray) -> FloatArray:
         """Return the transfer at frequencies in cycles per pixel."""
@@ -75,7 +76,7 @@ class SampledTransfer:
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If the numbers of samples differ, or the samples are not finite, not increasing, or end too
         early.
     """
@@ -89,19 +90,19 @@ class SampledTransfer:
         freq = np.asarray(freq_cy_per_px, dtype=np.float64)
         value = np.asarray(values, dtype=np.float64)
         if freq.ndim != 1 or freq.shape != value.shape or len(freq) < 2:
-            raise ValueError(
+            raise ArgumentError(
                 "a curve needs as many frequencies as values, at least 2, "
                 f"got shapes {freq.shape} and {value.shape}"
             )
         if not (np.all(np.isfinite(freq)) and np.all(np.isfinite(value))):
-            raise ValueError("a transfer function must be finite")
+            raise ArgumentError("a transfer function must be finite")
         if freq[0] != 0 or np.any(np.diff(freq) <= 0) or freq[-1] < _LOWEST_END_CY_PER_PX:
-            raise ValueError(
+            raise ArgumentError(
                 f"frequencies must increase from 0 to at least {_LOWEST_END_CY_PER_PX} cy/px, "
                 f"got {freq[0]:g} to {freq[-1]:g}"
             )
         if abs(value[0] - 1) > _ZERO_TOLERANCE:
-            raise ValueError(f"a transfer function must start at 1, got {value[0]:g}")
+            raise ArgumentError(f"a transfer function must start at 1, got {value[0]:g}")
         object.__setattr__(self, "freq_cy_per_px", tuple(freq.tolist()))
         object.__setattr__(self, "values", tuple((value / value[0]).tolist()))
 

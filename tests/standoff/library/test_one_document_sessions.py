@@ -78,7 +78,7 @@ def test_what_is_decided_about_a_capture_stands_in_the_session(
     assert by_command == [
         one | ({"was_mm": 262.5} if "was_mm" in one else {}) for one in by_function
     ]
-    with pytest.raises(ValueError, match="finite"):
+    with pytest.raises(ValueError, match="height_mm"):
         standoff.correct_height(session, [0], float("nan"), "a slip")
 
 
