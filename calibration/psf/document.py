@@ -59,6 +59,7 @@ class PsfOrigin:
     ``captured_utc`` is the time of the first capture in ISO 8601, ``region`` the part of the
     frame that was used, ``channel`` the channel of colour photographs, ``photograph`` what their
     files say alike of their taking. ``pixel_pitch_from`` names what states ``pixel_pitch_um``.
+    ``labels`` are what people call the lens, the camera, the target and the customer.
     """
 
     camera: CameraIdentity = field(default_factory=CameraIdentity)
@@ -69,6 +70,7 @@ class PsfOrigin:
     provenance: Provenance | None = None
     pixel_pitch_um: float | None = None
     pixel_pitch_from: str | None = None
+    labels: dict[str, str] | None = None
 
 
 class PairWidths(BaseModel):
@@ -216,8 +218,9 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     ``softness_px2`` the mean variance that the scene adds in a single-image calibration,
     ``photograph`` what the files say alike of their taking. ``picture_width_px`` and
     ``picture_height_px`` are null if the photographs differ; ``verdict`` compares the edges with a
-    limits file. ``notes`` say what there is to say of the calibration that was made; no file has
-    them. Files that give only the total values are accepted.
+    limits file. ``labels`` are what people call the lens, the camera, the target and the customer,
+    null if nobody says. ``notes`` say what there is to say of the calibration that was made; no
+    file has them. Files that give only the total values are accepted.
     """
 
     field: FieldFit | None = None
@@ -242,6 +245,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     picture_height_px: int | None = None
     pixel_pitch_um: float | None = None
     pixel_pitch_from: str | None = None
+    labels: dict[str, str] | None = None
     verdict: SharpnessVerdict | None = None
     provenance: Provenance | None = None
     notes: tuple[str, ...] = Field(default=(), exclude=True, repr=False)
