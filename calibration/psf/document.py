@@ -17,7 +17,13 @@ from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.repeatability import FocusScatter
 from calibration.psf.transfer_2d import Transfer2d
-from calibration.sharpness import Picture, SharpnessLimits, SharpnessVerdict, judge_sharpness
+from calibration.sharpness import (
+    Picture,
+    SharpnessLimits,
+    SharpnessVerdict,
+    edge_row,
+    judge_sharpness,
+)
 from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
@@ -258,6 +264,10 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     def to_dataframe(self) -> "DataFrame":
         """Return the edges as a pandas table: the entries of psf.json, and ``is_used``.
 
+        ``mtf50_...`` is the measured one, as reports and the terminal have it, and
+        ``gaussian_mtf50_...`` that of the fitted Gaussian, which psf.json calls ``mtf50_...``.
+        ``mtf50_from`` says which stands in where an edge does not determine it.
+
         Raises
         ------
         PandasMissingError
@@ -269,7 +279,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         >>> psf.to_dataframe().groupby("orientation").sigma_px.median().round(2).to_dict()
         {'diagonal': 0.72, 'horizontal': 0.67, 'vertical': 0.76}
         """
-        return dataframe({**edge.model_dump(), "is_used": edge.is_used} for edge in self.edges)
+        return dataframe({**edge_row(edge), "is_used": edge.is_used} for edge in self.edges)
 
     def with_origin(self, origin: PsfOrigin) -> "PsfCalibration":
         """Return the calibration with its camera, time, part of the frame and provenance."""

@@ -137,6 +137,8 @@ def calibrate(
     terminal.refuse_overwriting(
         [out, csv, report], [*(images or []), noise, correct, limits, bench], force=force
     )
+    terminal.refuse_suffix(out, "--out", {".json"})
+    terminal.refuse_suffix(csv, "--csv", {".csv"})
     terminal.refuse_suffix(report, "--report", terminal.REPORTS)
     found_in = _region(region)
     labels = {"lens": lens, "camera": camera, "target": chart, "customer": customer}

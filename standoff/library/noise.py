@@ -13,9 +13,9 @@ from calibration.noise import (
 )
 from simulation.arguments import ArgumentError, checked
 from standoff.library.call import Call, Progress
-from standoff.library.files import require_writable, write_page, written_together
+from standoff.library.files import PAGES, require_writable, write_page, written_together
 from standoff.library.frame_groups import Frames, frame_captures
-from standoff.library.inputs import FilePath, opened_session, path_of
+from standoff.library.inputs import FilePath, opened_session, output_path
 from standoff.photographs import ReadOptions
 
 
@@ -92,6 +92,8 @@ def measure_noise(
     >>> print(f"{noise.transfer.gain_e_per_dn:.1f} e/DN, {noise.transfer.read_noise_e:.1f} e")
     4.0 e/DN, 6.0 e
     """
+    page = None if report is None else output_path(report, "report", PAGES)
+    require_writable([page])
     call = Call("measure_noise", progress, reading, white_level=white_level)
     if (session is None) == (darks is None and flats is None):
         raise ArgumentError("give a session, or darks and flats", argument="session")
@@ -120,9 +122,7 @@ def measure_noise(
     found = found.with_provenance(origin)
     for text in found.transfer.notes:
         call.note(text)
-    if report is not None:
-        page = path_of(report, "report")
-        require_writable([page])
+    if page is not None:
         source = "Frames given" if opened is None else str(opened.path)
         write_page(page, render_noise_report(found, source))
     return found
@@ -161,6 +161,6 @@ def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
     >>> round(document.read_noise_e)
     12
     """
-    out = path_of(path, "path")
+    out = output_path(path, "path", {".json"})
     with written_together(out) as folder:
         return write_noise_file(folder / out.name, noise)

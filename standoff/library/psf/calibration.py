@@ -26,14 +26,14 @@ from calibration.sharpness import read_limits
 from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
-from standoff.library.files import write_page
+from standoff.library.files import PAGES, write_page
 from standoff.library.inputs import (
     FilePath,
     ImageLike,
     NoiseLike,
     camera_noise,
     listed_images,
-    path_of,
+    output_path,
 )
 from standoff.library.psf.edge_sources import (
     EdgeSources,
@@ -158,6 +158,7 @@ def calibrate_psf(
     True
     """
     call = Call("calibrate_psf", progress, reading, (noise, correct, limits, bench), white_level)
+    page = None if report is None else output_path(report, "report", PAGES)
     named = named_by(labels, bench, images if isinstance(images, Session) else None)
     request = _Request(
         images=images if isinstance(images, Session) else listed_images(images),
@@ -186,8 +187,8 @@ def calibrate_psf(
         for remark in psf_remarks(psf):
             call.note(remark)
     psf = psf.model_copy(update={"notes": call.notes})
-    if report is not None:
-        _write_report(path_of(report, "report"), psf, found.edges)
+    if page is not None:
+        _write_report(page, psf, found.edges)
     return psf
 
 
