@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _WITH_AN_EDGE_TARGET = terminal.Given("method", ("all-angles", "paper"))
 _LINEAR = "--noise and --correct apply to linear grey levels"
 
-_NAMED = "What the report calls the {}; psf.json holds it."
+_NAMED = "What the first page of the report calls the {}."
 
 _RULES = (
     terminal.exactly_one("images", "session"),

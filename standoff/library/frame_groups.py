@@ -106,9 +106,9 @@ def _levels(frames: object, name: str) -> Iterator[_Given]:
         path = path_of(frames, name)
         inside = _folders(path)
         for folder in inside:
-            yield _Given(name=on_one_line(folder), sources=_files(folder, name))
+            yield _Given(name=on_one_line(folder), sources=_files(folder))
         if not inside:
-            files = _files(path, name)
+            files = _files(path)
             yield _Given(name=on_one_line(path), sources=files, is_one_level=False)
     elif is_array_like(frames) and np.ndim(cast("Any", frames)) == 4:
         for index, stack in enumerate(cast("Iterable[object]", frames)):
@@ -156,7 +156,7 @@ def _is_frame(item: object) -> bool:
 def _sources(value: object, name: str) -> list[object]:
     """The files and arrays of one level."""
     if isinstance(value, str | PathLike):
-        return list(_files(path_of(value, name), name))
+        return list(_files(path_of(value, name)))
     if is_array_like(value) or isinstance(value, Photograph):
         return [value]
     if isinstance(value, Mapping) or not isinstance(value, Iterable):
@@ -192,7 +192,7 @@ def _folders(path: Path) -> list[Path]:
     return inside
 
 
-def _files(path: Path, name: str) -> list[Path]:
+def _files(path: Path) -> list[Path]:
     """The image files that a path stands for, in the order of their names."""
     if path.is_dir():
         found = sorted(one for one in path.iterdir() if _is_image(one))
@@ -205,7 +205,7 @@ def _files(path: Path, name: str) -> list[Path]:
     pattern = str(path.relative_to(base)) if path.anchor else str(path)
     found = sorted(one for one in base.glob(pattern) if _is_image(one))
     if not found:
-        raise ArgumentError(f"{on_one_line(path)}: no image file has such a name", argument=name)
+        raise ImageFileError(f"{on_one_line(path)}: no image file has such a name")
     return found
 
 
