@@ -161,6 +161,15 @@ class OpticsConfig(WrittenTable):
     lens: str = ""
 
 
+class LabelsConfig(WrittenTable):
+    """``[labels]``: what reports name on their first page, as people write it."""
+
+    lens: str = ""
+    camera: str = ""
+    target: str = ""
+    customer: str = ""
+
+
 class CaptureConfig(WrittenTable):
     """``[capture]``: how many frames a capture averages, and the mains frequency."""
 
@@ -213,6 +222,7 @@ class BenchConfig(WrittenTable):
     optics: OpticsConfig
     capture: CaptureConfig = CaptureConfig(frames_per_capture=10, mains_hz=50)
     simulated: SimulatedConfig | None = None
+    labels: LabelsConfig | None = None
 
     @property
     def frame_shape(self) -> tuple[int, int] | None:

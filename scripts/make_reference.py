@@ -16,6 +16,7 @@ from acquisition.bench import (
     BenchConfig,
     CameraConfig,
     CaptureConfig,
+    LabelsConfig,
     OpticsConfig,
     SimulatedConfig,
     StageConfig,
@@ -139,6 +140,7 @@ def configs_page() -> str:
         ("optics", OpticsConfig),
         ("capture", CaptureConfig),
         ("simulated", SimulatedConfig),
+        ("labels", LabelsConfig),
     ):
         field = BenchConfig.model_fields[name]
         parts += [f"### [{name}]{'' if field.is_required() else ' (optional)'}\n"]

@@ -98,13 +98,13 @@ def plot_maps(maps: CorrectionMaps) -> Figure:
 
 
 def render_noise_report(noise: NoiseMeasurement, source: str) -> str:
-    """Return the report as one HTML page; ``source`` names the session."""
+    """Return the report as one HTML page; ``source`` says where the captures are from."""
     transfer, known = noise.transfer, noise.calibration
     return render_report(
         Report(
             title="Camera noise",
-            subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures, "
-            f"{(known.captured_utc or '')[:10]}",
+            subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures"
+            + (f", {known.captured_utc[:10]}" if known.captured_utc else ""),
             verdicts=_verdicts(noise),
             sections=tuple(
                 section

@@ -1,8 +1,9 @@
-from .captures import (
-    NoiseMeasurement as NoiseMeasurement,
-    measure_noise as measure_noise,
-    noise_records as noise_records,
+from .capture_list import (
+    NoiseCapture as NoiseCapture,
+    NoiseCaptures as NoiseCaptures,
+    NoiseKind as NoiseKind,
 )
+from .captures import NoiseMeasurement as NoiseMeasurement, measure_noise as measure_noise
 from .correction_maps import CorrectionMaps as CorrectionMaps
 from .document import (
     NOISE_SCHEMA as NOISE_SCHEMA,
@@ -12,6 +13,7 @@ from .document import (
     read_map_files as read_map_files,
     write_map_files as write_map_files,
 )
+from .frame_group import FrameGroup as FrameGroup, noise_captures as noise_captures
 from .linearity import Linearity as Linearity
 from .noise_by_level import (
     LevelNoise as LevelNoise,

@@ -1,16 +1,14 @@
-"""Photon transfer and correction maps from the dark and flat captures of a session."""
+"""Photon transfer and correction maps from dark and flat captures."""
 
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import datetime
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.session import CaptureImages, CaptureRecord, Session
-from calibration.errors import NoiseError
+from acquisition.session import Session
+from calibration.noise.capture_list import NoiseCapture, NoiseCaptures
 from calibration.noise.correction_maps import (
     CorrectionMaps,
     Nonuniformity,
@@ -26,7 +24,7 @@ from calibration.noise.photon_transfer import (
     is_in_fit_range,
 )
 from calibration.provenance import Provenance
-from simulation.arrays import BoolArray
+from simulation.arrays import BoolArray, FloatImage
 
 _BINS = 512
 _FEWEST_IN_BIN = 30
@@ -92,9 +90,6 @@ class VarianceByLevel:
         return Saturation(level_dn=float(level), err_dn=float(np.sqrt(1 / 12 + spread / count)))
 
 
-_KINDS = ("dark", "flat")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseMeasurement:
     """The contents of noise.json, with the curve and the maps behind it."""
@@ -113,50 +108,19 @@ class NoiseMeasurement:
         return f"NoiseMeasurement({self.calibration!r})"
 
 
-def noise_records(session: Session) -> list[CaptureRecord]:
-    """Return the dark and flat captures of a session, all at one gain and in one format.
-
-    Raises
-    ------
-    NoiseError
-        If darks or flats are missing, or gains or formats are mixed.
-    """
-    records = [
-        record for record in session.records if record.kind in _KINDS and record.frames_used > 1
-    ]
-    kinds = Counter(record.kind for record in records)
-    for kind, remedy in (
-        ("dark", "put the lens cap on and capture with kind dark"),
-        ("flat", "capture an evenly lit white surface with kind flat at several exposures"),
-    ):
-        if not kinds[kind]:  # type: ignore[index]  # both are kinds
-            raise NoiseError(
-                f"{session.path}: the session has no {kind} capture of 2 frames or more; {remedy}",
-                reason="no_dark" if kind == "dark" else "no_flat",
-            )
-    settings = {(record.gain_db, record.pixel_format) for record in records}
-    if len(settings) > 1:
-        listed = ", ".join(f"{gain} dB {pixels}" for gain, pixels in sorted(settings, key=str))
-        raise NoiseError(
-            f"{session.path}: dark and flat captures have different settings ({listed}); "
-            "a noise.json holds for one setting: exclude the others",
-            reason="settings",
-        )
-    return records
-
-
 def measure_noise(
-    session: Session, progress: Callable[[int], None] = lambda _: None
+    given: Session | NoiseCaptures, progress: Callable[[int], None] = lambda _: None
 ) -> NoiseMeasurement:
     """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.
 
-    Every capture is read twice, or three times if the sensor has defects, which are left out. Of a
-    bracket every exposure is a sample, with its defects; the maps take what was merged.
+    Every capture is loaded twice, or three times if the sensor has defects, which are left out. Of
+    a bracket every exposure is a sample, with its defects; the maps take what was merged.
 
     Parameters
     ----------
-    session
-        With dark and flat captures; see ``configs/noise_plan.toml``.
+    given
+        A session with dark and flat captures (see ``configs/noise_plan.toml``), or such captures of
+        frames of one's own.
     progress
         Called with the number of captures read, two for each.
 
@@ -167,101 +131,98 @@ def measure_noise(
     SessionError
         If a capture file is missing or changed.
     """
-    records = noise_records(session)
-    levels = VarianceByLevel(records[0].max_level_dn)
+    captures = NoiseCaptures.of_session(given) if isinstance(given, Session) else given
+    listed = captures.captures
+    levels = VarianceByLevel(captures.max_level_dn)
     samples: list[LevelSample] = []
-    for done, record in enumerate(records, start=1):
-        images = session.load(record)
-        assert images.variance_dn2 is not None  # of several frames
-        samples += _samples(images, None)
-        if record.kind == "flat" and record.bracket is None:
-            levels.add(images.mean_dn, images.variance_dn2)
+    for done, capture in enumerate(listed, start=1):
+        mean, variance = capture.load()
+        samples += _samples(capture, mean, variance)
+        if capture.kind == "flat" and capture.bracket is None:
+            levels.add(mean, variance)
         progress(done)
-    transfer = fit_photon_transfer(samples, levels.saturation())
-    sums = _MapSums(transfer, _dark_group(transfer, records, session.bench))
-    for done, record in enumerate(records, start=len(records) + 1):
-        sums.add(session.load(record))
+    rounding = captures.quantisation_dn2
+    transfer = fit_photon_transfer(samples, levels.saturation(), rounding)
+    sums = _MapSums(transfer, _dark_group(transfer, captures))
+    for done, capture in enumerate(listed, start=len(listed) + 1):
+        sums.add(capture)
         progress(done)
     maps = sums.maps()
     if maps.is_defect.any():
         sound = ~maps.is_defect
-        masked = [one for record in records for one in _samples(session.load(record), sound)]
-        transfer = fit_photon_transfer(masked, transfer.saturation)
-    camera: Mapping[str, Any] = session.devices.get("camera", {})
+        masked = [one for each in listed for one in _samples(each, *each.load(), sound)]
+        transfer = fit_photon_transfer(masked, transfer.saturation, rounding)
+    transfer = replace(transfer, notes=(*transfer.notes, *captures.notes))
     pixels = sums.nonuniformity(maps)
     calibration = NoiseCalibration.of(
         transfer,
         pixels,
-        frames_averaged=_frames_averaged(session.bench, records),
-        gain_db=records[0].gain_db,
-        pixel_format=records[0].pixel_format,
-        camera_serial=_text(camera, "DeviceSerialNumber"),
-        camera_model=_text(camera, "DeviceModelName"),
-        captured_utc=min(record.started_utc for record in records),
-        darks=sum(record.kind == "dark" for record in records),
-        flats=sum(record.kind == "flat" for record in records),
+        frames_averaged=captures.frames_averaged,
+        darks=captures.count("dark"),
+        flats=captures.count("flat"),
+        **captures.facts,
     )
     return NoiseMeasurement(
         calibration=calibration, transfer=transfer, maps=maps, nonuniformity=pixels
     )
 
 
-def _samples(images: CaptureImages, sound: BoolArray | None) -> list[LevelSample]:
+def _samples(
+    capture: NoiseCapture,
+    mean_dn: FloatImage,
+    variance_dn2: FloatImage,
+    sound: BoolArray | None = None,
+) -> list[LevelSample]:
     """The samples of a capture: one, or one for each exposure of a bracket."""
-    record = images.record
-    whole = _sample(images, sound)
-    if record.bracket is None:
+    whole = _sample(capture, mean_dn, variance_dn2, sound)
+    if capture.bracket is None:
         return [whole]
     return [
         whole.model_copy(
             update={
                 "mean_dn": one.mean_dn,
                 "variance_dn2": one.variance_dn2,
-                "pixels": images.mean_dn.size,
+                "pixels": mean_dn.size,
                 "frames": one.frames_used,
                 "exposure_us": one.exposure_us,
-                "clipped_fraction": one.saturated_pixels / images.mean_dn.size,
+                "clipped_fraction": one.saturated_pixels / mean_dn.size,
             }
         )
-        for one in record.bracket
+        for one in capture.bracket
     ]
 
 
-def _sample(images: CaptureImages, sound: BoolArray | None) -> LevelSample:
-    record = images.record
-    assert images.variance_dn2 is not None
-    mean, variance = images.mean_dn, images.variance_dn2
-    if sound is not None:
-        mean, variance = mean[sound], variance[sound]
-    kind: Literal["dark", "flat"] = "dark" if record.kind == "dark" else "flat"
+def _sample(
+    capture: NoiseCapture,
+    mean_dn: FloatImage,
+    variance_dn2: FloatImage,
+    sound: BoolArray | None = None,
+) -> LevelSample:
+    mean, variance = (
+        (mean_dn, variance_dn2) if sound is None else (mean_dn[sound], variance_dn2[sound])
+    )
     return LevelSample(
-        kind=kind,
-        capture=record.file,
+        kind=capture.kind,
+        capture=capture.name,
         mean_dn=float(mean.mean(dtype=np.float64)),
         variance_dn2=float(variance.mean(dtype=np.float64)),
         pixels=mean.size,
-        frames=record.frames_used,
-        exposure_us=record.exposure_us,
-        time_s=datetime.fromisoformat(record.started_utc).timestamp(),
-        clipped_fraction=record.saturated_pixels / images.mean_dn.size,
+        frames=capture.frames,
+        exposure_us=capture.exposure_us,
+        time_s=capture.time_s,
+        clipped_fraction=capture.saturated_pixels / mean_dn.size,
     )
 
 
-def _dark_group(
-    transfer: PhotonTransfer, records: Sequence[CaptureRecord], bench: Mapping[str, Any]
-) -> frozenset[str]:
+def _dark_group(transfer: PhotonTransfer, captures: NoiseCaptures) -> frozenset[str]:
     """Dark captures to average into the map: all, or with a dark current those of one exposure."""
-    darks = [record for record in records if record.kind == "dark"]
-    wanted = bench.get("camera", {}).get("exposure_us")
-    exposures = [record.exposure_us for record in darks if record.exposure_us is not None]
-    if (
-        transfer.dark.rate_dn_per_us == 0
-        or not isinstance(wanted, int | float)
-        or len(exposures) < len(darks)
-    ):
-        return frozenset(record.file for record in darks)
+    darks = [one for one in captures.captures if one.kind == "dark"]
+    wanted = captures.usual_exposure_us
+    exposures = [one.exposure_us for one in darks if one.exposure_us is not None]
+    if transfer.dark.rate_dn_per_us == 0 or wanted is None or len(exposures) < len(darks):
+        return frozenset(one.name for one in darks)
     nearest = min(exposures, key=lambda exposure: abs(exposure - wanted))
-    return frozenset(record.file for record in darks if record.exposure_us == nearest)
+    return frozenset(one.name for one in darks if one.exposure_us == nearest)
 
 
 class _MapSums:
@@ -279,18 +240,18 @@ class _MapSums:
         self._ratio: Any = 0.0
         self._captures = 0
 
-    def add(self, images: CaptureImages) -> None:
+    def add(self, capture: NoiseCapture) -> None:
         """Add a capture, if it is suitable for a map."""
-        sample = _sample(images, None)
+        mean_dn, variance_dn2 = capture.load()
+        sample = _sample(capture, mean_dn, variance_dn2)
         black = self._transfer.dark.black_level_dn
         is_dark = sample.kind == "dark"
         if not (is_dark or is_in_fit_range(sample, black, self._transfer.saturation.level_dn)):
             return
-        mean = images.mean_dn.astype(np.float64)
-        assert images.variance_dn2 is not None
-        if images.record.bracket is None:  # its variance is the model's, and judges no pixel
+        mean = mean_dn.astype(np.float64)
+        if capture.bracket is None:  # its variance is the model's, and judges no pixel
             expected = self._transfer.variance_dn2(np.maximum(mean - black, 0.0))
-            self._ratio = self._ratio + images.variance_dn2 / np.maximum(expected, 1e-6)
+            self._ratio = self._ratio + variance_dn2 / np.maximum(expected, 1e-6)
             self._captures += 1
         if is_dark:
             if sample.capture in self._dark_files:
@@ -322,15 +283,3 @@ class _MapSums:
         return nonuniformity(
             maps, dark_variance_dn2=dark_dn2, response_variance=left_dn2 / light_dn**2
         )
-
-
-def _frames_averaged(bench: Mapping[str, Any], records: Sequence[CaptureRecord]) -> int:
-    frames = bench.get("capture", {}).get("frames_per_capture")
-    if isinstance(frames, int) and frames >= 1:
-        return frames
-    return Counter(record.frames_used for record in records).most_common(1)[0][0]
-
-
-def _text(snapshot: Mapping[str, object], key: str) -> str | None:
-    value = snapshot.get(key)
-    return None if value in (None, "") else str(value)

@@ -99,13 +99,17 @@ class PhotonTransfer:
         return self.offset_dn2 + self.slope_dn * light_dn + self.curvature * light_dn**2
 
 
-def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) -> PhotonTransfer:
+def fit_photon_transfer(
+    samples: Sequence[LevelSample],
+    saturation: Saturation,
+    quantisation_dn2: float = QUANTISATION_DN2,
+) -> PhotonTransfer:
     """Fit the photon transfer line to dark and flat captures.
 
     The variance of one frame is ``v0 + K x`` with x the level above black: K is DN per electron
-    and ``v0 - 1/12`` the read noise squared. Each capture is weighted by the variance of its
-    variance, ``2 v^2 / ((N - 1) pixels)``, taken from the fitted line. Flickering light adds
-    ``c x^2``: that term is fitted too if it exceeds three standard errors.
+    and ``v0`` less that of rounding the read noise squared. Each capture is weighted by the
+    variance of its variance, ``2 v^2 / ((N - 1) pixels)``, taken from the fitted line. Flickering
+    light adds ``c x^2``: that term is fitted too if it exceeds three standard errors.
 
     Parameters
     ----------
@@ -113,6 +117,8 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
         At least one dark capture, and flats at three levels in the fitted range.
     saturation
         The level at which pixels clip.
+    quantisation_dn2
+        Variance of the rounding: a twelfth of the squared step.
 
     Raises
     ------
@@ -135,9 +141,11 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
             reason="no_flat",
         )
     dark = dark_signal(darks)
+    _refuse_exchanged(darks, flats)
     marked = tuple(_marked(sample, dark.black_level_dn, saturation.level_dn) for sample in samples)
     lit_dn = _require_levels(marked, dark.black_level_dn)
-    line = _line([sample for sample in marked if sample.is_fitted], dark.black_level_dn)
+    fitted = [sample for sample in marked if sample.is_fitted]
+    line = _line(fitted, dark.black_level_dn, quantisation_dn2)
     notes = (*dark.notes, *_notes(line))
     if not saturation.is_reached:
         notes = (
@@ -163,6 +171,16 @@ def fit_photon_transfer(samples: Sequence[LevelSample], saturation: Saturation) 
         samples=marked,
         notes=notes,
     )
+
+
+def _refuse_exchanged(darks: Sequence[LevelSample], flats: Sequence[LevelSample]) -> None:
+    brightest_dn = max(sample.mean_dn for sample in flats)
+    if min(sample.mean_dn for sample in darks) >= brightest_dn:
+        raise NoiseError(
+            f"no flat (the brightest at {brightest_dn:.0f} DN) is brighter than the darks: they "
+            "are exchanged, or the flats have no light",
+            reason="levels",
+        )
 
 
 def is_in_fit_range(sample: LevelSample, black_level_dn: float, saturation_dn: float) -> bool:
@@ -204,6 +222,7 @@ class _Line:
     values: FloatArray
     covariance: FloatArray
     chi2_reduced: float
+    quantisation_dn2: float
 
     @property
     def offset_dn2(self) -> float:
@@ -227,7 +246,7 @@ class _Line:
 
     @property
     def read_dn2(self) -> float:
-        return max(self.offset_dn2 - QUANTISATION_DN2, 0.0)
+        return max(self.offset_dn2 - self.quantisation_dn2, 0.0)
 
     @property
     def read_noise_e(self) -> float:
@@ -246,15 +265,15 @@ class _Line:
         return float(np.sqrt(self.covariance[order, order]))
 
 
-def _line(samples: Sequence[LevelSample], black_level_dn: float) -> _Line:
+def _line(samples: Sequence[LevelSample], black_level_dn: float, quantisation_dn2: float) -> _Line:
     """The straight line, or the curve if its bend exceeds three standard errors."""
     # Dark current adds shot noise as light does: the black level is that at exposure 0.
     light_dn = np.array([sample.mean_dn for sample in samples]) - black_level_dn
     variance_dn2 = np.array([sample.variance_dn2 for sample in samples])
     spread = np.array([2.0 / ((sample.frames - 1) * sample.pixels) for sample in samples])
-    line = _fit(light_dn, variance_dn2, spread, order=1)
+    line = _fit(light_dn, variance_dn2, spread, order=1, quantisation_dn2=quantisation_dn2)
     if len(samples) > FEWEST_LEVELS + 1:
-        curve = _fit(light_dn, variance_dn2, spread, order=2)
+        curve = _fit(light_dn, variance_dn2, spread, order=2, quantisation_dn2=quantisation_dn2)
         if abs(curve.curvature) > _SIGNIFICANT * curve.err(2) and curve.slope_dn > 0:
             line = curve
     if line.slope_dn <= _SIGNIFICANT * line.err(1):
@@ -274,7 +293,7 @@ def _notes(line: _Line) -> Iterator[str]:
         )
     elif line.curvature < 0:
         yield "the variance bends down with the level (a nonlinear camera); see the curve"
-    if line.offset_dn2 <= QUANTISATION_DN2:
+    if line.offset_dn2 <= line.quantisation_dn2:
         yield "the read noise is below the rounding to whole DN and cannot be measured"
 
 
@@ -293,7 +312,9 @@ def _fit(
     light_dn: FloatArray,
     variance_dn2: FloatArray,
     spread: FloatArray,
+    *,
     order: int,
+    quantisation_dn2: float,
 ) -> _Line:
     """Weighted polynomial; weights follow the fitted curve, never the scattered values."""
     scale = max(float(light_dn.max()), 1.0)
@@ -314,5 +335,8 @@ def _fit(
     units = scale ** -np.arange(order + 1.0)
     covariance = np.linalg.inv(normal) * max(chi2, 1.0)
     return _Line(
-        values=values * units, covariance=covariance * np.outer(units, units), chi2_reduced=chi2
+        values=values * units,
+        covariance=covariance * np.outer(units, units),
+        chi2_reduced=chi2,
+        quantisation_dn2=quantisation_dn2,
     )

@@ -17,7 +17,13 @@ from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.repeatability import FocusScatter
 from calibration.psf.transfer_2d import Transfer2d
-from calibration.sharpness import Picture, SharpnessLimits, SharpnessVerdict, judge_sharpness
+from calibration.sharpness import (
+    Picture,
+    SharpnessLimits,
+    SharpnessVerdict,
+    edge_row,
+    judge_sharpness,
+)
 from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
@@ -59,6 +65,7 @@ class PsfOrigin:
     ``captured_utc`` is the time of the first capture in ISO 8601, ``region`` the part of the
     frame that was used, ``channel`` the channel of colour photographs, ``photograph`` what their
     files say alike of their taking. ``pixel_pitch_from`` names what states ``pixel_pitch_um``.
+    ``labels`` are what people call the lens, the camera, the target and the customer.
     """
 
     camera: CameraIdentity = field(default_factory=CameraIdentity)
@@ -69,6 +76,7 @@ class PsfOrigin:
     provenance: Provenance | None = None
     pixel_pitch_um: float | None = None
     pixel_pitch_from: str | None = None
+    labels: dict[str, str] | None = None
 
 
 class PairWidths(BaseModel):
@@ -216,8 +224,9 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     ``softness_px2`` the mean variance that the scene adds in a single-image calibration,
     ``photograph`` what the files say alike of their taking. ``picture_width_px`` and
     ``picture_height_px`` are null if the photographs differ; ``verdict`` compares the edges with a
-    limits file. ``notes`` say what there is to say of the calibration that was made; no file has
-    them. Files that give only the total values are accepted.
+    limits file. ``labels`` are what people call the lens, the camera, the target and the customer,
+    null if nobody says. ``notes`` say what there is to say of the calibration that was made; no
+    file has them. Files that give only the total values are accepted.
     """
 
     field: FieldFit | None = None
@@ -242,6 +251,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     picture_height_px: int | None = None
     pixel_pitch_um: float | None = None
     pixel_pitch_from: str | None = None
+    labels: dict[str, str] | None = None
     verdict: SharpnessVerdict | None = None
     provenance: Provenance | None = None
     notes: tuple[str, ...] = Field(default=(), exclude=True, repr=False)
@@ -254,6 +264,10 @@ class PsfCalibration(PsfWidths, _PsfDocument):
     def to_dataframe(self) -> "DataFrame":
         """Return the edges as a pandas table: the entries of psf.json, and ``is_used``.
 
+        ``mtf50_...`` is the measured one, as reports and the terminal have it, and
+        ``gaussian_mtf50_...`` that of the fitted Gaussian, which psf.json calls ``mtf50_...``.
+        ``mtf50_from`` says which stands in where an edge does not determine it.
+
         Raises
         ------
         PandasMissingError
@@ -265,7 +279,7 @@ class PsfCalibration(PsfWidths, _PsfDocument):
         >>> psf.to_dataframe().groupby("orientation").sigma_px.median().round(2).to_dict()
         {'diagonal': 0.72, 'horizontal': 0.67, 'vertical': 0.76}
         """
-        return dataframe({**edge.model_dump(), "is_used": edge.is_used} for edge in self.edges)
+        return dataframe({**edge_row(edge), "is_used": edge.is_used} for edge in self.edges)
 
     def with_origin(self, origin: PsfOrigin) -> "PsfCalibration":
         """Return the calibration with its camera, time, part of the frame and provenance."""

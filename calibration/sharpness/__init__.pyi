@@ -20,6 +20,7 @@ from .tables import (
     VERDICT_COLUMNS as VERDICT_COLUMNS,
     edge_cells as edge_cells,
     edge_name as edge_name,
+    edge_row as edge_row,
     verdict_rows as verdict_rows,
     with_reach as with_reach,
 )

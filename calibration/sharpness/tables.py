@@ -6,6 +6,7 @@ Every ± is half a 95 % interval.
 from collections.abc import Sequence
 from math import floor, log10
 from pathlib import PurePath
+from typing import Any
 
 from calibration.edges import EdgeMeasurement
 from calibration.sharpness.resolution import (
@@ -113,3 +114,23 @@ def _limit_cells(one: LimitVerdict) -> Cells:
         one.outcome,
         one.where,
     )
+
+
+_MTF50 = ("mtf50_cy_per_px", "mtf50_err_cy_per_px", "mtf50_lw_per_ph", "mtf50_lp_per_mm")
+
+
+def edge_row(edge: EdgeMeasurement) -> dict[str, Any]:
+    """Return an edge as a line of a table: the entries of psf.json, with MTF50 as it is reported.
+
+    In psf.json ``mtf50_...`` is the fitted Gaussian's. Here it is that of ``reported_mtf50``,
+    measured where the edge determines it; ``mtf50_from`` says whether it is of the ``e-SFR`` or of
+    the ``gaussian``, whose own stands in ``gaussian_mtf50_...``.
+    """
+    stored = edge.model_dump()
+    is_measured = reported_mtf50(edge).is_model_free
+    row: dict[str, Any] = {}
+    for name, value in stored.items():
+        row[name] = stored[f"esfr_{name}"] if is_measured and name in _MTF50 else value
+    row["mtf50_from"] = "e-SFR" if is_measured else "gaussian"
+    row |= {f"gaussian_{name}": stored[name] for name in _MTF50}
+    return row

@@ -47,8 +47,8 @@ RANGES: Mapping[str, Range] = {
         Range(0, 1e4, is_open=True),
     ),
     **_named(
-        "exposure noise_dn noises_dn curve_noise_dn reference_noise light_scatter read_noise_e "
-        "least index indices retake",
+        "exposure exposure_us dark_exposures_us flat_exposures_us noise_dn noises_dn "
+        "curve_noise_dn reference_noise light_scatter read_noise_e least index indices retake",
         Range(0),
     ),
     **_named("focus_scatter_px2 registration_err_px height_scatter_mm", Range(0, 1e4)),

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 _WITH_AN_EDGE_TARGET = terminal.Given("method", ("all-angles", "paper"))
 _LINEAR = "--noise and --correct apply to linear grey levels"
 
+_NAMED = "What the first page of the report calls the {}."
+
 _RULES = (
     terminal.exactly_one("images", "session"),
     terminal.excludes("session", "srgb", because="captures are linear and grey"),
@@ -111,6 +113,16 @@ def calibrate(
             metavar="UM",
         ),
     ] = None,
+    lens: Annotated[str | None, Option(help=_NAMED.format("lens"), metavar="TEXT")] = None,
+    camera: Annotated[str | None, Option(help=_NAMED.format("camera"), metavar="TEXT")] = None,
+    chart: Annotated[
+        str | None, Option(help=_NAMED.format("target with the edges"), metavar="TEXT")
+    ] = None,
+    customer: Annotated[str | None, Option(help=_NAMED.format("customer"), metavar="TEXT")] = None,
+    bench: Annotated[
+        Path | None,
+        Option(help="Bench file (TOML) that states these and the pixel pitch: [labels], [optics]."),
+    ] = None,
     limits: Annotated[
         Path | None, Option(help="Limits for pass and fail (TOML); the exit status stays 0.")
     ] = None,
@@ -123,10 +135,13 @@ def calibrate(
     """
     terminal.check_options(context, _RULES)
     terminal.refuse_overwriting(
-        [out, csv, report], [*(images or []), noise, correct, limits], force=force
+        [out, csv, report], [*(images or []), noise, correct, limits, bench], force=force
     )
+    terminal.refuse_suffix(out, "--out", {".json"})
+    terminal.refuse_suffix(csv, "--csv", {".csv"})
     terminal.refuse_suffix(report, "--report", terminal.REPORTS)
     found_in = _region(region)
+    labels = {"lens": lens, "camera": camera, "target": chart, "customer": customer}
     library.require_writable([out, csv, report])
     psf = library.calibrate_psf(
         (images or ()) if session is None else library.Session(session),
@@ -140,6 +155,8 @@ def calibrate(
         correct=correct,
         pixel_pitch_um=pixel_pitch_um,
         limits=limits,
+        labels={name: text for name, text in labels.items() if text is not None},
+        bench=bench,
         report=report,
         reading=terminal.reading_options(encoding, page, mean, srgb),
         progress=terminal.ShownProgress(),

@@ -45,6 +45,8 @@ def geometry(
     json: terminal.Json = False,
 ) -> None:
     """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
+    terminal.refuse_suffix(out, "--out", {".json"})
+    terminal.refuse_suffix(report, "--report", terminal.REPORTS)
     terminal.refuse_overwriting([out, report], force=force)
     library.require_writable([out, report])
     layout = terminal.charuco_board(board)

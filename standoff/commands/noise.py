@@ -1,11 +1,11 @@
-"""``standoff noise``: photon transfer and correction maps from dark and flat captures."""
+"""``standoff noise``: photon transfer and correction maps from darks and flats."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Option
+from typer import Context, Option
 
 from standoff import library, terminal
 
@@ -13,11 +13,52 @@ if TYPE_CHECKING:
     from calibration.noise import NoiseMeasurement
 
 
+_FRAMES = "a folder, a pattern such as 'flats/*.tif', or a file with a stack"
+_RULES = (
+    terminal.exactly_one("session", "flat"),
+    terminal.needs("flat", "dark"),
+    *(
+        terminal.needs(option, "flat")
+        for option in ("dark", "dark_exposure_us", "flat_exposure_us", "encoding", "white_level")
+    ),
+)
+
+
 def noise(
+    context: Context,
     *,
     session: Annotated[
-        Path, Option(help="Capture session with dark captures and a series of flats.")
-    ],
+        Path | None,
+        Option(help="Capture session with dark captures and a series of flats.", metavar="FOLDER"),
+    ] = None,
+    dark: Annotated[
+        list[Path] | None,
+        Option(
+            help=f"Dark frames of one's own: {_FRAMES}; again for another exposure. A folder of "
+            "folders is several.",
+            metavar="FRAMES",
+        ),
+    ] = None,
+    flat: Annotated[
+        list[Path] | None,
+        Option(
+            help="Frames of an even white, likewise, at three levels or more.", metavar="FRAMES"
+        ),
+    ] = None,
+    dark_exposure_us: Annotated[
+        list[float] | None,
+        Option(help="Exposure of each level of darks in turn; by default as EXIF or FITS states."),
+    ] = None,
+    flat_exposure_us: Annotated[list[float] | None, Option(help="The same of the flats.")] = None,
+    encoding: terminal.EncodingName = "auto",
+    white_level: Annotated[
+        float | None,
+        Option(
+            min=1e-6,
+            metavar="N",
+            help="Level of the frames at which they are clipped; the files' own by default.",
+        ),
+    ] = None,
     out: Annotated[Path, Option(help="Where to write noise.json; the maps are written beside it.")],
     report: Annotated[Path | None, Option(help="Also write a report (HTML or PDF).")] = None,
     force: terminal.Force = False,
@@ -26,11 +67,23 @@ def noise(
     """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""
     from calibration.noise import map_paths
 
+    terminal.check_options(context, _RULES)
     terminal.refuse_suffix(out, "--out", {".json"})
     terminal.refuse_suffix(report, "--report", terminal.REPORTS)
-    terminal.refuse_overwriting([out, *map_paths(out).values(), report], force=force)
+    given = [*(dark or []), *(flat or [])]
+    terminal.refuse_overwriting([out, *map_paths(out).values(), report], given, force=force)
     library.require_writable([out, report])
-    found = library.measure_noise(session, report=report, progress=terminal.ShownProgress())
+    found = library.measure_noise(
+        session,
+        darks=_frames(dark),
+        flats=_frames(flat),
+        dark_exposures_us=dark_exposure_us or None,
+        flat_exposures_us=flat_exposure_us or None,
+        white_level=white_level,
+        report=report,
+        reading=None if session else terminal.reading_options(encoding, None, False, None),
+        progress=terminal.ShownProgress(),
+    )
     written = library.write_noise(out, found)
     if json:
         terminal.print_json(written)
@@ -38,6 +91,11 @@ def noise(
     _print(found)
     maps = ", ".join(path.name for path in map_paths(out).values())
     terminal.say(f"wrote {out}, {maps}" + (f" and {report}" if report else ""))
+
+
+def _frames(paths: list[Path] | None) -> Path | list[Path] | None:
+    """One path, which may hold several levels, or a level for each."""
+    return paths[0] if paths is not None and len(paths) == 1 else paths or None
 
 
 def _print(found: NoiseMeasurement) -> None:

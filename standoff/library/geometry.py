@@ -16,8 +16,8 @@ from calibration.geometry import (
 from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
-from standoff.library.files import write_page
-from standoff.library.inputs import FilePath, opened_session, path_of
+from standoff.library.files import PAGES, write_page
+from standoff.library.inputs import FilePath, opened_session, output_path
 
 
 @checked
@@ -66,6 +66,7 @@ def calibrate_geometry(
     >>> round(geometry.zoom(160, 300), 3)
     1.812
     """
+    page = None if report is None else output_path(report, "report", PAGES)
     try:
         layout = board if isinstance(board, CharucoBoard) else CharucoBoard.from_text(board)
     except ValueError as error:
@@ -86,9 +87,8 @@ def calibrate_geometry(
         call.note(text)
     if found.scale_source == "board":
         call.note(f"the scale comes from the board {layout}; --board names another")
-    if report is not None:
-        page = render_geometry_report(found, str(opened.path))
-        write_page(path_of(report, "report"), page)
+    if page is not None:
+        write_page(page, render_geometry_report(found, str(opened.path)))
     return found
 
 
@@ -112,4 +112,4 @@ def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
     --------
     >>> standoff.write_geometry("board.json", standoff.calibrate_geometry("board"))
     """
-    write_geometry_file(path_of(path, "path"), geometry)
+    write_geometry_file(output_path(path, "path", {".json"}), geometry)

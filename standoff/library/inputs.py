@@ -1,6 +1,6 @@
 """Arguments as a caller gives them: an array or a path, a PSF or its file."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, islice
 from numbers import Number
@@ -10,6 +10,7 @@ from typing import Any, TypeAlias, cast
 
 from numpy.typing import NDArray
 
+from acquisition.printable import on_one_line
 from acquisition.session import Session
 from calibration.files import read_noise
 from calibration.psf import PsfCalibration
@@ -57,6 +58,23 @@ def path_of(path: object, name: str) -> Path:
     if not isinstance(text, str) or not text or "\0" in text:
         raise ArgumentError(f"{text!r} is no name of a file or folder", argument=name)
     return Path(text)
+
+
+def output_path(path: object, name: str, suffixes: Collection[str]) -> Path:
+    """Return the argument as the path of a file to write, or refuse it.
+
+    Raises
+    ------
+    ArgumentTypeError, ArgumentError
+        As ``path_of``, or if its name ends in none of the suffixes of what is written.
+    """
+    out = path_of(path, name)
+    if out.suffix.lower() not in suffixes:
+        listed = " or ".join(sorted(suffixes))
+        raise ArgumentError(
+            f"{on_one_line(out)} must end in {listed}, which is what is written", argument=name
+        )
+    return out
 
 
 def listed_paths(files: FilePath | Iterable[FilePath], name: str) -> Iterator[Path]:

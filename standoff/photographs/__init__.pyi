@@ -7,7 +7,9 @@ from .raster import marked_png as marked_png
 from .reader import (
     IMAGE_SUFFIXES as IMAGE_SUFFIXES,
     ReadOptions as ReadOptions,
+    frames_of as frames_of,
     photograph_of as photograph_of,
+    read_frames as read_frames,
     read_image as read_image,
     taken_as as taken_as,
 )

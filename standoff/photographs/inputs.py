@@ -1,6 +1,6 @@
 """The files that one command reads, remembered for the provenance of what it writes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from simulation.arrays import FloatArray
 from standoff import __version__
 from standoff.photographs.guard import read_file
 from standoff.photographs.photograph import Photograph, PhotographHead
-from standoff.photographs.reader import ReadOptions, read_image
+from standoff.photographs.reader import ReadOptions, read_frames, read_image
 
 
 class Inputs:
@@ -48,6 +48,18 @@ class Inputs:
         photograph = read_image(path, self.options)
         self._add_head(photograph)
         return photograph
+
+    def frames(self, path: Path) -> Iterator[Photograph]:
+        """Read every image of a file, one after the other, and list the file.
+
+        Raises
+        ------
+        ImageFileError
+            If it cannot be read.
+        """
+        for frame in read_frames(path, self.options):
+            self._add_head(frame)
+            yield frame
 
     def add_given(self, photograph: Photograph) -> None:
         """Say what there is to say of a photograph that no file holds."""

@@ -11,7 +11,7 @@ from PIL.Image import Image
 from scipy.ndimage import distance_transform_edt
 
 from acquisition.printable import on_one_line
-from simulation.arguments import ArgumentError, given_array
+from simulation.arguments import ArgumentError, given_array, whole_array
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from standoff.errors import ImageFileError
 from standoff.photographs.camera_raw import RAW_SUFFIXES, is_camera_raw, read_camera_raw
@@ -36,6 +36,7 @@ IMAGE_SUFFIXES = frozenset(
 ) | (RAW_SUFFIXES - {".raw"})
 """Of the files of a folder that are taken for photographs."""
 
+_COLOUR_PLANES = 4
 _WHITE_OF_FLOATS = 1.5  # encoded floats run from 0 to 1, and little beyond
 
 
@@ -91,6 +92,48 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
         stored = _stored(data, path)
         digest = sha256(data).hexdigest()
         return _photograph(stored, options, _Source(path, digest, len(data)))
+
+
+def read_frames(path: Path, options: ReadOptions = _AS_STATED) -> Iterator[Photograph]:
+    """Read every image of a file, one page in memory at a time: the frames of a stack.
+
+    Raises
+    ------
+    ImageFileError
+        As ``read_image``, or if the options choose a page.
+    """
+    data = read_file(path)
+    with _naming(on_one_line(path)):
+        _refuse_chosen_page(options)
+        stored = _stored(data, path)
+        source = _Source(path, sha256(data).hexdigest(), len(data))
+        for page in range(1, stored.count + 1):
+            yield _photograph(stored, replace(options, page=page), source)
+
+
+def frames_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Iterator[Photograph]:
+    """Take an array for a frame, shape ``(rows, cols)``, or frames, ``(frames, rows, cols)``.
+
+    Raises
+    ------
+    ArgumentError, ArgumentTypeError, ImageFileError
+        As ``photograph_of``, or if it has another number of axes.
+    """
+    with _naming(name):
+        _refuse_chosen_page(options)
+    values = whole_array(value, name)
+    if values.ndim not in (2, 3) or min(values.shape[-2:]) <= _COLOUR_PLANES:
+        raise ArgumentError(
+            f"frames are an array of (frames, rows, cols) or (rows, cols), not {values.shape}",
+            argument=name,
+        )
+    for frame in values if values.ndim == 3 else values[np.newaxis]:
+        yield photograph_of(frame, name, options)
+
+
+def _refuse_chosen_page(options: ReadOptions) -> None:
+    if options.page is not None or options.is_mean:
+        raise DecodingError("every page is a frame here; neither choose one nor take their mean")
 
 
 def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Photograph:

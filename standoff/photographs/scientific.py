@@ -17,6 +17,8 @@ _FITS = b"SIMPLE  ="
 _EXTRA = 'install the reader: pip install "standoff[formats]"'
 _COLOURS = ("R", "G", "B")
 _GREY = "Y"
+_CAMERA, _EXPOSURES = "INSTRUME", ("EXPTIME", "EXPOSURE")
+"""Instrument, and exposure in s, as FITS programs write them."""
 _ROW_ORDER = "ROWORDER"
 """By which some programs say that the first row is the upper one; FITS 4.0 fixes no order, and the
 usual viewers show the first row at the bottom."""
@@ -89,8 +91,20 @@ def read_fits_image(data: bytes) -> StoredImage:
         found = _only_image(units)
         is_shown_upright = str(found.header.get(_ROW_ORDER, "")).strip().upper() == "TOP-DOWN"
         cube = _cube(found, len(data))
-    facts = PhotographFacts(orientation=None if is_shown_upright else TOP_TO_BOTTOM)
+        facts = PhotographFacts(
+            camera=str(found.header.get(_CAMERA, "")).strip() or None,
+            exposure_s=_exposure_s(found.header),
+            orientation=None if is_shown_upright else TOP_TO_BOTTOM,
+        )
     return _linear(cube, "FITS", facts)
+
+
+def _exposure_s(header: Any) -> float | None:  # noqa: ANN401 - no types
+    for key in _EXPOSURES:
+        value = header.get(key)
+        if isinstance(value, int | float) and value > 0:
+            return float(value)
+    return None
 
 
 def _only_image(units: Any) -> Any:  # noqa: ANN401 - no types

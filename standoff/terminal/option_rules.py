@@ -1,6 +1,6 @@
 """What a command line is refused for: options that do not go together, results that overwrite."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from os.path import lexists, realpath
 from pathlib import Path
@@ -10,7 +10,7 @@ from typer import BadParameter, Context
 
 from acquisition.remote_files import is_url, url_of
 from standoff.errors import ApplicationError
-from standoff.library.files import require_place, require_reachable
+from standoff.library.files import PAGES, require_place, require_reachable
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,11 +155,11 @@ def refuse_overwriting(
         require_place(path)
 
 
-REPORTS = {".html", ".htm", ".pdf"}
+REPORTS = PAGES
 """What the name of a report ends in."""
 
 
-def refuse_suffix(path: Path | None, option: str, suffixes: set[str]) -> None:
+def refuse_suffix(path: Path | None, option: str, suffixes: Collection[str]) -> None:
     """Refuse a file name whose suffix does not match the format that is written."""
     if path is not None and path.suffix.lower() not in suffixes:
         names = " or ".join(sorted(suffixes))

@@ -10,7 +10,7 @@ import numpy as np
 from analysis.reports.page import ReportSection, ReportTable
 from calibration.edges import SFR_FREQ_CY_PER_PX, EdgeMeasurement
 from calibration.psf import PsfCalibration
-from calibration.sharpness import MODEL_REMARK, edge_cells
+from calibration.sharpness import MODEL_REMARK, edge_cells, edge_row
 
 _EDGES_LISTED = 200
 _EDGES_IN_FULL = 12
@@ -115,6 +115,8 @@ def _percent(fraction: float | None) -> str:
 def edge_csv(calibration: PsfCalibration) -> str:
     """Return the table: the entries of psf.json for each edge, then its contrast by frequency.
 
+    ``mtf50_...`` is the measured one, ``gaussian_mtf50_...`` the fitted Gaussian's.
+
     Columns ``sfr_0.05`` to ``sfr_0.50`` are the contrast left at that many cy/px, by the e-SFR.
     An empty cell is a value that is not determined; flags share one cell, separated by spaces.
     """
@@ -122,7 +124,7 @@ def edge_csv(calibration: PsfCalibration) -> str:
     writer = csv.writer(text, lineterminator="\n")
     freq = np.array(SFR_FREQ_CY_PER_PX)
     for number, edge in enumerate(calibration.edges):
-        row = edge.model_dump()
+        row = edge_row(edge)
         if number == 0:
             writer.writerow([*row, "is_used", *(f"sfr_{f:.2f}" for f in SFR_FREQ_CY_PER_PX)])
         row["flags"] = " ".join(row["flags"])

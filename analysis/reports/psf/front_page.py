@@ -12,6 +12,9 @@ from calibration.psf import PsfCalibration
 from calibration.sharpness import VERDICT_COLUMNS, SharpnessVerdict, verdict_rows
 
 _UNSTATED = "not stated"
+_NAMED_BY_PEOPLE = ("customer", "target")
+_NAMED_BY_FILES = ("camera", "lens")
+"""What people say comes before what files say."""
 _FACTS = (
     ("camera", "camera"),
     ("lens", "lens"),
@@ -50,6 +53,11 @@ def _facts(psf: PsfCalibration) -> Iterable[tuple[str, str]]:
     if psf.camera is not None and psf.camera.model and "camera" not in stated:
         names = (psf.camera.vendor, psf.camera.model, psf.camera.serial)
         stated["camera"] = " ".join(name for name in names if name)
+    labels = psf.labels or {}
+    stated.update({name: text for name, text in labels.items() if name in _NAMED_BY_FILES})
+    for name in _NAMED_BY_PEOPLE:
+        if name in labels:
+            yield name, labels[name]
     taken = psf.captured_utc or stated.get("taken")
     yield "photographed", _UNSTATED if taken is None else _moment(str(taken))
     yield "measured", _UNSTATED if psf.provenance is None else _moment(psf.provenance.created)

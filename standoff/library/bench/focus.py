@@ -37,7 +37,7 @@ from standoff.library.bench.movable_bench import MovableBench
 from standoff.library.bench.plan_preview import bench_config
 from standoff.library.call import Call, Progress
 from standoff.library.files import write_file
-from standoff.library.inputs import FilePath, NoiseLike, camera_noise, path_of
+from standoff.library.inputs import FilePath, NoiseLike, camera_noise, output_path, path_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,7 +110,7 @@ class FoundFocus:
         """
         from analysis.reports import png_bytes
 
-        write_file(path_of(path, "path"), png_bytes(self.plot()))
+        write_file(output_path(path, "path", {".png"}), png_bytes(self.plot()))
 
     def to_json(self) -> dict[str, Any]:
         """Return the peak as ``standoff focus --sweep --json`` prints it."""

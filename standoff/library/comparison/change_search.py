@@ -45,6 +45,7 @@ from standoff.library.comparison.limit_options import (
 )
 from standoff.library.comparison.limit_prediction import expected_limit, note_on_prediction
 from standoff.library.files import (
+    PAGES,
     make_folder,
     write_figure,
     write_file,
@@ -59,6 +60,7 @@ from standoff.library.inputs import (
     NoiseLike,
     PsfLike,
     camera_noise,
+    output_path,
     path_of,
 )
 from standoff.library.psf import frame_psf
@@ -163,7 +165,7 @@ class ComparedPhotographs(ChangeResult):
         ApplicationError
             If the file cannot be written.
         """
-        write_page(path_of(path, "path"), self.page())
+        write_page(output_path(path, "path", PAGES), self.page())
 
     def write(self, folder: FilePath) -> None:
         """Write maps, figure, list, report page and changes.json into a folder, all or none.

@@ -29,13 +29,14 @@ from simulation.arguments import ArgumentTypeError, accepted, arguments_at_fault
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability.error_sources import known_errors
-from standoff.library.files import write_figure
+from standoff.library.files import FIGURES, write_figure
 from standoff.library.inputs import (
     FilePath,
     ImageLike,
     PsfLike,
     grey_image,
     listed_images,
+    output_path,
     path_of,
 )
 from standoff.library.psf import camera_psf
@@ -142,7 +143,7 @@ class AllowedMovement(PoseLimits):
         """
         from analysis.reports import plot_limits
 
-        write_figure(path_of(path, "path"), plot_limits(self))
+        write_figure(output_path(path, "path", FIGURES), plot_limits(self))
 
 
 _LIMITS = (

@@ -43,6 +43,7 @@ from standoff.library.inputs import (
     PsfLike,
     camera_noise,
     listed_paths,
+    output_path,
     path_of,
 )
 from standoff.library.psf import camera_psf
@@ -83,7 +84,7 @@ class MeasuredCurves:
         ApplicationError, ResultsFileError
             If a file cannot be written.
         """
-        out, found = path_of(path, "path"), self.curves
+        out, found = output_path(path, "path", {".json"}), self.curves
         if found is None:
             raise ArgumentError("a part of the photographs gives no curves; measure the others")
         with written_together(out) as folder:

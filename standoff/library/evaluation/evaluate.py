@@ -41,8 +41,8 @@ from simulation.choices import PsfShape
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.evaluation.changes import later_scene
-from standoff.library.files import each_image, write_figure, write_page, written_together
-from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
+from standoff.library.files import PAGES, each_image, write_figure, write_page, written_together
+from standoff.library.inputs import FilePath, PsfLike, listed_paths, output_path, path_of
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import colour_scene_image, list_inputs
 from standoff.photographs import ReadOptions
@@ -81,14 +81,15 @@ class EvaluatedDetector:
         ApplicationError, ResultsFileError
             If a file cannot be written.
         """
-        out, found = path_of(path, "path"), self._whole
+        out, found = output_path(path, "path", {".json"}), self._whole
+        page = None if report is None else output_path(report, "report", PAGES)
         figures = evaluation_figures(found)
         with written_together(out) as folder:
             write_results(folder / out.name, found)
             for name, figure in zip(evaluation_figure_paths(out), figures, strict=True):
                 write_figure(folder / name.name, figure)
-        if report is not None:
-            write_page(path_of(report, "report"), render_evaluation_report(found))
+        if page is not None:
+            write_page(page, render_evaluation_report(found))
         return evaluation_figure_paths(out)
 
     def plot(self) -> "Figure":

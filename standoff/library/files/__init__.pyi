@@ -6,6 +6,9 @@ from .image_files import (
     write_mask as write_mask,
 )
 from .output_files import (
+    FIGURES as FIGURES,
+    FLOAT_IMAGES as FLOAT_IMAGES,
+    PAGES as PAGES,
     RESULTS_FOLDER as RESULTS_FOLDER,
     is_there as is_there,
     make_folder as make_folder,

@@ -20,12 +20,12 @@ from simulation.followup import (
     zoomed_out as zoomed_out,
 )
 from standoff.errors import ArgumentError
-from standoff.library.files import write_float_tiff, write_mask
+from standoff.library.files import FLOAT_IMAGES, write_float_tiff, write_mask
 from standoff.library.followup.learned_kernel import FoundKernel
 from standoff.library.followup.uncertainty import (
     SimulationUncertainty,
 )
-from standoff.library.inputs import FilePath, path_of
+from standoff.library.inputs import FilePath, output_path
 from standoff.photographs import photograph_of
 
 if TYPE_CHECKING:
@@ -121,11 +121,13 @@ class SimulatedPhotograph:
 
         Raises
         ------
+        ArgumentError
+            If the name ends in neither ``.tif`` nor ``.tiff``.
         ImageFileError
             If the file cannot be written.
         """
         description = f"standoff simulate: {self.how}, of {Path(self.source).name}"
-        write_float_tiff(path_of(path, "path"), self.image, description)
+        write_float_tiff(output_path(path, "path", FLOAT_IMAGES), self.image, description)
 
     def write_nearer(self, path: FilePath) -> None:
         """Write the mask of pixels that would be sharper than the reference, as PNG.
@@ -139,7 +141,7 @@ class SimulatedPhotograph:
         """
         if self.followup.nearer is None:
             raise ArgumentError("only a follow-up of another pose has pixels that are nearer")
-        write_mask(path_of(path, "path"), self.followup.nearer)
+        write_mask(output_path(path, "path", {".png"}), self.followup.nearer)
 
     def write_uncertainty(self, path: FilePath) -> None:
         """Write the standard error of each pixel as a float32 TIFF, whole or not at all.
@@ -156,7 +158,7 @@ class SimulatedPhotograph:
         description = (
             f"standoff simulate: standard error of {self.how}, of {Path(self.source).name}"
         )
-        write_float_tiff(path_of(path, "path"), self.uncertainty.err, description)
+        write_float_tiff(output_path(path, "path", FLOAT_IMAGES), self.uncertainty.err, description)
 
     def plot(self) -> "Figure":
         """Return a figure of the follow-up as a screen shows it."""

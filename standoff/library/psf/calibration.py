@@ -1,6 +1,6 @@
 """Calibrates a camera's PSF: from edges, from the edges of a scene, or from two distances."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -26,14 +26,14 @@ from calibration.sharpness import read_limits
 from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
-from standoff.library.files import write_page
+from standoff.library.files import PAGES, write_page
 from standoff.library.inputs import (
     FilePath,
     ImageLike,
     NoiseLike,
     camera_noise,
     listed_images,
-    path_of,
+    output_path,
 )
 from standoff.library.psf.edge_sources import (
     EdgeSources,
@@ -42,6 +42,7 @@ from standoff.library.psf.edge_sources import (
     from_session,
     taken_with,
 )
+from standoff.library.psf.labels import named_by
 from standoff.photographs import ReadOptions
 
 
@@ -84,6 +85,8 @@ def calibrate_psf(
     pixel_pitch_um: float | None = None,
     white_level: float | None = None,
     limits: FilePath | None = None,
+    labels: Mapping[str, str] | None = None,
+    bench: FilePath | None = None,
     report: FilePath | None = None,
     reading: ReadOptions | None = None,
     progress: Progress | None = None,
@@ -120,6 +123,12 @@ def calibrate_psf(
         of floats the one at which they were cut off, if they were.
     limits
         Limits for pass and fail (TOML); the ``verdict`` of the result.
+    labels
+        What the first page of the report calls the ``lens``, ``camera``, ``target`` and
+        ``customer``; it is stored in psf.json.
+    bench
+        Bench file (TOML), for what ``labels`` and ``pixel_pitch_um`` do not say: its ``[labels]``
+        and ``[optics]``. By default that of the session.
     report
         Also write a report on an edge target, HTML or PDF.
     reading
@@ -148,10 +157,12 @@ def calibrate_psf(
     >>> psf.sigma_x_err_px < 0.02
     True
     """
-    call = Call("calibrate_psf", progress, reading, (noise, correct, limits), white_level)
+    call = Call("calibrate_psf", progress, reading, (noise, correct, limits, bench), white_level)
+    page = None if report is None else output_path(report, "report", PAGES)
+    named = named_by(labels, bench, images if isinstance(images, Session) else None)
     request = _Request(
         images=images if isinstance(images, Session) else listed_images(images),
-        reading=_reading(channel, bayer, noise, correct, pixel_pitch_um),
+        reading=named.stating_pitch(_reading(channel, bayer, noise, correct, pixel_pitch_um)),
         method=method,
         region=_region_rule(region),
         zoom=zoom,
@@ -167,6 +178,7 @@ def calibrate_psf(
         found.origin,
         region=None if region is None else str(region),
         provenance=call.provenance(),
+        labels=named.labels,
     )
     psf = found.psf.with_origin(origin)
     if bounds is not None and limits is not None:
@@ -175,8 +187,8 @@ def calibrate_psf(
         for remark in psf_remarks(psf):
             call.note(remark)
     psf = psf.model_copy(update={"notes": call.notes})
-    if report is not None:
-        _write_report(path_of(report, "report"), psf, found.edges)
+    if page is not None:
+        _write_report(page, psf, found.edges)
     return psf
 
 

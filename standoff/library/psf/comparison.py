@@ -22,8 +22,8 @@ from calibration.psf import PsfCalibration, PsfChange, compare_psfs as change_be
 from simulation.arguments import checked
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
-from standoff.library.files import require_folder, require_writable, write_page
-from standoff.library.inputs import FilePath, path_of
+from standoff.library.files import PAGES, require_folder, require_writable, write_page
+from standoff.library.inputs import FilePath, output_path, path_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,9 +125,9 @@ class PsfHistory:
         ApplicationError
             If the file cannot be written.
         """
-        require_writable([path_of(path, "path")])
-        page = render_history_report(self.calibrations, self.provenance)
-        write_page(path_of(path, "path"), page)
+        out = output_path(path, "path", PAGES)
+        require_writable([out])
+        write_page(out, render_history_report(self.calibrations, self.provenance))
 
 
 @checked

@@ -34,8 +34,8 @@ class Reading:
 
     Of a mosaic (``pattern``), all colours are measured; ``channel`` is the one shown.
     ``correction`` are maps of the sensor to apply, ``frame_noise`` is the noise of a frame for
-    photographs that do not tell it. ``pixel_pitch_um`` is that of the command line, which comes
-    before what a bench file or a photograph states.
+    photographs that do not tell it. ``pixel_pitch_um`` is the one that ``pixel_pitch_from`` states,
+    which comes before what a session or a photograph does.
     """
 
     channel: Channel = "luma"
@@ -43,6 +43,7 @@ class Reading:
     correction: CorrectionMaps | None = None
     frame_noise: LevelNoise | None = None
     pixel_pitch_um: float | None = None
+    pixel_pitch_from: str = "--pixel-pitch-um"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,9 +161,9 @@ def taken_with(sources: EdgeSources) -> PsfOrigin:
 def _stated_pitch(
     reading: Reading, facts: Mapping[str, object], source: str
 ) -> tuple[float | None, str | None]:
-    """The pixel pitch and what states it: the command line, or ``source``."""
+    """The pixel pitch and what states it: the caller, or ``source``."""
     if reading.pixel_pitch_um is not None:
-        return reading.pixel_pitch_um, "--pixel-pitch-um"
+        return reading.pixel_pitch_um, reading.pixel_pitch_from
     pitch = facts.get("pixel_pitch_um")
     return (float(pitch), source) if isinstance(pitch, int | float) else (None, None)
 

@@ -8,7 +8,14 @@ from calibration.sharpness import with_sharpness
 from simulation import GaussianPsf as GaussianPsf, TabulatedPsf as TabulatedPsf
 from simulation.arguments import ArgumentError, checked
 from standoff.library.files import write_file
-from standoff.library.inputs import FilePath, ImageLike, path_of, photograph, with_white_level
+from standoff.library.inputs import (
+    FilePath,
+    ImageLike,
+    output_path,
+    path_of,
+    photograph,
+    with_white_level,
+)
 from standoff.library.psf.edge_sources import Reading, edge_image
 from standoff.photographs import ReadOptions
 
@@ -108,7 +115,7 @@ def write_psf(path: FilePath, psf: PsfCalibration) -> None:
     --------
     >>> standoff.write_psf("edge-psf.json", standoff.calibrate_psf("vertical.tif"))
     """
-    write_psf_file(path_of(path, "path"), psf)
+    write_psf_file(output_path(path, "path", {".json"}), psf)
 
 
 @checked
@@ -133,4 +140,4 @@ def write_edge_table(path: FilePath, psf: PsfCalibration) -> None:
     """
     from analysis.reports import edge_csv  # loads what plots
 
-    write_file(path_of(path, "path"), edge_csv(psf).encode("utf-8"))
+    write_file(output_path(path, "path", {".csv"}), edge_csv(psf).encode("utf-8"))

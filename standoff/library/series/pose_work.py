@@ -41,8 +41,8 @@ from standoff.library.comparison import (
     hint_settings,
 )
 from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.files import write_figure
-from standoff.library.inputs import FilePath, ImageLike, PsfLike, path_of
+from standoff.library.files import FIGURES, write_figure
+from standoff.library.inputs import FilePath, ImageLike, PsfLike, output_path
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import refusing
 from standoff.photographs import Photograph, ReadOptions
@@ -130,7 +130,7 @@ class JudgedPose:
         ApplicationError
             If the file cannot be written.
         """
-        write_figure(path_of(path, "path"), self.plot())
+        write_figure(output_path(path, "path", FIGURES), self.plot())
 
 
 @checked

@@ -40,13 +40,14 @@ from standoff.library.comparison import (
     limit_files,
 )
 from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.files import each_image, is_folder, write_file, write_page
+from standoff.library.files import PAGES, each_image, is_folder, write_file, write_page
 from standoff.library.inputs import (
     FilePath,
     NoiseLike,
     PsfLike,
     camera_noise,
     listed_paths,
+    output_path,
     path_of,
 )
 from standoff.library.psf import psf_and_field
@@ -168,7 +169,7 @@ def find_changes_of_series(
     rules = comparison_rules(call, psf, limit, options, hints, white_level)
     folder, first = path_of(out, "out"), path_of(reference, "reference")
     given = tuple(listed_paths(followups, "followups"))
-    page = None if report is None else path_of(report, "report")
+    page = None if report is None else output_path(report, "report", PAGES)
     known, field = (None, None) if psf is None else psf_and_field(call, psf, "matched", transfer)
     references: References[Photograph]
     shared: OneReference | None = None

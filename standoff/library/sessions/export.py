@@ -17,7 +17,12 @@ from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
-from standoff.library.inputs import FilePath, opened_session, path_of
+from standoff.library.inputs import FilePath, opened_session, output_path, path_of
+
+_ENDS = {
+    "ome-tiff": (".tif", ".tiff"),
+    "nexus": (".nxs", ".nx", ".nexus", ".h5", ".hdf5"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +92,7 @@ def export_session(
     6
     """
     require_exporter(format)
-    path = path_of(out, "out")
+    path = path_of(out, "out") if format == "ome-zarr" else output_path(out, "out", _ENDS[format])
     if not path.parent.is_dir():
         raise ApplicationError(f"cannot write {path}: {path.parent} is not a folder")
     call, opened = Call("export_session", progress), opened_session(session)

@@ -25,12 +25,13 @@ from calibration.psf import PsfCalibration
 from simulation.arguments import checked
 from standoff.library.call import Call, Progress
 from standoff.library.files import (
+    PAGES,
     RESULTS_FOLDER,
     make_results_folder,
     require_writable,
     write_page,
 )
-from standoff.library.inputs import FilePath, opened_session, path_of
+from standoff.library.inputs import FilePath, opened_session, output_path
 from standoff.library.sessions.validation_run import session_validation
 
 _DEPTHS = ("*/", "*/*/", "*/*/*/")
@@ -86,7 +87,7 @@ def write_report(
     """
     call, opened = Call("write_report", progress), opened_session(session)
     results = make_results_folder(opened.path)
-    page = results / "report.html" if out is None else path_of(out, "out")
+    page = results / "report.html" if out is None else output_path(out, "out", PAGES)
     require_writable([page])
     if not lexists(results / "psf.json"):
         call.note(

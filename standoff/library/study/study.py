@@ -31,7 +31,7 @@ from standoff.library.inputs import (
     NoiseLike,
     PsfLike,
     listed_images,
-    path_of,
+    output_path,
 )
 from standoff.library.study.known_inputs import KnownInputs, SoughtChange
 from standoff.library.study.pixel_levels import pixel_levels
@@ -188,7 +188,7 @@ def write_study(path: FilePath, study: PlanStudy) -> None:
     >>> study = standoff.plan_study("session.toml", "bench.toml", "psf.json")
     >>> standoff.write_study("study.json", study)
     """
-    write_results(path_of(path, "path"), study)
+    write_results(output_path(path, "path", {".json"}), study)
 
 
 def _board(board: CharucoBoard | str) -> CharucoBoard:

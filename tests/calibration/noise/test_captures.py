@@ -8,7 +8,8 @@ import pytest
 
 from acquisition.session.reader import Session
 from calibration.errors import NoiseError
-from calibration.noise.captures import measure_noise, noise_records
+from calibration.noise.capture_list import noise_records
+from calibration.noise.captures import measure_noise
 from calibration.noise.correction_maps import NOISE_DEFECT
 from tests.acquisition.session_fixtures import session_with
 from tests.calibration.noise_session import DARKS_US, FLATS_US, FRAMES, SHAPE, noise_session

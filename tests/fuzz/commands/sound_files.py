@@ -43,6 +43,8 @@ def make_sound_files(folder: Path) -> None:
     rng = np.random.default_rng(5)
     levels = np.rint(edge_image(0.8, 5.0)).astype(np.uint16)
     tifffile.imwrite(folder / "edge.tif", levels)
+    frames = np.random.default_rng(3).poisson(400, (4, 48, 64)).astype(np.uint16)
+    tifffile.imwrite(folder / "frames.tif", frames, photometric="minisblack")
     pair = changed_pair(1, 25.0)
     tifffile.imwrite(folder / "near.tif", pair.reference.astype(np.float32))
     tifffile.imwrite(folder / "far.tif", pair.followup.astype(np.float32))

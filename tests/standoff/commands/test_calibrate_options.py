@@ -95,12 +95,14 @@ def test_wrong_options_are_usage_in_one_line(
     assert not (tmp_path / "p.json").exists()
 
 
-@pytest.mark.parametrize("option", ["--out", "--report", "--csv"])
+@pytest.mark.parametrize(
+    ("option", "name"), [("--out", "r.json"), ("--report", "r.html"), ("--csv", "r.csv")]
+)
 def test_a_folder_that_is_not_there_is_said_before_any_work(
-    command: Command, edge_file: Path, tmp_path: Path, option: str
+    command: Command, edge_file: Path, tmp_path: Path, option: str, name: str
 ) -> None:
     psf = tmp_path / "p.json"
-    nowhere = tmp_path / "nowhere" / "r.html"
+    nowhere = tmp_path / "nowhere" / name
     outputs = ("--out", nowhere) if option == "--out" else ("--out", psf, option, nowhere)
     done = command("calibrate", edge_file, *outputs)
     assert done.status == 1
@@ -186,3 +188,20 @@ def test_options_for_photographs_do_not_go_with_a_session(
     done = command("calibrate", "--session", session_dir, "--srgb", "--out", tmp_path / "p.json")
     assert done.status == 2
     assert "captures are linear and grey" in done.err
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "ends"),
+    [("--out", "p.png", ".json"), ("--csv", "e.xlsx", ".csv"), ("--report", "r.png", ".pdf")],
+)
+def test_a_name_that_says_another_kind_of_file_is_refused_before_any_work(
+    command: Command, edge_file: Path, tmp_path: Path, option: str, name: str, ends: str
+) -> None:
+    psf, other = tmp_path / "p.json", tmp_path / name
+    outputs = ("--out", other) if option == "--out" else ("--out", psf, option, other)
+    done = command("calibrate", edge_file, *outputs)
+    assert done.status == 2
+    assert option in done.err
+    assert ends in done.err
+    assert not psf.exists()
+    assert not other.exists()

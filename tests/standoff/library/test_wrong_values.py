@@ -86,7 +86,7 @@ SOUND: dict[str, dict[str, object]] = {
     "make_benchmark": {"out": "bench.toml/o"},
     "measure_curves": {"images": GONE, "state": "o", "psf": PSF},
     "measure_edges": {"image": SCENE},
-    "measure_noise": {"session": GONE},
+    "measure_noise": {"darks": [SCENE], "flats": [SCENE]},
     "patch_of": {"path": "crack.png"},
     "plan_study": {"plan": GONE, "bench": "bench.toml", "psf": PSF},
     "pose_limits": {"curve": GONE, "min_d_prime": 2.0, "focal_length_px": 500.0}
