@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import standoff
+from standoff.library import types
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +57,7 @@ GROUPS = (
             "set_aside_files",
             "add_note",
             "validate",
+            "read_validation",
             "write_report",
         ),
     ),
@@ -85,10 +87,14 @@ GROUPS = (
         names=(
             "measure_noise",
             "write_noise",
+            "read_noise",
+            "read_correction",
             "calibrate_geometry",
             "write_geometry",
+            "read_geometry",
             "plan_study",
             "write_study",
+            "read_study",
         ),
     ),
     Group(
@@ -102,6 +108,8 @@ GROUPS = (
             "simulate_pose",
             "CaptureOptions",
             "UncertaintyOptions",
+            "read_homography",
+            "write_homography",
             "training_pairs",
         ),
     ),
@@ -116,7 +124,10 @@ GROUPS = (
             "FeatureMatches",
             "find_changes",
             "DetectionLimitOptions",
+            "read_changes",
             "find_changes_of_series",
+            "read_changes_series",
+            "read_time_line",
         ),
     ),
     Group(
@@ -127,12 +138,16 @@ GROUPS = (
         names=(
             "d_prime_curves",
             "measure_curves",
+            "write_curves",
+            "read_curves",
             "DetectionTask",
             "CurveChoice",
             "pose_limits",
             "judge_homography",
             "judge_pose",
+            "read_pose",
             "judge_poses",
+            "read_pose_series",
             "PoseWatch",
         ),
     ),
@@ -142,6 +157,7 @@ GROUPS = (
         about="[Your own detector](../../evaluate.md), [what a detector is](../../detectors.md).",
         names=(
             "evaluate",
+            "read_evaluation",
             "EvaluationTask",
             "Spot",
             "patch_of",
@@ -149,6 +165,7 @@ GROUPS = (
             "ChangePairsTask",
             "read_change_pairs",
             "train_detector",
+            "load_learned",
             "TrainingOptions",
         ),
     ),
@@ -156,13 +173,19 @@ GROUPS = (
         file="benchmark",
         title="The public benchmark",
         about="[The data](../../benchmark-data.md), [the scores](../../benchmark-scoring.md).",
-        names=("make_benchmark", "score_benchmark"),
+        names=("make_benchmark", "score_benchmark", "read_scores"),
     ),
     Group(
         file="calls",
         title="What calls share",
         about="[As a library](../../library.md).",
         names=("Progress", "SweepOptions", "ArgumentError"),
+    ),
+    Group(
+        file="types",
+        title="Types of arguments and results",
+        about="[As a library](../../library.md).",
+        names=tuple(sorted(name for name in types.__all__ if name[0].isupper())),
     ),
 )
 
@@ -177,6 +200,7 @@ _ALIASES = """
 | `Progress` | an object with the two methods of [`Progress`](calls.md#progress) |
 """
 _WIDTH = 92
+_OURS = ("standoff", "acquisition", "analysis", "calibration", "simulation", "hil_mocks")
 _CONSTANT = re.compile(r" = (?P<name>_?[A-Z][A-Z_]+)$")
 _SECTION = re.compile(r"^(?P<title>[A-Z]\w+)\n-+\n", re.MULTILINE)
 _ITEM = re.compile(r"^(?P<head>\S.*)\n(?P<text>(?:(?: {4}.*)?(?:\n|$))*)", re.MULTILINE)
@@ -245,7 +269,7 @@ def _members(found: type) -> Iterator[str]:
     """Public methods and properties that have a docstring, inherited ones of ours as well."""
     told: dict[str, str] = {}
     for base in found.__mro__:
-        if base.__module__.split(".")[0] not in ("standoff", "acquisition", "simulation"):
+        if base.__module__.split(".")[0] not in _OURS:
             continue
         for name, member in vars(base).items():
             about = inspect.getdoc(member.fget if isinstance(member, property) else member)

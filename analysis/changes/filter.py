@@ -39,6 +39,7 @@ from calibration.registration import (
 )
 from simulation import GaussianPsf, Psf, PsfField
 from simulation.arrays import AnyArray, BoolArray, FloatImage
+from simulation.by_value import ByValue
 from simulation.pose import projection_depth
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ _LISTED = ("x_px", "y_px", "area_px", "amplitude_dn", "significance", "q_value")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
-class ChangeResult:
+class ChangeResult(ByValue):
     """Images on the follow-up's pixels, shape ``(rows, cols)`` each; 0 where not ``valid``.
 
     Parameters

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from math import ceil
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
@@ -25,7 +24,7 @@ from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
 from calibration.notebook import html_table
 from simulation import Model
-from simulation.arguments import CheckedModel
+from simulation.arguments import CheckedModel, FilePath, checked
 from simulation.arrays import FloatArray
 from simulation.choices import PsfForm
 
@@ -378,13 +377,29 @@ class DetectabilityCurves(ResultsDocument):
         raise AmbiguousCurveError(message, fitting=tuple(fitting), open_choices=open_choices)
 
 
-def read_curves(path: Path) -> DetectabilityCurves:
+@checked
+def read_curves(path: FilePath) -> DetectabilityCurves:
     """Read a curves.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as ``write_curves`` and ``standoff detectability`` write it.
+
+    Returns
+    -------
+    DetectabilityCurves
+        The curves; functions with ``curve=`` take them.
 
     Raises
     ------
     ResultsFileError
-        If it cannot be read, is of another schema or holds values that are not numbers.
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> len(standoff.read_curves("curves.json").curves)
+    1
     """
     return read_document(
         path, DetectabilityCurves, ResultsFileError, "write it with standoff detectability"

@@ -12,6 +12,7 @@ from analysis.detectability import GaussianSignal
 from calibration.psf import luma_plane
 from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import FloatArray
+from simulation.by_value import ByValue
 
 _LEAST_ALPHA = 0.05
 """Of a patch's pixels, those fainter than this are not seen as part of it."""
@@ -88,7 +89,7 @@ class Spot(GaussianSignal):
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Patch:
+class Patch(ByValue):
     """A picture that covers the scene as far as its alpha says, at any subpixel place.
 
     Where alpha is 1 the scene takes the patch's levels; ``contrast_dn`` scales what it changes, 1

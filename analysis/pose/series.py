@@ -1,6 +1,5 @@
 """The document summary.json of several follow-ups whose poses were judged."""
 
-from pathlib import Path
 from typing import Final, Literal, Self
 
 from pydantic import Field
@@ -12,6 +11,7 @@ from analysis.pose.decision import Verdict
 from analysis.pose.quality import PoseSummary
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
+from simulation.arguments import FilePath, checked
 
 POSE_SERIES_SCHEMA: Final = "standoff.pose-summary/1"
 
@@ -79,13 +79,30 @@ class PoseSeries(ResultsDocument):
     followups: tuple[JudgedFollowup, ...] = ()
 
 
-def read_pose_series(path: Path) -> PoseSeries:
-    """Read the summary.json of ``standoff pose``.
+@checked
+def read_pose_series(path: FilePath) -> PoseSeries:
+    """Read the summary.json of ``standoff pose`` with several follow-ups.
+
+    Parameters
+    ----------
+    path
+        Of the file, in the folder of ``judge_poses``.
+
+    Returns
+    -------
+    PoseSeries
+        A verdict for each follow-up.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> judged = standoff.judge_poses("before.tif", "after", "poses", "curves.json", 2)
+    >>> standoff.read_pose_series(judged.summary).accepted
+    2
     """
     remedy = "write it with standoff pose and several follow-ups"
     return read_document(path, PoseSeries, ResultsFileError, remedy)

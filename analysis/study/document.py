@@ -4,8 +4,11 @@ from typing import Final, Literal
 
 from pydantic import Field
 
+from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
+from calibration.documents import read_document
 from calibration.notebook import html_table
+from simulation.arguments import FilePath, checked
 
 STUDY_SCHEMA: Final = "standoff.study/1"
 
@@ -119,3 +122,32 @@ class PlanStudy(ResultsDocument):
             for one in self.predicted
         ]
         return html_table(self.next_step, ("quantity", "value", "± at 95 %"), rows)
+
+
+@checked
+def read_study(path: FilePath) -> PlanStudy:
+    """Read a study.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as ``write_study`` and ``standoff plan-study`` write it.
+
+    Returns
+    -------
+    PlanStudy
+        What a planned session will know; what there was to note stands in no file.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> study = standoff.plan_study("session.toml", "bench.toml", "psf.json")
+    >>> standoff.write_study("study.json", study)
+    >>> standoff.read_study("study.json") == study
+    True
+    """
+    return read_document(path, PlanStudy, ResultsFileError, "write it with standoff plan-study")

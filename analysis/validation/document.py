@@ -1,7 +1,6 @@
 """The document validation.json: the results of a validation."""
 
 import hashlib
-from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from analysis.validation.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
 from calibration.documents import read_document
 from calibration.registration import DistortedPose
 from simulation import Psf
+from simulation.arguments import FilePath, checked
 from simulation.choices import PsfForm
 
 if TYPE_CHECKING:
@@ -265,12 +265,29 @@ def psf_sha256(psf: Psf) -> str:
     return hashlib.sha256(repr(psf).encode()).hexdigest()
 
 
-def read_validation(path: Path) -> Validation:
+@checked
+def read_validation(path: FilePath) -> Validation:
     """Read a validation.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, in the folder of ``validate`` and ``standoff validate``.
+
+    Returns
+    -------
+    Validation
+        All pairs with their metrics, and both tables.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> tables = standoff.validate("session", "psf.json", "validation", models=["matched"])
+    >>> len(standoff.read_validation("validation/validation.json").pairs) == len(tables.pairs)
+    True
     """
     return read_document(path, Validation, ResultsFileError, "write it with standoff validate")

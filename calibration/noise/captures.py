@@ -27,6 +27,7 @@ from calibration.noise.photon_transfer import (
 )
 from calibration.provenance import Provenance
 from simulation.arrays import BoolArray
+from simulation.by_value import ByValue
 
 _BINS = 512
 _FEWEST_IN_BIN = 30
@@ -96,7 +97,7 @@ _KINDS = ("dark", "flat")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NoiseMeasurement:
+class NoiseMeasurement(ByValue):
     """The contents of noise.json, with the curve and the maps behind it."""
 
     calibration: NoiseCalibration

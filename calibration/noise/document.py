@@ -19,6 +19,7 @@ from calibration.errors import NoiseFileError
 from calibration.noise.correction_maps import CorrectionMaps, Nonuniformity
 from calibration.noise.photon_transfer import LevelSample, PhotonTransfer
 from calibration.provenance import Provenance
+from simulation.by_value import ByValue
 from simulation.capture_noise import CaptureNoise
 
 NOISE_SCHEMA: Final = "standoff.noise/1"
@@ -43,7 +44,7 @@ class MapFile(BaseModel):
     sha256: str
 
 
-class NoiseCalibration(BaseModel):
+class NoiseCalibration(ByValue, BaseModel):
     """The noise of one camera at one gain, and what it was measured from.
 
     Values named ``_err`` are standard errors; null means not determined. Only the keys without a

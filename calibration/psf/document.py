@@ -18,6 +18,7 @@ from calibration.psf.field import FieldFit
 from calibration.psf.repeatability import FocusScatter
 from calibration.psf.transfer_2d import Transfer2d
 from calibration.sharpness import Picture, SharpnessLimits, SharpnessVerdict, judge_sharpness
+from simulation.by_value import ByValue
 from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class PairWidths(BaseModel):
     sigma_y_err_px: float
 
 
-class PsfWidths(BaseModel):
+class PsfWidths(ByValue, BaseModel):
     """A PSF, total and of the lens alone, with standard errors; null means not determined.
 
     Total means optics and pixel together, which equation (1) of the paper calls Sigma.

@@ -43,6 +43,7 @@ from calibration.registration.second_look import looked_again, second_look
 from calibration.registration.tilted_views import tilted_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
+from simulation.by_value import ByValue
 
 _PLACE_ERR_WARN_PX = 0.25
 _PLACE_ERR_MAX_PX = 3.0
@@ -66,7 +67,7 @@ _SMALLEST_SIDE_PX = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Registration:
+class Registration(ByValue):
     """Pose of a follow-up in its reference, nearer or further away.
 
     Parameters

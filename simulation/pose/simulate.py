@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulation.arrays import AnyArray, BoolArray, FloatImage
+from simulation.by_value import ByValue
 from simulation.pose.aligned import keeps_axes, render_aligned
 from simulation.pose.options import DEFAULT_OPTIONS, PoseOptions
 from simulation.pose.sampling import (
@@ -49,7 +50,7 @@ of the sampling is larger."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SimulatedPose:
+class SimulatedPose(ByValue):
     """A simulated follow-up on its own pixel grid.
 
     Parameters

@@ -9,14 +9,15 @@ from numpy.typing import DTypeLike, NDArray
 
 from acquisition.devices import CameraSettings
 from calibration.notebook import html_table
+from simulation.by_value import ByValue
 from standoff.photographs import Photograph
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchCapture:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BenchCapture(ByValue):
     """The mean of some frames at one height, with their temporal variance.
 
     ``numpy.asarray`` of it is ``mean_dn``, and every function of the library that takes an image

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, islice
 from numbers import Number
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -14,7 +14,14 @@ from acquisition.session import Session
 from calibration.files import read_noise
 from calibration.psf import PsfCalibration
 from simulation import GaussianPsf, MeasuredPsf, SeparablePsf, TabulatedPsf
-from simulation.arguments import ArgumentError, ArgumentTypeError, is_array_like, kind_of
+from simulation.arguments import (
+    ArgumentError,
+    ArgumentTypeError,
+    FilePath as FilePath,
+    is_array_like,
+    kind_of,
+    path_of as path_of,
+)
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.library.bench_capture import BenchCapture
@@ -26,7 +33,6 @@ from standoff.photographs import (
     taken_as,
 )
 
-FilePath: TypeAlias = str | PathLike[str]
 ImageLike: TypeAlias = NDArray[Any] | Photograph | BenchCapture | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file.
 
@@ -39,24 +45,6 @@ PsfLike: TypeAlias = BarePsf | PsfCalibration | FilePath
 
 NoiseLike: TypeAlias = CaptureNoise | FilePath
 """The noise of a capture, or the path of a noise.json."""
-
-
-def path_of(path: object, name: str) -> Path:
-    """Return the argument as a path, or refuse it.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a path; the message gives ``name`` and the type of the argument.
-    ArgumentError
-        If nothing can have such a name.
-    """
-    if not isinstance(path, str | PathLike):
-        raise ArgumentTypeError(f"expected a path, got {kind_of(path)}", argument=name)
-    text = fspath(path)
-    if not isinstance(text, str) or not text or "\0" in text:
-        raise ArgumentError(f"{text!r} is no name of a file or folder", argument=name)
-    return Path(text)
 
 
 def listed_paths(files: FilePath | Iterable[FilePath], name: str) -> Iterator[Path]:

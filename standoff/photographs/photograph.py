@@ -13,6 +13,7 @@ from calibration.choices import Pattern
 from calibration.notebook import html_table
 from calibration.psf import REC601_LUMA, luma_plane
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
+from simulation.by_value import ByValue
 from standoff.errors import HintError, ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
@@ -37,7 +38,7 @@ _USUAL_SAMPLING = (True, True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PhotographHead:
+class PhotographHead(ByValue):
     """What is known of a photograph without its pixels.
 
     Parameters

@@ -20,12 +20,13 @@ from acquisition.focus import (
     FocusTrace,
     NoFocusPeakError,
     PupilOffset,
-    Region,
+    Region as FocusRegion,
     SweepRequest,
     focus_values,
     positions_of,
     sweep_bench,
 )
+from calibration.edges import Region
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from calibration.noise import level_noise
@@ -324,12 +325,29 @@ def pupil_of(geometry: GeometryCalibration | FilePath | None) -> PupilOffset:
     )
 
 
+def focus_region(region: Region | None) -> FocusRegion | None:
+    """Return the region of a picture in which focus is measured.
+
+    Raises
+    ------
+    ArgumentError
+        If it is smaller than two pixels along either axis.
+    """
+    if region is None:
+        return None
+    sides = {name: getattr(region, name) for name in ("x_px", "y_px", "width_px", "height_px")}
+    try:
+        return FocusRegion(**sides)
+    except ValueError as error:
+        raise ArgumentError(str(error), argument="region") from error
+
+
 def _options(measure: FocusMeasure, region: Region | None, noise: NoiseLike | None) -> FocusOptions:
     camera = camera_noise(noise)
     model = None if camera is None else level_noise(camera)
     return FocusOptions(
         measure=measure,
-        region=region,
+        region=focus_region(region),
         noise=None
         if model is None
         else lambda level_dn: float(model.variance_dn2(np.array([level_dn]))[0]),

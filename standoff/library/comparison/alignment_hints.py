@@ -17,6 +17,7 @@ from calibration.registration import (
 )
 from simulation.arguments import checked
 from simulation.arrays import BoolArray, FloatArray
+from simulation.by_value import ByValue
 from standoff.errors import HintError
 from standoff.library.inputs import FilePath
 from standoff.photographs import LINEAR, ReadOptions, read_file, read_image
@@ -53,7 +54,7 @@ class HintFiles:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AlignmentHints:
+class AlignmentHints(ByValue):
     """The contents of `HintFiles`; sizes are checked against each pair of photographs."""
 
     files: HintFiles = HintFiles()

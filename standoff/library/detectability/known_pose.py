@@ -14,6 +14,7 @@ from analysis.pose import QUANTILE, PoseQuality, judge_pose
 from calibration.provenance import Provenance
 from calibration.registration import DistortedPose, Homography
 from simulation.arguments import checked
+from simulation.by_value import ByValue
 from standoff.errors import ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability.limits import CurveLike, given_curve
@@ -21,8 +22,8 @@ from standoff.library.followup import given_homography, refuse_giant_frame
 from standoff.library.inputs import FilePath
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)  # without slots: what it computes is kept
-class JudgedHomography:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # without slots: keeps results
+class JudgedHomography(ByValue):
     """d' over a follow-up whose pose is known, and the verdict by the curve.
 
     Parameters

@@ -10,6 +10,7 @@ from numpy.typing import DTypeLike, NDArray
 from calibration.notebook import html_table
 from calibration.provenance import Provenance
 from simulation.arrays import Float32Array
+from simulation.by_value import ByValue
 from simulation.choices import (
     KernelModel,
     Model,
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SimulatedPhotograph:
+class SimulatedPhotograph(ByValue):
     """A simulated follow-up; ``numpy.asarray`` of it is its image.
 
     Parameters

@@ -32,6 +32,7 @@ from calibration.registration import (
 )
 from simulation import GaussianPsf
 from simulation.arguments import checked
+from simulation.by_value import ByValue
 from standoff.library.call import Call, Progress
 from standoff.library.comparison import (
     AlignmentHints,
@@ -75,7 +76,7 @@ class PoseDemand:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JudgedPose:
+class JudgedPose(ByValue):
     """A verdict on a pose, how well the photographs agreed on it, and what to check.
 
     ``pose`` is what they were registered with; ``detection_limit`` what their comparison would have
