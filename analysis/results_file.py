@@ -10,6 +10,7 @@ from calibration.documents import write_document
 from calibration.provenance import Provenance
 from simulation.arguments import FilePath
 from simulation.by_value import ByValue
+from simulation.notebook import Shown
 
 InfiniteAsNull = Annotated[
     float,
@@ -29,7 +30,7 @@ class StoredValues(ByValue, BaseModel):
         return repr(self)
 
 
-class ResultsDocument(StoredValues):
+class ResultsDocument(Shown, StoredValues):
     """A whole document; subclasses state its schema, with a default."""
 
     schema_name: str = Field(alias="schema")

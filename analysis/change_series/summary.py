@@ -1,14 +1,19 @@
 """The document summary.json of several follow-ups that were compared with one reference."""
 
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import Field
 
+from acquisition.dataframe import dataframe
 from analysis.changes import ChangeSummary
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
 from simulation.arguments import FilePath, checked
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 CHANGES_SERIES_SCHEMA: Final = "standoff.changes-summary/1"
 
@@ -89,6 +94,16 @@ class ChangesSeries(ResultsDocument):
     refused: int
     unpaired: tuple[str, ...] = ()
     followups: tuple[ComparedFollowup, ...] = ()
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the follow-ups as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.followups)
 
 
 @checked

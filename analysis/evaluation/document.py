@@ -12,11 +12,12 @@ from analysis.errors import ResultsFileError
 from analysis.evaluation.scores import FailedPair
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
-from calibration.notebook import html_table
 from simulation import Model
 from simulation.arguments import FilePath, checked
+from simulation.notebook import html_table
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -227,11 +228,11 @@ class Evaluation(ResultsDocument):
             for values in zip(*(getattr(curve, name) for name in each), strict=True)
         )
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the AUC against zoom, with its interval and bound."""
         from analysis.evaluation.plot import auc_figure  # matplotlib, for whoever looks
 
-        return auc_figure(self)
+        return auc_figure(self, ax)
 
 
 @checked

@@ -18,6 +18,7 @@ from calibration.provenance import Provenance
 from simulation.arguments import FilePath, checked, path_of
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue
+from simulation.notebook import Shown
 
 _Row3 = tuple[float, float, float]
 
@@ -25,7 +26,7 @@ QUANTILE = 0.05
 """Share of the overlap that may lie below the threshold by criterion ``quantile``."""
 
 
-class PoseSummary(StoredValues):
+class PoseSummary(Shown, StoredValues):
     """A verdict on a pose in figures: what ``standoff pose --json`` prints.
 
     Parameters

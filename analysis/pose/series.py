@@ -1,9 +1,10 @@
 """The document summary.json of several follow-ups whose poses were judged."""
 
-from typing import Final, Literal, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 from pydantic import Field
 
+from acquisition.dataframe import dataframe
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice
 from analysis.errors import ResultsFileError
@@ -12,6 +13,10 @@ from analysis.pose.quality import PoseSummary
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
 from simulation.arguments import FilePath, checked
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 POSE_SERIES_SCHEMA: Final = "standoff.pose-summary/1"
 
@@ -77,6 +82,16 @@ class PoseSeries(ResultsDocument):
     refused: int
     unsure: int | None = None
     followups: tuple[JudgedFollowup, ...] = ()
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the follow-ups as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.followups)
 
 
 @checked

@@ -1,14 +1,19 @@
 """study.json: what a planned session will know, and what it would take to know more."""
 
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import Field
 
+from acquisition.dataframe import dataframe
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
-from calibration.notebook import html_table
 from simulation.arguments import FilePath, checked
+from simulation.notebook import html_table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 STUDY_SCHEMA: Final = "standoff.study/1"
 
@@ -108,6 +113,16 @@ class PlanStudy(ResultsDocument):
     def of(self, quantity: Quantity) -> PredictedQuantity:
         """Return the prediction for one quantity."""
         return next(one for one in self.predicted if one.quantity == quantity)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the predicted quantities as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.predicted)
 
     def __repr__(self) -> str:
         return f"<PlanStudy: {self.captures} captures, {self.edges} edges. {self.next_step}>"

@@ -19,6 +19,7 @@ from calibration.registration import DistortedPose
 from simulation import Psf
 from simulation.arguments import FilePath, checked
 from simulation.choices import PsfForm
+from simulation.notebook import html_table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -222,6 +223,14 @@ class Validation(ResultsDocument):
             f"{model} {mean.mse_dn2:.2f}" for model, mean in self.means("followup-grid").items()
         )
         return f"<Validation of {len(self.pairs)} pairs: MSE {means}>"
+
+    def _repr_html_(self) -> str:
+        columns = ("alignment", "model", "MSE / DN²", "SSIM")
+        rows = [
+            (row.alignment, row.model, f"{row.mse_dn2:.4g}", f"{row.ssim:.4g}")
+            for row in self.table_2
+        ]
+        return html_table(repr(self)[1:-1], columns, rows)
 
     def means(self, alignment: Procedure) -> dict[ValidationModel, MeanRow]:
         """Return the rows of Table II of one procedure."""

@@ -22,6 +22,7 @@ from simulation.by_value import ByValue
 from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -380,11 +381,11 @@ class PsfCalibration(PsfWidths, _PsfDocument):
                 raise PsfFileError(f"{source}: {key}: {error}", source=source, key=key) from error
         return SeparablePsf(along_y=curves[0], along_x=curves[1], gaussian=self.total_psf(source))
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the widths by angle and of the contrast by frequency."""
         from calibration.psf.plot import psf_figure  # loads matplotlib, only when plotting
 
-        return psf_figure(self)
+        return psf_figure(self, ax)
 
     def _facts(self) -> Iterator[str]:
         if self.pairs:

@@ -1,3 +1,5 @@
+__all__: list[str]
+
 from acquisition.aravis import (
     FoundCamera as FoundCamera,
 )

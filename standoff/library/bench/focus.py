@@ -32,6 +32,7 @@ from calibration.geometry import GeometryCalibration
 from calibration.noise import level_noise
 from calibration.sharpness import NORMAL_95
 from simulation.arguments import checked
+from simulation.notebook import Shown
 from standoff.errors import ArgumentError
 from standoff.library.bench.devices import OpenCamera, opened_camera, place_target
 from standoff.library.bench.movable_bench import MovableBench
@@ -41,6 +42,7 @@ from standoff.library.files import write_file
 from standoff.library.inputs import FilePath, NoiseLike, camera_noise, path_of
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _LIVE_FRAMES = 3
@@ -49,8 +51,8 @@ _EDGE_ORIENTATION_DEG = 5.0
 _READING = ("value", "peak", "percent_of_peak", "trend", "is_past_peak", "noise", "has_detail")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WatchedFocus:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class WatchedFocus(Shown):
     """The last reading of the live aid."""
 
     reading: FocusReading
@@ -62,8 +64,8 @@ class WatchedFocus:
         return {**{name: getattr(self.reading, name) for name in _READING}, "metric": self.measure}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FoundFocus:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class FoundFocus(Shown):
     """A sweep through the focus; ``tolerance_mm`` is that of the stage."""
 
     sweep: FocusSweep
@@ -94,12 +96,12 @@ class FoundFocus:
         """Whether the peak is known to more than the stage can hold."""
         return self.half_interval_mm < self.tolerance_mm
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the focus value against the height, with the peak."""
         from analysis.reports import plot_focus_sweep  # matplotlib, for whoever looks
 
         heights_mm, values, errs = self.sweep.columns()
-        return plot_focus_sweep(heights_mm, values, errs, self.sweep.peak, self.measure)
+        return plot_focus_sweep(heights_mm, values, errs, self.sweep.peak, self.measure, ax)
 
     def write_plot(self, path: FilePath) -> None:
         """Write the figure as PNG.

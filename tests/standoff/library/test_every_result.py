@@ -47,7 +47,7 @@ def public() -> Iterator[tuple[str, Callable[..., Any]]]:
         if isinstance(found, FunctionType):
             yield name, unwrap(found)
         elif isinstance(found, type) and name in MADE_BY_HAND:
-            yield name, found.__init__
+            yield name, getattr_static(found, "__init__")
             for member in dir(found):
                 one = getattr_static(found, member)
                 one = getattr(one, "fget", None) or getattr(one, "__func__", one)
