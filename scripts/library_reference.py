@@ -8,7 +8,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 import standoff
@@ -297,8 +297,8 @@ def _signature(name: str, found: Any) -> str:  # noqa: ANN401 - a function or a 
     elif isinstance(node, ast.ClassDef):
         made = _constructor(found, node)
         if made is None:
-            fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
-            arguments = [_field(one) for one in fields if not _text(one.target).startswith("_")]
+            named = {_text(one.target): _field(one) for one in _fields(found)}
+            arguments = [field for name, field in named.items() if not name.startswith("_")]
             arguments = ["*", *arguments] if arguments else []
         else:
             arguments = [one for one in _written(made.args) if one != "self"]
@@ -312,14 +312,22 @@ def _signature(name: str, found: Any) -> str:  # noqa: ANN401 - a function or a 
     return "\n".join([f"{name}(", *(f"    {one}," for one in arguments), f"){result}"])
 
 
+def _fields(found: type) -> Iterator[ast.AnnAssign]:
+    """The fields of a class, after those of its bases."""
+    for base in reversed(found.__mro__):
+        if base.__module__.split(".")[0] in _OURS:
+            node = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0]
+            assert isinstance(node, ast.ClassDef), "a class"
+            yield from (one for one in node.body if isinstance(one, ast.AnnAssign))
+
+
 def _constructor(found: type, node: ast.ClassDef) -> ast.FunctionDef | None:
     for one in node.body:
         if isinstance(one, ast.FunctionDef) and one.name == "__init__":
             return one
     for base in found.__mro__[1:]:
-        if base.__module__.split(".")[0] in ("standoff", "acquisition") and "__init__" in vars(
-            base
-        ):
+        is_ours = base.__module__.split(".")[0] in ("standoff", "acquisition")
+        if is_ours and "__init__" in vars(base) and not is_dataclass(base):
             source = textwrap.dedent(inspect.getsource(vars(base)["__init__"]))
             made = ast.parse(source).body[0]
             return made if isinstance(made, ast.FunctionDef) else None

@@ -30,10 +30,11 @@ class PlanPreview:
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        seconds, bytes_ = self.estimate.seconds, self.estimate.bytes_
+        bytes_ = self.estimate.bytes_
+        size = "" if bytes_ is None else f", {bytes_ / 1e6:.0f} MB"
         return (
             f"<PlanPreview: {len(self.entries)} captures, {self.estimate.placements} placements, "
-            f"{seconds:.0f} s, {bytes_ / 1e6:.0f} MB>"
+            f"{self.estimate.seconds:.0f} s{size}>"
         )
 
     def _repr_html_(self) -> str:

@@ -1,16 +1,19 @@
 """Plot of a geometry calibration: scale against height."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.axes import Axes
 
-from calibration.geometry.document import CaptureGeometry, GeometryCalibration
+if TYPE_CHECKING:
+    from calibration.geometry.document import CaptureGeometry, GeometryCalibration
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 TARGET_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _INK = "#1b1f24"
 
 
-def draw_scale_by_height(axes: Axes, geometry: GeometryCalibration) -> None:
+def draw_scale_by_height(axes: Axes, geometry: "GeometryCalibration") -> None:
     """Draw every capture's scale against its height, with the fit."""
     low, high = geometry.heights_mm[0], geometry.heights_mm[-1]
     margin = 0.04 * (high - low)
@@ -38,7 +41,7 @@ def draw_scale_by_height(axes: Axes, geometry: GeometryCalibration) -> None:
     axes.legend(loc="upper right")
 
 
-def captures_by_target(geometry: GeometryCalibration) -> dict[str, list[CaptureGeometry]]:
+def captures_by_target(geometry: "GeometryCalibration") -> "dict[str, list[CaptureGeometry]]":
     """Return the captures of each target, by height."""
     groups: dict[str, list[CaptureGeometry]] = {}
     for capture in geometry.captures:

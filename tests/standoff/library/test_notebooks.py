@@ -133,7 +133,7 @@ def dated_history() -> Any:
 @pytest.mark.slow
 def test_a_figure_is_drawn_within_a_part_of_a_figure(there: Path) -> None:
     whole = Figure()
-    left, _ = whole.subfigures(1, 2)
+    left = whole.subfigures(1, 2, squeeze=False)[0, 0]
     axes = left.subplots()
     assert result_of("judge_pose").plot(axes) is whole
     assert axes.images
