@@ -16,7 +16,7 @@ from simulation.arguments.ranges import RANGES
 from standoff.errors import REPORTED_ERRORS, ArgumentError
 from standoff.library import types
 
-CALLS = 2000
+CALLS = 2500
 GONE = "gone"
 """No file and no folder: where nothing refuses a wrong value before, this ends the call."""
 
@@ -33,6 +33,15 @@ TASK = standoff.DetectionTask(
     reference_zoom=1.0,
     signal=standoff.Spot(sigma_px=0.5),
 )
+
+MADE_BY_HAND: dict[str, dict[str, object]] = {
+    "CaptureNoise": {"gain_e_per_dn": 5.0, "read_noise_e": 12.0, "black_level_dn": 64.0},
+    "CharucoBoard": {"columns": 5, "rows": 4, "square_mm": 10.0, "marker_mm": 7.0},
+    "ErrorSources": {},
+    "Homography": {"matrix": np.eye(3), "size": (4, 3)},
+    "Region": {"x_px": 0, "y_px": 0, "width_px": 9, "height_px": 9},
+}
+"""Types of arguments that have no function to make them."""
 
 SOUND: dict[str, dict[str, object]] = {
     "Bench": {"bench": GONE},
@@ -100,6 +109,7 @@ SOUND: dict[str, dict[str, object]] = {
     "validate": {"session": GONE, "psf": "psf.json", "out": "o"},
     "verify_session": {"session": GONE},
     "watch_focus": {"bench": GONE},
+    **MADE_BY_HAND,
     **{name: {"path": GONE} for name in types.__all__ if name.startswith(("read_", "load_"))},
     "read_psf": {"path": "psf.json"},
     "write_curves": {"path": "o/c.json", "curves": None},
@@ -114,13 +124,6 @@ SOUND: dict[str, dict[str, object]] = {
 }
 """Arguments that take little time, of every public function and type."""
 
-MADE_BY_HAND = {
-    "CaptureNoise": {"gain_e_per_dn": 5.0, "read_noise_e": 12.0, "black_level_dn": 64.0},
-    "CharucoBoard": {"columns": 5, "rows": 4, "square_mm": 10.0, "marker_mm": 7.0},
-    "ErrorSources": {},
-    "Homography": {"matrix": np.eye(3), "size": (4, 3)},
-    "Region": {"x_px": 0, "y_px": 0, "width_px": 9, "height_px": 9},
-}
 NOT_CALLED = {"ArgumentError", "Progress"} | (
     {name for name in types.__all__ if name[0].isupper()} - MADE_BY_HAND.keys()
 )
@@ -278,6 +281,6 @@ def test_every_number_of_a_public_signature_has_a_range() -> None:
 
 ANY_NUMBER = {
     *("aim_px", "contrasts_dn", "levels_dn", "models", "observers", "retake", "sharpening", "want"),
-    *("photographs", "limits_mm"),
+    *("photographs", "limits_mm", "distortion_k1"),
 }
 """Numbers of either sign, or that their own type judges."""
