@@ -1,7 +1,6 @@
 """JSON documents of results: each is made, written and read as one pydantic model."""
 
 from math import inf, isfinite
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
@@ -9,6 +8,9 @@ from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field,
 from analysis.errors import ResultsFileError
 from calibration.documents import write_document
 from calibration.provenance import Provenance
+from simulation.arguments import FilePath, output_path
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 
 InfiniteAsNull = Annotated[
     float,
@@ -19,7 +21,7 @@ InfiniteAsNull = Annotated[
 """A number that may be infinite; JSON has no infinity and stores null."""
 
 
-class StoredValues(BaseModel):
+class StoredValues(ByValue, BaseModel):
     """Part of a document; fields added by later versions are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
@@ -28,14 +30,24 @@ class StoredValues(BaseModel):
         return repr(self)
 
 
-class ResultsDocument(StoredValues):
+class ResultsDocument(Shown, StoredValues):
     """A whole document; subclasses state its schema, with a default."""
 
     schema_name: str = Field(alias="schema")
     provenance: Provenance | None = None
 
+    def write(self, path: FilePath) -> None:
+        """Write the document as JSON, whole or not at all; figures and tables beside it are not.
 
-def write_results(path: Path, document: ResultsDocument) -> None:
+        Raises
+        ------
+        ResultsFileError
+            If the file cannot be written.
+        """
+        write_document(output_path(path, "path", {".json"}), self, ResultsFileError)
+
+
+def write_results(path: FilePath, document: ResultsDocument) -> None:
     """Write a document, whole or not at all.
 
     Raises
@@ -43,4 +55,4 @@ def write_results(path: Path, document: ResultsDocument) -> None:
     ResultsFileError
         If the file cannot be written.
     """
-    write_document(path, document, ResultsFileError)
+    document.write(path)

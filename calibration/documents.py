@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import is_dataclass
 from functools import cache
 from math import isfinite
-from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -19,6 +18,7 @@ from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
 from acquisition.written_files import NO_NUMBER
 from calibration.errors import DocumentError
+from simulation.arguments import FilePath, path_of
 
 Document = TypeVar("Document", bound=BaseModel)
 _Nested = dict[str, object] | list[object]
@@ -37,7 +37,7 @@ def json_object(document: BaseModel) -> dict[str, Any]:
     return content
 
 
-def write_document(path: Path, document: BaseModel, failure: type[DocumentError]) -> None:
+def write_document(path: FilePath, document: BaseModel, failure: type[DocumentError]) -> None:
     """Write a document as JSON, whole or not at all.
 
     Raises
@@ -47,7 +47,7 @@ def write_document(path: Path, document: BaseModel, failure: type[DocumentError]
     ValueError
         If a number is infinite or NaN.
     """
-    content = json_object(document)
+    path, content = path_of(path, "path"), json_object(document)
     json.dumps(content, allow_nan=False)  # refuses numbers that are none; indented, it is slow
     try:
         data = to_json(content, indent=1)
@@ -62,7 +62,7 @@ def write_document(path: Path, document: BaseModel, failure: type[DocumentError]
 
 
 def read_document(
-    path: Path, model: type[Document], failure: type[DocumentError], remedy: str
+    path: FilePath, model: type[Document], failure: type[DocumentError], remedy: str
 ) -> Document:
     """Read a JSON file into the model of its schema.
 
@@ -82,6 +82,7 @@ def read_document(
     DocumentError
         As ``failure``, if the file cannot be read, is of another schema or does not fit the model.
     """
+    path = path_of(path, "path")
     source = str(path)
     schema = model.model_fields["schema_name"].default
     try:

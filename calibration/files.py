@@ -1,7 +1,5 @@
 """Reading and writing psf.json, noise.json, geometry.json and H.json; no other module does it."""
 
-from pathlib import Path
-
 from calibration.documents import read_document, write_document
 from calibration.errors import (
     GeometryFileError,
@@ -19,9 +17,10 @@ from calibration.noise import (
 )
 from calibration.psf import PsfCalibration
 from calibration.registration import Homography
+from simulation.arguments import FilePath, checked, path_of
 
 
-def write_psf(path: Path, calibration: PsfCalibration) -> None:
+def write_psf(path: FilePath, calibration: PsfCalibration) -> None:
     """Write psf.json, whole or not at all.
 
     Raises
@@ -32,18 +31,34 @@ def write_psf(path: Path, calibration: PsfCalibration) -> None:
     write_document(path, calibration, PsfFileError)
 
 
-def read_psf(path: Path) -> PsfCalibration:
+@checked
+def read_psf(path: FilePath) -> PsfCalibration:
     """Read a psf.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as ``write_psf`` and ``standoff calibrate`` write it.
+
+    Returns
+    -------
+    PsfCalibration
+        All that the file says; functions with ``psf=`` take it.
 
     Raises
     ------
     PsfFileError
-        If it cannot be read, has another schema or contains values that are not numbers.
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> round(standoff.read_psf("psf.json").sigma_x_px, 2)
+    0.76
     """
     return read_document(path, PsfCalibration, PsfFileError, "write it with standoff calibrate")
 
 
-def write_geometry(path: Path, geometry: GeometryCalibration) -> None:
+def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
     """Write geometry.json, whole or not at all.
 
     Raises
@@ -54,53 +69,115 @@ def write_geometry(path: Path, geometry: GeometryCalibration) -> None:
     write_document(path, geometry, GeometryFileError)
 
 
-def read_geometry(path: Path) -> GeometryCalibration:
+@checked
+def read_geometry(path: FilePath) -> GeometryCalibration:
     """Read a geometry.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as ``write_geometry`` and ``standoff geometry`` write it.
+
+    Returns
+    -------
+    GeometryCalibration
+        All that the file says; functions with ``geometry=`` take it.
 
     Raises
     ------
     GeometryFileError
-        If it cannot be read, has another schema or lacks a value.
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> geometry = standoff.read_geometry("geometry.json")
+    >>> round(geometry.zoom(160, 300), 3)
+    1.812
     """
     return read_document(
         path, GeometryCalibration, GeometryFileError, "write it with standoff geometry"
     )
 
 
-def write_homography(path: Path, homography: Homography) -> None:
+@checked
+def write_homography(path: FilePath, homography: Homography) -> None:
     """Write an H.json, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    homography
+        The pose.
 
     Raises
     ------
     HomographyFileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> pose = standoff.Homography(matrix=[[2, 0, 0], [0, 2, 0], [0, 0, 1]], size=(160, 120))
+    >>> standoff.write_homography("half.json", pose)
     """
     write_document(path, homography, HomographyFileError)
 
 
-def read_homography(path: Path) -> Homography:
+@checked
+def read_homography(path: FilePath) -> Homography:
     """Read an H.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as ``write_homography`` writes it.
+
+    Returns
+    -------
+    Homography
+        The pose; functions with ``homography=`` take it.
 
     Raises
     ------
     HomographyFileError
-        If it cannot be read, has another schema, or its matrix, size or distortion is not valid.
+        If it cannot be read, is of another schema, or its matrix, size or distortion is not valid.
+
+    Examples
+    --------
+    >>> standoff.read_homography("H.json").size
+    (320, 240)
     """
     return read_document(path, Homography, HomographyFileError, "give an H.json")
 
 
-def read_noise(path: Path) -> NoiseCalibration:
+@checked
+def read_noise(path: FilePath) -> NoiseCalibration:
     """Read a noise.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as ``write_noise`` and ``standoff noise`` write it.
+
+    Returns
+    -------
+    NoiseCalibration
+        All that the file says; ``capture_noise`` is what simulations take of it.
 
     Raises
     ------
     NoiseFileError
-        If it cannot be read, has another schema or lacks a value.
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> round(standoff.read_noise("noise.json").read_noise_e)
+    12
     """
     return read_document(path, NoiseCalibration, NoiseFileError, "give a noise.json")
 
 
-def write_noise(path: Path, noise: NoiseMeasurement) -> NoiseCalibration:
+def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
     """Write the maps, then noise.json, each whole or not at all; return the document written.
 
     Raises
@@ -108,17 +185,35 @@ def write_noise(path: Path, noise: NoiseMeasurement) -> NoiseCalibration:
     NoiseFileError
         If a file cannot be written.
     """
-    written = noise.calibration.model_copy(update={"maps": write_map_files(path, noise.maps)})
+    written = noise.calibration.model_copy(
+        update={"maps": write_map_files(path_of(path, "path"), noise.maps)}
+    )
     write_document(path, written, NoiseFileError)
     return written
 
 
-def read_correction(path: Path) -> CorrectionMaps:
+@checked
+def read_correction(path: FilePath) -> CorrectionMaps:
     """Read the dark, flat and defect maps of a noise.json.
+
+    Parameters
+    ----------
+    path
+        Of the noise.json; the maps lie beside it.
+
+    Returns
+    -------
+    CorrectionMaps
+        Functions with ``correct=`` take them.
 
     Raises
     ------
     NoiseFileError
         If the file or a map cannot be read, or a map is not the one it was written with.
+
+    Examples
+    --------
+    >>> standoff.read_correction("noise.json").dark_dn.shape
+    (240, 320)
     """
-    return read_map_files(path, read_noise(path))
+    return read_map_files(path_of(path, "path"), read_noise(path))

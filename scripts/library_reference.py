@@ -8,10 +8,11 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 import standoff
+from standoff.library import types
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +57,7 @@ GROUPS = (
             "set_aside_files",
             "add_note",
             "validate",
+            "read_validation",
             "write_report",
         ),
     ),
@@ -86,10 +88,14 @@ GROUPS = (
         names=(
             "measure_noise",
             "write_noise",
+            "read_noise",
+            "read_correction",
             "calibrate_geometry",
             "write_geometry",
+            "read_geometry",
             "plan_study",
             "write_study",
+            "read_study",
         ),
     ),
     Group(
@@ -103,6 +109,8 @@ GROUPS = (
             "simulate_pose",
             "CaptureOptions",
             "UncertaintyOptions",
+            "read_homography",
+            "write_homography",
             "training_pairs",
         ),
     ),
@@ -117,7 +125,10 @@ GROUPS = (
             "FeatureMatches",
             "find_changes",
             "DetectionLimitOptions",
+            "read_changes",
             "find_changes_of_series",
+            "read_changes_series",
+            "read_time_line",
         ),
     ),
     Group(
@@ -128,12 +139,16 @@ GROUPS = (
         names=(
             "d_prime_curves",
             "measure_curves",
+            "write_curves",
+            "read_curves",
             "DetectionTask",
             "CurveChoice",
             "pose_limits",
             "judge_homography",
             "judge_pose",
+            "read_pose",
             "judge_poses",
+            "read_pose_series",
             "PoseWatch",
         ),
     ),
@@ -143,6 +158,7 @@ GROUPS = (
         about="[Your own detector](../../evaluate.md), [what a detector is](../../detectors.md).",
         names=(
             "evaluate",
+            "read_evaluation",
             "EvaluationTask",
             "Spot",
             "patch_of",
@@ -150,6 +166,7 @@ GROUPS = (
             "ChangePairsTask",
             "read_change_pairs",
             "train_detector",
+            "load_learned",
             "TrainingOptions",
         ),
     ),
@@ -157,13 +174,19 @@ GROUPS = (
         file="benchmark",
         title="The public benchmark",
         about="[The data](../../benchmark-data.md), [the scores](../../benchmark-scoring.md).",
-        names=("make_benchmark", "score_benchmark"),
+        names=("make_benchmark", "score_benchmark", "read_scores"),
     ),
     Group(
         file="calls",
         title="What calls share",
         about="[As a library](../../library.md).",
         names=("Progress", "SweepOptions", "ArgumentError"),
+    ),
+    Group(
+        file="types",
+        title="Types of arguments and results",
+        about="[As a library](../../library.md).",
+        names=tuple(sorted(name for name in types.__all__ if name[0].isupper())),
     ),
 )
 
@@ -178,6 +201,7 @@ _ALIASES = """
 | `Progress` | an object with the two methods of [`Progress`](calls.md#progress) |
 """
 _WIDTH = 92
+_OURS = ("standoff", "acquisition", "analysis", "calibration", "simulation", "hil_mocks")
 _CONSTANT = re.compile(r" = (?P<name>_?[A-Z][A-Z_]+)$")
 _SECTION = re.compile(r"^(?P<title>[A-Z]\w+)\n-+\n", re.MULTILINE)
 _ITEM = re.compile(r"^(?P<head>\S.*)\n(?P<text>(?:(?: {4}.*)?(?:\n|$))*)", re.MULTILINE)
@@ -246,7 +270,7 @@ def _members(found: type) -> Iterator[str]:
     """Public methods and properties that have a docstring, inherited ones of ours as well."""
     told: dict[str, str] = {}
     for base in found.__mro__:
-        if base.__module__.split(".")[0] not in ("standoff", "acquisition", "simulation"):
+        if base.__module__.split(".")[0] not in _OURS:
             continue
         for name, member in vars(base).items():
             about = inspect.getdoc(member.fget if isinstance(member, property) else member)
@@ -274,8 +298,8 @@ def _signature(name: str, found: Any) -> str:  # noqa: ANN401 - a function or a 
     elif isinstance(node, ast.ClassDef):
         made = _constructor(found, node)
         if made is None:
-            fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
-            arguments = [_field(one) for one in fields if not _text(one.target).startswith("_")]
+            named = {_text(one.target): _field(one) for one in _fields(found)}
+            arguments = [field for name, field in named.items() if not name.startswith("_")]
             arguments = ["*", *arguments] if arguments else []
         else:
             arguments = [one for one in _written(made.args) if one != "self"]
@@ -289,14 +313,22 @@ def _signature(name: str, found: Any) -> str:  # noqa: ANN401 - a function or a 
     return "\n".join([f"{name}(", *(f"    {one}," for one in arguments), f"){result}"])
 
 
+def _fields(found: type) -> Iterator[ast.AnnAssign]:
+    """The fields of a class, after those of its bases."""
+    for base in reversed(found.__mro__):
+        if base.__module__.split(".")[0] in _OURS:
+            node = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0]
+            assert isinstance(node, ast.ClassDef), "a class"
+            yield from (one for one in node.body if isinstance(one, ast.AnnAssign))
+
+
 def _constructor(found: type, node: ast.ClassDef) -> ast.FunctionDef | None:
     for one in node.body:
         if isinstance(one, ast.FunctionDef) and one.name == "__init__":
             return one
     for base in found.__mro__[1:]:
-        if base.__module__.split(".")[0] in ("standoff", "acquisition") and "__init__" in vars(
-            base
-        ):
+        is_ours = base.__module__.split(".")[0] in ("standoff", "acquisition")
+        if is_ours and "__init__" in vars(base) and not is_dataclass(base):
             source = textwrap.dedent(inspect.getsource(vars(base)["__init__"]))
             made = ast.parse(source).body[0]
             return made if isinstance(made, ast.FunctionDef) else None

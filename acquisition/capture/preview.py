@@ -2,27 +2,58 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from acquisition.bench import BenchConfig
 from acquisition.capture.auto_exposure import flicker_fraction, without_flicker
+from acquisition.dataframe import dataframe
 from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate, estimate_plan, plan_entries
 from acquisition.session import MANIFEST_NAME
 
 FLICKER_LIMIT = 0.01
 """Fraction of the flicker left in a capture, above which it is worth a warning."""
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 _PLANNED = ("index", "kind", "target", "orientation_deg", "height_mm", "exposure_us")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class PlanPreview:
     """The captures that a plan asks for, in order, and what they take."""
 
     entries: tuple[PlanEntry, ...]
     estimate: PlanEstimate
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        bytes_ = self.estimate.bytes_
+        size = "" if bytes_ is None else f", {bytes_ / 1e6:.0f} MB"
+        return (
+            f"<PlanPreview: {len(self.entries)} captures, {self.estimate.placements} placements, "
+            f"{self.estimate.seconds:.0f} s{size}>"
+        )
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{escape(name)}</th>" for name in _PLANNED)
+        table = f"<caption>{escape(repr(self)[1:-1])}</caption><tr>{head}</tr>"
+        for one in self.entries:
+            cells = (escape(str(getattr(one, name))) for name in _PLANNED)
+            table += f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+        return f"<table>{table}</table>"
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the captures as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(self.to_json()["captures"])
 
     def to_json(self) -> dict[str, Any]:
         """Return the captures as ``standoff capture --dry-run --json`` prints them."""

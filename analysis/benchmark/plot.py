@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from analysis.benchmark.measures import Measure
 from analysis.benchmark.scores import BenchmarkScores, Score
 from analysis.benchmark.stored_models import Track
+from simulation.figures import InlineFigure
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """From Okabe and Ito's palette, which colour-blind readers can distinguish."""
@@ -25,7 +26,7 @@ def score_figure(
     A triangle to the right is a value that is only known to be larger.
     """
     height_in = _HEAD_IN + _ROW_IN * len(groups) + 0.16 * len(scores.programs)
-    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
+    figure = InlineFigure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     axes = figure.subplots()
     count = len(scores.programs)
     largest: list[float] = []

@@ -1,7 +1,6 @@
 """scores.json: what programs reach on a data set of the benchmark."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import Field
@@ -13,6 +12,7 @@ from analysis.benchmark.stored_models import TRACKS, Track
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
+from simulation.arguments import FilePath, checked
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -103,13 +103,34 @@ class BenchmarkScores(ResultsDocument):
         return dataframe(one.model_dump() for one in self.scores)
 
 
-def read_scores(path: Path) -> BenchmarkScores:
+@checked
+def read_scores(path: FilePath) -> BenchmarkScores:
     """Read a scores.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as the result of ``score_benchmark`` and ``standoff benchmark score`` write it.
+
+    Returns
+    -------
+    BenchmarkScores
+        Scores of programs, side by side.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, or is of another schema.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> data = standoff.make_benchmark("benchmark", size="tiny").out
+    >>> Path("cautious").mkdir()
+    >>> _ = Path("cautious/alignment.json").write_text("{}")
+    >>> standoff.score_benchmark("cautious", data).write("scores")
+    >>> [one.name for one in standoff.read_scores("scores/scores.json").programs]
+    ['cautious']
     """
     return read_document(
         path, BenchmarkScores, ResultsFileError, "write it with standoff benchmark score"

@@ -1,14 +1,19 @@
 """The document summary.json of several follow-ups that were compared with one reference."""
 
-from pathlib import Path
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import Field
 
+from acquisition.dataframe import dataframe
 from analysis.changes import ChangeSummary
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
+from simulation.arguments import FilePath, checked
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 CHANGES_SERIES_SCHEMA: Final = "standoff.changes-summary/1"
 
@@ -90,14 +95,41 @@ class ChangesSeries(ResultsDocument):
     unpaired: tuple[str, ...] = ()
     followups: tuple[ComparedFollowup, ...] = ()
 
+    def to_dataframe(self) -> "DataFrame":
+        """Return the follow-ups as a pandas table, a line each.
 
-def read_changes_series(path: Path) -> ChangesSeries:
-    """Read the summary.json of ``standoff changes``.
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.followups)
+
+
+@checked
+def read_changes_series(path: FilePath) -> ChangesSeries:
+    """Read the summary.json of ``standoff changes`` with several follow-ups.
+
+    Parameters
+    ----------
+    path
+        Of the file, in the folder of ``find_changes_of_series``.
+
+    Returns
+    -------
+    ChangesSeries
+        The figures of each follow-up.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> found = standoff.find_changes_of_series("before.tif", "after", "changes", "psf.json")
+    >>> standoff.read_changes_series(found.summary).compared
+    2
     """
     remedy = "write it with standoff changes and several follow-ups"
     return read_document(path, ChangesSeries, ResultsFileError, remedy)

@@ -1,6 +1,5 @@
 """The document series.json: each change over several follow-ups of one reference."""
 
-from pathlib import Path
 from typing import Final, Literal
 
 from pydantic import Field
@@ -9,6 +8,7 @@ from analysis.detection_limits import DetectionLimit
 from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
+from simulation.arguments import FilePath, checked
 
 TIME_LINE_SCHEMA: Final = "standoff.changes-series/1"
 
@@ -111,13 +111,31 @@ class ChangeTimeLine(ResultsDocument):
     tracks: tuple[ChangeTrack, ...]
 
 
-def read_time_line(path: Path) -> ChangeTimeLine:
-    """Read the series.json of ``standoff changes``.
+@checked
+def read_time_line(path: FilePath) -> ChangeTimeLine:
+    """Read the series.json of ``standoff changes`` with several follow-ups.
+
+    Parameters
+    ----------
+    path
+        Of the file, in the folder of ``find_changes_of_series``.
+
+    Returns
+    -------
+    ChangeTimeLine
+        Each change over the follow-ups.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> found = standoff.find_changes_of_series("before.tif", "after", "changes", "psf.json")
+    >>> line = standoff.read_time_line(found.summary.with_name("series.json"))
+    >>> [point.sighting for point in line.tracks[0].points]
+    ['not seen', 'seen']
     """
     remedy = "write it with standoff changes and several follow-ups"
     return read_document(path, ChangeTimeLine, ResultsFileError, remedy)

@@ -4,7 +4,6 @@ import csv
 from collections.abc import Sequence
 from io import StringIO
 from math import inf
-from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import Field
@@ -14,6 +13,7 @@ from analysis.detection_limits import DetectionLimit
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from calibration.documents import read_document
+from simulation.arguments import FilePath, checked
 from simulation.choices import PsfForm
 
 if TYPE_CHECKING:
@@ -188,13 +188,31 @@ class ChangeSummary(ResultsDocument):
         return dataframe(change.model_dump() for change in self.changes)
 
 
-def read_changes(path: Path) -> ChangeSummary:
+@checked
+def read_changes(path: FilePath) -> ChangeSummary:
     """Read a changes.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as the result of ``find_changes`` and ``standoff changes`` write it.
+
+    Returns
+    -------
+    ChangeSummary
+        What changed, without the images.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> found = standoff.find_changes("before.tif", "after.tif", "psf.json")
+    >>> found.write("compared")
+    >>> standoff.read_changes("compared/changes.json") == found.summary
+    True
     """
     return read_document(path, ChangeSummary, ResultsFileError, "write it with standoff changes")
 

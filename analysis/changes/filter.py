@@ -30,7 +30,6 @@ from analysis.changes.things import as_things
 from analysis.changes.unusable import clipped_at_white
 from analysis.changes.warning_sentences import ChangeMasks, change_warnings
 from analysis.errors import AnalysisError
-from calibration.notebook import html_table
 from calibration.registration import (
     DistortedPose,
     RegistrationHints,
@@ -39,16 +38,19 @@ from calibration.registration import (
 )
 from simulation import GaussianPsf, Psf, PsfField
 from simulation.arrays import AnyArray, BoolArray, FloatImage
+from simulation.by_value import ByValue
+from simulation.notebook import html_table
 from simulation.pose import projection_depth
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _LISTED = ("x_px", "y_px", "area_px", "amplitude_dn", "significance", "q_value")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
-class ChangeResult:
+class ChangeResult(ByValue):
     """Images on the follow-up's pixels, shape ``(rows, cols)`` each; 0 where not ``valid``.
 
     Parameters
@@ -113,11 +115,11 @@ class ChangeResult:
         ]
         return html_table(repr(self)[1:-1], ("", *_LISTED), rows)
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the follow-up with its changes, both differences, significance."""
         from analysis.changes.plot import changes_figure  # matplotlib, for whoever looks
 
-        return changes_figure(self)
+        return changes_figure(self, ax=ax)
 
 
 def find_changes(

@@ -9,6 +9,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from analysis.screen import on_screen, white_level_dn
 from simulation.arrays import AnyArray
+from simulation.figures import InlineFigure, figure_of
 
 if TYPE_CHECKING:
     from analysis.changes.filter import ChangeResult
@@ -18,7 +19,9 @@ _DRAWN_PX = 1500
 """Longest side of what is drawn: a panel has some 700 pixels."""
 
 
-def changes_figure(found: "ChangeResult", colours_dn: AnyArray | None = None) -> Figure:
+def changes_figure(
+    found: "ChangeResult", colours_dn: AnyArray | None = None, ax: Axes | None = None
+) -> Figure:
     """Show the follow-up with its changes outlined, both differences and the significance.
 
     Parameters
@@ -27,48 +30,20 @@ def changes_figure(found: "ChangeResult", colours_dn: AnyArray | None = None) ->
         What the comparison found.
     colours_dn
         The follow-up in colour, shape ``(rows, cols, 3)``, linear in light; None shows it in grey.
+    ax
+        Draw the follow-up with its changes here, and no other panel.
     """
+    if ax is not None:
+        _draw_changes(ax, found, colours_dn)
+        return figure_of(ax)
     rows, cols = found.valid.shape
-    figure = Figure(figsize=(9.0, 0.8 + 7.2 * rows / cols), layout="constrained")
+    figure = InlineFigure(figsize=(9.0, 0.8 + 7.2 * rows / cols), layout="constrained")
     panels = figure.subplots(2, 2)
     step = -(-max(rows, cols) // _DRAWN_PX)
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
     threshold = found.summary.threshold_sd
     reach = max(float(np.percentile(np.abs(found.plain_difference_dn[found.valid]), 99.5)), 1e-6)
-    _draw_followup(panels[0, 0], found, colours_dn, step, extent)
-    # On a photograph that has the colour of the marks, they would not be seen.
-    halo: list[AbstractPathEffect] = (
-        [] if colours_dn is None else [withStroke(linewidth=2.5, foreground="white")]
-    )
-    if found.is_change.any():
-        # Of blocks, lest a change of one pixel is stepped over.
-        changed = np.maximum.reduceat(
-            np.maximum.reduceat(found.is_change, np.arange(0, rows, step), axis=0),
-            np.arange(0, cols, step),
-            axis=1,
-        )
-        outlines = panels[0, 0].contour(
-            np.arange(changed.shape[1]) * step,
-            np.arange(changed.shape[0]) * step,
-            changed,
-            levels=[0.5],
-            colors="#D55E00",
-            linewidths=1.0,
-        )
-        outlines.set_path_effects(halo)
-    for number, change in enumerate(found.summary.changes[:_NUMBERED], 1):
-        panels[0, 0].annotate(
-            str(number),
-            (change.x_px, change.y_px),
-            (4, 4),
-            textcoords="offset points",
-            color="#D55E00",
-            fontsize=8,
-            path_effects=halo,
-        )
-    count = len(found.summary.changes)
-    changes = f"{count} change{'' if count == 1 else 's'}"
-    panels[0, 0].set_title(f"follow-up, {changes}, {found.summary.changed_px} px changed")
+    _draw_changes(panels[0, 0], found, colours_dn)
     for axes, image, title, span, label in (
         (panels[0, 1], found.plain_difference_dn, "plain difference", reach, "DN"),
         (panels[1, 0], found.difference_dn, "not explained by the pose", reach, "DN"),
@@ -88,6 +63,48 @@ def changes_figure(found: "ChangeResult", colours_dn: AnyArray | None = None) ->
         axes.set(xticks=[], yticks=[])
         axes.grid(visible=False)
     return figure
+
+
+def _draw_changes(axes: Axes, found: "ChangeResult", colours_dn: AnyArray | None) -> None:
+    """Draw the follow-up with its changes outlined and numbered."""
+    rows, cols = found.valid.shape
+    step = -(-max(rows, cols) // _DRAWN_PX)
+    _draw_followup(axes, found, colours_dn, step, (-0.5, cols - 0.5, rows - 0.5, -0.5))
+    # On a photograph that has the colour of the marks, they would not be seen.
+    halo: list[AbstractPathEffect] = (
+        [] if colours_dn is None else [withStroke(linewidth=2.5, foreground="white")]
+    )
+    if found.is_change.any():
+        # Of blocks, lest a change of one pixel is stepped over.
+        changed = np.maximum.reduceat(
+            np.maximum.reduceat(found.is_change, np.arange(0, rows, step), axis=0),
+            np.arange(0, cols, step),
+            axis=1,
+        )
+        outlines = axes.contour(
+            np.arange(changed.shape[1]) * step,
+            np.arange(changed.shape[0]) * step,
+            changed,
+            levels=[0.5],
+            colors="#D55E00",
+            linewidths=1.0,
+        )
+        outlines.set_path_effects(halo)
+    for number, change in enumerate(found.summary.changes[:_NUMBERED], 1):
+        axes.annotate(
+            str(number),
+            (change.x_px, change.y_px),
+            (4, 4),
+            textcoords="offset points",
+            color="#D55E00",
+            fontsize=8,
+            path_effects=halo,
+        )
+    count = len(found.summary.changes)
+    changes = f"{count} change{'' if count == 1 else 's'}"
+    axes.set_title(f"follow-up, {changes}, {found.summary.changed_px} px changed")
+    axes.set(xticks=[], yticks=[])
+    axes.grid(visible=False)
 
 
 def _draw_followup(

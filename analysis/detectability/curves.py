@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from math import ceil
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
@@ -23,13 +22,14 @@ from analysis.detectability.error_sources import (
 from analysis.errors import AnalysisError, NotDetectableError, ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
-from calibration.notebook import html_table
 from simulation import Model
-from simulation.arguments import CheckedModel
+from simulation.arguments import CheckedModel, FilePath, checked
 from simulation.arrays import FloatArray
 from simulation.choices import PsfForm
+from simulation.notebook import html_table
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -206,11 +206,11 @@ class DetectabilityCurve(StoredValues):
         """Interpolate values given at the curve's zooms in the same way as d'."""
         return d_prime_between(self.zoom, values, zoom)
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of d' against zoom with its interval."""
         from analysis.detectability.plot import curves_figure  # matplotlib, for whoever looks
 
-        return curves_figure([self], "noise_dn")
+        return curves_figure([self], "noise_dn", ax)
 
     def largest_zoom(self, min_dprime: float) -> float | None:
         """Largest zoom up to which ``d_prime_at`` stays at the threshold or above.
@@ -331,15 +331,15 @@ class DetectabilityCurves(ResultsDocument):
             for values in zip(*(getattr(curve, name) for name in each), strict=True):
                 yield {**shared, **dict(zip(each, values, strict=True))}
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of d' against zoom by noise (Figure 4), else by contrast (Figure 5)."""
         from analysis.detectability.plot import curves_figure  # matplotlib, for whoever looks
 
         first = self.curves[0]
         if any(one.noise_dn != first.noise_dn for one in self.curves):
             shown = [one for one in self.curves if one.contrast_dn == first.contrast_dn]
-            return curves_figure(shown, "noise_dn")
-        return curves_figure(self.curves, "contrast_dn")
+            return curves_figure(shown, "noise_dn", ax)
+        return curves_figure(self.curves, "contrast_dn", ax)
 
     def chosen(self, choice: CurveChoice) -> DetectabilityCurve:
         """Return the one curve that matches a choice.
@@ -378,13 +378,29 @@ class DetectabilityCurves(ResultsDocument):
         raise AmbiguousCurveError(message, fitting=tuple(fitting), open_choices=open_choices)
 
 
-def read_curves(path: Path) -> DetectabilityCurves:
+@checked
+def read_curves(path: FilePath) -> DetectabilityCurves:
     """Read a curves.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as ``write_curves`` and ``standoff detectability`` write it.
+
+    Returns
+    -------
+    DetectabilityCurves
+        The curves; functions with ``curve=`` take them.
 
     Raises
     ------
     ResultsFileError
-        If it cannot be read, is of another schema or holds values that are not numbers.
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> len(standoff.read_curves("curves.json").curves)
+    1
     """
     return read_document(
         path, DetectabilityCurves, ResultsFileError, "write it with standoff detectability"

@@ -8,6 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from simulation.figures import InlineFigure, figure_of
+
 if TYPE_CHECKING:
     from analysis.detectability.curves import DetectabilityCurve
 
@@ -29,6 +31,7 @@ OBSERVER_NAMES = {
     "changes": "comparison (standoff changes)",
     "detector": "your own detector",
 }
+_OBSERVERS = tuple(OBSERVER_NAMES)
 _STYLES: Final[tuple[Literal["-", "--", ":", "-."], ...]] = ("-", "--", ":", "-.")
 _WIDTHS = {"paper": 3.2, "lmmse": 2.2}
 """Models whose curves nearly coincide with that of ``matched`` show beneath it."""
@@ -73,7 +76,9 @@ def _held(curve: "DetectabilityCurve") -> str:
 
 
 def curves_figure(
-    curves: "Sequence[DetectabilityCurve]", varied: Literal["noise_dn", "contrast_dn"]
+    curves: "Sequence[DetectabilityCurve]",
+    varied: Literal["noise_dn", "contrast_dn"],
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot d' against zoom: a panel for each observer, a colour for each model.
 
@@ -83,7 +88,20 @@ def curves_figure(
         Equal in contrast if the noise is varied, and vice versa.
     varied
         What the line styles distinguish: ``noise_dn`` is Figure 4, ``contrast_dn`` Figure 5.
+    ax
+        Draw all observers here instead, each curve with its name.
     """
+    if ax is not None:
+        for curve in curves:
+            draw_curve(ax, curve, MODEL_COLOURS[curve.model]).set(
+                label=curve.name, linestyle=_STYLES[_OBSERVERS.index(curve.observer) % 4]
+            )
+        ax.set(
+            xlabel="zoom-out z (ratio of the distances)", ylabel="detectability d′ (upper bound)"
+        )
+        ax.set_ylim(bottom=0)
+        ax.legend(fontsize=8)
+        return figure_of(ax)
     observers = list(dict.fromkeys(curve.observer for curve in curves))
     models = list(dict.fromkeys(curve.model for curve in curves))
     values = sorted({float(getattr(curve, varied)) for curve in curves})
@@ -91,7 +109,7 @@ def curves_figure(
         "contrast_dn" if varied == "noise_dn" else "noise_dn"
     )
     size_in = max(2.6 * len(observers) + 1.6, 4.6), 3.5
-    figure = Figure(figsize=size_in, layout="constrained")
+    figure = InlineFigure(figsize=size_in, layout="constrained")
     panels = figure.subplots(1, len(observers), sharey=True, squeeze=False)[0]
     for axes, observer in zip(panels, observers, strict=True):
         for curve in curves:

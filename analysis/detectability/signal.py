@@ -8,6 +8,7 @@ import numpy as np
 
 from simulation.arguments import check_fields
 from simulation.arrays import FloatArray
+from simulation.by_value import ByValue
 
 _REACH_SIGMAS = 6.0
 _PLASTIC = 1.324717957244746
@@ -72,7 +73,7 @@ class GaussianSignal:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PatchSignal:
+class PatchSignal(ByValue):
     """A patch of an image: its levels above its border's median, largest deviation 1.
 
     Raises

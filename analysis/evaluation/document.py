@@ -12,10 +12,12 @@ from analysis.errors import ResultsFileError
 from analysis.evaluation.scores import FailedPair
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
-from calibration.notebook import html_table
 from simulation import Model
+from simulation.arguments import FilePath, checked
+from simulation.notebook import html_table
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -226,20 +228,39 @@ class Evaluation(ResultsDocument):
             for values in zip(*(getattr(curve, name) for name in each), strict=True)
         )
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the AUC against zoom, with its interval and bound."""
         from analysis.evaluation.plot import auc_figure  # matplotlib, for whoever looks
 
-        return auc_figure(self)
+        return auc_figure(self, ax)
 
 
-def read_evaluation(path: Path) -> Evaluation:
+@checked
+def read_evaluation(path: FilePath) -> Evaluation:
     """Read an evaluation.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as the result of ``evaluate`` and ``standoff evaluate`` write it.
+
+    Returns
+    -------
+    Evaluation
+        A detector's curves; ``as_d_prime`` gives those that judge poses.
 
     Raises
     ------
     ResultsFileError
-        If it cannot be read, is of another schema or holds values that are not numbers.
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> task = standoff.EvaluationTask(zooms=(1.0, 1.5), crop_px=64, crops=4)
+    >>> found = standoff.evaluate("absolute-difference", "photographs", "psf.json", task)
+    >>> _ = found.write("evaluation.json")
+    >>> standoff.read_evaluation("evaluation.json").crops
+    4
     """
     return read_document(path, Evaluation, ResultsFileError, "write it with standoff evaluate")
 

@@ -1,10 +1,13 @@
 """Figures of an evaluation: AUC against zoom with its bound, ROC and FROC."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from simulation.figures import InlineFigure, figure_of
 
 if TYPE_CHECKING:
     from analysis.evaluation.document import Evaluation, EvaluationCurve
@@ -17,20 +20,24 @@ _ASIDE = 0.008
 """Of the axis of zooms, what the bars of two tilts are apart."""
 
 
-def auc_figure(evaluation: "Evaluation") -> Figure:
+def auc_figure(evaluation: "Evaluation", ax: Axes | None = None) -> Figure:
     """Plot the AUC against zoom: a panel for each noise and contrast, a colour for each tilt.
 
-    Bars are the 95 % interval over photographs, the dashed line is the ideal linear observer.
+    Bars are the 95 % interval over photographs, the dashed line is the ideal linear observer. Into
+    axes that are given, all curves are drawn.
     """
+    if ax is not None:
+        _draw_aucs(ax, evaluation.curves)
+        ax.set(xlabel="zoom", ylabel="AUC", ylim=(0.45, 1.02))
+        ax.legend(fontsize=8, loc="lower left")
+        return figure_of(ax)
     groups: dict[tuple[float, float], list[EvaluationCurve]] = {}
     for curve in evaluation.curves:
         groups.setdefault((curve.noise_dn, curve.contrast_dn), []).append(curve)
-    figure = Figure(figsize=(max(_PANEL_IN * len(groups), 5.2), 3.6), layout="constrained")
+    figure = InlineFigure(figsize=(max(_PANEL_IN * len(groups), 5.2), 3.6), layout="constrained")
     panels = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]
     for axes, ((noise_dn, contrast_dn), curves) in zip(panels, groups.items(), strict=True):
-        for number, curve in enumerate(curves):
-            aside = _ASIDE * (number - (len(curves) - 1) / 2) * (curve.zoom[-1] - 1)
-            _draw_auc(axes, curve, _COLOURS[number % len(_COLOURS)], aside)
+        _draw_aucs(axes, curves)
         axes.set(
             title=f"noise {noise_dn:g} DN, contrast {contrast_dn:g}",
             xlabel="zoom",
@@ -39,6 +46,12 @@ def auc_figure(evaluation: "Evaluation") -> Figure:
     panels[0].set(ylabel="AUC")
     panels[-1].legend(fontsize=8, loc="lower left")
     return figure
+
+
+def _draw_aucs(axes: Axes, curves: "Sequence[EvaluationCurve]") -> None:
+    for number, curve in enumerate(curves):
+        aside = _ASIDE * (number - (len(curves) - 1) / 2) * (curve.zoom[-1] - 1)
+        _draw_auc(axes, curve, _COLOURS[number % len(_COLOURS)], aside)
 
 
 def _draw_auc(axes: Axes, curve: "EvaluationCurve", colour: str, aside: float) -> None:
@@ -59,7 +72,7 @@ def _draw_auc(axes: Axes, curve: "EvaluationCurve", colour: str, aside: float) -
 def roc_figure(curve: "EvaluationCurve") -> Figure:
     """Plot the ROC, and the FROC where the detector gives maps, a colour for each zoom."""
     count = 1 + bool(curve.froc)
-    figure = Figure(figsize=(3.2 * count + 0.4, 3.3), layout="constrained")
+    figure = InlineFigure(figsize=(3.2 * count + 0.4, 3.3), layout="constrained")
     panels = figure.subplots(1, count, squeeze=False)[0]
     shades = [f"C{number}" for number in range(len(curve.zoom))]
     for points, shade in zip(curve.roc, shades, strict=True):

@@ -6,14 +6,19 @@ from dataclasses import dataclass
 from heapq import nlargest
 from itertools import islice
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from acquisition.dataframe import dataframe
 from analysis.followup_series.rows import CommittedRows, Row, is_refused
 from analysis.followup_series.tables import write_csv, write_summary
 from analysis.followup_series.work import FollowupWork
 from analysis.parquet_table import column_kinds, require_parquet, write_parquet
 from analysis.results_file import ResultsDocument, StoredValues
 from analysis.sweep import Manifest, SweepCall, SweepOptions, SweepSummary, announced_sweep
+from simulation.notebook import Shown
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 SUMMARY_NAME = "summary.json"
 _SHOWN_WHOLE, _SHOWN_OF_MANY = 20, 5
@@ -22,8 +27,8 @@ Listed = TypeVar("Listed", bound=StoredValues)
 Document = TypeVar("Document", bound=ResultsDocument)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SeriesResult(Generic[Document, Listed]):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class SeriesResult(Shown, Generic[Document, Listed]):
     """What a series gave.
 
     Parameters
@@ -44,6 +49,16 @@ class SeriesResult(Generic[Document, Listed]):
     first: tuple[Listed, ...] = ()
     worst: tuple[Listed, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the follow-ups as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(self.to_json()["followups"])
 
     def to_json(self) -> dict[str, Any]:
         """Return the whole summary, as ``--json`` prints it; it must fit into memory."""

@@ -12,10 +12,11 @@ from analysis.detectability import DetectabilityCurve
 from analysis.errors import BeyondCurveError, NotDetectableError
 from analysis.pose.local_sampling import local_sampling, sampled_places
 from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
-from calibration.notebook import html_table
 from simulation.arrays import BoolArray, FloatArray
+from simulation.notebook import html_table
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -194,11 +195,11 @@ class PoseLimits:
         ]
         return html_table(repr(self)[1:-1], ("tilt / degrees", "zoom up to"), rows)
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of d' against zoom with the threshold, and the zoom against the tilt."""
         from analysis.pose.plot import limits_figure  # matplotlib, for whoever looks
 
-        return limits_figure(self)
+        return limits_figure(self, ax)
 
 
 def pose_limits(

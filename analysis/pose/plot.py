@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
@@ -10,6 +11,7 @@ from analysis.detectability import draw_curve
 from analysis.screen import on_screen, white_level_dn
 from calibration.psf import luma_plane
 from simulation.arrays import AnyArray
+from simulation.figures import InlineFigure, figure_of
 
 if TYPE_CHECKING:
     from analysis.pose.limits import PoseLimits
@@ -21,7 +23,9 @@ _DRAWN_PX = 1500
 """Longest side of a photograph in colour: a panel has some 700 pixels."""
 
 
-def pose_figure(followup: AnyArray, quality: "PoseQuality") -> Figure:
+def pose_figure(
+    followup: AnyArray | None, quality: "PoseQuality", ax: Axes | None = None
+) -> Figure:
     """Show d' over the follow-up, with the border of what is below the threshold.
 
     The map lies on grey levels: on colours, its own would be others. A follow-up in colour is shown
@@ -30,22 +34,36 @@ def pose_figure(followup: AnyArray, quality: "PoseQuality") -> Figure:
     Parameters
     ----------
     followup
-        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` in colour, linear in light.
+        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` in colour, linear in light; None shows the
+        map alone.
     quality
         Of its pose.
+    ax
+        Draw the map here, and nothing beside it.
     """
-    rows, cols = followup.shape[:2]
-    panels = 2 if followup.ndim == 3 else 1
+    rows, cols = (quality.d_prime if followup is None else followup).shape[:2]
+    panels = 2 if ax is None and followup is not None and followup.ndim == 3 else 1
     width_in = (6.0, 10.8)[panels - 1]
-    figure = Figure(figsize=(width_in, 1.0 + 4.6 * rows / cols), layout="constrained")
-    *beside, axes = figure.subplots(1, panels, squeeze=False)[0]
-    axes.imshow(luma_plane(followup) if beside else followup, cmap="gray")
+    if ax is None:
+        own = InlineFigure(figsize=(width_in, 1.0 + 4.6 * rows / cols), layout="constrained")
+        *beside, axes = own.subplots(1, panels, squeeze=False)[0]
+    else:
+        beside, axes = [], ax
+    figure = figure_of(axes)
+    if followup is not None:
+        axes.imshow(luma_plane(followup) if followup.ndim == 3 else followup, cmap="gray")
     extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
     top = max(float(np.nanmax(quality.d_prime)), quality.min_d_prime)
     shown = axes.imshow(
-        quality.d_prime, extent=extent, cmap="viridis", vmin=0, vmax=top, alpha=0.55
+        quality.d_prime,
+        extent=extent,
+        cmap="viridis",
+        vmin=0,
+        vmax=top,
+        alpha=1.0 if followup is None else 0.55,
     )
     for coloured in beside:
+        assert followup is not None, "it is shown beside the map"
         step = -(-max(rows, cols) // _DRAWN_PX)
         drawn = followup[::step, ::step]
         coloured.imshow(on_screen(drawn, white_level_dn(drawn)), extent=extent)
@@ -78,23 +96,17 @@ def pose_figure(followup: AnyArray, quality: "PoseQuality") -> Figure:
     return figure
 
 
-def limits_figure(limits: "PoseLimits") -> Figure:
+def limits_figure(limits: "PoseLimits", ax: Axes | None = None) -> Figure:
     """Plot d' against zoom with the threshold, and the allowed zoom against the tilt.
 
-    Dots are what was computed.
+    Dots are what was computed. Into axes that are given, d' is drawn alone.
     """
-    curve = limits.curve
-    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
+    if ax is not None:
+        _draw_limit(ax, limits)
+        return figure_of(ax)
+    figure = InlineFigure(figsize=(8.4, 3.4), layout="constrained")
     against_zoom, against_tilt = figure.subplots(1, 2)
-    line = draw_curve(against_zoom, curve, _BLUE)
-    line.set(marker="o", markersize=3, label=f"{curve.model} {curve.observer}")
-    against_zoom.axhline(limits.min_d_prime, color=_RED, linestyle="--", label="threshold")
-    against_zoom.axvline(limits.zoom, color="0.4", linestyle=":", label=f"limit {limits.zoom:.3g}")
-    against_zoom.set(
-        xlabel="zoom-out z (ratio of the distances)", ylabel="detectability d′ (upper bound)"
-    )
-    against_zoom.set_ylim(bottom=0)
-    against_zoom.legend(fontsize=8)
+    _draw_limit(against_zoom, limits)
     known = [(tilt, zoom) for tilt, zoom in limits.zoom_by_tilt if zoom is not None]
     if limits.tilt_deg is not None and all(tilt != limits.tilt_deg for tilt, _ in known):
         known = sorted([*known, (limits.tilt_deg, 1.0)])
@@ -107,6 +119,17 @@ def limits_figure(limits: "PoseLimits") -> Figure:
         title="shaded: allowed",
     )
     return figure
+
+
+def _draw_limit(axes: Axes, limits: "PoseLimits") -> None:
+    curve = limits.curve
+    line = draw_curve(axes, curve, _BLUE)
+    line.set(marker="o", markersize=3, label=f"{curve.model} {curve.observer}")
+    axes.axhline(limits.min_d_prime, color=_RED, linestyle="--", label="threshold")
+    axes.axvline(limits.zoom, color="0.4", linestyle=":", label=f"limit {limits.zoom:.3g}")
+    axes.set(xlabel="zoom-out z (ratio of the distances)", ylabel="detectability d′ (upper bound)")
+    axes.set_ylim(bottom=0)
+    axes.legend(fontsize=8)
 
 
 def _primed(text: str) -> str:

@@ -1,7 +1,6 @@
 """Whether a follow-up's pose is good enough: a map of d' over the frame, and a verdict."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +15,10 @@ from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
 from calibration.documents import fitted
 from calibration.provenance import Provenance
+from simulation.arguments import FilePath, checked, path_of
 from simulation.arrays import FloatArray
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 
 _Row3 = tuple[float, float, float]
 
@@ -24,7 +26,7 @@ QUANTILE = 0.05
 """Share of the overlap that may lie below the threshold by criterion ``quantile``."""
 
 
-class PoseSummary(StoredValues):
+class PoseSummary(Shown, StoredValues):
     """A verdict on a pose in figures: what ``standoff pose --json`` prints.
 
     Parameters
@@ -84,7 +86,7 @@ class PoseSummary(StoredValues):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class PoseQuality:
+class PoseQuality(ByValue):
     """Verdict on a pose.
 
     Parameters
@@ -215,14 +217,35 @@ def judge_pose(
     )
 
 
-def read_pose(path: Path) -> PoseSummary:
-    """Read what ``standoff pose --json`` printed.
+@checked
+def read_pose(path: FilePath) -> PoseSummary:
+    """Read what ``standoff pose --json`` printed for one follow-up.
+
+    Parameters
+    ----------
+    path
+        Of the file: its output, or ``to_json`` of the result of ``judge_pose``.
+
+    Returns
+    -------
+    PoseSummary
+        The verdict in figures.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> import json
+    >>> from pathlib import Path
+    >>> judged = standoff.judge_pose("before.tif", "after.tif", "curves.json", 2)
+    >>> _ = Path("pose.json").write_text(json.dumps(judged.to_json()))
+    >>> standoff.read_pose("pose.json") == judged.summary
+    True
     """
+    path = path_of(path, "path")
     source = str(path)
     what = "this is not what standoff pose --json prints for one follow-up"
     try:

@@ -1,10 +1,10 @@
 """The document summary.json of several follow-ups whose poses were judged."""
 
-from pathlib import Path
-from typing import Final, Literal, Self
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 from pydantic import Field
 
+from acquisition.dataframe import dataframe
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice
 from analysis.errors import ResultsFileError
@@ -12,6 +12,11 @@ from analysis.pose.decision import Verdict
 from analysis.pose.quality import PoseSummary
 from analysis.results_file import ResultsDocument, StoredValues
 from calibration.documents import read_document
+from simulation.arguments import FilePath, checked
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 POSE_SERIES_SCHEMA: Final = "standoff.pose-summary/1"
 
@@ -78,14 +83,41 @@ class PoseSeries(ResultsDocument):
     unsure: int | None = None
     followups: tuple[JudgedFollowup, ...] = ()
 
+    def to_dataframe(self) -> "DataFrame":
+        """Return the follow-ups as a pandas table, a line each.
 
-def read_pose_series(path: Path) -> PoseSeries:
-    """Read the summary.json of ``standoff pose``.
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.followups)
+
+
+@checked
+def read_pose_series(path: FilePath) -> PoseSeries:
+    """Read the summary.json of ``standoff pose`` with several follow-ups.
+
+    Parameters
+    ----------
+    path
+        Of the file, in the folder of ``judge_poses``.
+
+    Returns
+    -------
+    PoseSeries
+        A verdict for each follow-up.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> judged = standoff.judge_poses("before.tif", "after", "poses", "curves.json", 2)
+    >>> standoff.read_pose_series(judged.summary).accepted
+    2
     """
     remedy = "write it with standoff pose and several follow-ups"
     return read_document(path, PoseSeries, ResultsFileError, remedy)

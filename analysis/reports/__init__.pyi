@@ -50,6 +50,7 @@ from .psf import (
     history_document as history_document,
     history_sections as history_sections,
     ordered_history as ordered_history,
+    plot_history as plot_history,
     psf_remarks as psf_remarks,
     verdict_section as verdict_section,
 )

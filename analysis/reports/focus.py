@@ -1,12 +1,14 @@
 """Figure of a focus sweep."""
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from acquisition.focus import FocusPeak
 from analysis.reports.page import in_report_style, new_figure
 from calibration.sharpness import NORMAL_95
 from simulation.arrays import FloatArray
+from simulation.figures import figure_of
 
 _BLUE, _ORANGE, _INK = "#0072B2", "#D55E00", "#1b1f24"
 
@@ -18,10 +20,10 @@ def plot_focus_sweep(
     errs: FloatArray,
     peak: FocusPeak | None,
     measure: str,
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot focus values by height, with the fitted curve and the peak where there is one."""
-    figure = new_figure(6.4, 3.4)
-    axes = figure.subplots()
+    axes = new_figure(6.4, 3.4).subplots() if ax is None else ax
     axes.errorbar(
         heights_mm, values, yerr=errs, fmt="o", markersize=4, linewidth=0.9, color=_BLUE,
         label="measured",
@@ -39,4 +41,4 @@ def plot_focus_sweep(
     axes.set(xlabel="height / mm", ylabel=f"focus value ({measure})")
     axes.margins(y=0.15)
     axes.legend(loc="best", fontsize=8)
-    return figure
+    return figure_of(axes)

@@ -4,7 +4,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from analysis.reports.page import in_report_style, new_figure
-from calibration.geometry import CaptureGeometry, GeometryCalibration
+from calibration.geometry import (
+    CaptureGeometry,
+    GeometryCalibration,
+    captures_by_target,
+    draw_scale_by_height,
+    target_colours,
+)
 from calibration.sharpness import NORMAL_95
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
@@ -17,24 +23,12 @@ def plot_scale_by_height(geometry: GeometryCalibration) -> Figure:
     """Plot every capture's scale against its height, the fit, and the height residuals."""
     figure = new_figure(6.4, 4.2)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
-    low, high = geometry.heights_mm[0], geometry.heights_mm[-1]
-    margin = 0.04 * (high - low)
-    heights = np.linspace(low - margin, high + margin, 300)
-    focal = geometry.focal_length_px
-    unit = 1.0 if focal is None else focal
-    reference = 1.0 if focal is not None else low + geometry.pupil_offset_mm
-    upper.plot(
-        heights,
-        unit * reference / (heights + geometry.pupil_offset_mm),
-        color=_INK,
-        linewidth=1,
-        label=f"fit, pupil {geometry.pupil_offset_mm:.3f} mm above height 0",
-    )
-    for (name, captures), colour in zip(_by_target(geometry).items(), _cycle(), strict=False):
+    draw_scale_by_height(upper, geometry)
+    for captures, colour in zip(
+        captures_by_target(geometry).values(), target_colours(), strict=False
+    ):
         own = np.array([c.height_mm for c in captures])
         left = np.array([c.height_residual_mm for c in captures])
-        measured = unit * reference / (own - left + geometry.pupil_offset_mm)
-        upper.plot(own, measured, "o", markersize=4.5, color=colour, label=name)
         err = [_height_err_mm(geometry, c) for c in captures]
         lower.errorbar(
             own, 1e3 * left, yerr=1e3 * geometry.fit_factor * np.array(err), fmt="o", markersize=4,
@@ -42,11 +36,6 @@ def plot_scale_by_height(geometry: GeometryCalibration) -> Figure:
         )  # fmt: skip
     lower.axhline(0, color=_INK, linewidth=0.8)
     lower.margins(y=0.25)
-    upper.set(
-        ylabel="scale / (px/mm)" if focal is not None else f"scale, 1 at {low:g} mm",
-        xlim=(low - margin, high + margin),
-    )
-    upper.legend(loc="upper right")
     lower.set(xlabel="height read back / mm", ylabel="height read\n− fitted / µm")
     return figure
 
@@ -125,12 +114,12 @@ def plot_squareness(geometry: GeometryCalibration) -> Figure | None:
 @in_report_style
 def plot_travel(geometry: GeometryCalibration) -> Figure | None:
     """Plot the camera's deviation from the straight line of travel at every height."""
-    groups = {n: c for n, c in _by_target(geometry).items() if len(c) > 2}
+    groups = {n: c for n, c in captures_by_target(geometry).items() if len(c) > 2}
     if not groups:
         return None
     figure = new_figure(6.4, 2.8)
     axes = figure.subplots()
-    for (name, captures), colour in zip(groups.items(), _cycle(), strict=False):
+    for (name, captures), colour in zip(groups.items(), target_colours(), strict=False):
         own = [c.height_mm for c in captures]
         for axis, style in ((0, "o-"), (1, "s--")):
             axes.plot(
@@ -146,20 +135,6 @@ def plot_travel(geometry: GeometryCalibration) -> Figure | None:
     axes.set(xlabel="height read back / mm", ylabel="deviation from line / µm")
     figure.legend(loc="outside upper center", ncols=4, fontsize=8)
     return figure
-
-
-def _by_target(geometry: GeometryCalibration) -> dict[str, list[CaptureGeometry]]:
-    groups: dict[str, list[CaptureGeometry]] = {}
-    for capture in geometry.captures:
-        name = (
-            capture.target if capture.target == capture.kind else f"{capture.kind} {capture.target}"
-        )
-        groups.setdefault(name, []).append(capture)
-    return {name: sorted(group, key=lambda c: c.height_mm) for name, group in groups.items()}
-
-
-def _cycle() -> tuple[str, ...]:
-    return _COLOURS * 20
 
 
 def _height_err_mm(geometry: GeometryCalibration, capture: CaptureGeometry) -> float:

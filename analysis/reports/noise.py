@@ -13,11 +13,17 @@ from analysis.reports.page import (
     new_figure,
     render_report,
 )
-from calibration.noise import CorrectionMaps, Linearity, NoiseMeasurement, PhotonTransfer
+from calibration.noise import (
+    CorrectionMaps,
+    Linearity,
+    NoiseMeasurement,
+    PhotonTransfer,
+    draw_photon_transfer,
+)
 from calibration.sharpness import NORMAL_95, with_reach
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
-_BLUE, _ORANGE, _GREEN = "#0072B2", "#D55E00", "#009E73"
+_BLUE, _ORANGE = "#0072B2", "#D55E00"
 _INK = "#1b1f24"
 
 
@@ -36,20 +42,7 @@ def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
     fitted = np.array([sample.is_fitted for sample in transfer.samples])
     figure = new_figure(6.4, 4.4)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1])
-    line = np.linspace(0, light.max(), 200)
-    upper.plot(line, transfer.variance_dn2(line), color=_INK, linewidth=1, label="fit")
-    upper.plot(light[fitted], variance[fitted], "o", markersize=4, color=_BLUE, label="fitted")
-    if not fitted.all():
-        upper.plot(
-            light[~fitted], variance[~fitted], "o", markersize=4, markerfacecolor="white",
-            color=_ORANGE, label="not fitted",
-        )  # fmt: skip
-    upper.axvline(
-        transfer.saturation.level_dn - black, color=_GREEN, linewidth=1, linestyle="--",
-        label="saturation",
-    )  # fmt: skip
-    upper.set(ylabel="variance of one frame / DN²", ylim=(0, None))
-    upper.legend(loc="upper left", fontsize=8)
+    draw_photon_transfer(upper, transfer)
     expected = transfer.variance_dn2(light)
     lower.errorbar(
         light[fitted], 100 * (variance / expected - 1)[fitted],

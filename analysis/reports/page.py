@@ -13,10 +13,10 @@ from typing import Any, Literal, ParamSpec, TypeVar
 import matplotlib as mpl
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from calibration.provenance import Provenance
+from simulation.figures import InlineFigure
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -193,9 +193,7 @@ def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
 
 def new_figure(width_in: float = 6.4, height_in: float = 3.2) -> Figure:
     """Return an empty figure that belongs to no window."""
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return InlineFigure(figsize=(width_in, height_in), layout="constrained")
 
 
 def png_bytes(figure: Figure) -> bytes:

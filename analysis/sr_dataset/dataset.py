@@ -28,13 +28,14 @@ from analysis.sweep import (
     announced_sweep,
 )
 from calibration.provenance import Provenance
+from simulation.notebook import Shown
 
 DATASET_NAME = "dataset.json"
 _COPIES_NAME = "copies.txt"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SrDatasetSummary:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class SrDatasetSummary(Shown):
     """What a run made, or found done by earlier ones.
 
     ``images`` are all that were given, ``copies`` those with the content of another one.

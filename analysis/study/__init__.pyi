@@ -7,6 +7,7 @@ from .document import (
     PredictedQuantity as PredictedQuantity,
     StudiedWant as StudiedWant,
     StudyNeeds as StudyNeeds,
+    read_study as read_study,
 )
 from .edge_information import (
     EdgeLevels as EdgeLevels,

@@ -1,11 +1,19 @@
 """study.json: what a planned session will know, and what it would take to know more."""
 
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import Field
 
+from acquisition.dataframe import dataframe
+from analysis.errors import ResultsFileError
 from analysis.results_file import ResultsDocument, StoredValues
-from calibration.notebook import html_table
+from calibration.documents import read_document
+from simulation.arguments import FilePath, checked
+from simulation.notebook import html_table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 STUDY_SCHEMA: Final = "standoff.study/1"
 
@@ -106,6 +114,16 @@ class PlanStudy(ResultsDocument):
         """Return the prediction for one quantity."""
         return next(one for one in self.predicted if one.quantity == quantity)
 
+    def to_dataframe(self) -> "DataFrame":
+        """Return the predicted quantities as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.predicted)
+
     def __repr__(self) -> str:
         return f"<PlanStudy: {self.captures} captures, {self.edges} edges. {self.next_step}>"
 
@@ -119,3 +137,32 @@ class PlanStudy(ResultsDocument):
             for one in self.predicted
         ]
         return html_table(self.next_step, ("quantity", "value", "± at 95 %"), rows)
+
+
+@checked
+def read_study(path: FilePath) -> PlanStudy:
+    """Read a study.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, as ``write_study`` and ``standoff plan-study`` write it.
+
+    Returns
+    -------
+    PlanStudy
+        What a planned session will know; what there was to note stands in no file.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> study = standoff.plan_study("session.toml", "bench.toml", "psf.json")
+    >>> standoff.write_study("study.json", study)
+    >>> standoff.read_study("study.json") == study
+    True
+    """
+    return read_document(path, PlanStudy, ResultsFileError, "write it with standoff plan-study")

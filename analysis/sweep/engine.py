@@ -15,6 +15,7 @@ from analysis.sweep.manifest import Manifest
 from analysis.sweep.shards import Shard, ShardDone, ShardWork, blocks_of
 from analysis.sweep.sorting import sorted_lines
 from simulation.arguments import ArgumentError, check_fields
+from simulation.notebook import Shown
 
 _LINES_SHOWN = 10
 
@@ -65,8 +66,8 @@ class SweepOptions:
             )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweepSummary:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class SweepSummary(Shown):
     """What a sweep gave.
 
     Parameters

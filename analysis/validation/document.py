@@ -1,7 +1,6 @@
 """The document validation.json: the results of a validation."""
 
 import hashlib
-from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -18,7 +17,9 @@ from analysis.validation.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
 from calibration.documents import read_document
 from calibration.registration import DistortedPose
 from simulation import Psf
+from simulation.arguments import FilePath, checked
 from simulation.choices import PsfForm
+from simulation.notebook import html_table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -223,6 +224,14 @@ class Validation(ResultsDocument):
         )
         return f"<Validation of {len(self.pairs)} pairs: MSE {means}>"
 
+    def _repr_html_(self) -> str:
+        columns = ("alignment", "model", "MSE / DN²", "SSIM")
+        rows = [
+            (row.alignment, row.model, f"{row.mse_dn2:.4g}", f"{row.ssim:.4g}")
+            for row in self.table_2
+        ]
+        return html_table(repr(self)[1:-1], columns, rows)
+
     def means(self, alignment: Procedure) -> dict[ValidationModel, MeanRow]:
         """Return the rows of Table II of one procedure."""
         return {row.model: row for row in self.table_2 if row.alignment == alignment}
@@ -265,12 +274,29 @@ def psf_sha256(psf: Psf) -> str:
     return hashlib.sha256(repr(psf).encode()).hexdigest()
 
 
-def read_validation(path: Path) -> Validation:
+@checked
+def read_validation(path: FilePath) -> Validation:
     """Read a validation.json.
+
+    Parameters
+    ----------
+    path
+        Of the file, in the folder of ``validate`` and ``standoff validate``.
+
+    Returns
+    -------
+    Validation
+        All pairs with their metrics, and both tables.
 
     Raises
     ------
     ResultsFileError
         If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> tables = standoff.validate("session", "psf.json", "validation", models=["matched"])
+    >>> len(standoff.read_validation("validation/validation.json").pairs) == len(tables.pairs)
+    True
     """
     return read_document(path, Validation, ResultsFileError, "write it with standoff validate")

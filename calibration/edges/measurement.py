@@ -33,6 +33,8 @@ from calibration.edges.samples import (
     without_shading,
 )
 from calibration.edges.straightness import border_flags
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 
 Method = Literal["all-angles", "paper"]
 
@@ -51,7 +53,7 @@ _MTF50_BY_SLOPE = 2.5
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
 
-class EdgeMeasurement(BaseModel):
+class EdgeMeasurement(Shown, ByValue, BaseModel):
     """One measured edge; values that could not be determined are null.
 
     ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down. ``snr`` is

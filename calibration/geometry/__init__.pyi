@@ -30,4 +30,9 @@ from .levelling import (
     level_by_board as level_by_board,
     level_by_focus as level_by_focus,
 )
+from .plot import (
+    captures_by_target as captures_by_target,
+    draw_scale_by_height as draw_scale_by_height,
+    target_colours as target_colours,
+)
 from .series import GeometryCapture as GeometryCapture

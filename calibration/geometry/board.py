@@ -10,6 +10,7 @@ from scipy.special import ndtr
 
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.errors import RegistrationError
+from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.pose import projection_slopes
 
@@ -171,17 +172,18 @@ class CharucoBoard:
     dictionary: str = "4X4_50"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.columns < 3 or self.rows < 3:
-            raise ValueError(
+            raise ArgumentError(
                 f"a board needs at least 3 x 3 squares, got {self.columns}x{self.rows}"
             )
         if not 0 < self.marker_mm < self.square_mm:
-            raise ValueError(
+            raise ArgumentError(
                 f"a marker must be smaller than its square, got {self.marker_mm:g} in "
                 f"{self.square_mm:g} mm"
             )
         if not hasattr(cv2.aruco, f"DICT_{self.dictionary}"):
-            raise ValueError(f"OpenCV has no marker dictionary {self.dictionary}")
+            raise ArgumentError(f"OpenCV has no marker dictionary {self.dictionary}")
 
     @classmethod
     def from_text(cls, text: str) -> Self:

@@ -1,10 +1,18 @@
 """The measured geometry of camera and stage, as geometry.json stores it."""
 
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from acquisition.dataframe import dataframe
 from calibration.provenance import Provenance
+from simulation.notebook import Shown
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
 
 GEOMETRY_SCHEMA: Final = "standoff.geometry/1"
 _NORMAL_95 = 1.959963984540054
@@ -99,7 +107,7 @@ class CrossValidation(_Stored):
     faults: tuple[str, ...] = ()
 
 
-class GeometryCalibration(_Stored):
+class GeometryCalibration(Shown, _Stored):
     """The geometry of camera and stage; None, or null in a file, means not determined.
 
     Only the keys without a default are required. Errors are standard errors.
@@ -184,6 +192,16 @@ class GeometryCalibration(_Stored):
     cross_validation: CrossValidation | None = None
     provenance: Provenance | None = None
 
+    def to_dataframe(self) -> "DataFrame":
+        """Return the captures that were used as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.captures)
+
     @property
     def fit_factor(self) -> float:
         """Half a 95 % interval in standard errors, of what the fit of the heights gives.
@@ -230,5 +248,13 @@ class GeometryCalibration(_Stored):
         counts = f"{len(self.captures)} captures at {len(self.heights_mm)} heights"
         return f"{type(self).__name__}({known}; {counts}, {len(self.excluded)} left out)"
 
-    def __str__(self) -> str:
-        return repr(self)
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
+        """Return a figure of every capture's scale against its height, with the fit."""
+        from calibration.geometry.plot import draw_scale_by_height  # matplotlib, for whoever looks
+        from simulation.figures import drawn
+
+        def draw(axes: "Axes") -> None:
+            draw_scale_by_height(axes, self)
+            axes.set(xlabel="height read back / mm")
+
+        return drawn(draw, ax)

@@ -26,3 +26,4 @@ from .photon_transfer import (
     Saturation as Saturation,
     fit_photon_transfer as fit_photon_transfer,
 )
+from .plot import draw_photon_transfer as draw_photon_transfer

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,13 @@ from calibration.noise.photon_transfer import (
 )
 from calibration.provenance import Provenance
 from simulation.arrays import BoolArray, FloatImage
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 _BINS = 512
 _FEWEST_IN_BIN = 30
@@ -90,8 +97,8 @@ class VarianceByLevel:
         return Saturation(level_dn=float(level), err_dn=float(np.sqrt(1 / 12 + spread / count)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NoiseMeasurement:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class NoiseMeasurement(Shown, ByValue):
     """The contents of noise.json, with the curve and the maps behind it."""
 
     calibration: NoiseCalibration
@@ -106,6 +113,24 @@ class NoiseMeasurement:
 
     def __repr__(self) -> str:
         return f"NoiseMeasurement({self.calibration!r})"
+
+    def _repr_html_(self) -> str:
+        return self.calibration._repr_html_()
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the captures as a pandas table, a line each; see `NoiseCalibration`."""
+        return self.calibration.to_dataframe()
+
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
+        """Return a figure of the variance of a frame against the light, with the fit."""
+        from calibration.noise.plot import draw_photon_transfer  # matplotlib, for whoever looks
+        from simulation.figures import drawn
+
+        def draw(axes: "Axes") -> None:
+            draw_photon_transfer(axes, self.transfer)
+            axes.set(xlabel="level above black / DN")
+
+        return drawn(draw, ax)
 
 
 def measure_noise(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray, FloatImage
+from simulation.by_value import ByValue
 
 DARK_DEFECT, RESPONSE_DEFECT, NOISE_DEFECT = 1, 2, 4
 """Bits of the defect map: wrong dark level, wrong response, too noisy."""
@@ -20,7 +21,7 @@ _SHADING_SIGMA_PX = 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CorrectionMaps:
+class CorrectionMaps(ByValue):
     """Maps of one sensor, shape ``(rows, cols)``.
 
     ``dark_dn`` is the level without light, ``response`` the sensitivity relative to the mean

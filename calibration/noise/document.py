@@ -5,13 +5,14 @@ import os
 from io import BytesIO
 from math import hypot
 from pathlib import Path
-from typing import Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 import tifffile
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from acquisition.dataframe import dataframe
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import write_shared
 from acquisition.untrusted import TiffDamageError, read_tiff
@@ -19,7 +20,13 @@ from calibration.errors import NoiseFileError
 from calibration.noise.correction_maps import CorrectionMaps, Nonuniformity
 from calibration.noise.photon_transfer import LevelSample, PhotonTransfer
 from calibration.provenance import Provenance
+from simulation.by_value import ByValue
 from simulation.capture_noise import CaptureNoise
+from simulation.notebook import Shown
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 NOISE_SCHEMA: Final = "standoff.noise/1"
 
@@ -43,7 +50,7 @@ class MapFile(BaseModel):
     sha256: str
 
 
-class NoiseCalibration(BaseModel):
+class NoiseCalibration(Shown, ByValue, BaseModel):
     """The noise of one camera at one gain, and what it was measured from.
 
     Values named ``_err`` are standard errors; null means not determined. Only the keys without a
@@ -135,6 +142,16 @@ class NoiseCalibration(BaseModel):
                 **others,
             }
         )
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the captures as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.levels)
 
     @property
     def capture_noise(self) -> CaptureNoise:

@@ -24,9 +24,11 @@ from calibration.sharpness import (
     edge_row,
     judge_sharpness,
 )
+from simulation.by_value import ByValue
 from simulation.psf import GaussianPsf, MeasuredPsf, Psf, PsfField, SampledTransfer, SeparablePsf
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -93,7 +95,7 @@ class PairWidths(BaseModel):
     sigma_y_err_px: float
 
 
-class PsfWidths(BaseModel):
+class PsfWidths(ByValue, BaseModel):
     """A PSF, total and of the lens alone, with standard errors; null means not determined.
 
     Total means optics and pixel together, which equation (1) of the paper calls Sigma.
@@ -393,11 +395,11 @@ class PsfCalibration(PsfWidths, _PsfDocument):
                 raise PsfFileError(f"{source}: {key}: {error}", source=source, key=key) from error
         return SeparablePsf(along_y=curves[0], along_x=curves[1], gaussian=self.total_psf(source))
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the widths by angle and of the contrast by frequency."""
         from calibration.psf.plot import psf_figure  # loads matplotlib, only when plotting
 
-        return psf_figure(self)
+        return psf_figure(self, ax)
 
     def _facts(self) -> Iterator[str]:
         if self.pairs:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from calibration.edges import REJECTING_FLAGS
 from simulation.arrays import FloatArray
+from simulation.figures import InlineFigure, figure_of
 
 if TYPE_CHECKING:
     from calibration.psf.document import PsfCalibration
@@ -28,7 +29,7 @@ _DIRECTION_DASHES = ("-", (0, (6, 6)), (4, (3, 9)), ":")  # where curves coincid
 _AXES = (("x", "vertical"), ("y", "horizontal"))
 
 
-def psf_figure(psf: "PsfCalibration") -> Figure:
+def psf_figure(psf: "PsfCalibration", ax: Axes | None = None) -> Figure:
     """Plot a PSF's edge widths against angle, its contrast and its transfer against frequency.
 
     Parameters
@@ -36,9 +37,14 @@ def psf_figure(psf: "PsfCalibration") -> Figure:
     psf
         A PSF read from a file without edges, or without a transfer over both axes, has no panel
         for them.
+    ax
+        Draw the contrast against frequency here, and no other panel.
     """
+    if ax is not None:
+        draw_mtf(ax, psf)
+        return figure_of(ax)
     count = 1 + bool(psf.edges) + (psf.transfer_2d is not None)
-    figure = Figure(figsize=(0.4 + 4.8 * count, 3.6), layout="constrained")
+    figure = InlineFigure(figsize=(0.4 + 4.8 * count, 3.6), layout="constrained")
     panels = list(figure.subplots(1, count, squeeze=False)[0])
     if psf.transfer_2d is not None:
         draw_transfer_2d(panels[-1], psf.transfer_2d)

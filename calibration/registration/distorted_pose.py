@@ -9,6 +9,7 @@ import numpy as np
 from calibration.registration.displacement import SmoothDisplacement
 from calibration.registration.feature_matches import FeatureMatches
 from simulation.arrays import BoolArray, FloatArray
+from simulation.by_value import ByValue
 from simulation.pose import lens_of, warped
 
 _GRID = 21
@@ -16,7 +17,7 @@ _OVERLAP_GRID = 48
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DistortedPose:
+class DistortedPose(ByValue):
     """A homography between the images of an ideal lens, seen through a distorting one.
 
     Both images are whole frames of one camera. An ideal point at radius r from the centre of the

@@ -8,6 +8,8 @@ from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer
 from calibration.provenance import Provenance
 from simulation.arguments import CheckedModel
 from simulation.arrays import FloatArray
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 from simulation.pose import homography_fault
 
 HOMOGRAPHY_SCHEMA: Final = "standoff.homography/1"
@@ -31,7 +33,7 @@ def _distortion(value: object) -> float:
     raise ValueError(f"{value!r} is not a number between -1 and 1")
 
 
-class Homography(CheckedModel):
+class Homography(Shown, ByValue, CheckedModel):
     """A homography from a follow-up to its reference.
 
     Parameters

@@ -7,11 +7,12 @@ import numpy as np
 
 from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import BoolArray, FloatArray
+from simulation.by_value import ByValue
 from simulation.pose import project
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FeatureMatches:
+class FeatureMatches(ByValue):
     """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference.
 
     Examples

@@ -9,6 +9,7 @@ from calibration.registration.distorted_pose import mirrored_matrix
 from calibration.registration.feature_matches import FeatureMatches
 from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import BoolArray, FloatArray
+from simulation.by_value import ByValue
 from simulation.pose import homography_fault
 
 POINTS_MIN = 4
@@ -16,7 +17,7 @@ POINTS_MIN = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RegistrationHints:
+class RegistrationHints(ByValue):
     """What is known of a pose before two photographs are aligned; None where nothing is.
 
     Parameters

@@ -43,6 +43,8 @@ from calibration.registration.second_look import looked_again, second_look
 from calibration.registration.tilted_views import tilted_poses
 from simulation import GaussianPsf
 from simulation.arrays import AnyArray, FloatArray
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 
 _PLACE_ERR_WARN_PX = 0.25
 _PLACE_ERR_MAX_PX = 3.0
@@ -65,8 +67,8 @@ _SMALLEST_SIDE_PX = 16
 """Of less than two blocks of JPEG nothing can be told apart, and no pyramid made."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Registration:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
+class Registration(Shown, ByValue):
     """Pose of a follow-up in its reference, nearer or further away.
 
     Parameters

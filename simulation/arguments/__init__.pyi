@@ -16,4 +16,5 @@ from .given_arrays import (
     whole_array as whole_array,
 )
 from .models import CheckedModel as CheckedModel
+from .paths import FilePath as FilePath, output_path as output_path, path_of as path_of
 from .ranges import RANGES as RANGES, Range as Range

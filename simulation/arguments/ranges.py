@@ -51,6 +51,7 @@ RANGES: Mapping[str, Range] = {
         "curve_noise_dn reference_noise light_scatter read_noise_e least index indices retake",
         Range(0),
     ),
+    **_named("psf_variance_err_px2 psf_focus_share focus_freedom noise_relative_err", Range(0)),
     **_named("focus_scatter_px2 registration_err_px height_scatter_mm", Range(0, 1e4)),
     **_named("height_mm heights_mm reference_height_mm", Range(-1e6, 1e6)),
     **_named("tilts_deg at_tilt_deg reference_tilt_deg", Range(-90, 90)),

@@ -14,13 +14,15 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import ceil
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simulation.arrays import AnyArray, BoolArray, FloatImage
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 from simulation.pose.aligned import keeps_axes, render_aligned
 from simulation.pose.options import DEFAULT_OPTIONS, PoseOptions
 from simulation.pose.sampling import (
@@ -39,6 +41,10 @@ from simulation.pose.view_filter import view_filter
 from simulation.psf import Psf, PsfField
 from simulation.resampling import reference_shape, refuse_non_finite
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 _TILE_PX = 1024
 """Side of the follow-up's tiles: at zoom 1.5 each needs 20 MB of memory in float32."""
 
@@ -48,8 +54,8 @@ _BOW_PX = 1.0
 of the sampling is larger."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SimulatedPose:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class SimulatedPose(Shown, ByValue):
     """A simulated follow-up on its own pixel grid.
 
     Parameters
@@ -74,6 +80,23 @@ class SimulatedPose:
             f"SimulatedPose({cols} x {rows} px, {self.outside.mean():.1%} outside the reference, "
             f"{self.nearer.mean():.1%} less sharp than it should be)"
         )
+
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
+        """Return a figure of the follow-up, dark to bright, in its own pixels."""
+        from simulation.figures import drawn  # matplotlib, for whoever looks
+
+        shown = self.image.astype(np.float64)
+        dark, bright = (
+            np.percentile(shown[~self.outside], [0.1, 99.9]) if not self.outside.all() else (0, 1)
+        )
+        shown = np.clip((shown - dark) / max(bright - dark, 1e-9), 0.0, 1.0)
+
+        def draw(axes: "Axes") -> None:
+            axes.imshow(shown, cmap="gray", vmin=0.0, vmax=1.0)
+            axes.set(xlabel="x / px", ylabel="y / px")
+
+        rows, cols = shown.shape[:2]
+        return drawn(draw, ax, (6.4, 6.4 * rows / cols + 0.6))
 
 
 def simulate_pose(

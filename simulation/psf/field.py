@@ -6,6 +6,7 @@ from math import hypot, isqrt, sqrt
 import numpy as np
 
 from simulation.arrays import FloatArray
+from simulation.by_value import ByValue
 from simulation.choices import PsfForm
 from simulation.psf.gaussian import GaussianPsf
 from simulation.psf.measured import MeasuredPsf, Psf
@@ -15,7 +16,7 @@ _CHECKED_POINTS = 33
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PsfField:
+class PsfField(ByValue):
     """The covariance of a PSF as a polynomial over the frame of one camera.
 
     With ``u = (x - (width - 1) / 2) / r`` and ``v = (y - (height - 1) / 2) / r``, where ``r`` is

@@ -12,7 +12,7 @@ from standoff import library, terminal
 from standoff.errors import ApplicationError
 
 if TYPE_CHECKING:
-    from acquisition.focus import Region
+    from calibration.edges import Region
 
 _LIVE_FRAMES = 3
 
@@ -130,7 +130,7 @@ def focus(
 
 
 def _region(text: str) -> Region:
-    from acquisition.focus import Region
+    from calibration.edges import Region
 
     return terminal.parsed_region(text, _REGION, Region)
 

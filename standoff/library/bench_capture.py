@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from acquisition.devices import CameraSettings
-from calibration.notebook import html_table
+from simulation.by_value import ByValue
+from simulation.notebook import html_table
 from standoff.photographs import Photograph
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchCapture:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BenchCapture(ByValue):
     """The mean of some frames at one height, with their temporal variance.
 
     ``numpy.asarray`` of it is ``mean_dn``, and every function of the library that takes an image
@@ -83,6 +85,6 @@ class BenchCapture:
             frames=self.frames_used,
         )
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the capture as a screen shows it."""
-        return self.photograph.plot()
+        return self.photograph.plot(ax)

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simulation.arguments import checked
+from simulation.notebook import Shown
 from standoff.errors import ApplicationError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExamplePhotographs:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ExamplePhotographs(Shown):
     """Paths of two photographs of one scene, from two distances."""
 
     nearer: Path

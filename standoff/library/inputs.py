@@ -1,21 +1,28 @@
 """Arguments as a caller gives them: an array or a path, a PSF or its file."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain, islice
 from numbers import Number
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 from numpy.typing import NDArray
 
-from acquisition.printable import on_one_line
 from acquisition.session import Session
 from calibration.files import read_noise
 from calibration.psf import PsfCalibration
 from simulation import GaussianPsf, MeasuredPsf, SeparablePsf, TabulatedPsf
-from simulation.arguments import ArgumentError, ArgumentTypeError, is_array_like, kind_of
+from simulation.arguments import (
+    ArgumentError,
+    ArgumentTypeError,
+    FilePath as FilePath,
+    is_array_like,
+    kind_of,
+    output_path as output_path,
+    path_of as path_of,
+)
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.library.bench_capture import BenchCapture
@@ -27,7 +34,6 @@ from standoff.photographs import (
     taken_as,
 )
 
-FilePath: TypeAlias = str | PathLike[str]
 ImageLike: TypeAlias = NDArray[Any] | Photograph | BenchCapture | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file.
 
@@ -40,41 +46,6 @@ PsfLike: TypeAlias = BarePsf | PsfCalibration | FilePath
 
 NoiseLike: TypeAlias = CaptureNoise | FilePath
 """The noise of a capture, or the path of a noise.json."""
-
-
-def path_of(path: object, name: str) -> Path:
-    """Return the argument as a path, or refuse it.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a path; the message gives ``name`` and the type of the argument.
-    ArgumentError
-        If nothing can have such a name.
-    """
-    if not isinstance(path, str | PathLike):
-        raise ArgumentTypeError(f"expected a path, got {kind_of(path)}", argument=name)
-    text = fspath(path)
-    if not isinstance(text, str) or not text or "\0" in text:
-        raise ArgumentError(f"{text!r} is no name of a file or folder", argument=name)
-    return Path(text)
-
-
-def output_path(path: object, name: str, suffixes: Collection[str]) -> Path:
-    """Return the argument as the path of a file to write, or refuse it.
-
-    Raises
-    ------
-    ArgumentTypeError, ArgumentError
-        As ``path_of``, or if its name ends in none of the suffixes of what is written.
-    """
-    out = path_of(path, name)
-    if out.suffix.lower() not in suffixes:
-        listed = " or ".join(sorted(suffixes))
-        raise ArgumentError(
-            f"{on_one_line(out)} must end in {listed}, which is what is written", argument=name
-        )
-    return out
 
 
 def listed_paths(files: FilePath | Iterable[FilePath], name: str) -> Iterator[Path]:

@@ -10,15 +10,17 @@ from numpy.typing import DTypeLike, NDArray
 
 from acquisition.printable import on_one_line
 from calibration.choices import Pattern
-from calibration.notebook import html_table
 from calibration.psf import REC601_LUMA, luma_plane
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
+from simulation.by_value import ByValue
+from simulation.notebook import html_table
 from standoff.errors import HintError, ImageFileError
 from standoff.photographs.encoding import LINEAR, Encoding
 from standoff.photographs.exif import PhotographFacts
 from standoff.photographs.jpeg_coding import FROM_CHROMA, JpegCoding, coded_variance
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _PLATEAU_FRACTION = 0.002
@@ -37,7 +39,7 @@ _USUAL_SAMPLING = (True, True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PhotographHead:
+class PhotographHead(ByValue):
     """What is known of a photograph without its pixels.
 
     Parameters
@@ -177,11 +179,11 @@ class Photograph(PhotographHead):
         ]
         return html_table(repr(self)[1:-1], ("of the file", ""), facts)
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the photograph as a screen shows it, in the sensor's own axes."""
         from standoff.photographs.plot import photograph_figure  # matplotlib, for whoever looks
 
-        return photograph_figure(self)
+        return photograph_figure(self, ax)
 
     @property
     def is_colour(self) -> bool:

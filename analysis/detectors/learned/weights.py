@@ -16,6 +16,7 @@ from acquisition.session import commit_file
 from analysis.detectors.followup_view import followup_view
 from analysis.errors import DetectorError, ResultsFileError
 from calibration.psf import luma_plane
+from simulation.arguments import FilePath, checked, path_of
 from simulation.arrays import Float32Array, FloatArray
 
 if TYPE_CHECKING:
@@ -147,7 +148,8 @@ def require_torch() -> None:
         )
 
 
-def load_learned(path: Path | str) -> LearnedDetector:
+@checked
+def load_learned(path: FilePath) -> LearnedDetector:
     """Return the detector in a file of `LearnedDetector.save`; nothing in the file is run.
 
     Parameters
@@ -165,15 +167,20 @@ def load_learned(path: Path | str) -> LearnedDetector:
     DetectorError
         With reason ``missing``, if PyTorch is not installed, the file cannot be read, is damaged or
         of another kind.
+
+    Examples
+    --------
+    >>> detector = standoff.load_learned("detector.pt")  # doctest: +SKIP
     """
     require_torch()
     import torch
 
     from analysis.detectors.learned.network import SiameseNetwork
 
+    file = path_of(path, "path")
     name = on_one_line(path)
     try:
-        content = read_regular_file(Path(path), _LARGEST_BYTES)
+        content = read_regular_file(file, _LARGEST_BYTES)
     except OSError as error:
         why = error.strerror or str(error)
         raise DetectorError(f"cannot read {name}: {why}", reason="missing") from error

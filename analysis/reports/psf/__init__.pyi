@@ -5,6 +5,7 @@ from .history import (
     history_document as history_document,
     history_sections as history_sections,
     ordered_history as ordered_history,
+    plot_history as plot_history,
 )
 from .remarks import psf_remarks as psf_remarks
 from .sections import (

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis.reports.page import (
@@ -18,6 +19,7 @@ from analysis.reports.page import (
 from calibration.errors import CalibrationError
 from calibration.psf import PsfCalibration, compare_psfs, focus_repeatability
 from calibration.sharpness import NORMAL_95, with_reach
+from simulation.figures import figure_of
 
 _UNKNOWN = "unknown"
 _COLOURS = {"sigma_x_px": "#0072B2", "sigma_y_px": "#D55E00"}
@@ -108,13 +110,13 @@ def _focus(entries: Sequence[HistoryEntry]) -> dict[str, float | None]:
 
 
 @in_report_style
-def plot_history(entries: Sequence[HistoryEntry]) -> Figure | None:
+def plot_history(entries: Sequence[HistoryEntry], ax: Axes | None = None) -> Figure | None:
     """Plot the total widths over time, with 95 % bars; None where fewer than two have a time."""
     dated = [entry for entry in entries if entry.psf.captured_utc is not None]
     if len(dated) < 2:
         return None
-    figure = new_figure(6.4, 3.2)
-    axes = figure.subplots()
+    axes = new_figure(6.4, 3.2).subplots() if ax is None else ax
+    figure = figure_of(axes)
     axes.tick_params(axis="x", labelrotation=20)
     for key, colour in _COLOURS.items():
         points = [
@@ -140,7 +142,10 @@ def plot_history(entries: Sequence[HistoryEntry]) -> Figure | None:
             label=key.removesuffix("_px").replace("_", " "),
         )
     axes.set(xlabel="captured (UTC)", ylabel="total sigma / px")
-    figure.legend(loc="outside upper center", ncols=2)
+    if ax is None:
+        figure.legend(loc="outside upper center", ncols=2)
+    else:
+        ax.legend(fontsize=8)
     return figure
 
 

@@ -15,16 +15,16 @@ from acquisition.focus import (
     FocusOptions,
     FocusPeak,
     NoFocusPeakError,
-    Region,
     SweepRequest,
     sweep_bench,
 )
 from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries
 from acquisition.session import Session
+from calibration.edges import Region
 from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked
 from standoff.library.bench.devices import placement_of
-from standoff.library.bench.focus import pupil_of
+from standoff.library.bench.focus import focus_region, pupil_of
 from standoff.library.bench.movable_bench import MovableBench
 from standoff.library.bench_capture import BenchCapture
 from standoff.library.inputs import FilePath, path_of
@@ -109,7 +109,7 @@ class Bench(MovableBench):
         self._exposure_control().settle(self.config.camera.exposure_us)
         found = sweep_bench(
             self.devices,
-            FocusOptions(measure=measure, region=region),
+            FocusOptions(measure=measure, region=focus_region(region)),
             request,
             lambda _: None,
         )

@@ -20,17 +20,19 @@ from acquisition.focus import (
     FocusTrace,
     NoFocusPeakError,
     PupilOffset,
-    Region,
+    Region as FocusRegion,
     SweepRequest,
     focus_values,
     positions_of,
     sweep_bench,
 )
+from calibration.edges import Region
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from calibration.noise import level_noise
 from calibration.sharpness import NORMAL_95
 from simulation.arguments import checked
+from simulation.notebook import Shown
 from standoff.errors import ArgumentError
 from standoff.library.bench.devices import OpenCamera, opened_camera, place_target
 from standoff.library.bench.movable_bench import MovableBench
@@ -40,6 +42,7 @@ from standoff.library.files import write_file
 from standoff.library.inputs import FilePath, NoiseLike, camera_noise, output_path, path_of
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _LIVE_FRAMES = 3
@@ -48,8 +51,8 @@ _EDGE_ORIENTATION_DEG = 5.0
 _READING = ("value", "peak", "percent_of_peak", "trend", "is_past_peak", "noise", "has_detail")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WatchedFocus:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class WatchedFocus(Shown):
     """The last reading of the live aid."""
 
     reading: FocusReading
@@ -61,8 +64,8 @@ class WatchedFocus:
         return {**{name: getattr(self.reading, name) for name in _READING}, "metric": self.measure}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FoundFocus:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class FoundFocus(Shown):
     """A sweep through the focus; ``tolerance_mm`` is that of the stage."""
 
     sweep: FocusSweep
@@ -93,12 +96,12 @@ class FoundFocus:
         """Whether the peak is known to more than the stage can hold."""
         return self.half_interval_mm < self.tolerance_mm
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the focus value against the height, with the peak."""
         from analysis.reports import plot_focus_sweep  # matplotlib, for whoever looks
 
         heights_mm, values, errs = self.sweep.columns()
-        return plot_focus_sweep(heights_mm, values, errs, self.sweep.peak, self.measure)
+        return plot_focus_sweep(heights_mm, values, errs, self.sweep.peak, self.measure, ax)
 
     def write_plot(self, path: FilePath) -> None:
         """Write the figure as PNG.
@@ -324,12 +327,29 @@ def pupil_of(geometry: GeometryCalibration | FilePath | None) -> PupilOffset:
     )
 
 
+def focus_region(region: Region | None) -> FocusRegion | None:
+    """Return the region of a picture in which focus is measured.
+
+    Raises
+    ------
+    ArgumentError
+        If it is smaller than two pixels along either axis.
+    """
+    if region is None:
+        return None
+    sides = {name: getattr(region, name) for name in ("x_px", "y_px", "width_px", "height_px")}
+    try:
+        return FocusRegion(**sides)
+    except ValueError as error:
+        raise ArgumentError(str(error), argument="region") from error
+
+
 def _options(measure: FocusMeasure, region: Region | None, noise: NoiseLike | None) -> FocusOptions:
     camera = camera_noise(noise)
     model = None if camera is None else level_noise(camera)
     return FocusOptions(
         measure=measure,
-        region=region,
+        region=focus_region(region),
         noise=None
         if model is None
         else lambda level_dn: float(model.variance_dn2(np.array([level_dn]))[0]),

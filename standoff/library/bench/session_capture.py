@@ -24,6 +24,7 @@ from acquisition.plan import (
     plan_entries,
 )
 from simulation.arguments import checked
+from simulation.notebook import Shown
 from standoff.library.bench.devices import placement_of
 from standoff.library.bench.movable_bench import MovableBench
 from standoff.library.bench.plan_preview import bench_config, given_plan
@@ -32,8 +33,8 @@ from standoff.library.call import Call, Progress
 from standoff.library.inputs import FilePath, path_of
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CapturedSession(RunSummary):
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class CapturedSession(Shown, RunSummary):
     """A session, and what one run did for it."""
 
     session: Path

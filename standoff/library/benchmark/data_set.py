@@ -29,6 +29,7 @@ from hil_mocks.benchmark_set import (
     track_documents,
 )
 from simulation.arguments import checked
+from simulation.notebook import Shown
 from standoff.errors import ApplicationError
 from standoff.library.benchmark.task_files import (
     STATE_NAME,
@@ -59,8 +60,8 @@ MADE_WITH = (
 _ABOUT_NAME = "set.json"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MadeBenchmark:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class MadeBenchmark(Shown):
     """A data set that is complete.
 
     Parameters

@@ -19,8 +19,8 @@ from analysis.benchmark import (
 from analysis.reports import render_benchmark_report
 from analysis.results_file import write_results
 from calibration.documents import json_object
-from calibration.notebook import html_table
 from simulation.arguments import checked
+from simulation.notebook import Shown, html_table
 from standoff.errors import ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.files import make_folder, write_file, write_page, written_together
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 SCORE_FILES = ("scores.json", "scores.csv", "scores.md", "scores.html")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScoredBenchmark:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ScoredBenchmark(Shown):
     """Scores of programs, side by side, and what there is to remark."""
 
     scores: BenchmarkScores

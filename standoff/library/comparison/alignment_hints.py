@@ -17,6 +17,8 @@ from calibration.registration import (
 )
 from simulation.arguments import checked
 from simulation.arrays import BoolArray, FloatArray
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 from standoff.errors import HintError
 from standoff.library.inputs import FilePath
 from standoff.photographs import LINEAR, ReadOptions, read_file, read_image
@@ -52,8 +54,8 @@ class HintFiles:
         return self.homography, self.points, self.mask
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AlignmentHints:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class AlignmentHints(Shown, ByValue):
     """The contents of `HintFiles`; sizes are checked against each pair of photographs."""
 
     files: HintFiles = HintFiles()

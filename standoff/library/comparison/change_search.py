@@ -67,7 +67,9 @@ from standoff.library.psf import frame_psf
 from standoff.photographs import FileSteps, Photograph, ReadOptions
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 CHANGE_FILES = (
     "difference.tif",
@@ -134,10 +136,14 @@ class ComparedPhotographs(ChangeResult):
             reference_dn=self.reference.colour_planes, followup_dn=self.followup.colour_planes
         )
 
-    def plot(self) -> "Figure":
+    def to_dataframe(self) -> "DataFrame":
+        """Return the changes as a pandas table; see `ChangeSummary`."""
+        return self.summary.to_dataframe()
+
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the follow-up with its changes, both differences, significance."""
         followup = self.followup
-        return plot_changes(self, followup.colour_planes if followup.is_colour else None)
+        return plot_changes(self, followup.colour_planes if followup.is_colour else None, ax)
 
     def to_json(self) -> dict[str, Any]:
         """Return the list of changes as ``standoff changes --json`` prints it, without folder."""

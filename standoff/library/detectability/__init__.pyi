@@ -9,6 +9,7 @@ from .limits import (
     given_curve as given_curve,
     pose_limits as pose_limits,
     read_any_curves as read_any_curves,
+    write_curves as write_curves,
 )
 from .measured_curves import (
     MeasuredCurves as MeasuredCurves,

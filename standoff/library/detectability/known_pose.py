@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike, fspath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,18 +11,25 @@ from numpy.typing import ArrayLike
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice
 from analysis.pose import QUANTILE, PoseQuality, judge_pose
+from analysis.reports import plot_pose
 from calibration.provenance import Provenance
 from calibration.registration import DistortedPose, Homography
 from simulation.arguments import checked
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 from standoff.errors import ArgumentError
 from standoff.library.call import Call
 from standoff.library.detectability.limits import CurveLike, given_curve
 from standoff.library.followup import given_homography, refuse_giant_frame
 from standoff.library.inputs import FilePath
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-@dataclass(frozen=True, kw_only=True, repr=False)  # without slots: what it computes is kept
-class JudgedHomography:
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # without slots: keeps results
+class JudgedHomography(Shown, ByValue):
     """d' over a follow-up whose pose is known, and the verdict by the curve.
 
     Parameters
@@ -43,6 +50,10 @@ class JudgedHomography:
 
     def __repr__(self) -> str:
         return f"<JudgedHomography: {self.sentence}>"
+
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
+        """Return a map of d' over the follow-up."""
+        return plot_pose(None, self.quality, ax)
 
     @property
     def is_accepted(self) -> bool:

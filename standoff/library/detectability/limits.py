@@ -158,6 +158,34 @@ _LIMITS = (
 
 
 @checked
+def write_curves(path: FilePath, curves: DetectabilityCurves) -> None:
+    """Write a curves.json, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    curves
+        As ``d_prime_curves`` returns them; those of ``measure_curves`` have a ``write`` that draws
+        figures beside the file.
+
+    Raises
+    ------
+    ResultsFileError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> task = standoff.DetectionTask(zooms=(1.0, 1.5), models=("matched",), noises_dn=(12.0,))
+    >>> curves = standoff.d_prime_curves(["before.tif"], "psf.json", task)
+    >>> standoff.write_curves("near.json", curves)
+    >>> standoff.read_curves("near.json") == curves
+    True
+    """
+    curves.write(path)
+
+
+@checked
 def pose_limits(
     curve: CurveLike,
     min_d_prime: float,

@@ -7,6 +7,7 @@ from functools import partial
 from heapq import nsmallest
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from simulation import Psf
 from simulation.arguments import checked
 from simulation.arrays import FloatArray
 from simulation.choices import PsfShape
+from simulation.notebook import Shown
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.detectability.error_sources import known_errors, noise_relative_err
@@ -50,6 +52,11 @@ from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import list_inputs, scene_image
 from standoff.photographs import ReadOptions
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
 _COPIES_NAME = "copies.txt"
 
 _TEXT = ("model", "observer")
@@ -58,8 +65,8 @@ _FOUND = ("dprime", "dprime_low", "dprime_high", "auc")
 _COLUMNS = dict.fromkeys(_TEXT, str) | dict.fromkeys((*_NUMBERS, *_FOUND), float)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredCurves:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class MeasuredCurves(Shown):
     """Curves, and what became of the photographs.
 
     ``curves`` is None where only a part of the photographs was measured. ``copies_list`` names the
@@ -71,6 +78,23 @@ class MeasuredCurves:
     copies: int = 0
     copies_list: Path | None = None
     notes: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        return Shown._repr_html_(self) if self.curves is None else self.curves._repr_html_()
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the curves as a pandas table, a line for each curve and zoom."""
+        return self._whole.to_dataframe()
+
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
+        """Return a figure of d' against zoom."""
+        return self._whole.plot(ax)
+
+    @property
+    def _whole(self) -> DetectabilityCurves:
+        if self.curves is None:
+            raise ArgumentError("a part of the photographs gives no curves; measure the others")
+        return self.curves
 
     def write(self, path: FilePath, *, parquet: bool = False) -> list[Path]:
         """Write curves.json, and the figures beside it, all or none; return the figures' paths.
@@ -84,9 +108,7 @@ class MeasuredCurves:
         ApplicationError, ResultsFileError
             If a file cannot be written.
         """
-        out, found = output_path(path, "path", {".json"}), self.curves
-        if found is None:
-            raise ArgumentError("a part of the photographs gives no curves; measure the others")
+        out, found = output_path(path, "path", {".json"}), self._whole
         with written_together(out) as folder:
             write_results(folder / out.name, found)
             write_curve_figures(folder / out.name, found.curves, found.curves[0].contrast_dn)

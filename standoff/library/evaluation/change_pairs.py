@@ -15,6 +15,7 @@ from analysis.evaluation.change_pairs import (
 from analysis.sweep import SweepOptions, SweepSummary
 from simulation.arguments import checked
 from simulation.choices import PsfShape
+from simulation.notebook import Shown
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.files import each_image
@@ -24,8 +25,8 @@ from standoff.library.swept_photographs import colour_scene_image
 from standoff.photographs import ReadOptions
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChangePairs:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ChangePairs(Shown):
     """A data set of change pairs, and what became of the photographs.
 
     ``dataset`` is complete unless only a part of the photographs was done.

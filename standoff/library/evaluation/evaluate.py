@@ -38,6 +38,7 @@ from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep, blocks_of
 from simulation.arguments import ArgumentTypeError, checked, kind_of
 from simulation.choices import PsfShape
+from simulation.notebook import Shown
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.evaluation.changes import later_scene
@@ -48,15 +49,17 @@ from standoff.library.swept_photographs import colour_scene_image, list_inputs
 from standoff.photographs import ReadOptions
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 _FAILED_LISTED = 100
 _WIDEST_WINDOW_PX = 61
 """Of the bound: its time grows with the sixth power."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvaluatedDetector:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class EvaluatedDetector(Shown):
     """How well a detector does, and what became of the photographs.
 
     ``evaluation`` is None where only a part of the photographs was done.
@@ -92,7 +95,14 @@ class EvaluatedDetector:
             write_page(page, render_evaluation_report(found))
         return evaluation_figure_paths(out)
 
-    def plot(self) -> "Figure":
+    def _repr_html_(self) -> str:
+        return Shown._repr_html_(self) if self.evaluation is None else self.evaluation._repr_html_()
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the curves as a pandas table, a line for each curve and zoom."""
+        return self._whole.to_dataframe()
+
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return the figure of the AUC against zoom.
 
         Raises
@@ -100,7 +110,7 @@ class EvaluatedDetector:
         ArgumentError
             If only a part was done.
         """
-        return self._whole.plot()
+        return self._whole.plot(ax)
 
     @property
     def _whole(self) -> Evaluation:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from calibration.notebook import html_table
 from calibration.provenance import Provenance
 from simulation.arrays import Float32Array
+from simulation.by_value import ByValue
 from simulation.choices import (
     KernelModel,
     Model,
@@ -19,6 +19,7 @@ from simulation.followup import (
     FollowUp as FollowUp,
     zoomed_out as zoomed_out,
 )
+from simulation.notebook import html_table
 from standoff.errors import ArgumentError
 from standoff.library.files import FLOAT_IMAGES, write_float_tiff, write_mask
 from standoff.library.followup.learned_kernel import FoundKernel
@@ -29,11 +30,12 @@ from standoff.library.inputs import FilePath, output_path
 from standoff.photographs import photograph_of
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SimulatedPhotograph:
+class SimulatedPhotograph(ByValue):
     """A simulated follow-up; ``numpy.asarray`` of it is its image.
 
     Parameters
@@ -160,9 +162,9 @@ class SimulatedPhotograph:
         )
         write_float_tiff(output_path(path, "path", FLOAT_IMAGES), self.uncertainty.err, description)
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the follow-up as a screen shows it."""
-        return photograph_of(self.image, f"{Path(self.source).name}: {self.how}").plot()
+        return photograph_of(self.image, f"{Path(self.source).name}: {self.how}").plot(ax)
 
 
 _LONG = ("provenance", "kernel_covariance_px2")

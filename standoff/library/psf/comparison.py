@@ -1,18 +1,20 @@
 """Has the PSF changed? Two calibrations, or all of them over time."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from acquisition.dataframe import dataframe
 from analysis.reports import (
     HistoryEntry,
     ReportSection,
     history_document,
     history_sections,
     ordered_history,
+    plot_history,
     render_history_report,
 )
 from calibration.errors import CalibrationError
@@ -20,14 +22,20 @@ from calibration.files import read_psf
 from calibration.provenance import Provenance
 from calibration.psf import PsfCalibration, PsfChange, compare_psfs as change_between
 from simulation.arguments import checked
-from standoff.errors import ApplicationError
+from simulation.notebook import Shown, html_table, in_words, shortened
+from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress
 from standoff.library.files import PAGES, require_folder, require_writable, write_page
 from standoff.library.inputs import FilePath, output_path, path_of
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PsfComparison(PsfChange):
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class PsfComparison(Shown, PsfChange):
     """All parameters that two calibrations give, and whether they have changed."""
 
     first: str
@@ -37,6 +45,27 @@ class PsfComparison(PsfChange):
     def notes(self) -> tuple[str, ...]:
         """Why the two may not be comparable, and what only one of them gives."""
         return self.remarks
+
+    def __repr__(self) -> str:
+        return f"<PsfComparison: {shortened(self.verdict, 170)}>"
+
+    def _repr_html_(self) -> str:
+        names = ("name", "first", "second", "z")
+        return html_table(
+            self.verdict,
+            ("parameter", "first", "second", "z"),
+            [[in_words(one.to_json().get(name)) for name in names] for one in self.parameters],
+        )
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the parameters as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.to_json() for one in self.parameters)
 
     def to_json(self) -> dict[str, Any]:
         """Return the comparison as ``standoff compare --json`` prints it."""
@@ -99,13 +128,50 @@ def compare_psfs(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class PsfHistory:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class PsfHistory(Shown):
     """Calibrations by camera, in the order of their time; ``notes`` say which were left out."""
 
     calibrations: dict[str, list[HistoryEntry]]
     provenance: Provenance
     notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        counts = (f"{len(found)} of {serial}" for serial, found in self.calibrations.items())
+        return f"<PsfHistory: {shortened(', '.join(counts), 170)}>"
+
+    def _repr_html_(self) -> str:
+        names = ("camera", "file", "captured_utc", "sigma_x_px", "sigma_y_px", "change")
+        rows = [[in_words(row.get(name)) for name in names] for row in self._rows()]
+        return html_table("calibrations by camera and time", names, rows)
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        for camera in history_document(self.calibrations)["cameras"]:
+            for row in camera["calibrations"]:
+                yield {"camera": camera["serial"], **row}
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the calibrations as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(self._rows())
+
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
+        """Return a figure of the total widths over time.
+
+        Raises
+        ------
+        ArgumentError
+            If fewer than two calibrations say when their photographs were taken.
+        """
+        found = plot_history([one for some in self.calibrations.values() for one in some], ax)
+        if found is None:
+            raise ArgumentError("fewer than two calibrations say when they were captured")
+        return found
 
     @cached_property
     def sections(self) -> tuple[ReportSection, ...]:

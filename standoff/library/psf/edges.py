@@ -2,7 +2,7 @@
 
 from acquisition import Session as Session
 from calibration.edges import EdgeMeasurement, Method, Region, measure_edges as measured_edges
-from calibration.files import read_psf as read_psf_file, write_psf as write_psf_file
+from calibration.files import read_psf as read_psf, write_psf as write_psf_file
 from calibration.psf import PsfCalibration
 from calibration.sharpness import with_sharpness
 from simulation import GaussianPsf as GaussianPsf, TabulatedPsf as TabulatedPsf
@@ -12,7 +12,6 @@ from standoff.library.inputs import (
     FilePath,
     ImageLike,
     output_path,
-    path_of,
     photograph,
     with_white_level,
 )
@@ -62,35 +61,6 @@ def measure_edges(
         except ValueError as error:
             raise ArgumentError(str(error), argument="region") from error
     return tuple(with_sharpness(measured_edges(source, region, method), source))
-
-
-@checked
-def read_psf(path: FilePath) -> PsfCalibration:
-    """Read a psf.json.
-
-    Parameters
-    ----------
-    path
-        Of the file.
-
-    Returns
-    -------
-    PsfCalibration
-        All that the file says; functions with ``psf=`` take it.
-
-    Raises
-    ------
-    TypeError
-        If it is not a path.
-    PsfFileError
-        If the file cannot be read, or is not a psf.json.
-
-    Examples
-    --------
-    >>> round(standoff.read_psf("psf.json").sigma_x_px, 2)
-    0.76
-    """
-    return read_psf_file(path_of(path, "path"))
 
 
 @checked

@@ -32,6 +32,8 @@ from calibration.registration import (
 )
 from simulation import GaussianPsf
 from simulation.arguments import checked
+from simulation.by_value import ByValue
+from simulation.notebook import Shown
 from standoff.library.call import Call, Progress
 from standoff.library.comparison import (
     AlignmentHints,
@@ -48,6 +50,7 @@ from standoff.library.swept_photographs import refusing
 from standoff.photographs import Photograph, ReadOptions
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -74,8 +77,8 @@ class PoseDemand:
     hints: AlignmentHints | RegistrationHints | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JudgedPose:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class JudgedPose(Shown, ByValue):
     """A verdict on a pose, how well the photographs agreed on it, and what to check.
 
     ``pose`` is what they were registered with; ``detection_limit`` what their comparison would have
@@ -90,6 +93,12 @@ class JudgedPose:
     warnings: tuple[str, ...] = ()
     provenance: Provenance | None = None
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<JudgedPose: {repr(self.quality).removeprefix('<PoseQuality: ')}"
+
+    def _repr_html_(self) -> str:
+        return self.summary._repr_html_()
 
     @property
     def is_accepted(self) -> bool:
@@ -118,9 +127,9 @@ class JudgedPose:
         shown = None if picture is None else os.fspath(picture)
         return self.summary.model_copy(update={"picture": shown}).model_dump(mode="json")
 
-    def plot(self) -> "Figure":
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a map of d' over the follow-up."""
-        return plot_pose(self.followup.shown_dn, self.quality)
+        return plot_pose(self.followup.shown_dn, self.quality, ax)
 
     def write_picture(self, path: FilePath) -> None:
         """Write the map of d', PNG or SVG.

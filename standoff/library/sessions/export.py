@@ -15,6 +15,7 @@ from acquisition.session_export import (
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked
+from simulation.notebook import Shown
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.inputs import FilePath, opened_session, output_path, path_of
@@ -25,8 +26,8 @@ _ENDS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportedSession:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ExportedSession(Shown):
     """What was exported: captures, how many of them with a scale, and captures left out."""
 
     out: Path

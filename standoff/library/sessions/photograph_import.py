@@ -15,6 +15,7 @@ from acquisition.plan import CapturePlan, parse_plan
 from acquisition.printable import on_one_line
 from acquisition.session import Photograph, SessionWriter
 from simulation.arguments import checked
+from simulation.notebook import Shown
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.caller import login_name
@@ -30,8 +31,8 @@ _LONGEST_TARGET = 200
 """Letters that a plan accepts."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImportedPhotographs:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ImportedPhotographs(Shown):
     """A session made of photographs: how many were given, and how many it did not hold yet."""
 
     session: Path

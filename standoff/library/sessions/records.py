@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from acquisition.dataframe import dataframe
 from acquisition.errors import SessionError
 from acquisition.session import (
     MANIFEST_NAME,
@@ -17,19 +18,42 @@ from acquisition.session import (
     verify,
 )
 from simulation.arguments import checked
+from simulation.notebook import Shown, html_table
 from standoff.errors import ApplicationError
 from standoff.library.caller import login_name
 from standoff.library.files import refusal_text
 from standoff.library.inputs import FilePath, opened_session, path_of
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VerifiedSession:
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class VerifiedSession(Shown):
     """Every file of a session held against its journal; what was repaired before, if asked for."""
 
     session: Path
     report: VerifyReport
     repaired: RepairReport | None = None
+
+    def __repr__(self) -> str:
+        faults = len(self.report.faults)
+        state = "sound" if self.is_ok else f"not sound, {faults} faults"
+        return f"<VerifiedSession {self.session.name}: {len(self.report.files)} files, {state}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(str(one["file"]), str(one["state"])) for one in self.to_json()["files"]]
+        return html_table(repr(self)[1:-1], ("file", "state"), rows)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the files as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(self.to_json()["files"])
 
     @property
     def is_ok(self) -> bool:

@@ -23,6 +23,7 @@ from calibration.errors import PsfFileError
 from calibration.files import read_psf
 from calibration.psf import PsfCalibration
 from simulation.arguments import checked
+from simulation.notebook import Shown
 from standoff.library.call import Call, Progress
 from standoff.library.files import (
     PAGES,
@@ -40,8 +41,8 @@ _DEPTHS = ("*/", "*/*/", "*/*/*/")
 _SHOWN = 12
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WrittenReport:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class WrittenReport(Shown):
     """A report on a session, and what there is to say of it."""
 
     session: Path

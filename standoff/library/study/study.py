@@ -7,7 +7,6 @@ import numpy as np
 
 from acquisition.bench import BenchConfig
 from acquisition.plan import CapturePlan
-from analysis.results_file import write_results
 from analysis.study import (
     BUILT_IN,
     PlanStudy,
@@ -31,7 +30,6 @@ from standoff.library.inputs import (
     NoiseLike,
     PsfLike,
     listed_images,
-    output_path,
 )
 from standoff.library.study.known_inputs import KnownInputs, SoughtChange
 from standoff.library.study.pixel_levels import pixel_levels
@@ -188,7 +186,7 @@ def write_study(path: FilePath, study: PlanStudy) -> None:
     >>> study = standoff.plan_study("session.toml", "bench.toml", "psf.json")
     >>> standoff.write_study("study.json", study)
     """
-    write_results(output_path(path, "path", {".json"}), study)
+    study.write(path)
 
 
 def _board(board: CharucoBoard | str) -> CharucoBoard:

@@ -10,8 +10,9 @@ import acquisition.aravis
 import standoff
 from acquisition.aravis import FoundCamera
 from acquisition.capture import CaptureProgress
-from acquisition.focus import FocusPoint, FocusReading, NoFocusPeakError, Region
+from acquisition.focus import FocusPoint, FocusReading, NoFocusPeakError
 from acquisition.plan import PlanEntry, PlanEstimate, load_plan
+from calibration.edges import Region
 from calibration.geometry import GeometryCalibration
 from tests.standoff.conftest import SMALL_BENCH, SMALL_PLAN, Command
 from tests.standoff.library.one_document import printed

@@ -15,8 +15,9 @@ import standoff
 from scripts.example_files import make_example_files
 from simulation.arguments.ranges import RANGES
 from standoff.errors import REPORTED_ERRORS, ArgumentError
+from standoff.library import types
 
-CALLS = 2000
+CALLS = 2500
 GONE = "gone"
 """No file and no folder: where nothing refuses a wrong value before, this ends the call."""
 
@@ -33,6 +34,15 @@ TASK = standoff.DetectionTask(
     reference_zoom=1.0,
     signal=standoff.Spot(sigma_px=0.5),
 )
+
+MADE_BY_HAND: dict[str, dict[str, object]] = {
+    "CaptureNoise": {"gain_e_per_dn": 5.0, "read_noise_e": 12.0, "black_level_dn": 64.0},
+    "CharucoBoard": {"columns": 5, "rows": 4, "square_mm": 10.0, "marker_mm": 7.0},
+    "ErrorSources": {},
+    "Homography": {"matrix": np.eye(3), "size": (4, 3)},
+    "Region": {"x_px": 0, "y_px": 0, "width_px": 9, "height_px": 9},
+}
+"""Types of arguments that have no function to make them."""
 
 SOUND: dict[str, dict[str, object]] = {
     "Bench": {"bench": GONE},
@@ -95,7 +105,6 @@ SOUND: dict[str, dict[str, object]] = {
     "psf_history": {"files": "psf.json"},
     "read_change_pairs": {"folder": GONE},
     "read_image": {"path": "before.tif"},
-    "read_psf": {"path": "psf.json"},
     "reading": {},
     "register": {"reference": SCENE, "followup": GONE},
     "score_benchmark": {"results": GONE, "data": GONE},
@@ -108,6 +117,11 @@ SOUND: dict[str, dict[str, object]] = {
     "validate": {"session": GONE, "psf": "psf.json", "out": "o"},
     "verify_session": {"session": GONE},
     "watch_focus": {"bench": GONE},
+    **MADE_BY_HAND,
+    **{name: {"path": GONE} for name in types.__all__ if name.startswith(("read_", "load_"))},
+    "read_psf": {"path": "psf.json"},
+    "write_curves": {"path": "o/c.json", "curves": None},
+    "write_homography": {"path": "o/h.json", "homography": None},
     "write_edge_table": {"path": "o/e.csv", "psf": None},
     "write_geometry": {"path": "o/g.json", "geometry": None},
     "write_noise": {"path": "o/n.json", "noise": None},
@@ -118,8 +132,10 @@ SOUND: dict[str, dict[str, object]] = {
 }
 """Arguments that take little time, of every public function and type."""
 
-NOT_CALLED = {"ArgumentError", "Progress"}
-"""What is caught, and what is a protocol."""
+NOT_CALLED = {"ArgumentError", "Progress"} | (
+    {name for name in types.__all__ if name[0].isupper()} - MADE_BY_HAND.keys()
+)
+"""What is caught, what is a protocol, and results, which functions make."""
 
 
 class Odd:
@@ -274,6 +290,6 @@ def test_every_number_of_a_public_signature_has_a_range() -> None:
 
 ANY_NUMBER = {
     *("aim_px", "contrasts_dn", "levels_dn", "models", "observers", "retake", "sharpening", "want"),
-    *("photographs", "limits_mm"),
+    *("photographs", "limits_mm", "distortion_k1"),
 }
 """Numbers of either sign, or that their own type judges."""
