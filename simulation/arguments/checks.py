@@ -228,7 +228,7 @@ def _number(name: str, value: Any, *, is_whole: bool) -> float:  # noqa: ANN401 
     allowed = range_of(name)
     if not allowed.holds(number) or (is_whole and not number.is_integer()):
         what = "a whole number" if is_whole else "a number"
-        what = f"{what} {allowed}".rstrip()
+        what = f"{what} {allowed.said_of(number)}".rstrip()
         raise ArgumentError(f"expected {what}, got {given!s:.40}", argument=name)
     if isinstance(given, int):
         return int(given)

@@ -5,6 +5,7 @@ A name means the same wherever it stands, and the number is in the unit that the
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 
 _MOST = 1e12
 """Nothing in the units of a camera is as much."""
@@ -30,6 +31,10 @@ class Range:
         if self.low == -_MOST:
             return f"of {_MOST:g} at most"
         return above if self.is_open else f"{above} on"
+
+    def said_of(self, number: float) -> str:
+        """What is asked of a number that it does not hold."""
+        return f"of {_MOST:g} at most" if self.high == _MOST < number < inf else str(self)
 
 
 def _named(names: str, range_: Range) -> dict[str, Range]:

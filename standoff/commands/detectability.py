@@ -116,7 +116,7 @@ def detectability(
             DetectionTask(
                 signal=GaussianSignal(sigma_px=signal_sigma),
                 contrasts_dn=tuple(contrasts),
-                noises_dn=tuple(noises or ()),
+                noises_dn=tuple(noises or (1.0,)),  # a noise.json tells its own by the levels
                 zooms=tuple(sorted(zoom_list)),
                 models=models,
                 observers=observers,

@@ -103,7 +103,7 @@ def test_validate_and_report(command: Command, tmp_path: Path, psf_file: Path) -
         session, psf_file, tmp_path / "by-function", models=["paper", "lmmse"]
     )
     assert printed(done) == without_caller(json_object(found))
-    with pytest.raises(standoff.ArgumentError, match="unknown model"):
+    with pytest.raises(standoff.ArgumentError, match="models: expected"):
         standoff.validate(session, psf_file, tmp_path / "none", models=["cubic"])  # type: ignore[list-item]  # on purpose
     table = found.to_dataframe()
     first = found.pairs[0].models[0]

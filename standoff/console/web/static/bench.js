@@ -90,6 +90,7 @@ connection.addEventListener("preview", ({ detail }) => {
   byId("run").title = isRoom ? "" : "There is not enough space on the disk for this plan";
   byId("preview").classList.toggle("bad", !isRoom);
   setText("preview", costOf(detail));
+  if (state) run_(state.run, state.control.is_mine); // Run goes with the room, not with the next state
   if (!state || state.run.state === "idle" || planShown === "preview") table(detail.rows, "");
 });
 

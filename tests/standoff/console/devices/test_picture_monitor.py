@@ -76,6 +76,8 @@ def test_without_new_pictures_there_is_no_verdict_on_the_pose(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class Accepting:
+        is_searching = False
+
         def update(self, _: AnyArray) -> PoseVerdict:
             return ACCEPTED
 
@@ -100,6 +102,8 @@ def test_a_verdict_on_the_last_reference_is_not_shown_for_the_next(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class ChoosesAnother:
+        is_searching = False
+
         def update(self, _: AnyArray) -> PoseVerdict:
             if monitor.view.reference == "first":
                 monitor.choose("second", np.zeros((4, 6), np.uint16))
