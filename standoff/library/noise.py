@@ -80,6 +80,7 @@ def measure_noise(
 
     Frames of one's own, here simulated with 4 e/DN and 6 e:
 
+    >>> import numpy as np
     >>> rng = np.random.default_rng(1)
     >>> def frames(electrons, count=8):
     ...     light = rng.poisson(electrons, (count, 60, 80)) + rng.normal(0, 6, (count, 60, 80))

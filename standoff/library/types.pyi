@@ -138,7 +138,6 @@ from simulation.psf import (
     MeasuredPsf as MeasuredPsf,
     Psf as Psf,
     SeparablePsf as SeparablePsf,
-    TabulatedPsf as TabulatedPsf,
 )
 from standoff.library import (
     NamedFrame as NamedFrame,

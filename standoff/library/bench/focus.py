@@ -270,7 +270,7 @@ def find_focus(
     --------
     >>> deep = {"simulated.focus_distance_mm": 300, "simulated.f_number": 1.0}
     >>> found = standoff.find_focus(
-    ...     "bench.toml", (260, 320), settings=deep, steps=9, frames=2, target="coins"
+    ...     "bench.toml", (260, 320), settings=deep, steps=9, frames=2, target="edge"
     ... )
     >>> round(found.peak.height_mm)
     291

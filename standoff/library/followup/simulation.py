@@ -177,9 +177,7 @@ def simulate(
         with np.errstate(over="ignore"):  # levels beyond float32 are refused below
             delivered = captured(made.followup, camera, how.noise).astype(np.float32, copy=False)
     except ValueError as error:
-        if isinstance(error, ArgumentError) and error.argument and fault == source:
-            raise
-        raise ApplicationError(f"{fault}: {error}") from error
+        raise _refusal(error, fault, source) from error
     if not np.all(np.isfinite(delivered)):
         raise ApplicationError(f"{source}: the follow-up's levels exceed float32; lower --exposure")
     named = Path(fault).name if fault != source else "given"
@@ -342,6 +340,13 @@ def _refuse_uncertainty(model: Model | KernelModel, camera: CaptureOptions | Non
             "uncertainty is that of pixels whose noise is independent, which sharpening ends; "
             "leave out one of the two"
         )
+
+
+def _refusal(error: ValueError, fault: str, source: str) -> Exception:
+    """The error of an argument as it is; any other names the file at fault."""
+    if isinstance(error, ArgumentError) and error.argument and fault == source:
+        return error
+    return ApplicationError(f"{fault}: {error}")
 
 
 def _refuse_together(
