@@ -273,7 +273,7 @@ def find_focus(
     ...     "bench.toml", (260, 320), settings=deep, steps=9, frames=2, target="edge"
     ... )
     >>> round(found.peak.height_mm)
-    291
+    288
     """
     if heights_mm is not None and not heights_mm[0] < heights_mm[1]:
         raise ArgumentError(
