@@ -24,12 +24,17 @@ NOT_MADE = {"find_cameras", "train_detector"}
 """What needs a network or PyTorch."""
 
 
+_FOLDERS: list[Path] = []
+"""The one folder of a process: results are kept, and some name their files by where they were."""
+
+
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that the examples of the reference read."""
-    folder = tmp_path_factory.mktemp("every_result") / "files"
-    make_example_files(folder)
-    return folder
+    if not _FOLDERS:
+        _FOLDERS.append(tmp_path_factory.mktemp("every_result") / "files")
+        make_example_files(_FOLDERS[0])
+    return _FOLDERS[0]
 
 
 @pytest.fixture
