@@ -149,7 +149,8 @@ class TabulatedPsf:
         Parameters
         ----------
         otf
-            Of frequencies fx and fy in cycles per pixel, which broadcast; asked up to 2.
+            Of frequencies fx and fy in cycles per pixel, which broadcast; asked up to 2. Its phase
+            is that about the PSF's centre: a shift would count as asymmetry.
         has_pixel
             Whether the camera's pixel is in it.
 
