@@ -6,9 +6,6 @@ from .image_files import (
     write_mask as write_mask,
 )
 from .output_files import (
-    FIGURES as FIGURES,
-    FLOAT_IMAGES as FLOAT_IMAGES,
-    PAGES as PAGES,
     RESULTS_FOLDER as RESULTS_FOLDER,
     is_there as is_there,
     make_folder as make_folder,
@@ -18,6 +15,9 @@ from .output_files import (
     written_together as written_together,
 )
 from .reachable import (
+    FIGURES as FIGURES,
+    FLOAT_IMAGES as FLOAT_IMAGES,
+    PAGES as PAGES,
     refusal_text as refusal_text,
     require_folder as require_folder,
     require_place as require_place,

@@ -22,11 +22,6 @@ from acquisition.session import (
 from standoff.errors import ApplicationError
 from standoff.library.files.reachable import require_place, require_reachable
 
-PAGES = frozenset({".html", ".htm", ".pdf"})
-FIGURES = frozenset({".png", ".svg"})
-FLOAT_IMAGES = frozenset({".tif", ".tiff"})
-"""What the names of files end in that hold pages, figures and levels in floating point."""
-
 RESULTS_FOLDER = "results"
 """Folder of a session for the results obtained from it."""
 

@@ -1,4 +1,4 @@
-"""Paths that the system refuses: what is in the way, and what to do about it, in a line."""
+"""Names of files: what they may end in, and those that the system refuses, with the remedy."""
 
 import errno
 import os
@@ -7,6 +7,11 @@ from pathlib import Path
 
 from acquisition.remote_files import is_url
 from standoff.errors import ApplicationError
+
+PAGES = frozenset({".html", ".htm", ".pdf"})
+FIGURES = frozenset({".png", ".svg"})
+FLOAT_IMAGES = frozenset({".tif", ".tiff"})
+"""What the names of files end in that hold pages, figures and levels in floating point."""
 
 _LONGEST_NAME_BYTES = 255
 """On the file systems in use: ext4, XFS, Btrfs, NFS, APFS; NTFS counts 255 letters."""
