@@ -23,6 +23,7 @@ from acquisition.bench import (
 )
 from acquisition.bracket import BracketExposure
 from acquisition.plan import CapturePlan, ExposureBracket, PlanTarget
+from acquisition.provenance import InputFile, Provenance
 from acquisition.quantities import PLAUSIBLE, number_text
 from acquisition.session import CaptureRecord, EventKind, Manifest
 from acquisition.written_files import WrittenTable
@@ -59,7 +60,6 @@ from calibration.geometry import (
     HeightZoom,
 )
 from calibration.noise import LevelSample, MapFile, NoiseCalibration
-from calibration.provenance import InputFile, Provenance
 from calibration.psf import (
     CameraIdentity,
     ColourPsf,

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
-from analysis.screen import on_screen, white_level_dn
+from acquisition.photographs import on_screen, white_level_dn
 from simulation.arrays import AnyArray
 from simulation.figures import InlineFigure, figure_of
 

@@ -7,9 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from acquisition.photographs import luma_plane, on_screen, white_level_dn
 from analysis.detectability import draw_curve
-from analysis.screen import on_screen, white_level_dn
-from calibration.psf import luma_plane
 from simulation.arrays import AnyArray
 from simulation.figures import InlineFigure, figure_of
 

@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from calibration.provenance import Provenance
+from acquisition.provenance import Provenance
 from simulation.figures import InlineFigure
 
 _P = ParamSpec("_P")

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from acquisition.devices import CameraSettings
+from acquisition.photographs import Photograph
 from simulation.by_value import ByValue
 from simulation.notebook import html_table
-from standoff.photographs import Photograph
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

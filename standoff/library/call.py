@@ -6,14 +6,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Protocol
 
+from acquisition.photographs import Inputs, Photograph, ReadOptions
 from acquisition.printable import on_one_line
+from acquisition.provenance import Provenance
 from acquisition.session import Session
 from analysis.design_cache import keep_designs_on_disk
-from calibration.provenance import Provenance
 from standoff.compile_notice import announce_compiling
 from standoff.library.caller import caller
 from standoff.library.inputs import ImageLike, path_of, photograph, with_white_level
-from standoff.photographs import Inputs, Photograph, ReadOptions
 
 
 class Progress(Protocol):

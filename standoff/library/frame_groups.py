@@ -12,6 +12,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.photographs import IMAGE_SUFFIXES, Photograph, frames_of
 from acquisition.printable import on_one_line
 from calibration.errors import NoiseError
 from calibration.noise import FrameGroup, NoiseCaptures, NoiseKind, noise_captures
@@ -20,7 +21,6 @@ from simulation.arrays import AnyArray
 from standoff.errors import ImageFileError
 from standoff.library.call import Call
 from standoff.library.inputs import FilePath, path_of, photograph
-from standoff.photographs import IMAGE_SUFFIXES, Photograph, frames_of
 
 Frames: TypeAlias = (
     FilePath | NDArray[Any] | Photograph | Iterable[object] | Mapping[str | float, object]

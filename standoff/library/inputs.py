@@ -10,6 +10,13 @@ from typing import Any, TypeAlias, cast
 
 from numpy.typing import NDArray
 
+from acquisition.photographs import (
+    Photograph,
+    ReadOptions,
+    photograph_of,
+    read_image,
+    taken_as,
+)
 from acquisition.session import Session
 from calibration.files import read_noise
 from calibration.psf import PsfCalibration
@@ -26,13 +33,6 @@ from simulation.arguments import (
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.library.bench_capture import BenchCapture
-from standoff.photographs import (
-    Photograph,
-    ReadOptions,
-    photograph_of,
-    read_image,
-    taken_as,
-)
 
 ImageLike: TypeAlias = NDArray[Any] | Photograph | BenchCapture | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file.

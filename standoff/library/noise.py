@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from acquisition.photographs import ReadOptions
 from acquisition.session import Session
 from analysis.reports import render_noise_report
 from calibration.files import write_noise as write_noise_file
@@ -16,7 +17,6 @@ from standoff.library.call import Call, Progress
 from standoff.library.files import PAGES, require_writable, write_page, written_together
 from standoff.library.frame_groups import Frames, frame_captures
 from standoff.library.inputs import FilePath, opened_session, output_path
-from standoff.photographs import ReadOptions
 
 
 @checked

@@ -1,9 +1,9 @@
 """Image files as photographs with linear levels."""
 
+from acquisition.photographs import Encoding, Photograph, ReadOptions, read_image as read
 from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.inputs import FilePath, path_of
-from standoff.photographs import Encoding, Photograph, ReadOptions, read_image as read
 
 
 @checked

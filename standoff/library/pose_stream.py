@@ -9,6 +9,7 @@ from typing import Any
 
 from acquisition.bench import BenchConfig
 from acquisition.focus import newest_frames
+from acquisition.photographs import Inputs, ReadOptions
 from analysis.choices import Criterion
 from analysis.pose import PoseTracker, PoseVerdict, StreamSummary
 from calibration.errors import CalibrationError
@@ -20,7 +21,6 @@ from standoff.library.call import Call, Progress, Silent
 from standoff.library.detectability import CurveChoice, CurveLike, given_curve
 from standoff.library.files import image_files_in
 from standoff.library.inputs import FilePath, ImageLike, path_of
-from standoff.photographs import Inputs, ReadOptions
 
 _POLL_S = 0.2
 

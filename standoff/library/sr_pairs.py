@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from acquisition.photographs import ReadOptions, marked_png, read_image
 from acquisition.remote_files import url_of
 from analysis.choices import PairFormat
 from analysis.errors import SrDatasetError
@@ -26,7 +27,6 @@ from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
 from standoff.library.psf import psf_and_field
 from standoff.library.remote_folder import copied, made_in
 from standoff.library.swept_photographs import refusing
-from standoff.photographs import ReadOptions, marked_png, read_image
 
 
 @checked

@@ -9,12 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
+from acquisition.photographs import Inputs, Photograph, ReadOptions, read_image
 from acquisition.session import file_sha256
 from analysis.detectability import SceneImage
 from analysis.errors import RefusedPhotographError
 from simulation.arrays import FloatArray
 from standoff.errors import HintError, ImageFileError
-from standoff.photographs import Inputs, Photograph, ReadOptions, read_image
 
 _MOST_INPUTS = 10_000
 """Of more photographs, provenance names the list alone."""

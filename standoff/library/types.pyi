@@ -21,6 +21,10 @@ from acquisition.focus import (
     FocusPoint as FocusPoint,
     FocusReading as FocusReading,
 )
+from acquisition.photographs import (
+    Photograph as Photograph,
+    ReadOptions as ReadOptions,
+)
 from acquisition.plan import (
     CapturePlan as CapturePlan,
     PlanEntry as PlanEntry,
@@ -185,8 +189,4 @@ from standoff.library.sessions import (
     ImportedPhotographs as ImportedPhotographs,
     VerifiedSession as VerifiedSession,
     WrittenReport as WrittenReport,
-)
-from standoff.photographs import (
-    Photograph as Photograph,
-    ReadOptions as ReadOptions,
 )

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from acquisition.photographs import on_screen, white_level_dn
 from analysis.change_series import (
     ChangesSeries,
     ChangeTimeLine,
@@ -28,7 +29,6 @@ from analysis.reports.page import (
     render_report,
 )
 from analysis.reports.session import versions
-from analysis.screen import on_screen, white_level_dn
 from simulation.arrays import AnyArray
 
 _LISTED = 300

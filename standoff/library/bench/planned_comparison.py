@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from acquisition.photographs import Photograph, read_image
 from acquisition.plan import CapturePlan
 from acquisition.printable import on_one_line
 from acquisition.session import CaptureRecord, Session
@@ -14,7 +15,6 @@ from calibration.registration import register
 from standoff.library.call import Progress
 from standoff.library.files import RESULTS_FOLDER, make_folder, make_results_folder
 from standoff.library.series import find_changes_of_series
-from standoff.photographs import Photograph, read_image
 
 COMPARISONS_FOLDER = "changes"
 """Folder of a session's results for the comparisons, one folder a target in it."""

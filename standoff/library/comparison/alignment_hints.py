@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from acquisition.photographs import LINEAR, ReadOptions, read_file, read_image
 from acquisition.printable import on_one_line
 from calibration.files import read_homography
 from calibration.registration import (
@@ -21,7 +22,6 @@ from simulation.by_value import ByValue
 from simulation.notebook import Shown
 from standoff.errors import HintError
 from standoff.library.inputs import FilePath
-from standoff.photographs import LINEAR, ReadOptions, read_file, read_image
 
 _AS_NUMBERS = ReadOptions(encoding=LINEAR)
 _MOST_TABLE_BYTES = 16 << 20

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from acquisition.photographs import FileSteps, Photograph, ReadOptions
 from analysis.changes import (
     ChangeOptions,
     ChangeResult,
@@ -64,7 +65,6 @@ from standoff.library.inputs import (
     path_of,
 )
 from standoff.library.psf import frame_psf
-from standoff.photographs import FileSteps, Photograph, ReadOptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

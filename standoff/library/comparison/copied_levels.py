@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from calibration.psf import luma_plane
+from acquisition.photographs import Photograph, luma_plane
 from simulation.arrays import FloatArray
-from standoff.photographs import Photograph
 
 _AS_MUCH_NEARER = 4.0
 """How much nearer than the decoded levels the stored ones of a copy are. Of nine of scikit-image's

@@ -1,5 +1,6 @@
 """Where a photograph was taken from, relative to another one."""
 
+from acquisition.photographs import ReadOptions
 from calibration.registration import (
     FeatureMatches as FeatureMatches,
     Registration,
@@ -17,7 +18,6 @@ from standoff.library.inputs import (
     with_white_level,
 )
 from standoff.library.psf import camera_psf
-from standoff.photographs import ReadOptions
 
 
 @checked

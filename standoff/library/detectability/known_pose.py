@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from acquisition.provenance import Provenance
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice
 from analysis.pose import QUANTILE, PoseQuality, judge_pose
 from analysis.reports import plot_pose
-from calibration.provenance import Provenance
 from calibration.registration import DistortedPose, Homography
 from simulation.arguments import checked
 from simulation.by_value import ByValue

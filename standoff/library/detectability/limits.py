@@ -6,6 +6,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from acquisition.photographs import ReadOptions
 from analysis.detectability import (
     AmbiguousCurveError,
     CurveChoice as CurveChoice,
@@ -40,7 +41,6 @@ from standoff.library.inputs import (
     path_of,
 )
 from standoff.library.psf import camera_psf
-from standoff.photographs import ReadOptions
 
 
 @checked

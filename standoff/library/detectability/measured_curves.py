@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from acquisition.photographs import ReadOptions
 from acquisition.printable import on_one_line
 from acquisition.remote_files import is_url
 from analysis.detectability import (
@@ -50,7 +51,6 @@ from standoff.library.inputs import (
 )
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import list_inputs, scene_image
-from standoff.photographs import ReadOptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

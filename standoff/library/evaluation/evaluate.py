@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from acquisition.photographs import ReadOptions
 from acquisition.printable import on_one_line
 from analysis.choices import WINDOW_PX
 from analysis.detectability import (
@@ -46,7 +47,6 @@ from standoff.library.files import PAGES, each_image, write_figure, write_page, 
 from standoff.library.inputs import FilePath, PsfLike, listed_paths, output_path, path_of
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import colour_scene_image, list_inputs
-from standoff.photographs import ReadOptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

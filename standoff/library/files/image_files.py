@@ -7,12 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from acquisition.photographs import IMAGE_SUFFIXES
 from acquisition.remote_files import is_url, remote_files_in, remote_status, url_of
 from acquisition.session import write_shared
 from analysis.float_tiff import tiff_bytes
 from simulation.arrays import BoolArray, Float32Array
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.photographs import IMAGE_SUFFIXES
 
 
 def each_image(paths: Iterable[Path]) -> Iterator[Path]:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from acquisition.photographs import luma_plane
 from analysis.validation import KernelCache, default_cache_folder
-from calibration.psf import luma_plane
 from simulation.arrays import AnyArray
 from simulation.kernelgan import (
     EstimatedKernel,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from acquisition.photographs import LARGEST_IMAGE_PX, ReadOptions
 from calibration.files import read_homography
 from calibration.registration import Homography
 from simulation import (
@@ -30,7 +31,6 @@ from standoff.library.call import Call
 from standoff.library.followup.channels import each_channel
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, colour_planes, path_of
 from standoff.library.psf import channel_psfs, frame_psf
-from standoff.photographs import LARGEST_IMAGE_PX, ReadOptions
 
 
 @checked

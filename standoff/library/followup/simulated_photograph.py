@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from calibration.provenance import Provenance
+from acquisition.photographs import photograph_of
+from acquisition.provenance import Provenance
 from simulation.arrays import Float32Array
 from simulation.by_value import ByValue
 from simulation.choices import (
@@ -27,7 +28,6 @@ from standoff.library.followup.uncertainty import (
     SimulationUncertainty,
 )
 from standoff.library.inputs import FilePath, output_path
-from standoff.photographs import photograph_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from acquisition.photographs import Photograph, ReadOptions
 from calibration.files import read_correction
 from calibration.noise import CorrectionMaps
 from calibration.registration import Homography
@@ -50,7 +51,6 @@ from standoff.library.followup.uncertainty import (
 )
 from standoff.library.inputs import FilePath, ImageLike, NoiseLike, PsfLike, camera_noise
 from standoff.library.psf import channel_psfs, frame_psf
-from standoff.photographs import Photograph, ReadOptions
 
 _CLIPPED_SAID = 0.001
 """Share of the pixels."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from acquisition.photographs import Photograph
 from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
 from simulation.arguments import check_fields
 from simulation.arrays import AnyArray, Float32Array, FloatArray
@@ -24,7 +25,6 @@ from standoff.errors import ApplicationError
 from standoff.library.call import Call
 from standoff.library.inputs import NoiseLike, PsfLike, camera_noise
 from standoff.library.psf import calibration_of
-from standoff.photographs import Photograph
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from acquisition.photographs import ReadOptions
 from acquisition.printable import on_one_line
 from acquisition.session import Session
 from analysis.reports import psf_remarks
@@ -43,7 +44,6 @@ from standoff.library.psf.edge_sources import (
     taken_with,
 )
 from standoff.library.psf.labels import named_by
-from standoff.photographs import ReadOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

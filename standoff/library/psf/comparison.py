@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from acquisition.dataframe import dataframe
+from acquisition.provenance import Provenance
 from analysis.reports import (
     HistoryEntry,
     ReportSection,
@@ -19,7 +20,6 @@ from analysis.reports import (
 )
 from calibration.errors import CalibrationError
 from calibration.files import read_psf
-from calibration.provenance import Provenance
 from calibration.psf import PsfCalibration, PsfChange, compare_psfs as change_between
 from simulation.arguments import checked
 from simulation.notebook import Shown, html_table, in_words, shortened

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.photographs import Photograph, PhotographFacts, luma_plane, shared_facts
 from acquisition.session import Session
 from calibration.choices import Channel, Pattern
 from calibration.edge_fit import JpegCompression
@@ -17,13 +18,11 @@ from calibration.psf import (
     PsfOrigin,
     edge_images,
     edge_records,
-    luma_plane,
     origin_of,
 )
 from simulation.arrays import FloatArray
 from standoff.library.call import Call
 from standoff.library.inputs import ImageLike
-from standoff.photographs import Photograph, PhotographFacts, shared_facts
 
 _CLIPPED_FROM = 0.995  # of the saturation level
 

@@ -1,6 +1,7 @@
 """The edges of one photograph, and the file of a PSF."""
 
 from acquisition import Session as Session
+from acquisition.photographs import ReadOptions
 from calibration.edges import EdgeMeasurement, Method, Region, measure_edges as measured_edges
 from calibration.files import read_psf as read_psf, write_psf as write_psf_file
 from calibration.psf import PsfCalibration
@@ -16,7 +17,6 @@ from standoff.library.inputs import (
     with_white_level,
 )
 from standoff.library.psf.edge_sources import Reading, edge_image
-from standoff.photographs import ReadOptions
 
 
 @checked

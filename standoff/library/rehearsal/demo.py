@@ -8,11 +8,11 @@ import numpy as np
 
 from acquisition.bench import BenchConfig
 from acquisition.plan import load_plan
+from acquisition.provenance import Provenance
 from acquisition.session import Session
 from analysis.reports import plot_furthest, png_bytes
 from analysis.validation import Validation, furthest_pair
 from calibration.files import write_psf
-from calibration.provenance import Provenance
 from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images, edge_records
 from hil_mocks import BenchTruth
 from standoff.library.call import Call, Progress

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from acquisition.photographs import Encoding
 from analysis.changes import describe_limit
 from analysis.reports import (
     ReportSection,
@@ -27,7 +28,6 @@ from standoff.library.comparison import (
 )
 from standoff.library.example_photographs import example_photographs
 from standoff.library.files import make_folder, write_file
-from standoff.photographs import Encoding
 
 DEMO_PHOTOGRAPHS = _BEFORE, _AFTER = "photographs/before.png", "photographs/after.png"
 """Files below the demo's folder: the nearer photograph, and the further one with the spots."""

@@ -4,6 +4,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from acquisition.photographs import Photograph
 from acquisition.printable import on_one_line
 from analysis.change_series import ComparedFollowup, limit_columns
 from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
@@ -20,7 +21,6 @@ from standoff.library.comparison import (
 )
 from standoff.library.files import make_folder
 from standoff.library.swept_photographs import refusing
-from standoff.photographs import Photograph
 
 
 @dataclass(frozen=True, kw_only=True)

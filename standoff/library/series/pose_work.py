@@ -6,7 +6,9 @@ from functools import lru_cache
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
+from acquisition.photographs import Photograph, ReadOptions
 from acquisition.printable import on_one_line
+from acquisition.provenance import Provenance
 from analysis.changes import ChangeOptions
 from analysis.choices import Criterion
 from analysis.detectability import STATED, CurveChoice, DetectabilityCurve
@@ -22,7 +24,6 @@ from analysis.pose import (
 )
 from analysis.reports import plot_pose
 from calibration.errors import CalibrationError
-from calibration.provenance import Provenance
 from calibration.registration import (
     DistortedPose,
     RegistrationHints,
@@ -47,7 +48,6 @@ from standoff.library.files import FIGURES, write_figure
 from standoff.library.inputs import FilePath, ImageLike, PsfLike, output_path
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import refusing
-from standoff.photographs import Photograph, ReadOptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

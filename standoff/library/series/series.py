@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 
+from acquisition.photographs import Photograph, ReadOptions
 from analysis.change_series import ChangesSeries, ComparedFollowup, time_line_of
 from analysis.changes import ChangeOptions
 from analysis.choices import FALSE_ALARMS, Criterion
@@ -54,7 +55,6 @@ from standoff.library.psf import psf_and_field
 from standoff.library.series.change_work import ChangeWork
 from standoff.library.series.pose_work import PoseDemand, PoseWork, registration_psf
 from standoff.library.series.references import OneReference, ReferenceFolder, pair_by_stem
-from standoff.photographs import Photograph, ReadOptions
 
 TIME_LINE_NAME, PAGE_NAME = "series.json", "report.html"
 CHANGES_TABLE, POSES_TABLE = "changes.csv", "poses.csv"

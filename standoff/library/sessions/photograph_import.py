@@ -11,6 +11,12 @@ from typing import Any
 import numpy as np
 
 from acquisition.choices import CaptureKind
+from acquisition.photographs import (
+    Photograph as ReadPhotograph,
+    PhotographFacts,
+    ReadOptions,
+    shared_facts,
+)
 from acquisition.plan import CapturePlan, parse_plan
 from acquisition.printable import on_one_line
 from acquisition.session import Photograph, SessionWriter
@@ -20,12 +26,6 @@ from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.caller import login_name
 from standoff.library.inputs import FilePath, path_of
-from standoff.photographs import (
-    Photograph as ReadPhotograph,
-    PhotographFacts,
-    ReadOptions,
-    shared_facts,
-)
 
 _LONGEST_TARGET = 200
 """Letters that a plan accepts."""

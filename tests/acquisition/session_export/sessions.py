@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.plan import plan_entries
+from acquisition.provenance import InputFile, Provenance
 from acquisition.session import Photograph, Session, SessionNotes
 from acquisition.session_export import ExportRequest
 from acquisition.session_export.choices import ExportFormat
 from calibration.geometry import GeometryCalibration
-from calibration.provenance import InputFile, Provenance
 from tests.acquisition.session_fixtures import add, plan_of, whole_session, writer
 
 PROVENANCE = Provenance(

@@ -18,16 +18,16 @@ import numpy as np
 import pytest
 import tifffile
 
-from standoff.errors import ArgumentError, ImageFileError
-from standoff.photographs.guard import (
+from acquisition.photographs.decoding import (
     LARGEST_FILE_BYTES,
     GiantImageError,
     is_swollen,
     read_file,
     refuse_giant,
 )
-from standoff.photographs.reader import photograph_of, read_image
-from tests.standoff.photographs.made import GREY, directory, grey_tags, pillow, png, tiff
+from acquisition.photographs.reader import photograph_of, read_image
+from standoff.errors import ArgumentError, ImageFileError
+from tests.acquisition.photographs.made import GREY, directory, grey_tags, pillow, png, tiff
 
 LONGEST_S = 10.0
 """Of processor time: what a machine does beside it is no matter."""
@@ -38,7 +38,7 @@ IN_A_CHILD = """
 import json, os, sys, time
 from pathlib import Path
 from standoff.errors import ImageFileError
-from standoff.photographs import ReadOptions, read_image
+from acquisition.photographs import ReadOptions, read_image
 for path in json.loads(sys.stdin.read()):
     for options in (ReadOptions(), ReadOptions(page=1), ReadOptions(is_mean=True)):
         begun = time.process_time()

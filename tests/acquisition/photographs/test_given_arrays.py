@@ -9,10 +9,10 @@ from PIL import Image
 from scipy.special import erf
 
 import standoff
+from acquisition.photographs import ReadOptions, photograph_of, read_image, taken_as
 from calibration.errors import CalibrationError
 from simulation.arrays import BoolArray, FloatArray
 from standoff.errors import ImageFileError
-from standoff.photographs import ReadOptions, photograph_of, read_image, taken_as
 
 PSF = standoff.GaussianPsf(sigma_px=0.7)
 SIZE = 160

@@ -1,13 +1,14 @@
-"""IEC 61966-2-1:1999 gives the certified values; a power law is its own closed form."""
-
 from typing import Any
 
 import numpy as np
 import pytest
+import skimage.data
 from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
-from standoff.photographs.encoding import LINEAR, SRGB, Encoding
+from acquisition.photographs import linear_to_srgb, luma_plane, on_screen, white_level_dn
+from acquisition.photographs.encoding import LINEAR, SRGB, Encoding
+from calibration.choices import Channel
 
 GAMMA = Encoding(name="gamma:2.2")
 LOW, HIGH = np.linspace(0.0, 1.0, 4096), np.linspace(0.0, 1.0, 4096) ** 1.7
@@ -127,3 +128,67 @@ def test_a_curve_that_is_flat_at_white_has_a_finite_inverse() -> None:
 def test_a_name_is_of_one_spelling_and_in_its_range(name: str) -> None:
     with pytest.raises(ValueError):
         Encoding(name=name)
+
+
+astronaut: Any = skimage.data.astronaut  # it states no types
+
+
+def test_a_file_of_srgb_is_shown_as_it_is() -> None:
+    stored = astronaut()
+    shown = on_screen(SRGB.decode(stored, 255.0), 255.0)
+    np.testing.assert_allclose(255 * shown, stored, atol=0.01)
+    # Its brightest pixels are white already: the stretch leaves it as a viewer shows it.
+    assert white_level_dn(SRGB.decode(stored, 255.0)) == pytest.approx(255.0, rel=0.01)
+
+
+def test_one_white_for_all_channels_keeps_their_ratios() -> None:
+    # Worked example: twice the light of all channels is the same picture.
+    dark = np.random.default_rng(0).uniform(0, 50, (40, 50, 3)) * (1.0, 0.5, 0.2)
+    pictures = [on_screen(levels, white_level_dn(levels)) for levels in (dark, 2 * dark)]
+    np.testing.assert_allclose(pictures[0], pictures[1], rtol=1e-12)
+    red, _, blue = on_screen(np.array([[[50.0, 25.0, 10.0]]]), 50.0)[0, 0]
+    assert (red, blue) == pytest.approx((1.0, 1.055 * 0.2 ** (1 / 2.4) - 0.055), rel=1e-12)
+
+
+def test_the_curve_is_that_of_the_standard() -> None:
+    # IEC 61966-2-1: a linear share of 0.0031308 is 0.04045, 18 % is 0.4614.
+    values = linear_to_srgb(np.array([0.0, 0.0031308, 0.18, 1.0]))
+    np.testing.assert_allclose(values, [0.0, 0.04045, 0.4614, 1.0], atol=1e-4)
+
+
+def test_the_luma_weights_are_those_of_rec_601() -> None:
+    primaries = np.eye(3)[None] * 1000.0
+    np.testing.assert_allclose(luma_plane(primaries)[0], [299.0, 587.0, 114.0])
+
+
+@given(level=st.integers(0, 65_535))
+def test_the_luma_of_a_grey_is_that_grey(level: int) -> None:
+    image = np.full((2, 3, 3), level, dtype=np.uint16)
+    np.testing.assert_allclose(luma_plane(image), np.full((2, 3), float(level)), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("channel", "level"), [("red", 1.0), ("green", 2.0), ("blue", 3.0)])
+def test_a_channel_is_taken_as_it_is(channel: Channel, level: float) -> None:
+    image = np.tile(np.array([1.0, 2.0, 3.0, 99.0]), (4, 5, 1))
+    np.testing.assert_array_equal(luma_plane(image, channel), np.full((4, 5), level))
+    np.testing.assert_array_equal(luma_plane(image[:, :, :3], channel), np.full((4, 5), level))
+
+
+def test_opacity_is_left_out() -> None:
+    grey = np.arange(12).reshape(3, 4)
+    with_opacity = np.stack([grey, np.full_like(grey, 255)], axis=-1)
+    np.testing.assert_array_equal(luma_plane(with_opacity), grey)
+    np.testing.assert_array_equal(luma_plane(grey[:, :, None]), grey)
+
+
+def test_a_grey_image_has_no_colour_to_select() -> None:
+    with pytest.raises(ValueError):
+        luma_plane(np.ones((3, 4)), "green")
+    with pytest.raises(ValueError):
+        luma_plane(np.ones((3, 4, 2)), "red")
+
+
+@pytest.mark.parametrize("shape", [(3,), (3, 4, 5), (2, 3, 4, 3)])
+def test_what_is_no_image_is_refused_with_its_shape(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError):
+        luma_plane(np.ones(shape))

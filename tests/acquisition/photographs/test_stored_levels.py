@@ -11,9 +11,9 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
+from acquisition.photographs import LINEAR, ReadOptions, read_image
 from simulation.arrays import FloatArray
 from standoff.errors import ImageFileError
-from standoff.photographs import LINEAR, ReadOptions, read_image
 
 RNG = np.random.default_rng(0)
 AS_LINEAR = ReadOptions(encoding=LINEAR)

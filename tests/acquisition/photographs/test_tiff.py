@@ -13,14 +13,13 @@ import tifffile
 from hypothesis import example, given, strategies as st
 from PIL import Image
 
+from acquisition.photographs.decoding import DecodingError
+from acquisition.photographs.encoding import SRGB, Encoding
+from acquisition.photographs.reader import ReadOptions
+from acquisition.photographs.tiff import read_tiff_image
 from acquisition.session.capture_file import CaptureImages
 from standoff.errors import ImageFileError
-from standoff.photographs.encoding import SRGB, Encoding
-from standoff.photographs.reader import ReadOptions
-from standoff.photographs.stored import DecodingError
-from standoff.photographs.tiff import read_tiff_image
-from tests.acquisition.records import RECORD, capture_bytes
-from tests.standoff.photographs.made import (
+from tests.acquisition.photographs.made import (
     COLOUR,
     COLOUR_16,
     GREY,
@@ -33,7 +32,8 @@ from tests.standoff.photographs.made import (
     short_tag,
     tiff,
 )
-from tests.standoff.photographs.profiles import DISPLAY_P3, curve_of, profile
+from tests.acquisition.photographs.profiles import DISPLAY_P3, curve_of, profile
+from tests.acquisition.records import RECORD, capture_bytes
 
 STACK = np.random.default_rng(5).integers(0, 65536, (5, 30, 40)).astype(np.uint16)
 MEAN = ReadOptions(is_mean=True)

@@ -1,4 +1,4 @@
-"""What is checked before a byte of a file is believed: that it is a file, and of what size.
+"""What is checked before a byte of a file is believed, and damage named by what it is.
 
 An image is read whole, and much of the work on it takes several copies in float64; larger files
 are refused before they are read, larger images before they are decoded.
@@ -6,16 +6,21 @@ are refused before they are read, larger images before they are decoded.
 
 import math
 import re
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageFile
 
+from acquisition.errors import ImageFileError
 from acquisition.printable import on_one_line
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file, size_text
-from standoff.errors import ImageFileError
-from standoff.photographs.stored import DecodingError
 
 LARGEST_FILE_BYTES = LARGEST_IMAGE_BYTES
 LARGEST_IMAGE_PX = 150_000_000
@@ -31,14 +36,64 @@ TOO_LARGE = (
 )
 
 
-def read_file(path: Path, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
-    """Read a regular file of at most ``most_bytes``.
+class DecodingError(ValueError):
+    """A file is damaged or of a kind that is not read; the message lacks the file's name."""
 
-    Raises
-    ------
-    ImageFileError
-        If it is none, larger, or cannot be read.
+
+class GiantImageError(DecodingError):
+    """An image is too large to work with; the message says how large, without the file's name."""
+
+
+_DAMAGE = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+    Image.DecompressionBombError,
+)
+_OF_CODE = (AssertionError, AttributeError, LookupError, TypeError)
+"""What a library's code stumbles over: its words are about arrays and names, not about a file."""
+
+
+@contextmanager
+def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
+    """Name the file's damage, whatever a library raises over it; found by fuzzing.
+
+    Parameters
+    ----------
+    kind
+        What the file should be, as a noun.
+    damage
+        The library's own errors.
     """
+    fills_what_is_missing = ImageFile.LOAD_TRUNCATED_IMAGES
+    ImageFile.LOAD_TRUNCATED_IMAGES = False  # WeasyPrint sets it for the whole process
+    try:
+        with warnings.catch_warnings():
+            # A library warns of damage that it can live with, and of sizes, which are checked here.
+            warnings.simplefilter("ignore")
+            yield
+    except DecodingError:
+        raise
+    except _DAMAGE + damage as error:
+        said = "" if isinstance(error, _OF_CODE) else str(error)
+        cause = f": {said.splitlines()[0][:120]}" if said else ""
+        raise DecodingError(f"not a complete {kind}{cause}") from error
+    finally:
+        ImageFile.LOAD_TRUNCATED_IMAGES = fills_what_is_missing
+
+
+def read_file(path: Path, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
+    """Read a regular file of at most ``most_bytes``."""
     shown = on_one_line(path)
     try:
         return read_regular_file(path, most_bytes)
@@ -57,11 +112,6 @@ def refuse_giant(shape: tuple[int, ...], bytes_per_sample: int, file_bytes: int)
         Rows, columns and perhaps channels.
     bytes_per_sample, file_bytes
         Of one level once decoded; of the file, or the part of it that holds the image.
-
-    Raises
-    ------
-    GiantImageError
-        If it is too large to work with, or larger than any compression of a photograph explains.
     """
     rows, cols = shape[:2]
     if rows * cols > LARGEST_IMAGE_PX:
@@ -82,11 +132,6 @@ def refuse_many_scans(jpeg: bytes) -> None:
     """Check that a progressive JPEG builds up in so many steps as one of a camera at most.
 
     Each scan, of a few bytes, takes the time of decoding the whole image (ITU-T T.81, B.1.1).
-
-    Raises
-    ------
-    GiantImageError
-        If there are more.
     """
     at = scans = 0
     while (marker := _JPEG_MARKER.search(jpeg, at)) and marker[1] != _END_OF_IMAGE:
@@ -100,18 +145,8 @@ def refuse_many_scans(jpeg: bytes) -> None:
             at += int.from_bytes(jpeg[at : at + 2], "big")
 
 
-class GiantImageError(DecodingError):
-    """An image is too large to work with; the message says how large, without the file's name."""
-
-
 def refuse_unusable(pixels: NDArray[Any], shown: str) -> None:
-    """Check that pixels are levels one can calculate with.
-
-    Raises
-    ------
-    ImageFileError
-        If they are no image, not finite, or far beyond the levels of any camera.
-    """
+    """Check that pixels are levels one can calculate with."""
     if pixels.ndim not in (2, 3) or 0 in pixels.shape:
         raise ImageFileError(f"{shown}: expected one image, got an array of {pixels.shape}")
     if pixels.ndim == 3 and pixels.shape[2] > _MOST_CHANNELS:

@@ -1,12 +1,14 @@
-"""PNG, JPEG and the other formats that Pillow reads, with the encoding that each one states.
+"""PNG, JPEG and the other formats that Pillow reads, OpenEXR and FITS.
 
-Only formats without programs or scripts inside are tried: an EPS by another name stays unread.
+Each with the encoding that it states. Only formats without programs or scripts inside are tried: an
+EPS by another name stays unread. OpenEXR and FITS hold linear levels in floating point, and are
+read where their library is installed.
 """
 
 import re
 import struct
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
 from typing import Any
@@ -18,13 +20,22 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 from PIL.JpegImagePlugin import JpegImageFile
 
+from acquisition.photographs.decoding import (
+    TOO_LARGE,
+    DecodingError,
+    decoding,
+    refuse_giant,
+    refuse_many_scans,
+)
+from acquisition.photographs.encoding import LINEAR, SRGB, Encoding, read_profile
+from acquisition.photographs.stored_image import (
+    TOP_TO_BOTTOM,
+    JpegCoding,
+    PhotographFacts,
+    StoredImage,
+    is_srgb,
+)
 from simulation.arrays import FloatArray
-from standoff.photographs.encoding import LINEAR, SRGB, Encoding
-from standoff.photographs.exif import PhotographFacts, is_srgb
-from standoff.photographs.guard import TOO_LARGE, refuse_giant, refuse_many_scans
-from standoff.photographs.icc import read_profile
-from standoff.photographs.jpeg_coding import JpegCoding
-from standoff.photographs.stored import DecodingError, StoredImage, decoding
 
 _FORMATS = ("PNG", "JPEG", "BMP", "DIB", "GIF", "PPM", "WEBP", "JPEG2000", "AVIF")
 _EXIF_IFD = 0x8769
@@ -48,13 +59,7 @@ _PNG_AFTER_HEADER = 33  # signature and IHDR
 
 
 def read_raster_image(data: bytes) -> StoredImage:
-    """Read what a file says of itself; its further pages are decoded when they are asked for.
-
-    Raises
-    ------
-    DecodingError
-        If it is none of the formats, damaged, too large, or holds colours without a luma.
-    """
+    """Read what a file says of itself; its further pages are decoded when they are asked for."""
     with decoding("image", cv2.error):
         image = _opened(data)
         _refuse_without_luma(image)
@@ -84,13 +89,7 @@ def read_raster_image(data: bytes) -> StoredImage:
 
 
 def stored_picture(image: Image.Image) -> StoredImage:
-    """Take a picture of Pillow as its file would be read: the frame that it shows.
-
-    Raises
-    ------
-    DecodingError
-        If it has colours without a luma, or cannot be decoded.
-    """
+    """Take a picture of Pillow as its file would be read: the frame that it shows."""
     with decoding("image"):
         _refuse_without_luma(image)
         image.load()
@@ -142,13 +141,7 @@ class _Pages:
         return 1 if self.image.format == "MPO" else int(getattr(self.image, "n_frames", 1))
 
     def page(self, index: int) -> NDArray[Any]:
-        """Decode one image, from 0.
-
-        Raises
-        ------
-        DecodingError
-            If it is damaged.
-        """
+        """Decode one image, from 0."""
         with decoding("image", cv2.error):
             if self.is_wide:
                 if index > 0:
@@ -299,3 +292,116 @@ def _unknown(data: bytes) -> str:
     if data[:4] in (b"%!PS", b"%PDF", b"\xc5\xd0\xd3\xc6"):
         return "a PostScript or PDF document, not a photograph"
     return "not an image (TIFF, PNG, JPEG, camera raw, EXR or FITS expected)"
+
+
+_EXR = b"\x76\x2f\x31\x01"
+_FITS = b"SIMPLE  ="
+_EXTRA = 'install the reader: pip install "standoff[formats]"'
+_COLOURS = ("R", "G", "B")
+_GREY = "Y"
+_CAMERA, _EXPOSURES = "INSTRUME", ("EXPTIME", "EXPOSURE")
+"""Instrument, and exposure in s, as FITS programs write them."""
+_ROW_ORDER = "ROWORDER"
+"""By which some programs say that the first row is the upper one; FITS 4.0 fixes no order, and the
+usual viewers show the first row at the bottom."""
+
+
+def is_exr(data: bytes) -> bool:
+    """Whether bytes begin as an OpenEXR file."""
+    return data.startswith(_EXR)
+
+
+def is_fits(data: bytes) -> bool:
+    """Whether bytes begin as a FITS file."""
+    return data.startswith(_FITS)
+
+
+def read_exr_image(data: bytes) -> StoredImage:
+    """Read the RGB, or the luminance, of an OpenEXR file."""
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise DecodingError(f"an OpenEXR file; {_EXTRA}") from error
+    with decoding("OpenEXR image"):
+        with OpenEXR.File(BytesIO(data), header_only=True) as head:
+            for part in head.parts:
+                (left, top), (right, bottom) = part.header["dataWindow"]
+                shape = (int(bottom - top) + 1, int(right - left) + 1, len(part.header["channels"]))
+                refuse_giant(shape, 4, len(data))
+        with OpenEXR.File(BytesIO(data), separate_channels=True) as file:
+            planes = {name: np.array(each.pixels) for name, each in file.channels().items()}
+        pixels, others = _colours_or_grey(planes)
+    return replace(_linear(pixels[np.newaxis], "OpenEXR"), left_out=others)
+
+
+def _colours_or_grey(planes: dict[str, NDArray[Any]]) -> tuple[NDArray[Any], str]:
+    """The light of a file's channels, and the others in words."""
+    light: tuple[str, ...] = (_GREY,)
+    if all(name in planes for name in _COLOURS):
+        light = _COLOURS
+    if len(planes) == 1:
+        light = tuple(planes)
+    if not all(name in planes for name in light):
+        raise DecodingError(f"its channels {', '.join(planes)} are neither RGB nor grey")
+    others = sorted(planes.keys() - set(light))
+    pixels = planes[light[0]] if len(light) == 1 else np.stack([planes[n] for n in light], axis=2)
+    return pixels, f"what its channels {', '.join(others)} hold" if others else ""
+
+
+def read_fits_image(data: bytes) -> StoredImage:
+    """Read the image of a FITS file; a cube is a stack."""
+    try:
+        from astropy.io import fits
+    except ImportError as error:
+        raise DecodingError(f"a FITS file; {_EXTRA}") from error
+    with (
+        decoding("FITS image", fits.VerifyError),
+        fits.open(BytesIO(data), memmap=False) as units,
+    ):
+        found = _only_image(units)
+        is_shown_upright = str(found.header.get(_ROW_ORDER, "")).strip().upper() == "TOP-DOWN"
+        cube = _cube(found, len(data))
+        facts = PhotographFacts(
+            camera=str(found.header.get(_CAMERA, "")).strip() or None,
+            exposure_s=_exposure_s(found.header),
+            orientation=None if is_shown_upright else TOP_TO_BOTTOM,
+        )
+    return _linear(cube, "FITS", facts)
+
+
+def _exposure_s(header: Any) -> float | None:  # noqa: ANN401 - no types
+    for key in _EXPOSURES:
+        value = header.get(key)
+        if isinstance(value, int | float) and value > 0:
+            return float(value)
+    return None
+
+
+def _only_image(units: Any) -> Any:  # noqa: ANN401 - no types
+    """The unit of a file that holds an image or a stack."""
+    images = [each for each in units if each.is_image and each.shape]
+    found = next(iter(images), None)
+    if found is None or len(found.shape) not in (2, 3):
+        raise DecodingError("a FITS file without an image of two axes")
+    if len(images) > 1:
+        names = ", ".join(each.name or str(number) for number, each in enumerate(images))
+        raise DecodingError(
+            f"a FITS file of {len(images)} images ({names}); save the one that is meant by itself"
+        )
+    return found
+
+
+def _cube(found: Any, file_bytes: int) -> NDArray[Any]:  # noqa: ANN401 - no types
+    """Its images, shape ``(pages, rows, cols)``, with the rows in the file's order."""
+    rows, cols = found.shape[-2:]
+    refuse_giant((rows * (found.shape[0] if len(found.shape) == 3 else 1), cols), 8, file_bytes)
+    return np.asarray(found.data).reshape(-1, rows, cols)
+
+
+def _linear(pages: NDArray[Any], name: str, facts: PhotographFacts | None = None) -> StoredImage:
+    return StoredImage(
+        count=len(pages),
+        page=lambda index: np.asarray(pages[index]),
+        unmarked=(LINEAR, name),
+        facts=facts or PhotographFacts(),
+    )

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, strategies as st
 from PIL import Image
 
-from standoff.photographs.exif import PhotographFacts, is_srgb
-from tests.standoff.photographs.made import (
+from acquisition.photographs.stored_image import PhotographFacts, is_srgb
+from tests.acquisition.photographs.made import (
     COLOUR,
     GREY,
     ascii_tag,

@@ -1,11 +1,19 @@
-"""TIFF and BigTIFF: any compression and layout that tifffile and imagecodecs decode."""
+"""TIFF and BigTIFF, of any compression that tifffile and imagecodecs decode, and camera raw files.
+
+The chain of directories is walked before a library believes what they say: TIFF 6.0, section 2;
+BigTIFF (Aware Systems, 2011). A file of a megabyte can hold thousands of directories whose tags all
+point at the same megabyte. Of camera raw files LibRaw gives the mosaic as the sensor delivered it,
+never developed; the thumbnail that such a file holds, often as its first image, is not looked at.
+"""
 
 import logging
 import math
+import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -13,15 +21,17 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from acquisition.choices import PATTERNS, Pattern
 from acquisition.errors import SessionError
+from acquisition.photographs.decoding import (
+    DecodingError,
+    decoding,
+    refuse_giant,
+    refuse_many_scans,
+)
+from acquisition.photographs.encoding import LINEAR, SRGB, Encoding, read_profile
+from acquisition.photographs.stored_image import FACT_TAGS, PhotographFacts, StoredImage, is_srgb
 from acquisition.session import CaptureRecord, parse_capture
-from calibration.choices import Pattern
-from standoff.photographs.encoding import LINEAR, SRGB, Encoding
-from standoff.photographs.exif import FACT_TAGS, PhotographFacts, is_srgb
-from standoff.photographs.guard import refuse_giant, refuse_many_scans
-from standoff.photographs.icc import read_profile
-from standoff.photographs.stored import DecodingError, StoredImage, decoding
-from standoff.photographs.tiff_directories import refuse_overlapping_directories
 
 _MIN_IS_WHITE, _PALETTE, _YCBCR, _CFA, _LINEAR_RAW = 0, 3, 6, 32803, 34892
 _WITH_LUMA = {_MIN_IS_WHITE, 1, 2, _PALETTE, _YCBCR, _CFA, _LINEAR_RAW}
@@ -45,13 +55,7 @@ def is_tiff(data: bytes) -> bool:
 
 
 def read_tiff_image(data: bytes) -> StoredImage:
-    """Read what a TIFF says of itself; its pages are decoded when they are asked for.
-
-    Raises
-    ------
-    DecodingError
-        If it is damaged, or holds colours without a luma.
-    """
+    """Read what a TIFF says of itself; its pages are decoded when they are asked for."""
     with decoding("TIFF image"):
         refuse_overlapping_directories(data)
         tiff = _opened(data)
@@ -155,13 +159,7 @@ class _Stack:
         return self.frames or len(self.pages)
 
     def page(self, index: int) -> NDArray[Any]:
-        """Decode one image, from 0.
-
-        Raises
-        ------
-        DecodingError
-            If it is damaged or cut short, too large, or holds colours without a luma.
-        """
+        """Decode one image, from 0."""
         with decoding("TIFF image"):
             page = self.first if self.frames else self.pages[index]
             _refuse_unread(page)
@@ -310,3 +308,145 @@ def _pattern(page: tifffile.TiffPage) -> Pattern | None:
     if found is None or page.tags.valueof(_CFA_REPEAT_TAG) != (2, 2):
         raise DecodingError("a raw mosaic whose pattern of colours is not 2 x 2 of a Bayer filter")
     return found
+
+
+MOST_PAGES = 10_000
+_SMALL_BYTES = 16 << 20
+_LARGEST_RATIO = 8  # of all values of tags to the file
+_TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4,
+               16: 8, 17: 8, 18: 8}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Layout:
+    """The numbers of a directory: its count, one entry, and the offset of the next."""
+
+    count: struct.Struct
+    entry: struct.Struct
+    next: struct.Struct
+    first_at: int
+
+
+def refuse_overlapping_directories(data: bytes) -> None:
+    """Check the number of pages, and that their tags are not far larger than the file."""
+    layout = _layout(data)
+    (at,) = layout.next.unpack_from(data, layout.first_at)
+    values_bytes = pages = 0
+    while at and at < len(data):
+        pages += 1
+        if pages > MOST_PAGES:
+            raise DecodingError(f"a TIFF of more than {MOST_PAGES} pages")
+        (entries,) = layout.count.unpack_from(data, at)
+        at += layout.count.size
+        end = at + entries * layout.entry.size
+        for _, kind, count in layout.entry.iter_unpack(data[at:end]):
+            values_bytes += min(count * _TYPE_BYTES.get(kind, 1), len(data))
+        if values_bytes > max(_SMALL_BYTES, _LARGEST_RATIO * len(data)):
+            raise DecodingError("a TIFF whose tags say more than the file can hold")
+        (at,) = layout.next.unpack_from(data, end)
+
+
+def _layout(data: bytes) -> _Layout:
+    order = "<" if data[:2] == b"II" else ">"
+    if data[2:4] in (b"+\0", b"\0+"):
+        return _Layout(
+            count=struct.Struct(f"{order}Q"),
+            entry=struct.Struct(f"{order}HHQ8x"),
+            next=struct.Struct(f"{order}Q"),
+            first_at=8,
+        )
+    return _Layout(
+        count=struct.Struct(f"{order}H"),
+        entry=struct.Struct(f"{order}HHI4x"),
+        next=struct.Struct(f"{order}I"),
+        first_at=4,
+    )
+
+
+RAW_SUFFIXES = frozenset(
+    """.3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .fff .iiq .k25 .kdc .mef .mos .mrw .nef .nrw .orf
+    .pef .raf .raw .rw2 .rwl .sr2 .srf .srw .x3f""".split()  # noqa: SIM905 - a list is longer
+)
+_SIGNATURES = (b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"FUJIFILMCCD-RAW", b"\0MRM", b"FOVb")
+_DNG_VERSION = 50706
+_LARGEST_REPEAT_PX = 2  # LibRaw keeps more to itself
+_EXTRA = 'install the reader: pip install "standoff[raw]"'
+
+
+def is_camera_raw(data: bytes, path: PurePath, tiff_tags: frozenset[int]) -> bool:
+    """Whether a file is for LibRaw: by its first bytes, its tags, or its suffix.
+
+    Parameters
+    ----------
+    data
+        Of the file.
+    path
+        Its name.
+    tiff_tags
+        Numbers of the tags in its first directory; empty where it is no TIFF.
+    """
+    return (
+        data.startswith(_SIGNATURES)
+        or data[8:12] == b"CR\x02\0"
+        or data[4:12] == b"ftypcrx "
+        or _DNG_VERSION in tiff_tags
+        or path.suffix.lower() in RAW_SUFFIXES
+    )
+
+
+def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
+    """Read the mosaic of a camera raw file, with its black level taken off."""
+    try:
+        import rawpy
+    except ImportError as error:
+        raise DecodingError(f"a camera raw file; {_EXTRA}") from error
+    if black_repeat_px(data) > _LARGEST_REPEAT_PX:
+        raise DecodingError(
+            "black levels that differ within more than 2 x 2 pixels are not read; "
+            "convert it to a linear TIFF"
+        )
+    with decoding("camera raw file", rawpy.LibRawError), rawpy.imread(BytesIO(data)) as raw:
+        sizes = raw.sizes
+        refuse_giant((sizes.raw_height, sizes.raw_width), 2, len(data))
+        is_mosaic = raw.raw_type == rawpy.RawType.Flat
+        pattern = _raw_pattern(raw) if is_mosaic else None
+        # A copy: the array of LibRaw is gone once the file is closed.
+        visible = raw.raw_image_visible
+        levels = (visible if is_mosaic else visible[..., :3]).astype(np.float32)
+        black_dn = _black_levels(raw, is_mosaic=is_mosaic)
+        white_dn = float(raw.white_level or 65535)
+    levels -= black_dn
+    white = white_dn - float(black_dn.max())
+    if not white > 0:
+        raise DecodingError(f"its white level {white_dn:g} is not above its black level")
+    return StoredImage(
+        count=1,
+        page=lambda _: levels,
+        marked=lambda: (LINEAR, "camera raw"),
+        facts=facts,
+        white_dn=white,
+        saturation_dn=white,
+        pattern=pattern,
+    )
+
+
+def _raw_pattern(raw: Any) -> Pattern | None:  # noqa: ANN401 - rawpy has no types
+    """Colours of the first two by two visible pixels; None for a sensor without colours."""
+    if raw.raw_pattern is None or raw.num_colors == 1:
+        return None
+    cells = raw.raw_colors_visible[:2, :2].ravel()
+    found = "".join(chr(raw.color_desc[cell]) for cell in cells)
+    if raw.raw_pattern.shape != (2, 2) or found not in PATTERNS:
+        raise DecodingError(
+            "a raw file whose sensor has no Bayer filter; convert it to a linear TIFF"
+        )
+    return found
+
+
+def _black_levels(raw: Any, *, is_mosaic: bool) -> NDArray[np.float32]:  # noqa: ANN401
+    levels = np.asarray(raw.black_level_per_channel, dtype=np.float32)
+    if not is_mosaic:
+        return levels[:3]
+    if raw.raw_pattern is None or len(set(levels.tolist())) == 1:
+        return levels[:1]
+    return np.asarray(levels[raw.raw_colors_visible])

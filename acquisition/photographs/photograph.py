@@ -8,16 +8,20 @@ import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from acquisition.choices import Pattern
+from acquisition.errors import HintError, ImageFileError
+from acquisition.photographs import on_screen, white_level_dn
+from acquisition.photographs.encoding import LINEAR, REC601_LUMA, SRGB, Encoding, luma_plane
+from acquisition.photographs.stored_image import (
+    FROM_CHROMA,
+    JpegCoding,
+    PhotographFacts,
+    coded_variance,
+)
 from acquisition.printable import on_one_line
-from calibration.choices import Pattern
-from calibration.psf import REC601_LUMA, luma_plane
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import html_table
-from standoff.errors import HintError, ImageFileError
-from standoff.photographs.encoding import LINEAR, Encoding
-from standoff.photographs.exif import PhotographFacts
-from standoff.photographs.jpeg_coding import FROM_CHROMA, JpegCoding, coded_variance
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +38,7 @@ _SOLID = 0.4
 """Of a pixel and its eight neighbours."""
 _ABOVE_ALL = 1.02
 """Beyond what counts as nearly saturated."""
+_BRIGHTEST = 99.9  # percentile shown as white, so that a single hot pixel does not darken all
 _USUAL_SAMPLING = (True, True)
 """Whether JPEG's chroma has half the rows and half the columns, where a file does not tell."""
 
@@ -181,9 +186,24 @@ class Photograph(PhotographHead):
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the photograph as a screen shows it, in the sensor's own axes."""
-        from standoff.photographs.plot import photograph_figure  # matplotlib, for whoever looks
+        from simulation.figures import drawn  # matplotlib, for whoever looks
 
-        return photograph_figure(self, ax)
+        shown = self._on_screen
+
+        def draw(axes: "Axes") -> None:
+            axes.imshow(shown, cmap="gray", vmin=0.0, vmax=1.0)
+            axes.set(title=self.path.name, xlabel="x / px", ylabel="y / px")
+
+        return drawn(draw, ax, (6.4, 6.4 * shown.shape[0] / shown.shape[1] + 0.6))
+
+    @property
+    def _on_screen(self) -> FloatArray:
+        planes = np.asarray(self.linear_planes, dtype=np.float64)
+        if self.is_colour:
+            return on_screen(planes, white_level_dn(planes))
+        dark = planes.min()
+        bright = max(float(np.percentile(planes, _BRIGHTEST)), dark + 1e-9)
+        return SRGB.encode(np.clip((planes - dark) / (bright - dark), 0.0, 1.0), 1.0)
 
     @property
     def is_colour(self) -> bool:

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
+from acquisition.photographs.decoding import DecodingError
+from acquisition.photographs.raster import read_exr_image, read_fits_image
+from acquisition.photographs.reader import ReadOptions
 from standoff.errors import ImageFileError
-from standoff.photographs.reader import ReadOptions
-from standoff.photographs.scientific import read_exr_image, read_fits_image
-from standoff.photographs.stored import DecodingError
-from tests.standoff.photographs.made import COLOUR, GREY_16, read
+from tests.acquisition.photographs.made import COLOUR, GREY_16, read
 
 LIGHT = (COLOUR / np.float32(100)).astype(np.float32)
 CUBE = np.stack([GREY_16, GREY_16 // 2, GREY_16 // 3])

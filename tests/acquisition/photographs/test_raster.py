@@ -11,12 +11,12 @@ import pytest
 from hypothesis import example, given, strategies as st
 from PIL import Image, ImageFile
 
+from acquisition.photographs.decoding import DecodingError
+from acquisition.photographs.encoding import SRGB
+from acquisition.photographs.raster import read_raster_image
+from acquisition.photographs.reader import ReadOptions
 from standoff.errors import ImageFileError
-from standoff.photographs.encoding import SRGB
-from standoff.photographs.raster import read_raster_image
-from standoff.photographs.reader import ReadOptions
-from standoff.photographs.stored import DecodingError
-from tests.standoff.photographs.made import (
+from tests.acquisition.photographs.made import (
     COLOUR,
     COLOUR_16,
     GREY,
@@ -27,7 +27,7 @@ from tests.standoff.photographs.made import (
     png,
     read,
 )
-from tests.standoff.photographs.profiles import DISPLAY_P3, curve_of, profile
+from tests.acquisition.photographs.profiles import DISPLAY_P3, curve_of, profile
 
 ADOBE = profile(curve_of(563), name="Adobe RGB (1998)")
 CICP_SRGB, CICP_LINEAR = ((b"cICP", bytes((1, number, 0, 1))) for number in (13, 8))

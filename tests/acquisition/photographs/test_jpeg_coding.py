@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from standoff.photographs import read_image
+from acquisition.photographs import read_image
 from tests.shipped import shipped
 
 

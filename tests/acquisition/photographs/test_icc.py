@@ -10,8 +10,8 @@ import pytest
 from hypothesis import example, given, strategies as st
 from PIL import Image, ImageCms
 
-from standoff.photographs.icc import ProfileError, read_profile
-from tests.standoff.photographs.profiles import (
+from acquisition.photographs.encoding import ProfileError, read_profile
+from tests.acquisition.photographs.profiles import (
     DISPLAY_P3,
     SRGB_CURVE,
     curve_of,

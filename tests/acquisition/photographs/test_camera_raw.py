@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from acquisition.photographs.decoding import DecodingError, PhotographFacts
+from acquisition.photographs.photograph import Photograph
+from acquisition.photographs.tiff import is_camera_raw, read_camera_raw
 from standoff.errors import ImageFileError
-from standoff.photographs.camera_raw import is_camera_raw, read_camera_raw
-from standoff.photographs.exif import PhotographFacts
-from standoff.photographs.photograph import Photograph
-from standoff.photographs.stored import DecodingError
-from tests.standoff.photographs.dng import CELLS, THUMBNAIL_LEVEL, Dng
-from tests.standoff.photographs.made import read
+from tests.acquisition.photographs.dng import CELLS, THUMBNAIL_LEVEL, Dng
+from tests.acquisition.photographs.made import read
 
 pytest.importorskip("rawpy", reason="camera raw is an extra")
 

@@ -11,8 +11,8 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from standoff.photographs.photograph import Photograph
-from standoff.photographs.reader import ReadOptions, read_image
+from acquisition.photographs.photograph import Photograph
+from acquisition.photographs.reader import ReadOptions, read_image
 
 Pixels = NDArray[Any]
 RNG = np.random.default_rng(4)

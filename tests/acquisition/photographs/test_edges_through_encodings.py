@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acquisition.photographs.encoding import LINEAR
+from acquisition.photographs.photograph import Photograph
+from acquisition.photographs.reader import ReadOptions
 from calibration.edges import EdgeImage, measure_edges, plane_places
 from simulation.arrays import FloatArray
-from standoff.photographs.encoding import LINEAR
-from standoff.photographs.photograph import Photograph
-from standoff.photographs.reader import ReadOptions
+from tests.acquisition.photographs.dng import CELLS, Dng
+from tests.acquisition.photographs.made import Pixels, icc_chunk, pillow, png, read, tiff
+from tests.acquisition.photographs.profiles import DISPLAY_P3, gamma_curve, profile
+from tests.acquisition.photographs.test_scientific import exr, fits
 from tests.calibration.closed_form import edge_image
-from tests.standoff.photographs.dng import CELLS, Dng
-from tests.standoff.photographs.made import Pixels, icc_chunk, pillow, png, read, tiff
-from tests.standoff.photographs.profiles import DISPLAY_P3, gamma_curve, profile
-from tests.standoff.photographs.test_scientific import exr, fits
 
 DARK, BRIGHT = 60 / 255, 240 / 255
 """Codes of the two sides, of white."""

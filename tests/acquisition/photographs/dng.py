@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.standoff.photographs.made import (
+from tests.acquisition.photographs.made import (
     Tag,
     ascii_tag,
     directory,

@@ -1,34 +1,49 @@
 """The one way in for photographs: files of every format, and arrays of every library."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 from PIL.Image import Image
 from scipy.ndimage import distance_transform_edt
 
-from acquisition.printable import on_one_line
-from simulation.arguments import ArgumentError, given_array, whole_array
-from simulation.arrays import AnyArray, BoolArray, FloatArray
-from standoff.errors import ImageFileError
-from standoff.photographs.camera_raw import RAW_SUFFIXES, is_camera_raw, read_camera_raw
-from standoff.photographs.encoding import LINEAR, Encoding
-from standoff.photographs.exif import PhotographFacts
-from standoff.photographs.guard import is_swollen, read_file, refuse_unusable
-from standoff.photographs.photograph import (
+from acquisition.errors import ImageFileError
+from acquisition.photographs.decoding import DecodingError, is_swollen, read_file, refuse_unusable
+from acquisition.photographs.encoding import LINEAR, Encoding
+from acquisition.photographs.photograph import (
     Photograph,
+    PhotographHead,
     as_numbers,
     full_scale_dn,
     light_planes,
     saturation_dn,
 )
-from standoff.photographs.raster import read_raster_image, stored_picture
-from standoff.photographs.scientific import is_exr, is_fits, read_exr_image, read_fits_image
-from standoff.photographs.stored import DecodingError, StoredImage
-from standoff.photographs.tiff import is_tiff, read_tiff_image, tiff_facts
+from acquisition.photographs.raster import (
+    is_exr,
+    is_fits,
+    read_exr_image,
+    read_fits_image,
+    read_raster_image,
+    stored_picture,
+)
+from acquisition.photographs.stored_image import PhotographFacts, StoredImage
+from acquisition.photographs.tiff import (
+    RAW_SUFFIXES,
+    is_camera_raw,
+    is_tiff,
+    read_camera_raw,
+    read_tiff_image,
+    tiff_facts,
+)
+from acquisition.printable import on_one_line
+from acquisition.provenance import InputFile, Provenance, utc_now
+from acquisition.session import JOURNAL_NAME, Session
+from simulation.arguments import ArgumentError, given_array, whole_array
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 
 IMAGE_SUFFIXES = frozenset(
     """.avif .bmp .exr .fit .fits .fts .gif .jp2 .jpeg .jpg .pgm .png .ppm .tif .tiff
@@ -95,13 +110,7 @@ def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
 
 
 def read_frames(path: Path, options: ReadOptions = _AS_STATED) -> Iterator[Photograph]:
-    """Read every image of a file, one page in memory at a time: the frames of a stack.
-
-    Raises
-    ------
-    ImageFileError
-        As ``read_image``, or if the options choose a page.
-    """
+    """Read every image of a file, one page in memory at a time: the frames of a stack."""
     data = read_file(path)
     with _naming(on_one_line(path)):
         _refuse_chosen_page(options)
@@ -112,13 +121,7 @@ def read_frames(path: Path, options: ReadOptions = _AS_STATED) -> Iterator[Photo
 
 
 def frames_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Iterator[Photograph]:
-    """Take an array for a frame, shape ``(rows, cols)``, or frames, ``(frames, rows, cols)``.
-
-    Raises
-    ------
-    ArgumentError, ArgumentTypeError, ImageFileError
-        As ``photograph_of``, or if it has another number of axes.
-    """
+    """Take an array for a frame, shape ``(rows, cols)``, or frames, ``(frames, rows, cols)``."""
     with _naming(name):
         _refuse_chosen_page(options)
     values = whole_array(value, name)
@@ -149,15 +152,6 @@ def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -
     options
         As for files; a stack has its pages along the first axis. Without an encoding, arrays are
         linear in light.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it holds no array of numbers.
-    ArgumentError
-        If it is in a unit that levels do not have.
-    ImageFileError
-        If it is no image, or holds levels that cannot be calculated with.
     """
     source = _Source(Path(name))
     with _naming(name):
@@ -181,13 +175,7 @@ def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -
 
 
 def taken_as(photograph: Photograph, options: ReadOptions) -> Photograph:
-    """Take a photograph that was read before as other options say.
-
-    Raises
-    ------
-    ImageFileError
-        If they choose a page, of which only one is left.
-    """
+    """Take a photograph that was read before as other options say."""
     if options.page is not None or options.is_mean:
         raise ImageFileError(
             f"{photograph.name}: it was read before; give its file to choose pages"
@@ -381,3 +369,98 @@ def _encoding(
         return *marked, True
     encoding, kind = stored.unmarked
     return encoding, f"usual for {kind} without a mark" if kind else "", False
+
+
+class Inputs:
+    """Reads photographs in one way, and keeps the list of all that was read.
+
+    Parameters
+    ----------
+    options
+        How photographs are read.
+    announce
+        Called with a sentence about the encoding taken, once for each kind of file, and about
+        photographs that viewers turn.
+    """
+
+    def __init__(
+        self,
+        options: ReadOptions | None = None,
+        announce: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.options = options or ReadOptions()
+        self._announce = announce
+        self._files: dict[str, str] = {}
+        self._encodings: list[str] = []
+        self._announced: set[str] = set()
+
+    def photograph(self, path: Path) -> Photograph:
+        """Read a photograph and list it."""
+        photograph = read_image(path, self.options)
+        self._add_head(photograph)
+        return photograph
+
+    def frames(self, path: Path) -> Iterator[Photograph]:
+        """Read every image of a file, one after the other, and list the file."""
+        for frame in read_frames(path, self.options):
+            self._add_head(frame)
+            yield frame
+
+    def add_given(self, photograph: Photograph) -> None:
+        """Say what there is to say of a photograph that no file holds."""
+        self._say(photograph)
+
+    def grey(self, path: Path) -> FloatArray:
+        """Read the linear grey levels of a photograph, shape ``(rows, cols)``, and list it."""
+        return self.photograph(path).grey_dn
+
+    def add(self, path: Path | None) -> None:
+        """List a file that another reader reads: a PSF, curves, a table of noise."""
+        if path is None:
+            return
+        self._list(path, sha256(read_file(path)).hexdigest(), None)
+
+    def add_session(self, session: Session) -> None:
+        """List a capture session by its journal, which holds the hashes of the captures."""
+        self.add(session.path / JOURNAL_NAME)
+        self._list_encoding("linear")
+
+    def announce(self, sentence: str) -> None:
+        """Say what another process found out about photographs."""
+        self._announce(sentence)
+
+    def add_known(self, path: str, sha256: str, encoding: str | None) -> None:
+        """List a file whose hash and encoding another process found out."""
+        self._list(Path(path), sha256, encoding)
+
+    def provenance(self, command: str) -> Provenance:
+        """Return the provenance of what is made from all that has been read."""
+        return Provenance(
+            version=version("standoff"),
+            created=utc_now(),
+            command=on_one_line(command),
+            inputs=tuple(
+                InputFile(path=path, sha256=digest) for path, digest in self._files.items()
+            ),
+            encoding=self._encodings[0] if len(self._encodings) == 1 else tuple(self._encodings),
+        )
+
+    def _add_head(self, head: PhotographHead) -> None:
+        if head.sha256 is not None:
+            self._list(head.path, head.sha256, head.encoding.name)
+        self._say(head)
+
+    def _list(self, path: Path, digest: str, encoding: str | None) -> None:
+        self._files[on_one_line(path)] = digest
+        if encoding is not None:
+            self._list_encoding(encoding)
+
+    def _list_encoding(self, encoding: str) -> None:
+        if encoding not in self._encodings:
+            self._encodings.append(encoding)
+
+    def _say(self, photograph: PhotographHead) -> None:
+        for kind, sentence in photograph.remarks.items():
+            if kind not in self._announced:
+                self._announced.add(kind)
+                self._announce(sentence)

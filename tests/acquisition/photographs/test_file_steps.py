@@ -9,8 +9,8 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 import standoff
-from calibration.psf import REC601_LUMA
-from standoff.photographs import photograph_of, read_image
+from acquisition.photographs import photograph_of, read_image
+from acquisition.photographs.encoding import REC601_LUMA
 
 SHAPE = (128, 160, 3)
 
