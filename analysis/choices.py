@@ -51,3 +51,6 @@ PairFormat = Literal["folder", "webdataset"]
 
 ChangeSigns = Literal["both", "brighter", "darker"]
 """Whether changes of training pairs are brighter than the scene, darker, or either."""
+
+BenchmarkSize = Literal["tiny", "small", "full"]
+"""Of the public benchmark's data set: a few MB, about 100 MB, about 1 GB."""

@@ -8,7 +8,11 @@ from .encoding import (
     on_screen as on_screen,
     white_level_dn as white_level_dn,
 )
-from .photograph import FileSteps as FileSteps, Photograph as Photograph
+from .photograph import (
+    BenchCapture as BenchCapture,
+    FileSteps as FileSteps,
+    Photograph as Photograph,
+)
 from .raster import marked_png as marked_png
 from .reader import (
     IMAGE_SUFFIXES as IMAGE_SUFFIXES,

@@ -10,6 +10,7 @@ from typing import Any
 from acquisition.bench import BenchConfig
 from acquisition.focus import newest_frames
 from acquisition.photographs import Inputs, ReadOptions
+from acquisition.result_files import image_files_in
 from analysis.choices import Criterion
 from analysis.pose import PoseTracker, PoseVerdict, StreamSummary
 from calibration.errors import CalibrationError
@@ -17,10 +18,8 @@ from simulation.arguments import checked
 from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.library.bench import bench_config, opened_camera, place_target
-from standoff.library.call import Call, Progress, Silent
+from standoff.library.call import Call, FilePath, ImageLike, Progress, Silent, path_of
 from standoff.library.detectability import CurveChoice, CurveLike, given_curve
-from standoff.library.files import image_files_in
-from standoff.library.inputs import FilePath, ImageLike, path_of
 
 _POLL_S = 0.2
 
@@ -180,16 +179,7 @@ class PoseWatch:
 
 
 def folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterator[NamedFrame]:
-    """Yield the images of a folder by name; then, if it is watched, new ones as they come.
-
-    Raises
-    ------
-    ImageFileError
-        If an image cannot be read. In a watched folder, an incomplete image is waited for until
-        it no longer grows.
-    ApplicationError
-        If the folder cannot be read, or holds no image and is not watched.
-    """
+    """Yield the images of a folder by name; then, if it is watched, new ones as they come."""
     seen: set[Path] = set()
     sizes: dict[Path, int] = {}
     while True:

@@ -44,24 +44,12 @@ def refusing() -> Iterator[None]:
 
 
 def scene_image(options: ReadOptions, path: Path) -> SceneImage:
-    """Read a photograph of a scene.
-
-    Raises
-    ------
-    RefusedPhotographError
-        If it cannot be read.
-    """
+    """Read a photograph of a scene."""
     return replace(colour_scene_image(options, path), colours=None)
 
 
 def colour_scene_image(options: ReadOptions, path: Path) -> SceneImage:
-    """Read a photograph of a scene with its colours, if it has any.
-
-    Raises
-    ------
-    RefusedPhotographError
-        If it cannot be read.
-    """
+    """Read a photograph of a scene with its colours, if it has any."""
     with refusing():
         photograph = read_image(path, options)
         return SceneImage(

@@ -13,7 +13,7 @@ from analysis.evaluation import LaterScene, Patch
 from simulation.arguments import checked
 from simulation.arrays import FloatArray
 from standoff.errors import ApplicationError
-from standoff.library.inputs import FilePath
+from standoff.library.call import FilePath
 from standoff.library.swept_photographs import colour_scene_image
 
 _SAME_NAME = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr", ".dng")

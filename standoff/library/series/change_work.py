@@ -6,20 +6,20 @@ from typing import Any
 
 from acquisition.photographs import Photograph
 from acquisition.printable import on_one_line
+from acquisition.result_files import make_folder
 from analysis.change_series import ComparedFollowup, limit_columns
 from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
 from simulation.choices import PsfShape
-from standoff.library.comparison import (
+from standoff.library.changes import (
     CHANGE_FILES,
     ComparedPhotographs,
     ComparisonRules,
     compared,
-    hint_settings,
     write_changes,
 )
-from standoff.library.files import make_folder
+from standoff.library.registration import hint_settings
 from standoff.library.swept_photographs import refusing
 
 

@@ -6,6 +6,7 @@ from functools import lru_cache
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
+from acquisition.file_names import FIGURES
 from acquisition.photographs import Photograph, ReadOptions
 from acquisition.printable import on_one_line
 from acquisition.provenance import Provenance
@@ -22,7 +23,7 @@ from analysis.pose import (
     PoseSummary,
     judge_pose as pose_quality,
 )
-from analysis.reports import plot_pose
+from analysis.reports import plot_pose, write_figure
 from calibration.errors import CalibrationError
 from calibration.registration import (
     DistortedPose,
@@ -35,18 +36,11 @@ from simulation import GaussianPsf
 from simulation.arguments import checked
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
-from standoff.library.call import Call, Progress
-from standoff.library.comparison import (
-    AlignmentHints,
-    ComparisonRules,
-    compared,
-    hint_files,
-    hint_settings,
-)
+from standoff.library.call import Call, FilePath, ImageLike, Progress, PsfLike, output_path
+from standoff.library.changes import ComparisonRules, compared
 from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.files import FIGURES, write_figure
-from standoff.library.inputs import FilePath, ImageLike, PsfLike, output_path
 from standoff.library.psf import camera_psf
+from standoff.library.registration import AlignmentHints, hint_files, hint_settings
 from standoff.library.swept_photographs import refusing
 
 if TYPE_CHECKING:

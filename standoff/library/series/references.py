@@ -8,11 +8,11 @@ from typing import Self
 
 from acquisition.photographs import Inputs, Photograph, ReadOptions, read_image
 from acquisition.printable import on_one_line
+from acquisition.result_files import each_image
 from analysis.followup_series import References
 from analysis.sweep import SweepItem
 from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.library.files import each_image
 from standoff.library.swept_photographs import refusing
 
 

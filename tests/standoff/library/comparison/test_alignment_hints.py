@@ -16,7 +16,7 @@ from acquisition.photographs.photograph import Photograph
 from calibration.errors import CalibrationError
 from calibration.registration.point_table import POINT_COLUMNS
 from standoff.errors import ApplicationError, HintError
-from standoff.library.comparison.alignment_hints import (
+from standoff.library.registration import (
     AlignmentHints,
     alignment_hints,
     read_mask,
