@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
 
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from analysis.errors import ResultsFileError
 from calibration.documents import write_document
 from simulation.arguments import FilePath, output_path

@@ -22,8 +22,8 @@ from acquisition.bench import (
     StageConfig,
 )
 from acquisition.bracket import BracketExposure
+from acquisition.files import InputFile, Provenance
 from acquisition.plan import CapturePlan, ExposureBracket, PlanTarget
-from acquisition.provenance import InputFile, Provenance
 from acquisition.quantities import PLAUSIBLE, number_text
 from acquisition.session import CaptureRecord, EventKind, Manifest
 from acquisition.written_files import WrittenTable

@@ -24,7 +24,7 @@ from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file, si
 
 LARGEST_FILE_BYTES = LARGEST_IMAGE_BYTES
 LARGEST_IMAGE_PX = 150_000_000
-LARGEST_LEVEL = 1e9
+_LARGEST_LEVEL = 1e9
 _SMALL_BYTES = 32 << 20  # what decodes to so little is no danger
 _LARGEST_RATIO = 200.0
 _MOST_CHANNELS = 4
@@ -167,8 +167,8 @@ def refuse_unusable(pixels: NDArray[Any], shown: str) -> None:
         raise ImageFileError(
             f"{shown}: some pixels are NaN or infinite; fill them, or cut them off"
         )
-    if max(-low, high) > LARGEST_LEVEL:
+    if max(-low, high) > _LARGEST_LEVEL:
         raise ImageFileError(
             f"{shown}: levels from {low:.3g} to {high:.3g} are none of a photograph; "
-            f"scale them to {LARGEST_LEVEL:g} at most"
+            f"scale them to {_LARGEST_LEVEL:g} at most"
         )

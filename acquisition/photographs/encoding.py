@@ -238,14 +238,14 @@ class ProfileError(DecodingError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ColourProfile:
+class _ColourProfile:
     """What a profile says of the levels: its name and the encoding."""
 
     name: str
     encoding: Encoding
 
 
-def read_profile(data: bytes) -> ColourProfile:
+def read_profile(data: bytes) -> _ColourProfile:
     """Read the encoding that a profile describes."""
     try:
         return _profile(data)
@@ -253,7 +253,7 @@ def read_profile(data: bytes) -> ColourProfile:
         raise ProfileError("its colour profile is damaged") from error
 
 
-def _profile(data: bytes) -> ColourProfile:
+def _profile(data: bytes) -> _ColourProfile:
     if data[36:40] != b"acsp":
         raise ProfileError("its colour profile is damaged")
     tags = _tags(data)
@@ -267,7 +267,7 @@ def _profile(data: bytes) -> ColourProfile:
     curves = [_curve(tags[name]) for name in names]
     if max(float(np.abs(curve - curves[0]).max()) for curve in curves) <= _SAME_CURVE:
         curves = curves[:1]
-    return ColourProfile(name=_description(tags.get(b"desc", b"")), encoding=_encoding(curves))
+    return _ColourProfile(name=_description(tags.get(b"desc", b"")), encoding=_encoding(curves))
 
 
 def _tags(data: bytes) -> dict[bytes, bytes]:

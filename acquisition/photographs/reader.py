@@ -1,6 +1,7 @@
 """The one way in for photographs: files of every format, and arrays of every library."""
 
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -11,7 +12,8 @@ import numpy as np
 from PIL.Image import Image
 from scipy.ndimage import distance_transform_edt
 
-from acquisition.errors import ImageFileError
+from acquisition.errors import ApplicationError, ImageFileError
+from acquisition.files import InputFile, Provenance, utc_now
 from acquisition.photographs.decoding import DecodingError, is_swollen, read_file, refuse_unusable
 from acquisition.photographs.encoding import LINEAR, Encoding
 from acquisition.photographs.photograph import (
@@ -40,7 +42,7 @@ from acquisition.photographs.tiff import (
     tiff_facts,
 )
 from acquisition.printable import on_one_line
-from acquisition.provenance import InputFile, Provenance, utc_now
+from acquisition.remote_files import is_url, remote_files_in, remote_status, url_of
 from acquisition.session import JOURNAL_NAME, Session
 from simulation.arguments import ArgumentError, given_array, whole_array
 from simulation.arrays import AnyArray, BoolArray, FloatArray
@@ -118,6 +120,61 @@ def read_frames(path: Path, options: ReadOptions = _AS_STATED) -> Iterator[Photo
         source = _Source(path, sha256(data).hexdigest(), len(data))
         for page in range(1, stored.count + 1):
             yield _photograph(stored, replace(options, page=page), source)
+
+
+def each_image(paths: Iterable[Path]) -> Iterator[Path]:
+    """Yield the images of files and folders, for very many: in any order, one by one."""
+    for path in paths:
+        if is_url(path):
+            yield from _images_of_url(path)
+            continue
+        if not is_folder(path):
+            yield path
+            continue
+        is_empty = True
+        try:
+            with os.scandir(path) as entries:
+                for entry in entries:
+                    if Path(entry.name).suffix.lower() in IMAGE_SUFFIXES:
+                        is_empty = False
+                        yield path / entry.name
+        except OSError as error:
+            raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
+        if is_empty:
+            raise ApplicationError(f"{path}: the folder holds no image")
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a folder is there; what cannot be reached is left to whoever reads it as a file."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
+def _images_of_url(path: Path) -> Iterator[Path]:
+    url = url_of(path)
+    try:
+        if not remote_status(path).is_folder:
+            yield path
+            return
+        is_empty = True
+        for file in remote_files_in(path):
+            if file.suffix.lower() in IMAGE_SUFFIXES:
+                is_empty = False
+                yield file
+    except OSError as error:
+        raise ApplicationError(f"cannot read {url}: {error.strerror}") from error
+    if is_empty:
+        raise ApplicationError(f"{url}: the folder holds no image")
+
+
+def image_files_in(folder: Path) -> list[Path]:
+    """Return the images in a folder, sorted by name."""
+    try:
+        return sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    except OSError as error:
+        raise ApplicationError(f"cannot read the folder {folder}: {error.strerror}") from error
 
 
 def frames_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Iterator[Photograph]:

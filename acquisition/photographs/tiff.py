@@ -57,7 +57,7 @@ def is_tiff(data: bytes) -> bool:
 def read_tiff_image(data: bytes) -> StoredImage:
     """Read what a TIFF says of itself; its pages are decoded when they are asked for."""
     with decoding("TIFF image"):
-        refuse_overlapping_directories(data)
+        _refuse_overlapping_directories(data)
         tiff = _opened(data)
         capture = _capture(data, tiff)
         if capture is not None:
@@ -92,7 +92,7 @@ def tiff_facts(data: bytes) -> tuple[PhotographFacts, frozenset[int]]:
         return PhotographFacts(), frozenset()
 
 
-def black_repeat_px(data: bytes) -> int:
+def _black_repeat_px(data: bytes) -> int:
     """Period of the black levels that a DNG states, along its longer side; 1 where it has none."""
     try:
         with decoding("DNG"):
@@ -310,7 +310,7 @@ def _pattern(page: tifffile.TiffPage) -> Pattern | None:
     return found
 
 
-MOST_PAGES = 10_000
+_MOST_PAGES = 10_000
 _SMALL_BYTES = 16 << 20
 _LARGEST_RATIO = 8  # of all values of tags to the file
 _TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4,
@@ -327,15 +327,15 @@ class _Layout:
     first_at: int
 
 
-def refuse_overlapping_directories(data: bytes) -> None:
+def _refuse_overlapping_directories(data: bytes) -> None:
     """Check the number of pages, and that their tags are not far larger than the file."""
     layout = _layout(data)
     (at,) = layout.next.unpack_from(data, layout.first_at)
     values_bytes = pages = 0
     while at and at < len(data):
         pages += 1
-        if pages > MOST_PAGES:
-            raise DecodingError(f"a TIFF of more than {MOST_PAGES} pages")
+        if pages > _MOST_PAGES:
+            raise DecodingError(f"a TIFF of more than {_MOST_PAGES} pages")
         (entries,) = layout.count.unpack_from(data, at)
         at += layout.count.size
         end = at + entries * layout.entry.size
@@ -400,7 +400,7 @@ def read_camera_raw(data: bytes, facts: PhotographFacts) -> StoredImage:
         import rawpy
     except ImportError as error:
         raise DecodingError(f"a camera raw file; {_EXTRA}") from error
-    if black_repeat_px(data) > _LARGEST_REPEAT_PX:
+    if _black_repeat_px(data) > _LARGEST_REPEAT_PX:
         raise DecodingError(
             "black levels that differ within more than 2 x 2 pixels are not read; "
             "convert it to a linear TIFF"

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from analysis.benchmark.alignment_track import score_alignment
 from analysis.benchmark.changes import score_changes
 from analysis.benchmark.data_set import BenchmarkData

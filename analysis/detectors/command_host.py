@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from acquisition.files import tiff_bytes
 from acquisition.regular_files import read_regular_file
-from acquisition.result_files import tiff_bytes
 from acquisition.untrusted import TiffDamageError, parse_json, read_tiff
 from analysis.detectors.answers import plain_answer, short_line
 from analysis.detectors.own_process import OwnProcess, how_it_ended, which_said

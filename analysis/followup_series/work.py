@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from acquisition.files import InputFile, Provenance, utc_now
 from acquisition.printable import on_one_line
-from acquisition.provenance import InputFile, Provenance, utc_now
 from analysis.errors import AnalysisError, RefusedPhotographError
 from analysis.followup_series.record import FollowupRecord
 from analysis.results_file import StoredValues

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.choices import Criterion

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from acquisition.session import MANIFEST_NAME, Session, file_sha256
 from analysis.reports.bench import captures_section, device_rows, noise_section, stage_section
 from analysis.reports.geometry import geometry_sections, geometry_verdicts

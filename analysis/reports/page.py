@@ -16,8 +16,7 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from acquisition.provenance import Provenance
-from acquisition.result_files import write_file
+from acquisition.files import Provenance, write_file
 from simulation.figures import InlineFigure
 
 _P = ParamSpec("_P")

@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from acquisition.session import Session
 from analysis.reports.bench import (
     captures_section,

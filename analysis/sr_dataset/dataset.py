@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Protocol
 from uuid import uuid4
 
+from acquisition.files import Provenance
 from acquisition.printable import on_one_line
-from acquisition.provenance import Provenance
 from acquisition.regular_files import read_regular_file
 from acquisition.session import whole_file
 from acquisition.untrusted import parse_json

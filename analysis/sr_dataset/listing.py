@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from acquisition.provenance import InputFile, Provenance
+from acquisition.files import InputFile, Provenance
 from acquisition.session import clear_parts, part_of, whole_file
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord

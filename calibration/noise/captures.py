@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from acquisition.session import Session
 from calibration.noise.capture_list import NoiseCapture, NoiseCaptures
 from calibration.noise.correction_maps import (

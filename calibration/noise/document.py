@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from acquisition.dataframe import dataframe
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import write_shared
 from acquisition.untrusted import TiffDamageError, read_tiff

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from acquisition.dataframe import dataframe
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from calibration.edges import EdgeMeasurement, MeasuredTransfer
 from calibration.errors import PsfFileError
 from calibration.psf.consistency import CrossValidation, HeightTrend, TargetSoftness

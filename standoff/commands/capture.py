@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 
 from typer import BadParameter, Option
 
-from acquisition.file_names import require_folder
+from acquisition.files import require_folder
 from standoff import library, terminal
 from standoff.errors import ApplicationError
 

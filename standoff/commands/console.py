@@ -12,7 +12,7 @@ from urllib.parse import quote
 import typer
 from typer import BadParameter, Option
 
-from acquisition.file_names import require_folder
+from acquisition.files import require_folder
 from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff import terminal
 from standoff.errors import ApplicationError

@@ -6,7 +6,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from acquisition.choices import CaptureKind
-from acquisition.file_names import require_folder
+from acquisition.files import require_folder
 from standoff import library, terminal
 
 

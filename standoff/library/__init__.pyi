@@ -1,5 +1,5 @@
 from acquisition import Session as Session
-from acquisition.result_files import (
+from acquisition.files import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     make_folder as make_folder,
     require_writable as require_writable,

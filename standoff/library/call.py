@@ -14,6 +14,7 @@ from typing import Any, Protocol, TypeAlias, cast
 
 from numpy.typing import NDArray
 
+from acquisition.files import Provenance
 from acquisition.photographs import (
     Inputs,
     Photograph,
@@ -24,7 +25,6 @@ from acquisition.photographs import (
 )
 from acquisition.photographs.photograph import BenchCapture
 from acquisition.printable import on_one_line
-from acquisition.provenance import Provenance
 from acquisition.session import Session
 from analysis.design_cache import keep_designs_on_disk
 from calibration.files import read_noise

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from acquisition.file_names import PAGES
-from acquisition.photographs import FileSteps, Photograph, ReadOptions, luma_plane
-from acquisition.result_files import (
+from acquisition.files import (
+    PAGES,
     make_folder,
     write_file,
     write_float_tiff,
@@ -17,6 +16,7 @@ from acquisition.result_files import (
     write_page,
     written_together,
 )
+from acquisition.photographs import FileSteps, Photograph, ReadOptions, luma_plane
 from analysis.changes import (
     ChangeOptions,
     ChangeResult,
@@ -324,7 +324,7 @@ def compared(
         hints = hints.of_pair(near.stored.shape[:2], far.stored.shape[:2], far.name)
     masks = near.masked, far.masked
     hints = leaving_out(hints, masks[1])
-    near, far, said = decoded_alike(near.filled, far.filled)
+    near, far, said = _decoded_alike(near.filled, far.filled)
     before, after = near.file_steps, far.file_steps
     colours = _colours(near, far, (before, after))
     options = replace(
@@ -423,7 +423,7 @@ _AS_MUCH_NEARER = 4.0
 pictures, each beside another one, they are 2.5 times as near at most."""
 
 
-def decoded_alike(
+def _decoded_alike(
     near: Photograph, far: Photograph
 ) -> tuple[Photograph, Photograph, tuple[str, ...]]:
     """The photographs, of which one that says no encoding is taken as the other it is a copy of.

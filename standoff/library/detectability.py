@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from acquisition.file_names import FIGURES
+from acquisition.files import FIGURES, Provenance
 from acquisition.photographs import ReadOptions
-from acquisition.provenance import Provenance
 from analysis.choices import Criterion
 from analysis.detectability import (
     STATED,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition import Session as Session
+from acquisition.files import write_file
 from acquisition.photographs import (
     Photograph,
     PhotographFacts,
@@ -15,7 +16,6 @@ from acquisition.photographs import (
     luma_plane,
     shared_facts,
 )
-from acquisition.result_files import write_file
 from calibration.choices import Channel, Pattern
 from calibration.edge_fit import JpegCompression
 from calibration.edges import (

@@ -1,7 +1,6 @@
 """Scale, entrance pupil, zooms, distortion and squareness of a height series."""
 
-from acquisition.file_names import PAGES
-from acquisition.result_files import write_page
+from acquisition.files import PAGES, write_page
 from acquisition.session import Session
 from analysis.reports import render_geometry_report
 from calibration.choices import DEFAULT_BOARD_TEXT

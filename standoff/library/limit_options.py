@@ -23,7 +23,7 @@ from standoff.library.call import Call, FilePath, PsfLike, path_of
 from standoff.library.detectability import CurveLike
 from standoff.library.psf import calibration_of
 
-LIMIT_COLOURS = {
+_LIMIT_COLOURS = {
     "grey": (1.0, 1.0, 1.0),
     "red": (1.0, 0.0, 0.0),
     "green": (0.0, 1.0, 0.0),
@@ -97,7 +97,7 @@ class DetectionLimitOptions:
 
 def limit_rgb(colour: str) -> tuple[float, float, float]:
     """Return the direction of a change of colour, its largest part 1."""
-    known = LIMIT_COLOURS.get(colour)
+    known = _LIMIT_COLOURS.get(colour)
     if known is not None:
         return known
     try:
@@ -107,7 +107,7 @@ def limit_rgb(colour: str) -> tuple[float, float, float]:
     largest = max(map(abs, (red, green, blue)))
     if not largest > 0 or not isfinite(red + green + blue):
         raise ArgumentError(
-            f"expected {', '.join(LIMIT_COLOURS)} or three numbers such as 1,-0.5,0, got "
+            f"expected {', '.join(_LIMIT_COLOURS)} or three numbers such as 1,-0.5,0, got "
             f"{colour!r}",
             argument="colour",
         )

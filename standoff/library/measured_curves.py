@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquisition.photographs import ReadOptions
+from acquisition.files import written_together
+from acquisition.photographs import ReadOptions, each_image
 from acquisition.printable import on_one_line
 from acquisition.remote_files import is_url
-from acquisition.result_files import each_image, written_together
 from analysis.detectability import (
     MOST_SCENES,
     ArtefactWork,
@@ -112,7 +112,7 @@ class MeasuredCurves(Shown):
         out, found = output_path(path, "path", {".json"}), self._whole
         with written_together(out) as folder:
             write_results(folder / out.name, found)
-            write_curve_figures(folder / out.name, found.curves, found.curves[0].contrast_dn)
+            _write_curve_figures(folder / out.name, found.curves, found.curves[0].contrast_dn)
             if parquet:
                 write_parquet(folder / curve_table_path(out).name, _COLUMNS, found.rows())
         return curve_figure_paths(out)
@@ -330,7 +330,7 @@ def curve_figure_paths(out: Path) -> list[Path]:
     ]
 
 
-def write_curve_figures(
+def _write_curve_figures(
     out: Path, curves: Sequence[DetectabilityCurve], contrast_dn: float
 ) -> None:
     """Draw the curves beside ``out``: by noise at one contrast, by contrast at the middle noise."""

@@ -12,10 +12,9 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.file_names import PAGES
+from acquisition.files import PAGES, require_writable, write_page, written_together
 from acquisition.photographs import IMAGE_SUFFIXES, Photograph, ReadOptions, frames_of
 from acquisition.printable import on_one_line
-from acquisition.result_files import require_writable, write_page, written_together
 from acquisition.session import Session
 from analysis.reports import render_noise_report
 from calibration.errors import NoiseError
@@ -80,7 +79,7 @@ class _Given:
     is_one_level: bool = True
 
 
-def frame_captures(
+def _frame_captures(
     call: Call,
     given: Mapping[NoiseKind, Frames],
     exposures_us: Mapping[NoiseKind, Sequence[float] | None],
@@ -497,7 +496,7 @@ def measure_noise(
             "darks and flats are needed, both", argument="darks" if darks is None else "flats"
         )
     else:
-        captures = frame_captures(
+        captures = _frame_captures(
             call,
             {"dark": darks, "flat": flats},
             {"dark": dark_exposures_us, "flat": flat_exposures_us},

@@ -48,7 +48,7 @@ _USUAL_SNR = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PixelLevels:
+class _PixelLevels:
     """Levels of edges and the noise of a frame.
 
     ``is_in_dn`` is False where only the
@@ -66,7 +66,7 @@ def pixel_levels(
     psf: PsfCalibration | None,
     noise: NoiseCalibration | CaptureNoise | None,
     levels_dn: tuple[float, float] | None,
-) -> PixelLevels:
+) -> _PixelLevels:
     """Return levels and noise: of noise.json, of a simulated bench, or of the edges of psf.json."""
     if levels_dn is not None and not levels_dn[0] < levels_dn[1]:
         raise ArgumentError(
@@ -83,7 +83,7 @@ def pixel_levels(
         frame_noise = _simulated_noise(bench)
         told = "the noise of a pixel is what the bench file states of its simulated sensor"
     low, high, whence = _levels(bench, psf, noise, levels_dn)
-    return PixelLevels(
+    return _PixelLevels(
         levels=EdgeLevels(low_dn=low, high_dn=high, frame_noise=frame_noise),
         is_in_dn=True,
         assumptions=(told, f"edges go from {low:.0f} to {high:.0f} DN, {whence}"),
@@ -147,7 +147,7 @@ def _levels(
 
 def _by_edges(
     bench: BenchConfig, psf: PsfCalibration | None, levels_dn: tuple[float, float] | None
-) -> PixelLevels:
+) -> _PixelLevels:
     """Levels in units of the contrast, with the noise that the edges of psf.json had."""
     known = [edge.snr for edge in (psf.edges_used if psf else ()) if edge.snr]
     snr = float(np.median(known)) if known else _USUAL_SNR
@@ -155,7 +155,7 @@ def _by_edges(
     whence = "of the edges in psf.json" if known else "assumed, as psf.json has no edges"
     low, high = levels_dn or (0.0, 1.0)
     variance = ((high - low) / snr) ** 2 * frames
-    return PixelLevels(
+    return _PixelLevels(
         levels=EdgeLevels(
             low_dn=low,
             high_dn=high,
@@ -169,7 +169,7 @@ def _by_edges(
     )
 
 
-def noise_at(levels: EdgeLevels, level_dn: float, frames: int) -> float:
+def _noise_at(levels: EdgeLevels, level_dn: float, frames: int) -> float:
     """Standard deviation of a pixel of a capture at a level."""
     variance = levels.frame_noise.variance_dn2(np.array([level_dn]))
     return sqrt(float(variance[0]) / frames)
@@ -283,7 +283,7 @@ def planned_edges(
     )
 
 
-def planned_boards(entries: Sequence[PlanEntry]) -> tuple[BoardCapture, ...]:
+def _planned_boards(entries: Sequence[PlanEntry]) -> tuple[BoardCapture, ...]:
     """Return the captures of boards of a plan."""
     placements: dict[tuple[str, str, float], int] = {}
     return tuple(
@@ -426,10 +426,10 @@ class KnownInputs:
         return stage.tolerance_mm if stage.driver == "manual" else 0.0
 
     def board(
-        self, board: CharucoBoard, pixels: PixelLevels, height_scatter_mm: float
+        self, board: CharucoBoard, pixels: _PixelLevels, height_scatter_mm: float
     ) -> BoardSession | None:
         """Return the captures of a board; None where there are none or the frame is not known."""
-        captures, frame = planned_boards(self.entries), self.frame
+        captures, frame = _planned_boards(self.entries), self.frame
         offset_mm = self.pupil_offset_mm or 0.0
         if not captures or frame is None:
             return None
@@ -450,7 +450,7 @@ class KnownInputs:
         )
 
     def scene(
-        self, photographs: Sequence[FloatArray], pixels: PixelLevels, change: SoughtChange
+        self, photographs: Sequence[FloatArray], pixels: _PixelLevels, change: SoughtChange
     ) -> StudiedScene:
         """Return the scene of d': the photographs, or the built-in pictures."""
         levels = pixels.levels
@@ -458,7 +458,7 @@ class KnownInputs:
         mean_dn = float(np.mean([image.mean() for image in shown]))
         noise_dn = change.noise_dn
         if noise_dn is None and (pixels.is_in_dn or not photographs):
-            noise_dn = noise_at(levels, mean_dn, self.frames)
+            noise_dn = _noise_at(levels, mean_dn, self.frames)
         is_own_noise = change.noise_dn is None and noise_dn is not None
         frame = self.frame
         camera = None

@@ -9,8 +9,7 @@ from typing import Any
 
 from acquisition.bench import BenchConfig
 from acquisition.focus import newest_frames
-from acquisition.photographs import Inputs, ReadOptions
-from acquisition.result_files import image_files_in
+from acquisition.photographs import Inputs, ReadOptions, image_files_in
 from analysis.choices import Criterion
 from analysis.pose import PoseTracker, PoseVerdict, StreamSummary
 from calibration.errors import CalibrationError
@@ -121,7 +120,7 @@ class PoseWatch:
     @checked
     def folder(self, path: FilePath, *, is_watched: bool = False) -> Iterator[NamedFrame]:
         """Return the images of a folder; then, if it is watched, new ones as they come."""
-        return folder_frames(path_of(path, "path"), self._call.inputs, is_watched=is_watched)
+        return _folder_frames(path_of(path, "path"), self._call.inputs, is_watched=is_watched)
 
     @checked
     @contextmanager
@@ -178,7 +177,7 @@ class PoseWatch:
         }
 
 
-def folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterator[NamedFrame]:
+def _folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterator[NamedFrame]:
     """Yield the images of a folder by name; then, if it is watched, new ones as they come."""
     seen: set[Path] = set()
     sizes: dict[Path, int] = {}

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from acquisition.bench import LabelsConfig, OpticsConfig, load_bench
-from acquisition.file_names import PAGES
+from acquisition.files import PAGES, write_page
 from acquisition.photographs import ReadOptions
 from acquisition.printable import on_one_line
-from acquisition.result_files import write_page
 from acquisition.session import Session
 from analysis.reports import psf_remarks
 from calibration.choices import CalibrationMethod, Channel, Pattern, TargetChoice
@@ -156,7 +155,7 @@ def calibrate_psf(
     """
     call = Call("calibrate_psf", progress, reading, (noise, correct, limits, bench), white_level)
     page = None if report is None else output_path(report, "report", PAGES)
-    named = named_by(labels, bench, images if isinstance(images, Session) else None)
+    named = _named_by(labels, bench, images if isinstance(images, Session) else None)
     request = _Request(
         images=images if isinstance(images, Session) else listed_images(images),
         reading=named.stating_pitch(_reading(channel, bayer, noise, correct, pixel_pitch_um)),
@@ -359,7 +358,7 @@ _LONGEST = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Named:
+class _Named:
     """The labels, None without any, and the optics of a bench file that was given."""
 
     labels: dict[str, str] | None = None
@@ -373,9 +372,9 @@ class Named:
         return replace(reading, pixel_pitch_um=pitch_um, pixel_pitch_from="the bench file")
 
 
-def named_by(
+def _named_by(
     labels: Mapping[str, str] | None, bench: FilePath | None, session: Session | None
-) -> Named:
+) -> _Named:
     """Return the labels that are given, and those of a bench file or of a session's."""
     given = _checked(labels or {})
     optics, found = None, {}
@@ -388,7 +387,7 @@ def named_by(
         found = known if isinstance(known, dict) else {}
     of_bench = {name: text for name, text in found.items() if name in LABELS and text}
     merged = of_bench | given
-    return Named(
+    return _Named(
         labels={name: merged[name] for name in LABELS if name in merged} or None, optics=optics
     )
 

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from acquisition.dataframe import dataframe
-from acquisition.file_names import PAGES, require_folder
-from acquisition.provenance import Provenance
-from acquisition.result_files import require_writable, write_page
+from acquisition.files import PAGES, Provenance, require_folder, require_writable, write_page
 from analysis.reports import (
     HistoryEntry,
     ReportSection,

@@ -34,7 +34,7 @@ _MOST_TABLE_BYTES = 16 << 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HintFiles:
+class _HintFiles:
     """What the command line says of the pose; at most one of zoom, homography and points.
 
     Parameters
@@ -61,9 +61,9 @@ class HintFiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class AlignmentHints(Shown, ByValue):
-    """The contents of `HintFiles`; sizes are checked against each pair of photographs."""
+    """The contents of `_HintFiles`; sizes are checked against each pair of photographs."""
 
-    files: HintFiles = HintFiles()
+    files: _HintFiles = _HintFiles()
     homography: Homography | None = None
     points: FeatureMatches | None = None
     left_out: BoolArray | None = None
@@ -184,14 +184,14 @@ def alignment_hints(
     >>> len(summary.changes), summary.compared_px < summary.frame_px
     (1, True)
     """
-    given = HintFiles(
+    given = _HintFiles(
         zoom=zoom,
         homography=None if homography is None else Path(homography),
         points=None if points is None else Path(points),
         mask=None if mask is None else Path(mask),
         mirrored=mirrored,
     )
-    if given == HintFiles():
+    if given == _HintFiles():
         return None
     return AlignmentHints(
         files=given,

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from acquisition.files import is_there, write_file
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.remote_files import is_url, remote_status, url_of
-from acquisition.result_files import is_there, write_file
 from standoff.errors import ApplicationError
 
 _NAMED_BY_CONTENT = frozenset({".png", ".tif"})

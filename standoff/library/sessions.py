@@ -14,7 +14,7 @@ import numpy as np
 from acquisition.choices import CaptureKind
 from acquisition.dataframe import dataframe
 from acquisition.errors import SessionError
-from acquisition.file_names import refusal_text
+from acquisition.files import refusal_text
 from acquisition.photographs import (
     Photograph as ReadPhotograph,
     PhotographFacts,

@@ -80,7 +80,7 @@ from standoff.library.simulated_photograph import (
 )
 
 
-def each_channel(
+def _each_channel(
     reference: AnyArray, psfs: Sequence[Psf], made: Callable[[AnyArray, Psf], FollowUp]
 ) -> FollowUp:
     """Return the follow-up of a photograph whose channels have a PSF each.
@@ -167,7 +167,7 @@ def zoom_out(
         own_psfs = channel_psfs(Call("zoom_out"), psf, planes, camera)
     if own_psfs is None:
         return zoomed_out(planes, zoom, camera, model).image
-    return each_channel(
+    return _each_channel(
         planes, own_psfs, lambda plane, own: zoomed_out(plane, zoom, own, model)
     ).image
 
@@ -231,7 +231,7 @@ def simulate_pose(
     own_psfs = channel_psfs(call, psf, planes, known)
     if own_psfs is None:
         return simulate_pose_of_array(planes, matrix, size, known, options)
-    made = each_channel(
+    made = _each_channel(
         planes, own_psfs, lambda plane, own: from_pose(plane, matrix, size, own, options)
     )
     assert made.nearer is not None
@@ -499,7 +499,7 @@ def _posed(
         return from_pose(image, pose.matrix, pose.size, own, options, how.noise)
 
     own_psfs = channel_psfs(call, psf, reference, known)
-    followup = each_channel(reference, own_psfs, made) if own_psfs else made(reference, known)
+    followup = _each_channel(reference, own_psfs, made) if own_psfs else made(reference, known)
     view = SimulatedView.of_pose(reference_shape(reference), pose.matrix, pose.size, options)
     return _Made(
         followup=followup,
@@ -532,7 +532,7 @@ def _zoomed(
     own_psfs = None
     if psf is not None and known is not None and model != "bicubic":
         own_psfs = channel_psfs(call, psf, reference, known)
-    followup = each_channel(reference, own_psfs, made) if own_psfs else made(reference, known)
+    followup = _each_channel(reference, own_psfs, made) if own_psfs else made(reference, known)
     view = SimulatedView.at_zoom(reference_shape(reference), zoom, model, how.threads)
     return _Made(
         followup=followup,

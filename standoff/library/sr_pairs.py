@@ -5,9 +5,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from acquisition.photographs import ReadOptions, marked_png, read_image
+from acquisition.photographs import ReadOptions, each_image, marked_png, read_image
 from acquisition.remote_files import url_of
-from acquisition.result_files import each_image
 from analysis.choices import PairFormat
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset import (

@@ -134,7 +134,7 @@ def plan_study(
     >>> print(study.next_step)
     Run the plan: it gives all that is wanted.
     """
-    wants, layout = parsed_wants(want), _board(board)
+    wants, layout = _parsed_wants(want), _board(board)
     call = Call("plan_study", progress, files=(plan, bench, psf, noise, geometry))
     known = KnownInputs.of(call, (plan, bench, settings), psf, noise, geometry)
     shown = _photographs(call, photographs)
@@ -276,7 +276,7 @@ def _document(
 _WRITTEN = re.compile(r"\s*([a-z]+)\s*=\s*([0-9.eE+-]+)\s*(%|[a-z]*)\s*")
 
 
-def parsed_wants(texts: Iterable[str]) -> tuple[Want, ...]:
+def _parsed_wants(texts: Iterable[str]) -> tuple[Want, ...]:
     """Return the wants; each is half the width of a 95 % interval."""
     listed = [texts] if isinstance(texts, str) else list(texts)
     return tuple(_parsed(text) for text in listed)

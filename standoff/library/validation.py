@@ -8,9 +8,8 @@ from os.path import lexists
 from pathlib import Path
 from typing import Any
 
-from acquisition.file_names import PAGES
-from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
-from acquisition.result_files import (
+from acquisition.files import (
+    PAGES,
     RESULTS_FOLDER,
     make_folder,
     make_results_folder,
@@ -19,6 +18,7 @@ from acquisition.result_files import (
     write_page,
     written_together,
 )
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import Session, utc_text, verify
 from analysis.changes import read_changes
 from analysis.choices import PAPER_TRAINING_STEPS, VALIDATION_MODELS, ValidationModel

@@ -12,7 +12,7 @@ import typer
 from typer.exceptions import TyperException
 from typer.main import get_command
 
-from acquisition.file_names import refusal_text
+from acquisition.files import refusal_text
 from acquisition.spelling import decimal_comma_remedy
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS, ArgumentError

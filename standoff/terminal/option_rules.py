@@ -8,7 +8,7 @@ from typing import Literal
 
 from typer import BadParameter, Context
 
-from acquisition.file_names import PAGES, require_place, require_reachable
+from acquisition.files import PAGES, require_place, require_reachable
 from acquisition.remote_files import is_url, url_of
 from standoff.errors import ApplicationError
 
@@ -131,7 +131,7 @@ def refuse_overwriting(
     for path in results:
         require_reachable(path)
         if is_url(path):
-            from acquisition.result_files import is_there
+            from acquisition.files import is_there
 
             if not force and is_there(path):
                 raise ApplicationError(

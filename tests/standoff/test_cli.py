@@ -311,7 +311,7 @@ def test_a_report_that_the_disk_does_not_take_is_named(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("acquisition.result_files.write_shared", full)
+    monkeypatch.setattr("acquisition.files.writing.write_shared", full)
     done = command("report", session_dir)
     assert done.status == 1
     assert "report.html: No space left on device" in done.err

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from acquisition.errors import ExportError, SessionError
-from acquisition.result_files import make_folder, write_file, write_float_tiff, written_together
+from acquisition.files import make_folder, write_file, write_float_tiff, written_together
 from acquisition.session import (
     atomic_write,
     commit_file,
@@ -42,7 +42,7 @@ WRITERS = {
     "analysis/sweep/cluster.py": "in the working folder of a sweep",
     "analysis/sweep/engine.py": "in the working folder of a sweep",
     "standoff/console/pose_curves.py": "in a temporary folder",
-    "acquisition/result_files.py": "tried below",
+    "acquisition/files/writing.py": "tried below",
     "standoff/library/swept_photographs.py": "in a temporary folder",
     "standoff/streams.py": "standard output",
     "standoff/warm_up.py": "in a temporary folder",

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, Protocol
 
 from pydantic import Field, PrivateAttr
 
-from acquisition.provenance import InputFile, Provenance
+from acquisition.files import InputFile, Provenance
 from analysis.errors import ResultsFileError
 from analysis.evaluation.change_pairs.pair_file import LabelledPair, read_pairs
 from analysis.evaluation.change_pairs.random_conditions import ChangePairsTask

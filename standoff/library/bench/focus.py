@@ -10,6 +10,7 @@ import numpy as np
 
 from acquisition.bench import BenchConfig
 from acquisition.choices import FocusMeasure
+from acquisition.files import write_file
 from acquisition.focus import (
     UNKNOWN_PUPIL,
     FocusOptions,
@@ -26,7 +27,6 @@ from acquisition.focus import (
     positions_of,
     sweep_bench,
 )
-from acquisition.result_files import write_file
 from calibration.edges import Region
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration

@@ -18,6 +18,7 @@ from acquisition.capture import (
     flicker_warnings,
     run_plan,
 )
+from acquisition.files import RESULTS_FOLDER, make_folder, make_results_folder
 from acquisition.photographs import Photograph, read_image
 from acquisition.plan import (
     CapturePlan,
@@ -27,7 +28,6 @@ from acquisition.plan import (
     plan_entries,
 )
 from acquisition.printable import on_one_line
-from acquisition.result_files import RESULTS_FOLDER, make_folder, make_results_folder
 from acquisition.session import CaptureRecord, Session
 from analysis.pose import describe_pose
 from calibration.errors import RegistrationError
@@ -147,7 +147,7 @@ def capture_session(
     return CapturedSession(session=path, notes=call.notes, **asdict(done))
 
 
-COMPARISONS_FOLDER = "changes"
+_COMPARISONS_FOLDER = "changes"
 """Folder of a session's results for the comparisons, one folder a target in it."""
 
 Target = tuple[str, str]
@@ -214,7 +214,7 @@ class PlannedComparisons:
             )
             if not captures:
                 continue
-            out = self.session / RESULTS_FOLDER / COMPARISONS_FOLDER / _folder_name(kind, target)
+            out = self.session / RESULTS_FOLDER / _COMPARISONS_FOLDER / _folder_name(kind, target)
             make_results_folder(self.session)
             document = find_changes_of_series(
                 reference.path,

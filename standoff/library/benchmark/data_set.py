@@ -14,9 +14,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from acquisition.files import make_folder
 from acquisition.regular_files import read_regular_file
 from acquisition.remote_files import is_url, url_of
-from acquisition.result_files import make_folder
 from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
 from analysis.choices import BenchmarkSize

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
-from acquisition.result_files import make_folder, write_file, write_page, written_together
+from acquisition.files import make_folder, write_file, write_page, written_together
 from analysis.benchmark import (
     MANIFEST_NAME,
     BenchmarkData,

@@ -4,8 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from acquisition.photographs import ReadOptions
-from acquisition.result_files import each_image
+from acquisition.photographs import ReadOptions, each_image
 from analysis.errors import ResultsFileError
 from analysis.evaluation.change_pairs import (
     ChangePairsDataset,

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquisition.file_names import PAGES
-from acquisition.photographs import ReadOptions
+from acquisition.files import PAGES, write_page, written_together
+from acquisition.photographs import ReadOptions, each_image
 from acquisition.printable import on_one_line
-from acquisition.result_files import each_image, write_page, written_together
 from analysis.choices import WINDOW_PX
 from analysis.detectability import (
     MOST_SCENES,

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from acquisition.bench import BenchConfig
+from acquisition.files import RESULTS_FOLDER, Provenance, make_folder, write_file
 from acquisition.plan import load_plan
-from acquisition.provenance import Provenance
-from acquisition.result_files import RESULTS_FOLDER, make_folder, write_file
 from acquisition.session import Session
 from analysis.reports import plot_furthest, png_bytes
 from analysis.validation import Validation, furthest_pair

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from acquisition.bench import BenchConfig
+from acquisition.files import RESULTS_FOLDER, make_folder
 from acquisition.plan import load_plan
-from acquisition.result_files import RESULTS_FOLDER, make_folder
 from acquisition.session import Session
 from analysis.choices import PAPER_TRAINING_STEPS, ValidationModel
 from analysis.validation import KernelBook, Validation, ValidationSettings

@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from acquisition.files import make_folder, write_file
 from acquisition.photographs import Encoding
-from acquisition.result_files import make_folder, write_file
 from analysis.changes import describe_limit
 from analysis.reports import (
     ReportSection,

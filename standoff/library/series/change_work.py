@@ -4,9 +4,9 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from acquisition.files import make_folder
 from acquisition.photographs import Photograph
 from acquisition.printable import on_one_line
-from acquisition.result_files import make_folder
 from analysis.change_series import ComparedFollowup, limit_columns
 from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
 from analysis.sweep import SweepItem

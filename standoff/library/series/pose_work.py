@@ -6,10 +6,9 @@ from functools import lru_cache
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
-from acquisition.file_names import FIGURES
+from acquisition.files import FIGURES, Provenance
 from acquisition.photographs import Photograph, ReadOptions
 from acquisition.printable import on_one_line
-from acquisition.provenance import Provenance
 from analysis.changes import ChangeOptions
 from analysis.choices import Criterion
 from analysis.detectability import STATED, CurveChoice, DetectabilityCurve

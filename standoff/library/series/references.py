@@ -6,9 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Self
 
-from acquisition.photographs import Inputs, Photograph, ReadOptions, read_image
+from acquisition.photographs import Inputs, Photograph, ReadOptions, each_image, read_image
 from acquisition.printable import on_one_line
-from acquisition.result_files import each_image
 from analysis.followup_series import References
 from analysis.sweep import SweepItem
 from simulation.arrays import AnyArray

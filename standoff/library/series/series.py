@@ -6,9 +6,8 @@ from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 
-from acquisition.file_names import PAGES
-from acquisition.photographs import Photograph, ReadOptions
-from acquisition.result_files import each_image, is_folder, write_file, write_page
+from acquisition.files import PAGES, write_file, write_page
+from acquisition.photographs import Photograph, ReadOptions, each_image, is_folder
 from analysis.change_series import ChangesSeries, ComparedFollowup, time_line_of
 from analysis.changes import ChangeOptions
 from analysis.choices import FALSE_ALARMS, Criterion

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from acquisition.files import InputFile, Provenance
 from acquisition.plan import plan_entries
-from acquisition.provenance import InputFile, Provenance
 from acquisition.session import Photograph, Session, SessionNotes
 from acquisition.session_export import ExportRequest
 from acquisition.session_export.choices import ExportFormat

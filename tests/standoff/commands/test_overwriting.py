@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import tifffile
 
-from acquisition.result_files import written_together
+from acquisition.files import written_together
 from calibration.noise import map_paths
 from standoff.errors import ApplicationError
 from standoff.library import CHANGE_FILES, DEMO_FILES, FILES_OF_SERIES, VALIDATION_FILES

@@ -9,8 +9,13 @@ from tempfile import mkdtemp
 
 import pytest
 
-from acquisition.file_names import refusal_text, require_folder, require_place, require_reachable
-from acquisition.result_files import require_writable
+from acquisition.files import (
+    refusal_text,
+    require_folder,
+    require_place,
+    require_reachable,
+    require_writable,
+)
 from standoff.errors import ApplicationError
 from standoff.library import list_sessions, psf_history
 from tests.privileges import NOBODY, ordinary_user

@@ -1,6 +1,6 @@
 import pytest
 
-from acquisition.provenance import Provenance
+from acquisition.files import Provenance
 from analysis.reports.psf.front_page import calibration_front, verdict_section
 from calibration.psf.document import CameraIdentity, PsfCalibration
 from calibration.sharpness.limits import SharpnessLimits

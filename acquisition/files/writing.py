@@ -1,10 +1,9 @@
 """Files and folders of results: checked before long work, written whole or not at all.
 
-And the images that lie in a folder. Apart from figures, whose plots take half a second to load.
+Apart from figures, whose plots take half a second to load.
 """
 
 import logging
-import os
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -18,9 +17,8 @@ import numpy as np
 import tifffile
 
 from acquisition.errors import ApplicationError, ImageFileError
-from acquisition.file_names import require_place, require_reachable
-from acquisition.photographs import IMAGE_SUFFIXES
-from acquisition.remote_files import is_url, remote_files_in, remote_status, url_of, write_remote
+from acquisition.files.names import require_place, require_reachable
+from acquisition.remote_files import is_url, remote_status, url_of, write_remote
 from acquisition.session import (
     MANIFEST_NAME,
     clear_parts,
@@ -52,7 +50,7 @@ def require_writable(paths: Iterable[Path | None]) -> None:
             raise ApplicationError(f"cannot write {path}: it is a folder")
         require_place(path)
         if path.suffix.lower() == ".pdf":
-            require_pdf()
+            _require_pdf()
 
 
 def is_there(path: Path) -> bool:
@@ -139,7 +137,7 @@ def _with_document_last(folder: Path, document: Path) -> list[Path]:
     return sorted(folder.iterdir(), key=lambda file: (file.name == document.name, file))
 
 
-def require_pdf() -> None:
+def _require_pdf() -> None:
     """Check that PDF files can be written."""
     try:
         import weasyprint  # noqa: F401  # an optional dependency
@@ -147,61 +145,6 @@ def require_pdf() -> None:
         raise ApplicationError(
             f"a PDF report needs WeasyPrint ({error}): pip install standoff[pdf]"
         ) from error
-
-
-def each_image(paths: Iterable[Path]) -> Iterator[Path]:
-    """Yield the images of files and folders, for very many: in any order, one by one."""
-    for path in paths:
-        if is_url(path):
-            yield from _images_of_url(path)
-            continue
-        if not is_folder(path):
-            yield path
-            continue
-        is_empty = True
-        try:
-            with os.scandir(path) as entries:
-                for entry in entries:
-                    if Path(entry.name).suffix.lower() in IMAGE_SUFFIXES:
-                        is_empty = False
-                        yield path / entry.name
-        except OSError as error:
-            raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
-        if is_empty:
-            raise ApplicationError(f"{path}: the folder holds no image")
-
-
-def is_folder(path: Path) -> bool:
-    """Whether a folder is there; what cannot be reached is left to whoever reads it as a file."""
-    try:
-        return path.is_dir()
-    except OSError:
-        return False
-
-
-def _images_of_url(path: Path) -> Iterator[Path]:
-    url = url_of(path)
-    try:
-        if not remote_status(path).is_folder:
-            yield path
-            return
-        is_empty = True
-        for file in remote_files_in(path):
-            if file.suffix.lower() in IMAGE_SUFFIXES:
-                is_empty = False
-                yield file
-    except OSError as error:
-        raise ApplicationError(f"cannot read {url}: {error.strerror}") from error
-    if is_empty:
-        raise ApplicationError(f"{url}: the folder holds no image")
-
-
-def image_files_in(folder: Path) -> list[Path]:
-    """Return the images in a folder, sorted by name."""
-    try:
-        return sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    except OSError as error:
-        raise ApplicationError(f"cannot read the folder {folder}: {error.strerror}") from error
 
 
 def write_float_tiff(path: Path, image: Float32Array, description: str) -> None:
@@ -224,12 +167,12 @@ def _write(path: Path, data: bytes) -> None:
 def write_page(path: Path, page: str) -> None:
     """Write one page: as PDF if the file's suffix says so, else as HTML."""
     is_pdf = path.suffix.lower() == ".pdf"
-    write_file(path, pdf_bytes(page) if is_pdf else page.encode("utf-8"))
+    write_file(path, _pdf_bytes(page) if is_pdf else page.encode("utf-8"))
 
 
-def pdf_bytes(page: str) -> bytes:
+def _pdf_bytes(page: str) -> bytes:
     """Return a report page as the bytes of a PDF file."""
-    require_pdf()
+    _require_pdf()
     import weasyprint  # an optional dependency
 
     for name in ("weasyprint", "fontTools"):
