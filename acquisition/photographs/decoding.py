@@ -66,15 +66,7 @@ _OF_CODE = (AssertionError, AttributeError, LookupError, TypeError)
 
 @contextmanager
 def decoding(kind: str, *damage: type[Exception]) -> Iterator[None]:
-    """Name the file's damage, whatever a library raises over it; found by fuzzing.
-
-    Parameters
-    ----------
-    kind
-        What the file should be, as a noun.
-    damage
-        The library's own errors.
-    """
+    """Name the damage of a file, as a noun, whatever a library raises over it; found by fuzzing."""
     fills_what_is_missing = ImageFile.LOAD_TRUNCATED_IMAGES
     ImageFile.LOAD_TRUNCATED_IMAGES = False  # WeasyPrint sets it for the whole process
     try:
@@ -104,15 +96,7 @@ def read_file(path: Path, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
 
 
 def refuse_giant(shape: tuple[int, ...], bytes_per_sample: int, file_bytes: int) -> None:
-    """Check the size that an image says it has, before it is decoded.
-
-    Parameters
-    ----------
-    shape
-        Rows, columns and perhaps channels.
-    bytes_per_sample, file_bytes
-        Of one level once decoded; of the file, or the part of it that holds the image.
-    """
+    """Check the size that an image says it has, before it is decoded; ``shape`` is rows first."""
     rows, cols = shape[:2]
     if rows * cols > LARGEST_IMAGE_PX:
         raise GiantImageError(f"an image of {cols} x {rows} pixels: {TOO_LARGE}")

@@ -64,15 +64,7 @@ class Encoding:
         return self.name == "linear"
 
     def decode(self, levels: AnyArray, white_dn: float) -> FloatArray:
-        """Return levels that are proportional to light, with the same white.
-
-        Parameters
-        ----------
-        levels
-            Shape ``(rows, cols)`` or ``(rows, cols, channels)``, as stored in the file.
-        white_dn
-            Level of white, positive.
-        """
+        """Return levels proportional to light, with the same white; channels lie along axis 2."""
         return self._mapped(levels, white_dn, [_decoded(curve) for curve in self._decoders()])
 
     def encode(self, levels: AnyArray, white_dn: float) -> FloatArray:
@@ -161,27 +153,14 @@ def on_screen(colours_dn: AnyArray, white_dn: float) -> FloatArray:
     """Return colours as a screen takes them: the sRGB curve of each channel, from 0 to 1.
 
     Black is a level of 0 and white is the same level in all channels, so that ratios of the
-    channels, and with them hues, are those of the photograph.
-
-    Parameters
-    ----------
-    colours_dn
-        Red, green and blue, shape ``(rows, cols, 3)``, linear in light; NaN stays NaN.
-    white_dn
-        Level of white, positive.
+    channels, and with them hues, are those of the photograph. NaN stays NaN.
     """
     share = np.asarray(colours_dn, dtype=np.float64) / white_dn
     return linear_to_srgb(np.clip(share, 0.0, 1.0))
 
 
 def white_level_dn(colours_dn: AnyArray) -> float:
-    """Return the level to show as white: that of the brightest channel of all but few pixels.
-
-    Parameters
-    ----------
-    colours_dn
-        Shape ``(..., 3)``, linear in light, not empty.
-    """
+    """Return the level to show as white: that of the brightest channel of all but few pixels."""
     brightest = np.asarray(colours_dn).max(axis=-1)
     return max(float(np.percentile(brightest, _WHITE_PERCENT)), 1e-9)
 
@@ -197,15 +176,10 @@ REC601_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601-7, section 2.5.1
 
 
 def luma_plane(image: AnyArray, channel: Channel = "luma") -> FloatArray:
-    """Return one float64 plane of a grey or colour image.
+    """Return one float64 plane of a grey or colour image; ``luma`` is that of Rec. 601.
 
-    Parameters
-    ----------
-    image
-        Shape ``(rows, cols)``, or ``(rows, cols, 1 to 4)``: grey or red, green, blue, then
-        optionally an alpha channel, which is ignored.
-    channel
-        ``luma`` weights red, green and blue by Rec. 601; a grey image has only luma.
+    The shape is ``(rows, cols)``, or ``(rows, cols, 1 to 4)``: grey or red, green, blue, then
+    perhaps an opacity, which is ignored. A grey image has only luma.
     """
     plane = np.asarray(image)
     if plane.ndim == 3 and plane.shape[2] in (1, 2):

@@ -55,25 +55,11 @@ _USUAL_SAMPLING = (True, True)
 class PhotographHead(ByValue):
     """What is known of a photograph without its pixels.
 
-    Parameters
-    ----------
-    path
-        The file; the argument's name where an array was given.
-    encoding
-        From light to the stored levels.
-    encoding_from
-        What decided the encoding, as a noun: ``its ICC profile sRGB``, ``--encoding``; empty for an
-        array, which is linear unless somebody says otherwise.
-    is_encoding_stated
-        Whether the file or the operator says it, so that it is not what is usual.
-    facts
-        Camera, lens and exposure.
-    pattern
-        Colours of a raw mosaic.
-    sha256
-        Of the file; None for an array.
-    left_out
-        What else the file holds beside light, in words: an opacity that varies, a depth.
+    Of an array ``path`` is the argument's name, ``sha256`` is None, and ``encoding_from`` is empty;
+    of a file that is what decided the encoding, as a noun: ``its ICC profile sRGB``,
+    ``--encoding``. ``is_encoding_stated`` says that it is not just what is usual, ``pattern`` the
+    colours of a raw mosaic, and ``left_out`` what the file holds beside light: an opacity that
+    varies, a depth.
     """
 
     path: Path
@@ -121,13 +107,8 @@ class PhotographHead(ByValue):
 class FileSteps:
     """What the steps of a file are to its levels; None where it holds no integers.
 
-    Parameters
-    ----------
-    variance_dn2, step_dn
-        Variance of each grey level by them, and the level by which one step differs, shape
-        ``(rows, cols)``.
-    channel_variance_dn2, channel_step_dn
-        The same of each channel of colours, shape ``(rows, cols, 3)``; None without.
+    The variance of each grey level by them, and the level by which one step differs, shape ``(rows,
+    cols)``; the same of each channel of colours, shape ``(rows, cols, 3)``.
     """
 
     variance_dn2: Float32Array | None = field(default=None, repr=False)

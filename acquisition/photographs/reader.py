@@ -199,16 +199,9 @@ def _refuse_chosen_page(options: ReadOptions) -> None:
 def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Photograph:
     """Take what holds an array for a photograph, in the way in which files are read.
 
-    Parameters
-    ----------
-    value
-        An array of levels, of any library, with or without a mask; or a picture of Pillow, whose
-        levels are encoded as those of its format.
-    name
-        Of the argument.
-    options
-        As for files; a stack has its pages along the first axis. Without an encoding, arrays are
-        linear in light.
+    An array of any library, with or without a mask, is linear in light without an encoding, and a
+    stack has its pages along the first axis; a picture of Pillow is encoded as those of its format.
+    ``name`` is that of the argument.
     """
     source = _Source(Path(name))
     with _naming(name):
@@ -431,13 +424,8 @@ def _encoding(
 class Inputs:
     """Reads photographs in one way, and keeps the list of all that was read.
 
-    Parameters
-    ----------
-    options
-        How photographs are read.
-    announce
-        Called with a sentence about the encoding taken, once for each kind of file, and about
-        photographs that viewers turn.
+    ``announce`` takes a sentence about the encoding, once for each kind of file, and about
+    photographs that viewers turn.
     """
 
     def __init__(

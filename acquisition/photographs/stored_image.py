@@ -62,14 +62,10 @@ class PhotographFacts:
 
     @classmethod
     def of_tags(cls, tags: Mapping[int, object], width_px: int) -> Self:
-        """Read the facts from Exif's tags by their numbers.
+        """Read the facts from the tags of the main directory and of Exif's own, by number.
 
-        Parameters
-        ----------
-        tags
-            Of the main directory and of Exif's own, together.
-        width_px
-            Of the pixels as stored: an image that was scaled after it was taken has no pitch.
+        An image that was scaled after it was taken, of another width than ``width_px``, has no
+        pitch.
         """
         make, model = _text(tags.get(MAKE)), _text(tags.get(MODEL))
         if make and model and not model.lower().startswith(make.split()[0].lower()):
@@ -174,12 +170,8 @@ _SIZE = 8
 class JpegCoding:
     """Tables and sampling of a JPEG file.
 
-    Parameters
-    ----------
-    tables
-        Quantisation tables of its components, 64 steps each, rows by vertical frequency.
-    sampling
-        Of the chroma: 0 for 4:4:4, 1 for 4:2:2, 2 for 4:2:0; -1 of a grey one.
+    ``tables`` are those of its components, 64 steps each, rows by vertical frequency; ``sampling``
+    that of the chroma: 0 for 4:4:4, 1 for 4:2:2, 2 for 4:2:0; -1 of a grey one.
     """
 
     tables: tuple[tuple[int, ...], ...] = field(repr=False)
@@ -224,14 +216,9 @@ class JpegCoding:
 def coded_variance(steps: FloatArray, halved: tuple[bool, bool] = (False, False)) -> float:
     """Variance of white noise as large as the coefficients' errors are, behind a Gaussian of 1 px.
 
-    Parameters
-    ----------
-    steps
-        Quantisation table, shape ``(8, 8)``, rows by vertical frequency: each gives the density of
-        the error at its frequency.
-    halved
-        Whether the plane has half the rows, and half the columns: its errors then lie at half the
-        frequencies, twice as dense.
+    Each of the ``steps``, shape ``(8, 8)``, rows by vertical frequency, gives the density of the
+    error at its frequency. A plane that is ``halved`` along rows or columns has its errors at half
+    the frequencies, twice as dense.
     """
     density = np.square(np.asarray(steps, dtype=np.float64)) / 12
     weight = np.ones((1, 1))
@@ -247,36 +234,17 @@ def coded_variance(steps: FloatArray, halved: tuple[bool, bool] = (False, False)
 class StoredImage:
     """The pixels of one image or of each page of a stack, before any decoding of levels.
 
-    Parameters
-    ----------
-    count
-        Images in the file.
-    page
-        Reads one of them, from 0, shape ``(rows, cols)`` or ``(rows, cols, channels)``.
-    marked
-        Gives the encoding that the file states, with where it does; None where it states none.
-        Raises DecodingError where it cannot be read, which does not matter if nobody asks.
-    unmarked
-        Encoding of such files where nothing is stated, with the kind of file as text.
-    white_dn
-        Level of white; None for floating-point levels.
-    saturation_dn
-        Level at which the sensor clips, where the file states it.
-    pattern
-        Colours of a raw mosaic.
-    luma_steps
-        Of a JPEG, the quantisation table of its luma, shape ``(8, 8)``, rows by vertical frequency;
-        None where the levels are no luma compressed as that.
-    jpeg_coding
-        How a JPEG was coded, if another one can be coded alike.
-    variance_dn2, frames
-        Of a capture of a session: temporal variance of a frame, and the frames in the mean.
-    has_modelled_variance
-        Whether that variance is the noise model's, as of an exposure bracket, and not a sample's.
-    has_opacity
-        Whether a plane beside grey or colours is their opacity, and no light.
-    left_out
-        What else the file holds and its pages do not, in words.
+    ``page`` reads one of ``count`` images, from 0, shape ``(rows, cols)`` or ``(rows, cols,
+    channels)``. ``marked`` gives the encoding that the file states, with where it does, or raises
+    DecodingError, which does not matter if nobody asks; ``unmarked`` is that of such files where
+    nothing is stated. ``white_dn`` is None for floats; ``saturation_dn`` is where the sensor clips,
+    if the file states it.
+
+    ``luma_steps`` is the quantisation table of a JPEG's luma, shape ``(8, 8)``, rows by vertical
+    frequency, ``jpeg_coding`` what another one takes to be coded alike. ``variance_dn2`` and
+    ``frames`` are those of a session's capture; ``has_modelled_variance`` says that the noise model
+    gives it, as of an exposure bracket. ``has_opacity``: a plane beside the colours is no light.
+    ``left_out`` is what else the file holds, in words.
     """
 
     count: int

@@ -374,17 +374,7 @@ _EXTRA = 'install the reader: pip install "standoff[raw]"'
 
 
 def is_camera_raw(data: bytes, path: PurePath, tiff_tags: frozenset[int]) -> bool:
-    """Whether a file is for LibRaw: by its first bytes, its tags, or its suffix.
-
-    Parameters
-    ----------
-    data
-        Of the file.
-    path
-        Its name.
-    tiff_tags
-        Numbers of the tags in its first directory; empty where it is no TIFF.
-    """
+    """Whether a file is for LibRaw: by its first bytes, its suffix, or the tags of a TIFF."""
     return (
         data.startswith(_SIGNATURES)
         or data[8:12] == b"CR\x02\0"

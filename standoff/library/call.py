@@ -218,20 +218,10 @@ class Silent:
 
 
 class Call:
-    """What the parts of one public function share.
+    """What the parts of one public function share: its provenance, its remarks, its progress.
 
-    Parameters
-    ----------
-    function
-        Name of the public function, for the provenance.
-    progress
-        Who watches; nobody if None.
-    reading
-        How photographs are read.
-    files
-        Other arguments; the paths among them are listed in the provenance.
-    white_level
-        Level at which photographs are clipped, where it is stated.
+    ``function`` names it in the provenance. Of ``files``, its other arguments, the paths are listed
+    there; ``white_level`` is the level at which photographs are clipped, where it is stated.
     """
 
     def __init__(

@@ -96,16 +96,9 @@ _DRAWING = Lock()
 class ComparisonRules:
     """How two photographs are compared, here or by a worker.
 
-    Parameters
-    ----------
-    options
-        Noise and the rate of false alarms; poses and masks come from ``hints``.
-    hints
-        What the operator knows of the pose, and pixels that do not count.
-    white_level
-        Level of the files at which they are clipped; None takes the files' own.
-    scale
-        How large pixels are in mm.
+    ``options`` have the noise and the rate of false alarms, ``hints`` the pose and the masks. At
+    ``white_level`` the files are clipped; None takes their own. ``scale`` says how large pixels
+    are.
     """
 
     options: ChangeOptions = field(default_factory=ChangeOptions)
@@ -426,19 +419,11 @@ pictures, each beside another one, they are 2.5 times as near at most."""
 def _decoded_alike(
     near: Photograph, far: Photograph
 ) -> tuple[Photograph, Photograph, tuple[str, ...]]:
-    """The photographs, of which one that says no encoding is taken as the other it is a copy of.
+    """Take a photograph that says no encoding as the other one, if it is a copy of that one.
 
     A TIFF of 8 bits is linear where nothing is said, a PNG is sRGB: of one picture saved as both
-    the light would differ at every level.
-
-    Parameters
-    ----------
-    near, far
-        As they were read.
-
-    Returns
-    -------
-    Both, and a sentence where an encoding was taken over.
+    the light would differ at every level. Returned with a sentence where an encoding was taken
+    over.
     """
     if near.encoding.name == far.encoding.name or near.stored.shape[:2] != far.stored.shape[:2]:
         return near, far, ()

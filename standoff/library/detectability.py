@@ -68,21 +68,11 @@ def known_errors(
     focus_scatter_px2: float | None = None,
     registration_err_px: float | None = None,
 ) -> ErrorSources:
-    """Return what is known of the errors of a camera.
+    """Return what is known of the errors of a camera, with a noise that is taken as stated.
 
-    Parameters
-    ----------
-    psf
-        A calibration, or the path of one, says how sure it is and how its captures scattered; a
-        bare PSF says nothing.
-    focus_scatter_px2, registration_err_px
-        As stated; the scatter instead of the calibration's. It holds for the captures of a
-        calibration that cannot tell it as well.
-
-    Returns
-    -------
-    ErrorSources
-        With a noise that is taken as stated; that of a noise.json has an error of its own.
+    A calibration says how sure it is and how its captures scattered; a bare PSF says nothing. A
+    scatter that is stated counts instead of the calibration's, and for its captures as well if it
+    cannot tell it.
     """
     stored = None if psf is None else calibration_of(psf)
     variance_err_px2: float | None = None
@@ -109,15 +99,7 @@ def known_errors(
 
 
 def noise_relative_err(noise: NoiseLike, levels_dn: FloatArray) -> float | None:
-    """Return the standard error of a camera's noise at levels, over that noise; None if unknown.
-
-    Parameters
-    ----------
-    noise
-        A noise.json, or what it says; a bare noise does not know its errors.
-    levels_dn
-        Mean levels of the photographs.
-    """
+    """Return the standard error of a noise.json at levels, over the noise; None if unknown."""
     known = read_noise(Path(noise)) if isinstance(noise, str | PathLike) else noise
     return known.relative_err(levels_dn) if isinstance(known, NoiseCalibration) else None
 

@@ -123,12 +123,8 @@ def limit_files(options: DetectionLimitOptions | None) -> tuple[object, ...]:
 class SceneScale:
     """Side of a pixel in mm; None where nothing states it.
 
-    Parameters
-    ----------
-    followup_mm, reference_mm
-        On the scene: of the follow-up's pixels, or of the reference's, where it is known for those.
-    sensor_mm
-        On the sensor.
+    On the scene, of the follow-up's pixels or of the reference's, where it is known for those; and
+    on the sensor.
     """
 
     followup_mm: float | None = None

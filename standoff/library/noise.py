@@ -84,17 +84,7 @@ def _frame_captures(
     given: Mapping[NoiseKind, Frames],
     exposures_us: Mapping[NoiseKind, Sequence[float] | None],
 ) -> NoiseCaptures:
-    """Read darks and flats, and return their levels.
-
-    Parameters
-    ----------
-    call
-        Reads the files, and takes remarks.
-    given
-        Darks and flats, as the arguments ``darks`` and ``flats`` have them.
-    exposures_us
-        Of each level in turn, where they are stated.
-    """
+    """Read darks and flats, and return their levels, with the exposures that are stated."""
     levels = [
         (kind, level)
         for kind, frames in given.items()

@@ -49,11 +49,10 @@ _USUAL_SNR = 100.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PixelLevels:
-    """Levels of edges and the noise of a frame.
+    """Levels of edges, the noise of a frame, and where all this comes from.
 
-    ``is_in_dn`` is False where only the
-    ratio of contrast to noise is known, and levels are in units of the contrast. ``assumptions``
-    say where all this comes from.
+    ``is_in_dn`` is False where only the ratio of contrast to noise is known, and levels are in
+    units of the contrast.
     """
 
     levels: EdgeLevels

@@ -28,15 +28,8 @@ _COLOURS = ("red", "green", "blue")
 def camera_psf(call: Call, psf: PsfLike, shape: PsfShape = "best") -> Psf:
     """Return the total PSF (optics and pixel), one for the whole frame.
 
-    Parameters
-    ----------
-    call
-        Takes the notes.
-    psf
-        A PSF, a calibration or the path of a psf.json.
-    shape
-        ``best`` takes the measured shape where the file has one, ``gaussian`` the Gaussian,
-        ``measured`` nothing but a measured one.
+    ``shape`` ``best`` takes the measured shape where the file has one, ``gaussian`` the Gaussian,
+    ``measured`` nothing but a measured one.
     """
     bare = _bare(psf, call, shape)
     return _psf(call, *_calibration(psf), shape) if bare is None else bare
@@ -45,20 +38,9 @@ def camera_psf(call: Call, psf: PsfLike, shape: PsfShape = "best") -> Psf:
 def frame_psf(
     call: Call, psf: PsfLike, frame: tuple[int, int] | None, model: Model, shape: PsfShape = "best"
 ) -> Psf | PsfField:
-    """Return the PSF: its field if the model and the frames allow it.
+    """Return the PSF: its field if the model takes it and ``frame`` is the field's.
 
-    Parameters
-    ----------
-    call
-        Takes the notes.
-    psf
-        A PSF, a calibration or the path of a psf.json.
-    frame
-        Width and height in px of photograph and follow-up; None if they differ.
-    model
-        The capture model that takes the PSF.
-    shape
-        As in ``camera_psf``.
+    ``frame`` is the width and height in px of photograph and follow-up; None if they differ.
     """
     bare = _bare(psf, call, shape)
     if bare is not None:
@@ -80,19 +62,7 @@ def frame_psf(
 def psf_and_field(
     call: Call, psf: PsfLike, model: Model, shape: PsfShape = "best"
 ) -> tuple[Psf, PsfField | None]:
-    """Return the PSF, and its field if it has one and the model takes it.
-
-    Parameters
-    ----------
-    call
-        Takes the notes.
-    psf
-        A PSF, a calibration or the path of a psf.json.
-    model
-        The capture model that takes the PSF.
-    shape
-        As in ``camera_psf``.
-    """
+    """Return the PSF, and its field if it has one and the model takes it."""
     bare = _bare(psf, call, shape)
     if bare is not None:
         return bare, None
@@ -119,18 +89,8 @@ def channel_psfs(
     """Return the PSFs of red, green and blue; None where one PSF is for all of an image.
 
     A calibration has the Gaussian of each colour of a mosaic. A shape that was measured is that of
-    one colour, and is stretched to the widths of the others.
-
-    Parameters
-    ----------
-    call
-        Takes the notes.
-    psf
-        What is known of the camera.
-    image
-        Shape ``(rows, cols)`` or ``(rows, cols, channels)``.
-    known
-        The PSF that was found in it for the whole image.
+    one colour, and is stretched to the widths of the others. ``known`` is the PSF for the whole
+    image.
     """
     if _is_bare(psf):
         return None
@@ -254,17 +214,12 @@ def is_own_psf(path: Path) -> bool:
 
 
 def read_own_psf(path: Path, say: Callable[[str], None] = lambda _: None) -> TabulatedPsf:
-    """Read a PSF that was not calibrated here.
+    """Read a PSF that was not calibrated here; ``say`` takes what was assumed and what is left out.
 
-    Parameters
-    ----------
-    path
-        A kernel (.npy, .fits, .tif), contrast by frequency (.csv with the columns
-        ``freq_cy_per_px`` and ``mtf``), or a .toml that describes one of them, a pupil or Zernike
-        coefficients. The header of a FITS file may give ``OVERSAMP`` (samples per pixel) or
-        ``PSF_SAMP`` (pixels per sample) and ``HASPIXEL``.
-    say
-        Called with what was assumed, and with what is left out.
+    The file is a kernel (.npy, .fits, .tif), contrast by frequency (.csv with the columns
+    ``freq_cy_per_px`` and ``mtf``), or a .toml that describes one of them, a pupil or Zernike
+    coefficients. The header of a FITS file may give ``OVERSAMP`` (samples per pixel) or
+    ``PSF_SAMP`` (pixels per sample) and ``HASPIXEL``.
     """
     try:
         psf, taken_as = _read(path)

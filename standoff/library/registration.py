@@ -34,17 +34,11 @@ _MOST_TABLE_BYTES = 16 << 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _HintFiles:
+class HintFiles:
     """What the command line says of the pose; at most one of zoom, homography and points.
 
-    Parameters
-    ----------
-    zoom
-        Approximate ratio of the distances, follow-up over reference.
-    homography, points, mask
-        Files: an approximate pose, pairs of points, and pixels of the follow-up to leave out.
-    mirrored
-        Whether one photograph shows the scene as in a mirror.
+    ``zoom`` is the approximate ratio of the distances, follow-up over reference. The files are an
+    approximate pose, pairs of points, and the pixels of the follow-up to leave out.
     """
 
     zoom: float | None = None
@@ -61,9 +55,9 @@ class _HintFiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class AlignmentHints(Shown, ByValue):
-    """The contents of `_HintFiles`; sizes are checked against each pair of photographs."""
+    """The contents of `HintFiles`; sizes are checked against each pair of photographs."""
 
-    files: _HintFiles = _HintFiles()
+    files: HintFiles = HintFiles()
     homography: Homography | None = None
     points: FeatureMatches | None = None
     left_out: BoolArray | None = None
@@ -184,14 +178,14 @@ def alignment_hints(
     >>> len(summary.changes), summary.compared_px < summary.frame_px
     (1, True)
     """
-    given = _HintFiles(
+    given = HintFiles(
         zoom=zoom,
         homography=None if homography is None else Path(homography),
         points=None if points is None else Path(points),
         mask=None if mask is None else Path(mask),
         mirrored=mirrored,
     )
-    if given == _HintFiles():
+    if given == HintFiles():
         return None
     return AlignmentHints(
         files=given,

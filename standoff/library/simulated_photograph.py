@@ -93,16 +93,10 @@ class UncertaintyOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SimulationUncertainty:
-    """Standard error of each pixel of a simulated photograph.
+    """Standard error of each pixel of a simulated photograph, and the variances by source.
 
-    Parameters
-    ----------
-    err
-        Standard error in the photograph's levels, of its shape; NaN outside the reference.
-    pixels
-        Variances by source.
-    focus_scatter_px2
-        What was reckoned with; None if it is not known.
+    ``err`` is in the photograph's levels and of its shape, NaN outside the reference;
+    ``focus_scatter_px2`` is what was reckoned with, None if it is not known.
     """
 
     err: Float32Array = field(repr=False)
@@ -149,19 +143,7 @@ class Simulation:
 def simulation_uncertainty(
     call: Call, done: Simulation, psf: PsfLike, options: UncertaintyOptions
 ) -> SimulationUncertainty:
-    """Return the standard error of a simulated photograph; what is not known is noted.
-
-    Parameters
-    ----------
-    call
-        Takes the notes.
-    done
-        The simulation.
-    psf
-        What its PSF was taken from.
-    options
-        What else is known.
-    """
+    """Return the standard error of a simulated photograph; what is not known is noted."""
     calibration = calibration_of(psf)
     scatter = options.focus_scatter_px2
     if scatter is None and calibration is not None:

@@ -83,18 +83,9 @@ from standoff.library.simulated_photograph import (
 def _each_channel(
     reference: AnyArray, psfs: Sequence[Psf], made: Callable[[AnyArray, Psf], FollowUp]
 ) -> FollowUp:
-    """Return the follow-up of a photograph whose channels have a PSF each.
+    """Return the follow-up of a photograph ``(rows, cols, channels)`` with a PSF for each channel.
 
-    Its masks and its form of the PSF are those of the second channel, green.
-
-    Parameters
-    ----------
-    reference
-        Shape ``(rows, cols, channels)``.
-    psfs
-        One for each channel.
-    made
-        Makes the follow-up of one channel, shape ``(rows, cols)``, with its PSF.
+    ``made`` makes that of one plane. Masks and the form of the PSF are those of the second, green.
     """
     planes = [
         made(np.ascontiguousarray(reference[:, :, channel]), psf)

@@ -13,12 +13,7 @@ from acquisition.bench import BenchConfig, BenchDevices, CameraConfig, StageConf
 from acquisition.bracket import ExposureControl
 from acquisition.capture import Placement
 from acquisition.devices import Camera, Stage
-from acquisition.errors import (
-    BenchConfigError,
-    DeviceError,
-    PlanError,
-    StageNotHomedError,
-)
+from acquisition.errors import BenchConfigError, DeviceError, PlanError, StageNotHomedError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.stages import ManualStage, MotorStage, home_timeout_s, move_timeout_s
 from acquisition.stages.grbl import open_grbl_stage
@@ -55,12 +50,7 @@ def open_bench(
 ) -> Iterator[OpenBench]:
     """Open camera and stage, and close both at the end.
 
-    Parameters
-    ----------
-    config
-        The bench.
-    ask
-        Asks whoever moves a manual stage a question; at the terminal if None.
+    ``ask`` asks whoever moves a manual stage a question; at the terminal if None.
     """
     refuse_half_simulated(config)
     is_simulated = config.camera.driver == "simulated"
@@ -128,17 +118,9 @@ def open_stage(
 ) -> MotorStage | ManualStage:
     """Open the real stage that a bench file names, without moving it.
 
-    Parameters
-    ----------
-    config
-        The stage's section.
-    first
-        What to send before the dialogue begins: ``stop`` ends a move that another program left
-        running, ``reset`` ends a state in which a Grbl controller does not answer.
-    ask
-        Asks whoever moves a manual stage a question; at the terminal if None.
-    stopped
-        Called once the stage stands, after ``stop``; what comes then may still fail.
+    ``first`` is sent before the dialogue begins: ``stop`` ends a move that another program left
+    running, after which ``stopped`` is called, and ``reset`` a state in which a Grbl controller
+    does not answer. ``ask`` asks whoever moves a manual stage; at the terminal if None.
     """
     match config.driver:
         case "grbl":

@@ -20,13 +20,7 @@ from acquisition.capture import (
 )
 from acquisition.files import RESULTS_FOLDER, make_folder, make_results_folder
 from acquisition.photographs import Photograph, read_image
-from acquisition.plan import (
-    CapturePlan,
-    PlanEntry,
-    PlanEstimate,
-    estimate_plan,
-    plan_entries,
-)
+from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate, estimate_plan, plan_entries
 from acquisition.printable import on_one_line
 from acquisition.session import CaptureRecord, Session
 from analysis.pose import describe_pose
@@ -156,15 +150,7 @@ Target = tuple[str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedComparisons:
-    """What a session's captures are compared with, by target.
-
-    Parameters
-    ----------
-    session
-        Folder of the session.
-    references
-        Photographs by kind and name of the target; empty where the plan names none.
-    """
+    """What a session's captures are compared with: photographs by kind and name of the target."""
 
     session: Path
     references: Mapping[Target, Photograph] = field(default_factory=dict)
