@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
 _PLATEAU_FRACTION = 0.002
 _CLIPPED_FROM = 0.995  # of the saturation level
 _ADC_BITS = (10, 12, 14)
@@ -501,11 +502,6 @@ def light_planes(pixels: NDArray[Any]) -> tuple[NDArray[Any], bool]:
     others = pixels[:, :, light:]
     planes = pixels[:, :, 0] if light == 1 else pixels[:, :, :3]
     return planes, bool(others.size and np.ptp(others) > 0)
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -61,6 +61,10 @@ from standoff.library.call import (
 from standoff.library.psf import calibration_of, camera_psf
 from standoff.library.simulation import given_homography, refuse_giant_frame
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 def known_errors(
     psf: PsfLike | None,
@@ -442,11 +446,6 @@ def viewing_camera(
             f"{focal_length_px:g} px and frames of {width_px} x {height_px} px: {error}",
             argument="focal_length_px",
         ) from error
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # without slots: keeps results

@@ -1,6 +1,6 @@
 """A photograph as the same camera would take it from another pose, and its standard error."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -16,9 +16,8 @@ from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
 from simulation.arguments import check_fields
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.by_value import ByValue
-from simulation.capture_noise import CaptureNoise
 from simulation.choices import KernelModel, Model
-from simulation.followup import CaptureOptions, FollowUp, light_on, zoomed_out as zoomed_out
+from simulation.followup import CaptureOptions, FollowUp, Rendering, light_on
 from simulation.kernelgan import EstimatedKernel, KernelGanError, KernelGanSettings, estimate_kernel
 from simulation.notebook import html_table
 from simulation.psf import Psf, PsfField
@@ -32,6 +31,10 @@ from simulation.uncertainty import (
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, FilePath, NoiseLike, PsfLike, camera_noise, output_path
 from standoff.library.psf import calibration_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,41 +131,54 @@ _WORDS = ("noise", "PSF", "focus", "stated model error")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Simulation:
-    """A simulation that was done: what was simulated, from what, and how it was delivered."""
+    """A follow-up by the capture model, and by what it was made.
 
-    view: SimulatedView
-    photograph: Photograph
+    ``psf`` is the one for all channels, even if each took its own (``is_by_channel``); None of
+    models without one, as ``view`` is of those that learn.
+    """
+
     reference: AnyArray
-    psf: Psf | PsfField
+    how: Rendering
     followup: FollowUp
-    camera: CaptureOptions
-    noise: CaptureNoise | None
-    is_corrected: bool = False
+    psf: Psf | PsfField | None = None
+    view: Callable[[], SimulatedView] | None = None
+    is_by_channel: bool = False
 
 
 def simulation_uncertainty(
-    call: Call, done: Simulation, psf: PsfLike, options: UncertaintyOptions
+    call: Call,
+    done: Simulation,
+    psf: PsfLike,
+    asked: tuple[CaptureOptions, UncertaintyOptions],
+    photograph: tuple[Photograph, bool],
 ) -> SimulationUncertainty:
-    """Return the standard error of a simulated photograph; what is not known is noted."""
+    """Return the standard error of a simulated photograph; what is not known is noted.
+
+    A photograph comes with whether maps corrected it.
+    """
+    camera, options = asked
+    assert done.view is not None
+    assert done.psf is not None
+    view = done.view()
+    if done.is_by_channel:
+        call.note("the uncertainty of each channel is that by one PSF for all, not by its own")
     calibration = calibration_of(psf)
     scatter = options.focus_scatter_px2
     if scatter is None and calibration is not None:
         scatter = focus_scatter_px2(calibration)
     errors = KnownErrors(
-        noise_dn2=_reference_noise(done, options.reference_noise),
+        noise_dn2=_reference_noise(done, options.reference_noise, photograph),
         psf_steps=None
         if calibration is None
-        else psf_steps(calibration, done.psf, max(done.view.zoom, 1.0)),
+        else psf_steps(calibration, done.psf, max(view.zoom, 1.0)),
         focus_scatter_px2=scatter,
     )
-    found = pixel_uncertainty(
-        done.view, done.reference, done.psf, errors, outside=done.followup.outside
-    )
-    found = _delivered(found, done)
+    found = pixel_uncertainty(view, done.reference, done.psf, errors, outside=done.followup.outside)
+    found = _delivered(found, done, camera)
     err = found.err
     if err is None:
         raise ApplicationError(
-            f"{done.photograph.name}: nothing is known of any error of this simulation; give "
+            f"{photograph[0].name}: nothing is known of any error of this simulation; give "
             "--reference-noise, --focus-scatter or a psf.json with standard errors"
         )
     for note in _notes(found, psf):
@@ -172,24 +188,29 @@ def simulation_uncertainty(
     )
 
 
-def _reference_noise(done: Simulation, given: NoiseLike | float | None) -> FloatArray | None:
+def _reference_noise(
+    done: Simulation, given: NoiseLike | float | None, photograph: tuple[Photograph, bool]
+) -> FloatArray | None:
     """Variance of the reference's noise in each pixel; None if it is not known."""
     levels = np.asarray(done.reference, dtype=np.float64)
     if isinstance(given, int | float):
         return np.full(levels.shape, float(given) ** 2)
-    noise = camera_noise(given) or done.noise
+    noise = camera_noise(given) or done.how.noise
     if noise is not None:
         return noise.variance_dn2(levels)
-    if done.is_corrected:
+    taken, is_corrected = photograph
+    if is_corrected:
         return None  # the variance is that of the levels before a flat field divided them
-    own, frames = done.photograph.variance_dn2, done.photograph.frames
+    own, frames = taken.variance_dn2, taken.frames
     return own / frames if own is not None and own.shape == levels.shape else None
 
 
-def _delivered(found: PixelUncertainty, done: Simulation) -> PixelUncertainty:
+def _delivered(
+    found: PixelUncertainty, done: Simulation, camera: CaptureOptions
+) -> PixelUncertainty:
     """The uncertainty of the image as the camera delivers it: its light, and noise added to it."""
-    followup, noise = done.followup, done.noise
-    light = light_on(done.camera, followup.image.shape)
+    followup, noise = done.followup, done.how.noise
+    light = light_on(camera, followup.image.shape)
     found = found.scaled(light)
     own = followup.own_variance_dn2
     if noise is None or own is None:
@@ -215,11 +236,6 @@ def _notes(found: PixelUncertainty, psf: PsfLike) -> Iterator[str]:
         )
     if found.model is None:
         yield "model paper states no error of its own; matched and lmmse do"
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

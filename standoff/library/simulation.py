@@ -1,7 +1,7 @@
 """How a scene looks from further away or from another pose, and through the camera."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from simulation import (
     PsfField,
     SamplingGrid,
     SimulatedPose,
-    simulate_pose as simulate_pose_of_array,
 )
 from simulation.arguments import (
     ArgumentError,
@@ -73,30 +72,10 @@ from standoff.library.simulated_photograph import (
     FoundKernel,
     SimulatedPhotograph,
     Simulation,
-    SimulationUncertainty,
     UncertaintyOptions,
     found_kernel,
     simulation_uncertainty,
 )
-
-
-def _each_channel(
-    reference: AnyArray, psfs: Sequence[Psf], made: Callable[[AnyArray, Psf], FollowUp]
-) -> FollowUp:
-    """Return the follow-up of a photograph ``(rows, cols, channels)`` with a PSF for each channel.
-
-    ``made`` makes that of one plane. Masks and the form of the PSF are those of the second, green.
-    """
-    planes = [
-        made(np.ascontiguousarray(reference[:, :, channel]), psf)
-        for channel, psf in enumerate(psfs)
-    ]
-    variances = [one.own_variance_dn2 for one in planes if one.own_variance_dn2 is not None]
-    return replace(
-        planes[1],
-        image=np.stack([one.image for one in planes], axis=2),
-        own_variance_dn2=np.stack(variances, axis=2) if variances else None,
-    )
 
 
 @checked
@@ -150,17 +129,8 @@ def zoom_out(
     ((60, 80), 700.0)
     """
     planes = colour_planes(image, options=reading)
-    frame = planes.shape[1], planes.shape[0]
-    shape: PsfShape = "gaussian" if model == "paper" else "best"
-    camera = None if psf is None else frame_psf(Call("zoom_out"), psf, frame, model, shape)
-    own_psfs = None
-    if psf is not None and camera is not None and model != "bicubic":
-        own_psfs = channel_psfs(Call("zoom_out"), psf, planes, camera)
-    if own_psfs is None:
-        return zoomed_out(planes, zoom, camera, model).image
-    return _each_channel(
-        planes, own_psfs, lambda plane, own: zoomed_out(plane, zoom, own, model)
-    ).image
+    call, how = Call("zoom_out"), Rendering()
+    return _zoomed(call, planes, zoom, psf, (model, "best"), how).followup.image
 
 
 @checked
@@ -213,18 +183,10 @@ def simulate_pose(
     planes = colour_planes(image, options=reading)
     frame = planes.shape[1], planes.shape[0]
     pose = given_homography(homography, size or frame)
-    call, options = (
-        Call("simulate_pose"),
-        PoseOptions(model=model, distortion_k1=pose.distortion_k1),
-    )
+    call = Call("simulate_pose")
     known = frame_psf(call, psf, frame if pose.size == frame else None, model)
-    matrix, size = pose.matrix, size or pose.size
-    own_psfs = channel_psfs(call, psf, planes, known)
-    if own_psfs is None:
-        return simulate_pose_of_array(planes, matrix, size, known, options)
-    made = _each_channel(
-        planes, own_psfs, lambda plane, own: from_pose(plane, matrix, size, own, options)
-    )
+    pose = pose.model_copy(update={"size": size or pose.size})
+    made = _posed(call, planes, pose, (psf, known), model, Rendering()).followup
     assert made.nearer is not None
     assert made.outside is not None
     return SimulatedPose(image=made.image, nearer=made.nearer, outside=made.outside)
@@ -372,23 +334,28 @@ def simulate(
     reference = _corrected(photograph, correct)
     _note_clipping(call, photograph)
     frame = reference.shape[1], reference.shape[0]
-    errors = None
+    kernel = errors = None
     try:
         if model == "kernelgan" or model == "gaussian-kernelgan":
             assert zoom is not None
             settings = KernelGanSettings(
                 zoom=zoom, model=model, steps=steps, seed=camera.seed, is_centre_crop=centre_crop
             )
-            made = _learned(call, reference, settings, sampler, kernel_cache, how)
+            kernel = found_kernel(call, reference, settings, kernel_cache)
+            made = _learned(reference, settings, sampler, kernel, how)
         elif homography is not None:
             assert psf is not None
             pose = given_homography(homography, frame)
-            made = _posed(call, reference, pose, psf, (model, transfer), how)
+            one_frame = frame if pose.size == frame else None
+            known = psf, frame_psf(call, psf, one_frame, model, transfer)
+            made = _posed(call, reference, pose, known, model, how)
         else:
             assert zoom is not None
             made = _zoomed(call, reference, zoom, psf, (model, transfer), how)
         if uncertainty is not None:
-            errors = _stated(call, made, (photograph, correct is not None), camera, uncertainty)
+            assert psf is not None
+            whence = photograph, correct is not None
+            errors = simulation_uncertainty(call, made, psf, (camera, uncertainty), whence)
         with np.errstate(over="ignore"):  # levels beyond float32 are refused below
             delivered = captured(made.followup, camera, how.noise).astype(np.float32, copy=False)
     except ValueError as error:
@@ -403,103 +370,54 @@ def simulate(
         pose=f"zoom {zoom!r}" if homography is None else f"homography {named}",
         model=model,
         zoom=zoom,
-        kernel=made.kernel,
+        kernel=kernel,
         provenance=call.provenance(),
         notes=call.notes,
         uncertainty=errors,
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Made:
-    """A follow-up, with the kernel that it was learned by, or with what a kernel was made of.
-
-    ``psf`` is the one for all channels, even if each took its own (``is_by_channel``).
-    """
-
-    followup: FollowUp
-    reference: AnyArray
-    how: Rendering
-    kernel: FoundKernel | None = None
-    view: SimulatedView | None = None
-    given: PsfLike | None = None
-    psf: Psf | PsfField | None = None
-    is_by_channel: bool = False
-
-
-def _stated(
-    call: Call,
-    made: _Made,
-    photograph: tuple[Photograph, bool],
-    camera: CaptureOptions,
-    options: UncertaintyOptions,
-) -> SimulationUncertainty:
-    """Standard errors of a follow-up; a photograph comes with whether maps corrected it."""
-    assert made.view is not None
-    assert made.psf is not None
-    assert made.given is not None
-    done = Simulation(
-        view=made.view,
-        photograph=photograph[0],
-        reference=made.reference,
-        psf=made.psf,
-        followup=made.followup,
-        camera=camera,
-        noise=made.how.noise,
-        is_corrected=photograph[1],
-    )
-    if made.is_by_channel:
-        call.note("the uncertainty of each channel is that by one PSF for all, not by its own")
-    return simulation_uncertainty(call, done, made.given, options)
-
-
 def _learned(
-    call: Call,
     reference: AnyArray,
     settings: KernelGanSettings,
     sampler: Sampler,
-    folder: FilePath | None,
+    found: FoundKernel,
     how: Rendering,
-) -> _Made:
-    kernel = found_kernel(call, reference, settings, folder)
+) -> Simulation:
     shape = reference_shape(reference)
     grid = SamplingGrid.centred(shape, settings.zoom)
-    operator = kernel_operator(shape, grid, kernel.kernel, sampler)
-    followup = followup_by(reference, operator, how)
-    return _Made(followup=followup, reference=reference, how=how, kernel=kernel)
+    operator = kernel_operator(shape, grid, found.kernel, sampler)
+    return Simulation(reference=reference, followup=followup_by(reference, operator, how), how=how)
 
 
 def _posed(
     call: Call,
     reference: AnyArray,
     pose: Homography,
-    psf: PsfLike,
-    kind: tuple[Model, PsfShape],
+    known: tuple[PsfLike, Psf | PsfField],
+    model: Model | KernelModel,
     how: Rendering,
-) -> _Made:
-    model, transfer = kind
-    frame = reference.shape[1], reference.shape[0]
-    known = frame_psf(call, psf, frame if pose.size == frame else None, model, transfer)
+) -> Simulation:
+    """The follow-up from another pose; the PSF as it is given, and the one for all channels."""
     options = PoseOptions(
         model="lmmse" if model == "lmmse" else "matched",
         threads=how.threads,
         distortion_k1=pose.distortion_k1,
     )
 
-    def made(image: AnyArray, own: Psf | PsfField) -> FollowUp:
+    def made(image: AnyArray, own: Psf | PsfField | None) -> FollowUp:
+        assert own is not None
         return from_pose(image, pose.matrix, pose.size, own, options, how.noise)
 
-    own_psfs = channel_psfs(call, psf, reference, known)
-    followup = _each_channel(reference, own_psfs, made) if own_psfs else made(reference, known)
-    view = SimulatedView.of_pose(reference_shape(reference), pose.matrix, pose.size, options)
-    return _Made(
-        followup=followup,
+    followup, is_by_channel = _by_channel(call, reference, known, made)
+    shape = reference_shape(reference)
+    return Simulation(
         reference=reference,
         how=how,
-        view=view,
-        given=psf,
-        psf=known,
-        is_by_channel=own_psfs is not None,
+        followup=followup,
+        psf=known[1],
+        view=lambda: SimulatedView.of_pose(shape, pose.matrix, pose.size, options),
+        is_by_channel=is_by_channel,
     )
 
 
@@ -510,30 +428,55 @@ def _zoomed(
     psf: PsfLike | None,
     kind: tuple[Model, PsfShape],
     how: Rendering,
-) -> _Made:
+) -> Simulation:
     model, transfer = kind
     frame = reference.shape[1], reference.shape[0]
     # The paper's model knows a Gaussian only.
     form = "gaussian" if model == "paper" else transfer
-    known = None if psf is None else frame_psf(call, psf, frame, model, form)
 
     def made(image: AnyArray, own: Psf | PsfField | None) -> FollowUp:
         return zoomed_out(image, zoom, own, model, how)
 
-    own_psfs = None
-    if psf is not None and known is not None and model != "bicubic":
-        own_psfs = channel_psfs(call, psf, reference, known)
-    followup = _each_channel(reference, own_psfs, made) if own_psfs else made(reference, known)
-    view = SimulatedView.at_zoom(reference_shape(reference), zoom, model, how.threads)
-    return _Made(
-        followup=followup,
+    known = None if psf is None else frame_psf(call, psf, frame, model, form)
+    own = None if model == "bicubic" else psf
+    followup, is_by_channel = _by_channel(call, reference, (own, known), made)
+    shape = reference_shape(reference)
+    return Simulation(
         reference=reference,
         how=how,
-        view=view,
-        given=psf,
+        followup=followup,
         psf=known,
-        is_by_channel=own_psfs is not None,
+        view=lambda: SimulatedView.at_zoom(shape, zoom, model, how.threads),
+        is_by_channel=is_by_channel,
     )
+
+
+def _by_channel(
+    call: Call,
+    reference: AnyArray,
+    known: tuple[PsfLike | None, Psf | PsfField | None],
+    made: Callable[[AnyArray, Psf | PsfField | None], FollowUp],
+) -> tuple[FollowUp, bool]:
+    """The follow-up of a photograph, and whether its channels took a PSF each.
+
+    ``made`` makes that of one plane, or of all by one PSF. Masks and the form of the PSF are those
+    of the second channel, green.
+    """
+    given, psf = known
+    psfs = None if given is None or psf is None else channel_psfs(call, given, reference, psf)
+    if psfs is None:
+        return made(reference, psf), False
+    planes = [
+        made(np.ascontiguousarray(reference[:, :, channel]), own)
+        for channel, own in enumerate(psfs)
+    ]
+    variances = [one.own_variance_dn2 for one in planes if one.own_variance_dn2 is not None]
+    whole = replace(
+        planes[1],
+        image=np.stack([one.image for one in planes], axis=2),
+        own_variance_dn2=np.stack(variances, axis=2) if variances else None,
+    )
+    return whole, True
 
 
 def _note_clipping(call: Call, photograph: Photograph) -> None:
