@@ -54,3 +54,8 @@ ChangeSigns = Literal["both", "brighter", "darker"]
 
 BenchmarkSize = Literal["tiny", "small", "full"]
 """Of the public benchmark's data set: a few MB, about 100 MB, about 1 GB."""
+
+
+def acceptance(is_accepted: bool) -> str:
+    """Return the verdict on a pose by its threshold in a word, as everything that shows it does."""
+    return "accepted" if is_accepted else "rejected"

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from acquisition.files import FIGURES, Provenance
 from acquisition.photographs import ReadOptions
-from analysis.choices import Criterion
+from analysis.choices import Criterion, acceptance
 from analysis.detectability import (
     STATED,
     AmbiguousCurveError,
@@ -516,7 +516,7 @@ class JudgedHomography(Shown, ByValue):
     def sentence(self) -> str:
         """The verdict in words."""
         quality, summary = self.quality, self.quality.summary
-        verdict = "accepted" if quality.is_accepted else "rejected"
+        verdict = acceptance(quality.is_accepted)
         return (
             f"{verdict}: d' {summary.dprime_min:.3g} at least, {self.dprime_median:.3g} in the "
             f"median and {self.dprime_quantile:.3g} or more in 95 % of the overlap, threshold "
