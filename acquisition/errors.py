@@ -76,6 +76,18 @@ class StageNotStoppedError(DeviceError):
     """A stage was told to stop, and nothing says that it did."""
 
 
+class ApplicationError(KeepsFacts, Exception):
+    """A question cannot be answered with the files that were given."""
+
+
+class ImageFileError(ApplicationError):
+    """An image file cannot be read or written."""
+
+
+class HintError(ApplicationError):
+    """What an operator says of a pair of photographs does not belong to it."""
+
+
 class ExportError(KeepsFacts, Exception):
     """A session cannot be written in another format."""
 

@@ -51,3 +51,11 @@ PairFormat = Literal["folder", "webdataset"]
 
 ChangeSigns = Literal["both", "brighter", "darker"]
 """Whether changes of training pairs are brighter than the scene, darker, or either."""
+
+BenchmarkSize = Literal["tiny", "small", "full"]
+"""Of the public benchmark's data set: a few MB, about 100 MB, about 1 GB."""
+
+
+def acceptance(is_accepted: bool) -> str:
+    """Return the verdict on a pose by its threshold in a word, as everything that shows it does."""
+    return "accepted" if is_accepted else "rejected"

@@ -5,9 +5,9 @@ from typing import Annotated
 
 from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
 
+from acquisition.files import Provenance
 from analysis.errors import ResultsFileError
 from calibration.documents import write_document
-from calibration.provenance import Provenance
 from simulation.arguments import FilePath, output_path
 from simulation.by_value import ByValue
 from simulation.notebook import Shown

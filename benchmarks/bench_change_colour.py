@@ -19,9 +19,9 @@ from scipy.optimize import minimize
 from scipy.special import ndtri
 from scipy.stats import norm
 
+from acquisition.photographs import luma_plane
 from analysis.changes import ChangeOptions, ChangeResult, PairColours, find_changes
 from benchmarks.harness import Recorder, bench_parser
-from calibration.psf import luma_plane
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 

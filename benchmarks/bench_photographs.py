@@ -15,11 +15,11 @@ import tifffile
 from PIL import Image
 from scipy.special import erf
 
+from acquisition.photographs import LINEAR, ReadOptions, read_image
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import medians_s
 from calibration.edges import EdgeImage, measure_edges
 from simulation.arrays import FloatArray
-from standoff.photographs import LINEAR, ReadOptions, read_image
 
 SIGMA_PX, ANGLE_DEG = 0.8, 5.0
 NOISE = 0.01  # of white, about a code on the bright side

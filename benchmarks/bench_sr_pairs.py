@@ -22,13 +22,13 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from acquisition.photographs import LINEAR, ReadOptions, marked_png, read_image
 from acquisition.session import atomic_write
 from analysis.sweep import SweepOptions
 from benchmarks.harness import Recorder, bench_parser
 from simulation import GaussianPsf
 from simulation.sr_pairs import sr_pairs
 from standoff.library import PairFormat, training_pairs
-from standoff.photographs import LINEAR, ReadOptions, marked_png, read_image
 
 CROP_PX, ZOOM = 192, 2.0
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.8)

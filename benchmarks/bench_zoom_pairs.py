@@ -27,6 +27,7 @@ import numpy as np
 from PIL import Image
 from scipy.optimize import minimize
 
+from acquisition.photographs import luma_plane
 from analysis.validation import (
     ImageMetrics,
     compare_images,
@@ -34,7 +35,6 @@ from analysis.validation import (
     process_for_comparison,
 )
 from benchmarks.harness import Recorder, bench_parser
-from calibration.psf import luma_plane
 from simulation import GaussianPsf, Model, zoom_out
 from simulation.arrays import FloatArray, FloatImage
 

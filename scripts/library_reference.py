@@ -12,7 +12,6 @@ from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 import standoff
-from standoff.library import types
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,11 +181,21 @@ GROUPS = (
         about="[As a library](../../library.md).",
         names=("Progress", "SweepOptions", "ArgumentError"),
     ),
+)
+
+TYPES = tuple(
+    name
+    for name in standoff.__all__
+    if name[0].isupper() and not any(name in group.names for group in GROUPS)
+)
+"""What calls take and return: shown where it is made."""
+
+GROUPS += (
     Group(
         file="types",
         title="Types of arguments and results",
         about="[As a library](../../library.md).",
-        names=tuple(sorted(name for name in types.__all__ if name[0].isupper())),
+        names=TYPES,
     ),
 )
 

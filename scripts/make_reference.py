@@ -22,6 +22,7 @@ from acquisition.bench import (
     StageConfig,
 )
 from acquisition.bracket import BracketExposure
+from acquisition.files import InputFile, Provenance
 from acquisition.plan import CapturePlan, ExposureBracket, PlanTarget
 from acquisition.quantities import PLAUSIBLE, number_text
 from acquisition.session import CaptureRecord, EventKind, Manifest
@@ -59,7 +60,6 @@ from calibration.geometry import (
     HeightZoom,
 )
 from calibration.noise import LevelSample, MapFile, NoiseCalibration
-from calibration.provenance import InputFile, Provenance
 from calibration.psf import (
     CameraIdentity,
     ColourPsf,

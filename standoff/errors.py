@@ -1,25 +1,19 @@
 """Errors of the application itself, and those that every command turns into exit status 1."""
 
-from acquisition.errors import DeviceError, ExportError, KeepsFacts, SessionError
+from acquisition.errors import (
+    ApplicationError as ApplicationError,
+    DeviceError,
+    ExportError,
+    HintError as HintError,
+    ImageFileError as ImageFileError,
+    SessionError,
+)
 from analysis.errors import AnalysisError
 from calibration.errors import CalibrationError
 from simulation.arguments import (
     ArgumentError as ArgumentError,
     ArgumentTypeError as ArgumentTypeError,
 )
-
-
-class ApplicationError(KeepsFacts, Exception):
-    """A command cannot do its work with the files it was given."""
-
-
-class ImageFileError(ApplicationError):
-    """An image file cannot be read or written."""
-
-
-class HintError(ApplicationError):
-    """What an operator says of a pair of photographs does not belong to it."""
-
 
 REPORTED_ERRORS = (
     AnalysisError,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.photographs import Encoding
 from simulation.arrays import FloatArray
 from simulation.choices import DEFAULT_MODEL, Model
 from standoff.errors import ArgumentError
@@ -24,7 +25,6 @@ from standoff.library import (
     opened_psf,
     simulate,
 )
-from standoff.photographs import Encoding
 
 Boxes = Iterable[tuple[Any, Mapping[Any, float]]]
 """Boxes with the scores of each; a box has ``min_vertex`` and ``max_vertex``, (x, y) each."""

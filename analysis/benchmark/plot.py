@@ -8,9 +8,7 @@ from analysis.benchmark.measures import Measure
 from analysis.benchmark.scores import BenchmarkScores, Score
 from analysis.benchmark.stored_models import Track
 from simulation.figures import InlineFigure
-
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""From Okabe and Ito's palette, which colour-blind readers can distinguish."""
+from simulation.palette import PALETTE
 
 _MARKERS = "osD^vP"
 _WIDTH_IN, _ROW_IN, _HEAD_IN = 6.4, 0.34, 0.9
@@ -41,7 +39,7 @@ def score_figure(
             axes.errorbar(
                 score.value, row + aside, xerr=_reach(score), capsize=2, linewidth=1.2,
                 fmt=">" if is_bound else _MARKERS[number % len(_MARKERS)], markersize=5,
-                color=_COLOURS[number % len(_COLOURS)],
+                color=PALETTE[number % len(PALETTE)],
                 markerfacecolor="none" if is_bound else None,
                 label=None if shown else program.name,
             )  # fmt: skip

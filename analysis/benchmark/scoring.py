@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
+from acquisition.files import Provenance
 from analysis.benchmark.alignment_track import score_alignment
 from analysis.benchmark.changes import score_changes
 from analysis.benchmark.data_set import BenchmarkData
@@ -13,7 +14,6 @@ from analysis.benchmark.scores import BenchmarkScores, Score, ScoredProgram
 from analysis.benchmark.simulation_track import score_simulation
 from analysis.benchmark.stored_models import TRACKS, Track
 from analysis.errors import ResultsFileError
-from calibration.provenance import Provenance
 
 Bar = Callable[[str, int], AbstractContextManager[Announce]]
 """Gives a block a function that shows how many tasks are done."""

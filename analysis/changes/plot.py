@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
-from analysis.screen import on_screen, white_level_dn
+from acquisition.photographs import on_screen, white_level_dn
 from simulation.arrays import AnyArray
 from simulation.figures import InlineFigure, figure_of
+from simulation.palette import VERMILION
 
 if TYPE_CHECKING:
     from analysis.changes.filter import ChangeResult
@@ -86,7 +87,7 @@ def _draw_changes(axes: Axes, found: "ChangeResult", colours_dn: AnyArray | None
             np.arange(changed.shape[0]) * step,
             changed,
             levels=[0.5],
-            colors="#D55E00",
+            colors=VERMILION,
             linewidths=1.0,
         )
         outlines.set_path_effects(halo)
@@ -96,7 +97,7 @@ def _draw_changes(axes: Axes, found: "ChangeResult", colours_dn: AnyArray | None
             (change.x_px, change.y_px),
             (4, 4),
             textcoords="offset points",
-            color="#D55E00",
+            color=VERMILION,
             fontsize=8,
             path_effects=halo,
         )

@@ -9,20 +9,20 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from simulation.figures import InlineFigure, figure_of
+from simulation.palette import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION
 
 if TYPE_CHECKING:
     from analysis.detectability.curves import DetectabilityCurve
 
 
 MODEL_COLOURS: dict[str, str] = {
-    "bicubic": "#CC79A7",
-    "paper": "#D55E00",
-    "matched": "#0072B2",
-    "lmmse": "#009E73",
-    "kernelgan": "#E69F00",
-    "gaussian-kernelgan": "#56B4E9",
+    "bicubic": PURPLE,
+    "paper": VERMILION,
+    "matched": BLUE,
+    "lmmse": GREEN,
+    "kernelgan": ORANGE,
+    "gaussian-kernelgan": SKY_BLUE,
 }
-"""From Okabe and Ito's palette, which colour-blind readers can distinguish."""
 
 OBSERVER_NAMES = {
     "npw": "non-prewhitening",

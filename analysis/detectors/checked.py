@@ -4,12 +4,12 @@ from typing import Protocol
 
 import numpy as np
 
+from acquisition.photographs import luma_plane
 from analysis.detectors.answers import exception_line, plain_answer
 from analysis.detectors.child_host import unlike_the_followup
 from analysis.detectors.detector import Detector, DetectorAnswer, takes_colour
 from analysis.detectors.followup_view import sees_reference
 from analysis.errors import DetectorError, OverlapError
-from calibration.psf import luma_plane
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from acquisition.files import tiff_bytes
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import TiffDamageError, parse_json, read_tiff
 from analysis.detectors.answers import plain_answer, short_line
 from analysis.detectors.own_process import OwnProcess, how_it_ended, which_said
 from analysis.detectors.spec import PLACEHOLDERS, DetectorSpec, command_words
 from analysis.errors import DetectorError
-from analysis.float_tiff import tiff_bytes
 from calibration.files import write_homography
 from calibration.registration import Homography
 from simulation.arrays import Float32Array, FloatArray

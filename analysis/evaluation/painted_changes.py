@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.photographs import luma_plane
 from analysis.detectability import GaussianSignal
-from calibration.psf import luma_plane
 from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue

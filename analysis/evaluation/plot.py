@@ -8,12 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from simulation.figures import InlineFigure, figure_of
+from simulation.palette import PALETTE
 
 if TYPE_CHECKING:
     from analysis.evaluation.document import Evaluation, EvaluationCurve
 
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""From Okabe and Ito's palette, which colour-blind readers can distinguish."""
 
 _PANEL_IN = 3.4
 _ASIDE = 0.008
@@ -51,7 +50,7 @@ def auc_figure(evaluation: "Evaluation", ax: Axes | None = None) -> Figure:
 def _draw_aucs(axes: Axes, curves: "Sequence[EvaluationCurve]") -> None:
     for number, curve in enumerate(curves):
         aside = _ASIDE * (number - (len(curves) - 1) / 2) * (curve.zoom[-1] - 1)
-        _draw_auc(axes, curve, _COLOURS[number % len(_COLOURS)], aside)
+        _draw_auc(axes, curve, PALETTE[number % len(PALETTE)], aside)
 
 
 def _draw_auc(axes: Axes, curve: "EvaluationCurve", colour: str, aside: float) -> None:

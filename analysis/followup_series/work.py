@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from acquisition.files import InputFile, Provenance, utc_now
 from acquisition.printable import on_one_line
 from analysis.errors import AnalysisError, RefusedPhotographError
 from analysis.followup_series.record import FollowupRecord
 from analysis.results_file import StoredValues
 from analysis.sweep import Shard, ShardDone, ShardWork, SweepItem, refusal_line, size_of
 from calibration.errors import CalibrationError
-from calibration.provenance import InputFile, Provenance, utc_now
 
 STATE_NAME = "followups.sweep"
 """Folder of the commits, in the folder of the results."""

@@ -7,18 +7,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from acquisition.photographs import luma_plane, on_screen, white_level_dn
+from analysis.choices import acceptance
 from analysis.detectability import draw_curve
-from analysis.screen import on_screen, white_level_dn
-from calibration.psf import luma_plane
 from simulation.arrays import AnyArray
 from simulation.figures import InlineFigure, figure_of
+from simulation.palette import BLUE, VERMILION
 
 if TYPE_CHECKING:
     from analysis.pose.limits import PoseLimits
     from analysis.pose.quality import PoseQuality
 
 
-_BLUE, _RED = "#0072B2", "#D55E00"
 _DRAWN_PX = 1500
 """Longest side of a photograph in colour: a panel has some 700 pixels."""
 
@@ -77,12 +77,12 @@ def pose_figure(
                 np.linspace(0, rows - 1, quality.d_prime.shape[0]),
                 quality.d_prime,
                 levels=[quality.min_d_prime],
-                colors=_RED,
+                colors=VERMILION,
             )
             if panel is not axes:
                 border.set_path_effects([withStroke(linewidth=3, foreground="white")])
     figure.colorbar(shown, ax=axes, label="local d′ (upper bound)", shrink=0.85)
-    verdict = "accepted" if quality.is_accepted else "rejected"
+    verdict = acceptance(quality.is_accepted)
     axes.set(
         title=(
             f"{verdict}: {quality.criterion} d′ {quality.decisive_d_prime:.2f}, "
@@ -111,8 +111,8 @@ def limits_figure(limits: "PoseLimits", ax: Axes | None = None) -> Figure:
     if limits.tilt_deg is not None and all(tilt != limits.tilt_deg for tilt, _ in known):
         known = sorted([*known, (limits.tilt_deg, 1.0)])
     tilts, zooms = [t for t, _ in known], [z for _, z in known]
-    against_tilt.plot(tilts, zooms, color=_BLUE, marker="o", markersize=3)
-    against_tilt.fill_between(tilts, 1.0, zooms, color=_BLUE, alpha=0.15, lw=0)
+    against_tilt.plot(tilts, zooms, color=BLUE, marker="o", markersize=3)
+    against_tilt.fill_between(tilts, 1.0, zooms, color=BLUE, alpha=0.15, lw=0)
     against_tilt.set(
         xlabel="tilt of the follow-up / degrees",
         ylabel="allowed zoom-out z",
@@ -123,9 +123,9 @@ def limits_figure(limits: "PoseLimits", ax: Axes | None = None) -> Figure:
 
 def _draw_limit(axes: Axes, limits: "PoseLimits") -> None:
     curve = limits.curve
-    line = draw_curve(axes, curve, _BLUE)
+    line = draw_curve(axes, curve, BLUE)
     line.set(marker="o", markersize=3, label=f"{curve.model} {curve.observer}")
-    axes.axhline(limits.min_d_prime, color=_RED, linestyle="--", label="threshold")
+    axes.axhline(limits.min_d_prime, color=VERMILION, linestyle="--", label="threshold")
     axes.axvline(limits.zoom, color="0.4", linestyle=":", label=f"limit {limits.zoom:.3g}")
     axes.set(xlabel="zoom-out z (ratio of the distances)", ylabel="detectability d′ (upper bound)")
     axes.set_ylim(bottom=0)

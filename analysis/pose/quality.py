@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acquisition.files import Provenance
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.choices import Criterion
@@ -14,7 +15,6 @@ from analysis.pose.decision import PoseDecision, Verdict, decide
 from analysis.pose.local_sampling import LocalSampling, local_sampling
 from analysis.results_file import StoredValues
 from calibration.documents import fitted
-from calibration.provenance import Provenance
 from simulation.arguments import FilePath, checked, path_of
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue

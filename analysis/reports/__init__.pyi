@@ -39,6 +39,7 @@ from .page import (
     render_report as render_report,
     svg_bytes as svg_bytes,
     views_script as views_script,
+    write_figure as write_figure,
 )
 from .psf import (
     HistoryEntry as HistoryEntry,

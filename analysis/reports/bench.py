@@ -19,9 +19,8 @@ from calibration.edges import REJECTING_FLAGS
 from calibration.noise import LevelNoise, fit_level_noise
 from calibration.psf import PsfCalibration
 from calibration.sharpness import NORMAL_95
+from simulation.palette import BLUE, INK
 
-_INK = "#1b1f24"
-_BLUE = "#0072B2"
 _BINS = 40
 _FEWEST_IN_BIN = 30
 
@@ -63,10 +62,10 @@ def plot_noise(sample: NoiseSample) -> Figure:
     figure = new_figure(6.4, 3.2)
     axes = figure.subplots()
     axes.errorbar(
-        level, spread, yerr=reach, fmt="o", markersize=3.5, color=_BLUE, label="binned pixels"
+        level, spread, yerr=reach, fmt="o", markersize=3.5, color=BLUE, label="binned pixels"
     )
     line = np.linspace(0, float(mean.max()), 100)
-    axes.plot(line, sample.noise.variance_dn2(line), color=_INK, linewidth=1, label="fitted line")
+    axes.plot(line, sample.noise.variance_dn2(line), color=INK, linewidth=1, label="fitted line")
     axes.set(
         xlabel="mean level / DN",
         ylabel="variance of one frame / DN²",
@@ -84,8 +83,8 @@ def plot_stage(records: Sequence[CaptureRecord]) -> Figure:
     away_um = 1e3 * np.array([record.height_mm - record.height_asked_mm for record in records])
     figure = new_figure(6.4, 2.6)
     axes = figure.subplots()
-    axes.plot(asked, away_um, "o", markersize=4, color=_BLUE)
-    axes.axhline(0, color=_INK, linewidth=0.6)
+    axes.plot(asked, away_um, "o", markersize=4, color=BLUE)
+    axes.axhline(0, color=INK, linewidth=0.6)
     reach = max(1.0, 1.2 * float(np.abs(away_um).max()))
     axes.set(
         xlabel="requested height / mm", ylabel="read back − requested / µm", ylim=(-reach, reach)

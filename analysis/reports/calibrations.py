@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.files import Provenance
 from acquisition.session import MANIFEST_NAME, Session, file_sha256
 from analysis.reports.bench import captures_section, device_rows, noise_section, stage_section
 from analysis.reports.geometry import geometry_sections, geometry_verdicts
@@ -21,7 +22,6 @@ from analysis.reports.psf import (
 )
 from analysis.reports.session import versions
 from calibration.geometry import GeometryCalibration
-from calibration.provenance import Provenance
 from calibration.psf import PsfCalibration
 
 

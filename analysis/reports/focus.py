@@ -9,8 +9,7 @@ from analysis.reports.page import in_report_style, new_figure
 from calibration.sharpness import NORMAL_95
 from simulation.arrays import FloatArray
 from simulation.figures import figure_of
-
-_BLUE, _ORANGE, _INK = "#0072B2", "#D55E00", "#1b1f24"
+from simulation.palette import BLUE, INK, VERMILION
 
 
 @in_report_style
@@ -25,18 +24,18 @@ def plot_focus_sweep(
     """Plot focus values by height, with the fitted curve and the peak where there is one."""
     axes = new_figure(6.4, 3.4).subplots() if ax is None else ax
     axes.errorbar(
-        heights_mm, values, yerr=errs, fmt="o", markersize=4, linewidth=0.9, color=_BLUE,
+        heights_mm, values, yerr=errs, fmt="o", markersize=4, linewidth=0.9, color=BLUE,
         label="measured",
     )  # fmt: skip
     if peak is not None:
         line = np.linspace(heights_mm.min(), heights_mm.max(), 400)
-        axes.plot(line, peak.curve(line), color=_INK, linewidth=1, label=f"fit, {peak.shape}")
+        axes.plot(line, peak.curve(line), color=INK, linewidth=1, label=f"fit, {peak.shape}")
         half = NORMAL_95 * peak.err_mm
         axes.axvspan(
-            peak.height_mm - half, peak.height_mm + half, color=_ORANGE, alpha=0.25, linewidth=0,
+            peak.height_mm - half, peak.height_mm + half, color=VERMILION, alpha=0.25, linewidth=0,
             label="peak, 95 %",
         )  # fmt: skip
-        axes.axvline(peak.height_mm, color=_ORANGE, linewidth=1)
+        axes.axvline(peak.height_mm, color=VERMILION, linewidth=1)
         axes.set(title=f"sharpest at {peak.height_mm:.3f} ± {half:.3f} mm (95 %)")
     axes.set(xlabel="height / mm", ylabel=f"focus value ({measure})")
     axes.margins(y=0.15)

@@ -12,10 +12,7 @@ from calibration.geometry import (
     target_colours,
 )
 from calibration.sharpness import NORMAL_95
-
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_INK = "#1b1f24"
+from simulation.palette import INK, PALETTE
 
 
 @in_report_style
@@ -34,7 +31,7 @@ def plot_scale_by_height(geometry: GeometryCalibration) -> Figure:
             own, 1e3 * left, yerr=1e3 * geometry.fit_factor * np.array(err), fmt="o", markersize=4,
             linewidth=0.9, color=colour,
         )  # fmt: skip
-    lower.axhline(0, color=_INK, linewidth=0.8)
+    lower.axhline(0, color=INK, linewidth=0.8)
     lower.margins(y=0.25)
     lower.set(xlabel="height read back / mm", ylabel="height read\n− fitted / µm")
     return figure
@@ -51,14 +48,14 @@ def plot_distortion(geometry: GeometryCalibration) -> Figure | None:
     moved = corner_px * radius**3 * (geometry.k1 + k2 * radius**2)
     figure = new_figure(6.4, 3.0)
     axes = figure.subplots()
-    axes.plot(radius * corner_px, moved, color=_COLOURS[0], label="k1 and k2 together")
+    axes.plot(radius * corner_px, moved, color=PALETTE[0], label="k1 and k2 together")
     axes.plot(
-        radius * corner_px, corner_px * radius**3 * geometry.k1, "--", color=_INK, linewidth=0.9,
+        radius * corner_px, corner_px * radius**3 * geometry.k1, "--", color=INK, linewidth=0.9,
         label="k1 alone",
     )  # fmt: skip
-    axes.axhline(0, color=_INK, linewidth=0.8)
+    axes.axhline(0, color=INK, linewidth=0.8)
     for share, name in ((geometry.width_px / 2, "side"), (geometry.height_px / 2, "top")):
-        axes.axvline(share, color=_INK, linewidth=0.8, linestyle=":")
+        axes.axvline(share, color=INK, linewidth=0.8, linestyle=":")
         axes.annotate(
             name, (share, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -9),
             textcoords="offset points", fontsize=8,
@@ -89,17 +86,17 @@ def plot_squareness(geometry: GeometryCalibration) -> Figure | None:
     rings = [r for r in step * np.array([0.2, 0.5, 1, 2, 5]) if r <= reach]
     turn = np.linspace(0, 2 * np.pi, 200)
     for ring in rings[-3:]:
-        axes.plot(ring * np.cos(turn), ring * np.sin(turn), color=_INK, linewidth=0.6, alpha=0.5)
+        axes.plot(ring * np.cos(turn), ring * np.sin(turn), color=INK, linewidth=0.6, alpha=0.5)
         axes.annotate(
             f"{ring:g}°", (ring * np.sqrt(0.5), ring * np.sqrt(0.5)), fontsize=8, alpha=0.8,
             ha="left", va="top",
         )  # fmt: skip
     axes.errorbar(
         geometry.tilt_x_deg, geometry.tilt_y_deg, xerr=x_err, yerr=y_err, fmt="o",
-        color=_COLOURS[1], markersize=6,
+        color=PALETTE[1], markersize=6,
     )  # fmt: skip
-    axes.axhline(0, color=_INK, linewidth=0.8)
-    axes.axvline(0, color=_INK, linewidth=0.8)
+    axes.axhline(0, color=INK, linewidth=0.8)
+    axes.axvline(0, color=INK, linewidth=0.8)
     axes.set(
         xlim=(-reach, reach),
         ylim=(reach, -reach),
@@ -131,7 +128,7 @@ def plot_travel(geometry: GeometryCalibration) -> Figure | None:
                 color=colour,
                 label=f"{name}, {'xy'[axis]}",
             )
-    axes.axhline(0, color=_INK, linewidth=0.8)
+    axes.axhline(0, color=INK, linewidth=0.8)
     axes.set(xlabel="height read back / mm", ylabel="deviation from line / µm")
     figure.legend(loc="outside upper center", ncols=4, fontsize=8)
     return figure

@@ -21,10 +21,7 @@ from calibration.noise import (
     draw_photon_transfer,
 )
 from calibration.sharpness import NORMAL_95, with_reach
-
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-_BLUE, _ORANGE = "#0072B2", "#D55E00"
-_INK = "#1b1f24"
+from simulation.palette import BLUE, INK, VERMILION
 
 
 @in_report_style
@@ -47,9 +44,9 @@ def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
     lower.errorbar(
         light[fitted], 100 * (variance / expected - 1)[fitted],
         yerr=100 * NORMAL_95 * (err / expected)[fitted],
-        fmt="o", markersize=4, linewidth=0.9, color=_BLUE,
+        fmt="o", markersize=4, linewidth=0.9, color=BLUE,
     )  # fmt: skip
-    lower.axhline(0, color=_INK, linewidth=0.8)
+    lower.axhline(0, color=INK, linewidth=0.8)
     lower.margins(y=0.25)
     lower.set(xlabel="level above black / DN", ylabel="variance\nresidual / %")
     return figure
@@ -61,9 +58,9 @@ def plot_linearity(linearity: Linearity) -> Figure:
     figure = new_figure(6.4, 2.6)
     axes = figure.subplots()
     axes.plot(
-        linearity.light_dn, 100 * np.array(linearity.deviations), "o", markersize=4, color=_BLUE
+        linearity.light_dn, 100 * np.array(linearity.deviations), "o", markersize=4, color=BLUE
     )
-    axes.axhline(0, color=_INK, linewidth=0.8)
+    axes.axhline(0, color=INK, linewidth=0.8)
     axes.margins(y=0.25)
     axes.set(xlabel="level above black / DN", ylabel="deviation from line / %", xlim=(0, None))
     return figure
@@ -83,7 +80,7 @@ def plot_maps(maps: CorrectionMaps) -> Figure:
     ):
         low, high = np.percentile(image, [0.5, 99.5])
         shown = axes.imshow(image, cmap="viridis", vmin=low, vmax=max(high, low + 1e-9))
-        axes.plot(x, y, "o", markersize=7, markerfacecolor="none", color=_ORANGE, linewidth=1)
+        axes.plot(x, y, "o", markersize=7, markerfacecolor="none", color=VERMILION, linewidth=1)
         axes.set(title=title, xlabel="x / px", xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
         axes.grid(visible=False)
         figure.colorbar(shown, ax=axes, shrink=0.8)

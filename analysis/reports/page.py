@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import wraps
 from io import BytesIO
+from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -15,7 +16,7 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from calibration.provenance import Provenance
+from acquisition.files import Provenance, write_file
 from simulation.figures import InlineFigure
 
 _P = ParamSpec("_P")
@@ -194,6 +195,11 @@ def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
 def new_figure(width_in: float = 6.4, height_in: float = 3.2) -> Figure:
     """Return an empty figure that belongs to no window."""
     return InlineFigure(figsize=(width_in, height_in), layout="constrained")
+
+
+def write_figure(path: Path, figure: Figure) -> None:
+    """Write a figure: as SVG if the file's suffix says so, else as PNG."""
+    write_file(path, svg_bytes(figure) if path.suffix.lower() == ".svg" else png_bytes(figure))
 
 
 def png_bytes(figure: Figure) -> bytes:

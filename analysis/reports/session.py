@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
+from acquisition.files import Provenance
 from acquisition.session import Session
 from analysis.reports.bench import (
     captures_section,
@@ -32,7 +33,6 @@ from analysis.reports.psf import (
 from analysis.reports.validation_plots import plot_curves, plot_furthest
 from analysis.validation import ShownPair, Validation, furthest_pair
 from calibration.edges import EdgeMeasurement, measure_edges
-from calibration.provenance import Provenance
 from calibration.psf import PsfCalibration, capture_images
 
 _SAME_MTF50 = 1e-3  # relative; the digits of a report

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 from uuid import uuid4
 
+from acquisition.files import Provenance
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
 from acquisition.session import whole_file
@@ -27,7 +28,6 @@ from analysis.sweep import (
     SweepSummary,
     announced_sweep,
 )
-from calibration.provenance import Provenance
 from simulation.notebook import Shown
 
 DATASET_NAME = "dataset.json"

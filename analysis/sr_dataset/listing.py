@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from acquisition.files import InputFile, Provenance
 from acquisition.session import clear_parts, part_of, whole_file
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from analysis.sr_dataset.settings import SPLITS, Split
 from analysis.sr_dataset.shard_work import RECORD_SUFFIX, record_path
 from analysis.sweep import overlaps, sorted_lines
-from calibration.provenance import InputFile, Provenance
 
 MANIFEST_NAME = "manifest.jsonl"
 COMMITTED_NAMES = "committed-*.txt"

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from acquisition.dataframe import dataframe
-from calibration.provenance import Provenance
+from acquisition.files import Provenance
 from simulation.notebook import Shown
 
 if TYPE_CHECKING:

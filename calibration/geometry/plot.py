@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
+from simulation.palette import INK, PALETTE
+
 if TYPE_CHECKING:
     from calibration.geometry.document import CaptureGeometry, GeometryCalibration
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-TARGET_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-_INK = "#1b1f24"
+TARGET_COLOURS = PALETTE
 
 
 def draw_scale_by_height(axes: Axes, geometry: "GeometryCalibration") -> None:
@@ -24,7 +24,7 @@ def draw_scale_by_height(axes: Axes, geometry: "GeometryCalibration") -> None:
     axes.plot(
         heights,
         unit * reference / (heights + geometry.pupil_offset_mm),
-        color=_INK,
+        color=INK,
         linewidth=1,
         label=f"fit, pupil {geometry.pupil_offset_mm:.3f} mm above height 0",
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.files import Provenance
 from acquisition.session import Session
 from calibration.noise.capture_list import NoiseCapture, NoiseCaptures
 from calibration.noise.correction_maps import (
@@ -23,7 +24,6 @@ from calibration.noise.photon_transfer import (
     fit_photon_transfer,
     is_in_fit_range,
 )
-from calibration.provenance import Provenance
 from simulation.arrays import BoolArray, FloatImage
 from simulation.by_value import ByValue
 from simulation.notebook import Shown

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from acquisition.dataframe import dataframe
+from acquisition.files import Provenance
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import write_shared
 from acquisition.untrusted import TiffDamageError, read_tiff
 from calibration.errors import NoiseFileError
 from calibration.noise.correction_maps import CorrectionMaps, Nonuniformity
 from calibration.noise.photon_transfer import LevelSample, PhotonTransfer
-from calibration.provenance import Provenance
 from simulation.by_value import ByValue
 from simulation.capture_noise import CaptureNoise
 from simulation.notebook import Shown

@@ -4,9 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from calibration.noise.photon_transfer import PhotonTransfer
-
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-_BLUE, _ORANGE, _GREEN, _INK = "#0072B2", "#D55E00", "#009E73", "#1b1f24"
+from simulation.palette import BLUE, GREEN, INK, VERMILION
 
 
 def draw_photon_transfer(axes: Axes, transfer: PhotonTransfer) -> None:
@@ -16,15 +14,15 @@ def draw_photon_transfer(axes: Axes, transfer: PhotonTransfer) -> None:
     variance = np.array([sample.variance_dn2 for sample in transfer.samples])
     fitted = np.array([sample.is_fitted for sample in transfer.samples])
     line = np.linspace(0, light.max(), 200)
-    axes.plot(line, transfer.variance_dn2(line), color=_INK, linewidth=1, label="fit")
-    axes.plot(light[fitted], variance[fitted], "o", markersize=4, color=_BLUE, label="fitted")
+    axes.plot(line, transfer.variance_dn2(line), color=INK, linewidth=1, label="fit")
+    axes.plot(light[fitted], variance[fitted], "o", markersize=4, color=BLUE, label="fitted")
     if not fitted.all():
         axes.plot(
             light[~fitted], variance[~fitted], "o", markersize=4, markerfacecolor="white",
-            color=_ORANGE, label="not fitted",
+            color=VERMILION, label="not fitted",
         )  # fmt: skip
     axes.axvline(
-        transfer.saturation.level_dn - black, color=_GREEN, linewidth=1, linestyle="--",
+        transfer.saturation.level_dn - black, color=GREEN, linewidth=1, linestyle="--",
         label="saturation",
     )  # fmt: skip
     axes.set(ylabel="variance of one frame / DN²", ylim=(0, None))

@@ -37,7 +37,6 @@ from .document import (
     PsfOrigin as PsfOrigin,
 )
 from .field import FEWEST_FIELD_EDGES as FEWEST_FIELD_EDGES, FieldFit as FieldFit
-from .linearise import REC601_LUMA as REC601_LUMA, luma_plane as luma_plane
 from .mosaic import calibrate_mosaic as calibrate_mosaic
 from .plot import (
     ORIENTATION_COLOURS as ORIENTATION_COLOURS,

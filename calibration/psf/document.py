@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from acquisition.dataframe import dataframe
+from acquisition.files import Provenance
 from calibration.edges import EdgeMeasurement, MeasuredTransfer
 from calibration.errors import PsfFileError
-from calibration.provenance import Provenance
 from calibration.psf.consistency import CrossValidation, HeightTrend, TargetSoftness
 from calibration.psf.covariance import Estimate, PsfEstimates
 from calibration.psf.field import FieldFit

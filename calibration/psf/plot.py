@@ -13,18 +13,17 @@ from matplotlib.figure import Figure
 from calibration.edges import REJECTING_FLAGS
 from simulation.arrays import FloatArray
 from simulation.figures import InlineFigure, figure_of
+from simulation.palette import BLUE, GREEN, INK, PURPLE, VERMILION
 
 if TYPE_CHECKING:
     from calibration.psf.document import PsfCalibration
     from calibration.psf.transfer_2d import Transfer2d
 
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-ORIENTATION_COLOURS = {"vertical": "#0072B2", "horizontal": "#D55E00", "diagonal": "#009E73"}
-_INK = "#1b1f24"
+ORIENTATION_COLOURS = {"vertical": BLUE, "horizontal": VERMILION, "diagonal": GREEN}
 _NORMAL_95 = 1.96
 _DIRECTIONS = ((0.0, "along x"), (45.0, "at 45 deg"), (90.0, "along y"), (135.0, "at 135 deg"))
-_DIRECTION_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#CC79A7")
+_DIRECTION_COLOURS = (BLUE, GREEN, VERMILION, PURPLE)
 _DIRECTION_DASHES = ("-", (0, (6, 6)), (4, (3, 9)), ":")  # where curves coincide, all show
 _AXES = (("x", "vertical"), ("y", "horizontal"))
 
@@ -76,7 +75,7 @@ def draw_widths_by_angle(
         if matrix is not None:
             (xx, xy), (_, yy) = matrix
             width = np.sqrt(np.maximum(xx * nx**2 + 2 * xy * nx * ny + yy * ny**2, 0))
-            axes.plot(angles, width, style, color=_INK, linewidth=1, label=f"{name} covariance")
+            axes.plot(angles, width, style, color=INK, linewidth=1, label=f"{name} covariance")
     axes.set(
         xlim=(0, 180),
         xticks=range(0, 181, 30),
@@ -96,8 +95,8 @@ def draw_transfer_2d(axes: Axes, transfer: "Transfer2d") -> None:
         values, reach = transfer.otf(fx, fy), _NORMAL_95 * transfer.otf_err(fx, fy)
         axes.plot(freq, values, color=colour, linestyle=dashes, linewidth=1.6, label=label)
         axes.fill_between(freq, values - reach, values + reach, color=colour, alpha=0.25, lw=0)
-    axes.axhline(0.0, color=_INK, linewidth=0.6)
-    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.axvline(0.5, color=INK, linewidth=0.8, linestyle=":")
     axes.set(
         xlim=(0, 1),
         xlabel="frequency / (cy/px)",
@@ -140,7 +139,7 @@ def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:
             _mark_half(axes, freq, curve, colour)
     if not axes.lines:
         return False
-    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
+    axes.axvline(0.5, color=INK, linewidth=0.8, linestyle=":")
     axes.annotate("Nyquist", (0.51, 0.55), fontsize=8, va="bottom")
     axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="frequency / (cy/px)", ylabel="contrast (MTF)")
     axes.legend(loc="upper right", fontsize=8)

@@ -5,7 +5,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer
 
-from calibration.provenance import Provenance
+from acquisition.files import Provenance
 from simulation.arguments import CheckedModel
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 
 from typer import BadParameter, Option
 
+from acquisition.files import require_folder
 from standoff import library, terminal
 from standoff.errors import ApplicationError
-from standoff.library.files import require_folder
 
 if TYPE_CHECKING:
     from acquisition.capture import CaptureProgress, PlanPreview

@@ -12,10 +12,10 @@ from urllib.parse import quote
 import typer
 from typer import BadParameter, Option
 
+from acquisition.files import require_folder
 from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff import terminal
 from standoff.errors import ApplicationError
-from standoff.library.files import require_folder
 from standoff.shipped_configs import shipped_config
 
 DEFAULT_PORT = 8470

@@ -6,8 +6,8 @@ from typing import Annotated
 from typer import Argument, Option
 
 from acquisition.choices import CaptureKind
+from acquisition.files import require_folder
 from standoff import library, terminal
-from standoff.library.files import require_folder
 
 
 def import_photographs(

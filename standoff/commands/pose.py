@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, BadParameter, Context, Option
 
-from analysis.choices import Criterion
+from analysis.choices import Criterion, acceptance
 from standoff import library, terminal
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def _show_one(quality: PoseQuality, summary: PoseSummary) -> None:
     from analysis.detection_limits import spot_sentence
 
     decision = quality.decision
-    word = "accepted" if quality.is_accepted else "rejected"
+    word = acceptance(quality.is_accepted)
     terminal.say(
         f"{word}: {quality.criterion} d' {quality.decisive_d_prime:.2f}, threshold "
         f"{quality.min_d_prime:g} ({quality.curve.name})",

@@ -4,9 +4,6 @@ Wherever a person would try either, a function takes an array or the path of a f
 hold the same functions on arrays alone.
 """
 
-import lazy_loader as lazy
+from standoff.front import front_of
 
-from standoff.shadowing import refuse_hidden_packages
-
-refuse_hidden_packages()
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = front_of(__name__, __file__)

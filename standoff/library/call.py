@@ -1,19 +1,181 @@
-"""One call of the library: what it reads, what it has to say, and how far it is."""
+"""One call of the library: its arguments, what it reads, what it has to say, and how far it is."""
 
-from collections.abc import Callable, Iterable, Iterator
+import getpass
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
+from dataclasses import replace
+from itertools import chain, islice
+from numbers import Number
 from os import PathLike
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias, cast
 
+from numpy.typing import NDArray
+
+from acquisition.files import Provenance
+from acquisition.photographs import (
+    Inputs,
+    Photograph,
+    ReadOptions,
+    photograph_of,
+    read_image,
+    taken_as,
+)
+from acquisition.photographs.photograph import BenchCapture
 from acquisition.printable import on_one_line
 from acquisition.session import Session
 from analysis.design_cache import keep_designs_on_disk
-from calibration.provenance import Provenance
+from calibration.files import read_noise
+from calibration.psf import PsfCalibration
+from simulation import GaussianPsf, MeasuredPsf, SeparablePsf, TabulatedPsf
+from simulation.arguments import (
+    ArgumentError,
+    ArgumentTypeError,
+    FilePath as FilePath,
+    is_array_like,
+    kind_of,
+    output_path as output_path,
+    path_of as path_of,
+)
+from simulation.arrays import AnyArray, FloatArray
+from simulation.capture_noise import CaptureNoise
 from standoff.compile_notice import announce_compiling
-from standoff.library.caller import caller
-from standoff.library.inputs import ImageLike, path_of, photograph, with_white_level
-from standoff.photographs import Inputs, Photograph, ReadOptions
+
+ImageLike: TypeAlias = NDArray[Any] | Photograph | BenchCapture | FilePath
+"""Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file.
+
+Whatever has ``__array__`` is an array.
+"""
+
+BarePsf: TypeAlias = GaussianPsf | MeasuredPsf | SeparablePsf | TabulatedPsf
+PsfLike: TypeAlias = BarePsf | PsfCalibration | FilePath
+"""A PSF, a calibration that holds one, or the path of a psf.json or of a PSF of one's own."""
+
+NoiseLike: TypeAlias = CaptureNoise | FilePath
+"""The noise of a capture, or the path of a noise.json."""
+
+
+def listed_paths(files: FilePath | Iterable[FilePath], name: str) -> Iterator[Path]:
+    """Yield one path or several, which need not fit into memory; refuse what is none."""
+    given = iter([files] if isinstance(files, str | PathLike) else files)
+    first = next(given, None)
+    if first is None:
+        raise ArgumentError("expected at least one path, got none", argument=name)
+    return (path_of(one, name) for one in chain((first,), given))
+
+
+def opened_session(session: Session | FilePath) -> Session:
+    """Return a capture session, opened if its folder is given."""
+    return session if isinstance(session, Session) else Session(path_of(session, "session"))
+
+
+def photograph(
+    image: ImageLike, name: str = "image", options: ReadOptions | None = None
+) -> Photograph:
+    """Return an image with what its file, or the type of its array, says about its levels.
+
+    The one way in for images, from wherever they come.
+    """
+    options = options or ReadOptions()
+    if isinstance(image, BenchCapture):
+        image = image.photograph
+    if isinstance(image, Photograph):
+        return taken_as(image, options)
+    if isinstance(image, str | PathLike):
+        return read_image(path_of(image, name), options)
+    if is_array_like(image) or isinstance(image, list | tuple):
+        return photograph_of(image, name, options)
+    raise ArgumentTypeError(
+        f"expected an array or the path of an image, got {kind_of(image)}", argument=name
+    )
+
+
+def colour_planes(
+    image: ImageLike, name: str = "image", options: ReadOptions | None = None
+) -> AnyArray:
+    """Return the levels of an image without an opacity plane, grey or in colour."""
+    return photograph(image, name, options).colour_planes
+
+
+def grey_image(
+    image: ImageLike, name: str = "image", options: ReadOptions | None = None
+) -> FloatArray:
+    """Return the grey levels of an image, shape ``(rows, cols)``; of a colour image the luma."""
+    return photograph(image, name, options).grey_dn
+
+
+def listed_images(images: object, name: str = "images") -> list[ImageLike]:
+    """Return one image or several as a list.
+
+    A three-dimensional array is one colour image; pass several images as a list. A column of paths
+    is several files, and a list of rows of numbers one image.
+    """
+    if isinstance(images, Photograph | BenchCapture | str | PathLike):
+        return [images]
+    if is_array_like(images) and not _holds_paths(images):
+        return [cast("ImageLike", images)]
+    if isinstance(images, Mapping) or not isinstance(images, Iterable):
+        raise ArgumentTypeError(
+            f"expected arrays or paths of images, got {kind_of(images)}", argument=name
+        )
+    listed = list(images)
+    if not listed:
+        raise ArgumentError("expected at least one image, got none", argument=name)
+    row = listed[0]
+    if isinstance(row, list | tuple) and row and isinstance(row[0], Number):
+        return [cast("ImageLike", listed)]
+    return listed
+
+
+def _holds_paths(images: object) -> bool:
+    """Whether it is a column of text or of other objects, and no numbers."""
+    kind = getattr(getattr(images, "dtype", None), "kind", None)
+    return (
+        isinstance(images, Iterable)
+        and (kind in tuple("OUST") or str(kind) == "None")
+        and all(isinstance(one, str | PathLike) for one in islice(images, 1))
+    )
+
+
+def with_white_level(reading: ReadOptions | None, white_level: float | None) -> ReadOptions:
+    """Return how photographs are read where the level at which they are clipped is stated."""
+    options = reading or ReadOptions()
+    return options if white_level is None else replace(options, white_level=white_level)
+
+
+def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
+    """Return the noise of a capture, read from its noise.json if a path is given."""
+    if noise is None or isinstance(noise, CaptureNoise):
+        return noise
+    return read_noise(path_of(noise, "noise")).capture_noise
+
+
+_COMMAND_LINE: ContextVar[str | None] = ContextVar("_COMMAND_LINE", default=None)
+
+
+@contextmanager
+def called_as(command_line: str) -> Iterator[None]:
+    """Name a command line in the provenance of what the block makes."""
+    token = _COMMAND_LINE.set(command_line)
+    try:
+        yield
+    finally:
+        _COMMAND_LINE.reset(token)
+
+
+def caller(function: str) -> str:
+    """Return the command line that runs; for a script, the name of the public function."""
+    return _COMMAND_LINE.get() or f"standoff.{function}"
+
+
+def login_name() -> str:
+    """The login name of whoever works here, or the number of a user whom the system cannot name."""
+    try:
+        return getpass.getuser()
+    except (ImportError, KeyError, OSError):
+        return f"user {os.getuid()}" if hasattr(os, "getuid") else "unknown"
 
 
 class Progress(Protocol):
@@ -56,25 +218,10 @@ class Silent:
 
 
 class Call:
-    """What the parts of one public function share.
+    """What the parts of one public function share: its provenance, its remarks, its progress.
 
-    Parameters
-    ----------
-    function
-        Name of the public function, for the provenance.
-    progress
-        Who watches; nobody if None.
-    reading
-        How photographs are read.
-    files
-        Other arguments; the paths among them are listed in the provenance.
-    white_level
-        Level at which photographs are clipped, where it is stated.
-
-    Raises
-    ------
-    ImageFileError
-        If one of ``files`` cannot be read.
+    ``function`` names it in the provenance. Of ``files``, its other arguments, the paths are listed
+    there; ``white_level`` is the level at which photographs are clipped, where it is stated.
     """
 
     def __init__(
@@ -110,15 +257,7 @@ class Call:
         self._notes[on_one_line(text)] = None
 
     def photograph(self, image: ImageLike, name: str = "image") -> Photograph:
-        """Return an image with what is known of its levels; a file is listed.
-
-        Raises
-        ------
-        TypeError
-            If it is neither an array nor a path.
-        ImageFileError
-            If the file cannot be read, or the array is not a finite image.
-        """
+        """Return an image with what is known of its levels; a file is listed."""
         if isinstance(image, str | PathLike):
             return self.inputs.photograph(path_of(image, name))
         found = photograph(image, name, self.inputs.options)
@@ -137,13 +276,7 @@ class Call:
         return self.inputs.provenance(caller(self._function))
 
     def provenance_of(self, session: Session | None, *files: Path | None) -> Provenance:
-        """Return the provenance of what is made from a session, files, or both, and nothing else.
-
-        Raises
-        ------
-        ImageFileError
-            If a file cannot be read.
-        """
+        """Return the provenance of what is made from a session, files, or both alone."""
         inputs = Inputs()
         if session is not None:
             inputs.add_session(session)

@@ -1,5 +1,6 @@
 """Scale, entrance pupil, zooms, distortion and squareness of a height series."""
 
+from acquisition.files import PAGES, write_page
 from acquisition.session import Session
 from analysis.reports import render_geometry_report
 from calibration.choices import DEFAULT_BOARD_TEXT
@@ -15,9 +16,7 @@ from calibration.geometry import (
 )
 from simulation.arguments import checked
 from standoff.errors import ArgumentError
-from standoff.library.call import Call, Progress
-from standoff.library.files import PAGES, write_page
-from standoff.library.inputs import FilePath, opened_session, output_path
+from standoff.library.call import Call, FilePath, Progress, opened_session, output_path
 
 
 @checked

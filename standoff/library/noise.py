@@ -1,22 +1,396 @@
 """Photon transfer and correction maps from darks and flats, of a session or of one's own."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from glob import has_magic
+from itertools import chain, islice
+from numbers import Number
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeAlias, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.files import PAGES, require_writable, write_page, written_together
+from acquisition.photographs import IMAGE_SUFFIXES, Photograph, ReadOptions, frames_of
+from acquisition.printable import on_one_line
 from acquisition.session import Session
 from analysis.reports import render_noise_report
+from calibration.errors import NoiseError
 from calibration.files import write_noise as write_noise_file
 from calibration.noise import (
+    FrameGroup,
     NoiseCalibration,
     NoiseCaptures,
+    NoiseKind,
     NoiseMeasurement,
     measure_noise as measured_noise,
+    noise_captures,
 )
-from simulation.arguments import ArgumentError, checked
-from standoff.library.call import Call, Progress
-from standoff.library.files import PAGES, require_writable, write_page, written_together
-from standoff.library.frame_groups import Frames, frame_captures
-from standoff.library.inputs import FilePath, opened_session, output_path
-from standoff.photographs import ReadOptions
+from simulation.arguments import (
+    ArgumentError,
+    ArgumentTypeError,
+    accepted,
+    checked,
+    is_array_like,
+    kind_of,
+)
+from simulation.arrays import AnyArray
+from standoff.errors import ImageFileError
+from standoff.library.call import (
+    Call,
+    FilePath,
+    Progress,
+    opened_session,
+    output_path,
+    path_of,
+    photograph,
+)
+
+Frames: TypeAlias = (
+    FilePath | NDArray[Any] | Photograph | Iterable[object] | Mapping[str | float, object]
+)
+"""Frames of one level or of several.
+
+A folder, a pattern such as ``flats/*.tif``, a file with a stack, or an array ``(frames, rows,
+cols)``; a list of frames, files or arrays. Several levels are a folder of folders, a list or a
+mapping of any of these; the numbers of a mapping are exposures in µs.
+"""
+
+_SAME_EXPOSURE = 1e-3
+"""Relative: some cameras state what they measured."""
+_OTHER_EXPOSURE = 0.1
+"""Relative: files state it to a tenth at the worst, as 1/60 s for 1/64."""
+_US_PER_S = 1e6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Given:
+    """Frames that were given together, before any is read.
+
+    ``is_one_level`` says that the caller made a level of them; else every exposure that their files
+    state is one.
+    """
+
+    name: str
+    sources: Sequence[object]
+    exposure_us: float | None = None
+    is_one_level: bool = True
+
+
+def _frame_captures(
+    call: Call,
+    given: Mapping[NoiseKind, Frames],
+    exposures_us: Mapping[NoiseKind, Sequence[float] | None],
+) -> NoiseCaptures:
+    """Read darks and flats, and return their levels, with the exposures that are stated."""
+    levels = [
+        (kind, level)
+        for kind, frames in given.items()
+        for level in _stated(list(_levels(frames, f"{kind}s")), exposures_us[kind], kind)
+    ]
+    total = sum(len(level.sources) for _, level in levels)
+    reading = _Reading(call)
+    with call.bar("reading frames", total) as advance_to:
+        for kind, level in levels:
+            reading.read(kind, level)
+            advance_to(reading.sources)
+    return reading.captures()
+
+
+def _levels(frames: object, name: str) -> Iterator[_Given]:
+    """What was given for ``darks`` or ``flats``, level by level."""
+    if isinstance(frames, Mapping):
+        if not frames:
+            raise ArgumentError("expected at least one level, got none", argument=name)
+        for key, value in frames.items():
+            is_number = isinstance(key, Number)
+            exposure = accepted("exposure_us", key, float) if is_number else None
+            sources = _sources(value, name)
+            yield _Given(name=f"{name}[{key!r}]", sources=sources, exposure_us=exposure)
+    elif isinstance(frames, str | PathLike):
+        path = path_of(frames, name)
+        inside = _folders(path)
+        for folder in inside:
+            yield _Given(name=on_one_line(folder), sources=_files(folder))
+        if not inside:
+            files = _files(path)
+            yield _Given(name=on_one_line(path), sources=files, is_one_level=False)
+    elif is_array_like(frames) and np.ndim(cast("Any", frames)) == 4:
+        for index, stack in enumerate(cast("Iterable[object]", frames)):
+            yield _Given(name=f"{name}[{index}]", sources=[stack])
+    elif is_array_like(frames) or isinstance(frames, Photograph):
+        yield _Given(name=name, sources=[frames])
+    elif isinstance(frames, Iterable):
+        yield from _listed(list(frames), name)
+    else:
+        raise ArgumentTypeError(
+            f"expected a folder, files, arrays or a mapping of them, got {kind_of(frames)}",
+            argument=name,
+        )
+
+
+def _listed(items: list[object], name: str) -> Iterator[_Given]:
+    """A list of frames is one level, a list of levels several."""
+    if not items:
+        raise ArgumentError("expected at least one frame, got none", argument=name)
+    single = [_is_frame(item) for item in items]
+    if all(single):
+        yield _Given(name=name, sources=items, is_one_level=False)
+        return
+    if any(single):
+        raise ArgumentError(
+            "of its values some are frames and some are levels of several; give one or the other",
+            argument=name,
+        )
+    for index, item in enumerate(items):
+        is_path = isinstance(item, str | PathLike)
+        shown = on_one_line(path_of(item, name)) if is_path else f"{name}[{index}]"
+        yield _Given(name=shown, sources=_sources(item, name))
+
+
+def _is_frame(item: object) -> bool:
+    """Whether an item of a list is a frame, or a file, and not a whole level."""
+    if isinstance(item, str | PathLike):
+        path = Path(item)
+        return not path.is_dir() and not _is_pattern(path)
+    if is_array_like(item):
+        return np.ndim(cast("Any", item)) < 3
+    return isinstance(item, Photograph) or not isinstance(item, Iterable)
+
+
+def _sources(value: object, name: str) -> list[object]:
+    """The files and arrays of one level."""
+    if isinstance(value, str | PathLike):
+        return list(_files(path_of(value, name)))
+    if is_array_like(value) or isinstance(value, Photograph):
+        return [value]
+    if isinstance(value, Mapping) or not isinstance(value, Iterable):
+        raise ArgumentTypeError(
+            f"expected a folder, files or arrays, got {kind_of(value)}", argument=name
+        )
+    listed = list(value)
+    if not listed:
+        raise ArgumentError("a level without frames", argument=name)
+    return listed
+
+
+def _is_pattern(path: Path) -> bool:
+    return has_magic(str(path)) and not path.exists()
+
+
+def _is_image(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() in IMAGE_SUFFIXES and path.name[0] != "."
+
+
+def _folders(path: Path) -> list[Path]:
+    """The folders of frames in a folder that holds no frames itself."""
+    if not path.is_dir():
+        return []
+    inside = sorted(
+        one for one in path.iterdir() if one.is_dir() and any(map(_is_image, one.iterdir()))
+    )
+    if inside and any(map(_is_image, path.iterdir())):
+        raise ImageFileError(
+            f"{on_one_line(path)}: frames and folders of frames ({on_one_line(inside[0].name)}); "
+            "put each level into a folder of its own, or give a pattern"
+        )
+    return inside
+
+
+def _files(path: Path) -> list[Path]:
+    """The image files that a path stands for, in the order of their names."""
+    if path.is_dir():
+        found = sorted(one for one in path.iterdir() if _is_image(one))
+        if not found:
+            raise ImageFileError(f"{on_one_line(path)}: no image files in this folder")
+        return found
+    if not _is_pattern(path):
+        return [path]
+    base = Path(path.anchor or ".")
+    pattern = str(path.relative_to(base)) if path.anchor else str(path)
+    found = sorted(one for one in base.glob(pattern) if _is_image(one))
+    if not found:
+        raise ImageFileError(f"{on_one_line(path)}: no image file has such a name")
+    return found
+
+
+def _stated(
+    levels: list[_Given], exposures_us: Sequence[float] | None, kind: NoiseKind
+) -> list[_Given]:
+    """The levels with the exposures that are stated beside them."""
+    if exposures_us is None:
+        return levels
+    argument = f"{kind}_exposures_us"
+    if len(exposures_us) != len(levels):
+        raise ArgumentError(
+            f"{len(exposures_us)} for {len(levels)} levels of {kind}s: one for each is expected",
+            argument=argument,
+        )
+    if any(level.exposure_us is not None for level in levels):
+        raise ArgumentError("the mapping has exposures already", argument=argument)
+    return [
+        _Given(name=level.name, sources=level.sources, exposure_us=exposure)
+        for level, exposure in zip(levels, exposures_us, strict=True)
+    ]
+
+
+@dataclass(slots=True, kw_only=True)
+class _Settings:
+    """What all frames have in common."""
+
+    isos: set[float] = field(default_factory=set)
+    cameras: set[str] = field(default_factory=set)
+    saturations_dn: set[float] = field(default_factory=set)
+    is_mosaic: bool = False
+
+
+class _Reading:
+    """Reads frames into levels, each once."""
+
+    def __init__(self, call: Call) -> None:
+        self._call = call
+        self._groups: dict[str, FrameGroup] = {}
+        self._settings = _Settings()
+        self.sources = 0
+
+    def read(self, kind: NoiseKind, given: _Given) -> None:
+        """Read what was given together."""
+        found: dict[str, FrameGroup] = {}
+        for source in given.sources:
+            self.sources += 1
+            frames = self._frames(source, f"{kind}s")
+            first = list(islice(frames, 2))
+            is_stack = len(first) > 1
+            for frame in chain(first, frames):
+                levels_dn = self._levels_dn(frame)
+                name = frame.name if is_stack and not given.is_one_level else given.name
+                exposure_us = _exposure_us(frame)
+                if exposure_us is not None and not given.is_one_level:
+                    name = f"{name}, {exposure_us:g} us"
+                if name not in found:
+                    found[name] = self._new_group(kind, name, given.exposure_us, exposure_us)
+                group = found[name]
+                if given.exposure_us is None:
+                    _refuse_other_exposure(frame, exposure_us, group)
+                group.add(levels_dn)
+        if len(found) > 1:
+            self._call.note(f"{given.name}: {len(found)} levels of {kind}s")
+        for name, group in found.items():
+            if name in self._groups:
+                raise ArgumentError(f"{name} is given twice", argument=f"{kind}s")
+            group.finish()
+            self._groups[name] = group
+
+    def captures(self) -> NoiseCaptures:
+        """All that was read, as the captures of a measurement."""
+        found, stated = self._settings, self._call.inputs.options.white_level
+        for what, values in (("ISO", found.isos), ("camera", found.cameras)):
+            if len(values) > 1:
+                listed = ", ".join(str(value) for value in sorted(values, key=str))
+                raise NoiseError(
+                    f"darks and flats of more than one {what} ({listed}); a noise.json holds for "
+                    "one camera at one gain",
+                    reason="settings",
+                )
+        if not found.saturations_dn:
+            raise ArgumentError(
+                "levels in floating point do not tell where the camera clips: say it",
+                argument="white_level",
+            )
+        top_dn = min(found.saturations_dn)
+        groups = list(self._groups.values())
+        notes = []
+        if stated is None and max(group.max_dn for group in groups) < top_dn:
+            notes.append(
+                f"no frame reaches {top_dn:g}, where the numbers of the files end: if the camera "
+                "clips below, state its white level"
+            )
+        if found.is_mosaic:
+            notes.append("of raw mosaics one green pixel of each square of four is measured")
+        return noise_captures(
+            groups,
+            max_level_dn=top_dn,
+            camera=next(iter(found.cameras), None),
+            notes=tuple(notes),
+        )
+
+    def _frames(self, source: object, name: str) -> Iterator[Photograph]:
+        if isinstance(source, str | PathLike):
+            yield from self._call.inputs.frames(path_of(source, name))
+        elif isinstance(source, Photograph):
+            yield photograph(source, name, self._call.inputs.options)
+        else:
+            yield from frames_of(source, name, self._call.inputs.options)
+
+    def _new_group(
+        self, kind: NoiseKind, name: str, stated_us: float | None, own_us: float | None
+    ) -> FrameGroup:
+        """A level, at the exposure that is stated, or else that of its files."""
+        if stated_us and own_us and abs(own_us / stated_us - 1) > _OTHER_EXPOSURE:
+            self._call.note(f"{name}: taken as {stated_us:g} us; its files say {own_us:g} us")
+        return FrameGroup(kind, name, own_us if stated_us is None else stated_us)
+
+    def _levels_dn(self, frame: Photograph) -> AnyArray:
+        """The levels of a frame as the camera gave them."""
+        settings, facts = self._settings, frame.facts
+        _refuse_processed(frame)
+        if facts.iso is not None:
+            settings.isos.add(facts.iso)
+        if facts.camera is not None:
+            settings.cameras.add(facts.camera)
+        is_stated = self._call.inputs.options.white_level is not None
+        if frame.saturation_dn is not None and (is_stated or frame.full_scale_dn is not None):
+            settings.saturations_dn.add(frame.saturation_dn)
+        levels = frame.stored
+        if frame.pattern is not None:
+            settings.is_mosaic = True
+            row, col = divmod(frame.pattern.index("G"), 2)
+            return levels[row::2, col::2]
+        return levels if levels.ndim == 2 else levels[:, :, 0]
+
+
+def _exposure_us(frame: Photograph) -> float | None:
+    stated = frame.facts.exposure_s
+    return None if stated is None else round(stated * _US_PER_S, 3)
+
+
+def _refuse_other_exposure(frame: Photograph, exposure_us: float | None, group: FrameGroup) -> None:
+    known = group.exposure_us
+    if exposure_us == known or (
+        exposure_us and known and abs(exposure_us / known - 1) <= _SAME_EXPOSURE
+    ):
+        return
+    one, other = (
+        "of unknown exposure" if value is None else f"of {value:g} us"
+        for value in (exposure_us, known)
+    )
+    raise NoiseError(
+        f"{frame.name} is {one}, other frames of {group.name} {other}: a level has one exposure; "
+        "give each in a folder or list of its own",
+        reason="settings",
+    )
+
+
+def _refuse_processed(frame: Photograph) -> None:
+    """Refuse frames whose noise is not the sensor's."""
+    why = ""
+    if frame.is_jpeg:
+        why = "a JPEG, whose compression changes the noise; save raw files, TIFF or PNG"
+    elif not frame.encoding.is_linear:
+        why = (
+            f"{frame.encoding_sentence or frame.encoding.name}; noise is measured on linear levels"
+        )
+        why += ": save raw files or linear TIFF"
+    elif frame.masked is not None:
+        why = "some of its pixels are masked; give whole frames"
+    elif frame.frames > 1:
+        why = f"a mean of {frame.frames} frames; give the single frames"
+    elif frame.is_colour and bool(np.any(np.ptp(frame.stored, axis=2))):
+        why = "colours, which are interpolated between pixels; give raw files or grey frames"
+    if why:
+        raise NoiseError(f"{frame.name}: {why}", reason="settings")
 
 
 @checked
@@ -112,7 +486,7 @@ def measure_noise(
             "darks and flats are needed, both", argument="darks" if darks is None else "flats"
         )
     else:
-        captures = frame_captures(
+        captures = _frame_captures(
             call,
             {"dark": darks, "flat": flats},
             {"dark": dark_exposures_us, "flat": flat_exposures_us},

@@ -1,9 +1,13 @@
-"""Image files as photographs with linear levels."""
+"""Image files as photographs with linear levels, and the two that come with standoff."""
 
+from dataclasses import dataclass
+from pathlib import Path
+
+from acquisition.photographs import Encoding, Photograph, ReadOptions, read_image as read
 from simulation.arguments import checked
-from standoff.errors import ArgumentError
-from standoff.library.inputs import FilePath, path_of
-from standoff.photographs import Encoding, Photograph, ReadOptions, read_image as read
+from simulation.notebook import Shown
+from standoff.errors import ApplicationError, ArgumentError
+from standoff.library.call import FilePath, path_of
 
 
 @checked
@@ -95,3 +99,46 @@ def read_image(
     ('linear', (240, 320))
     """
     return read(path_of(path, "path"), reading(encoding, page=page, mean=mean))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ExamplePhotographs(Shown):
+    """Paths of two photographs of one scene, from two distances."""
+
+    nearer: Path
+    further: Path
+
+
+@checked
+def example_photographs() -> ExamplePhotographs:
+    """Find the two photographs that come with standoff: a postcard, from two distances.
+
+    Returns
+    -------
+    ExamplePhotographs
+        The paths ``nearer`` and ``further``, of 8-bit sRGB PNG files of shape ``(440, 520, 3)``.
+        Both are on the pixels of the nearer one, and nothing changed between them.
+
+    Raises
+    ------
+    ApplicationError
+        If the installation lacks them.
+
+    Examples
+    --------
+    >>> pair = standoff.example_photographs()
+    >>> found = standoff.find_changes(pair.nearer, pair.further)
+
+    References
+    ----------
+    C. Chen, Z. Xiong, X. Tian, Z.-J. Zha, F. Wu, "Camera Lens Super-Resolution", CVPR 2019: City100
+    (MIT licence). ``README.md`` beside the photographs says what was done to them.
+    """
+    folder = Path(__file__).parents[1] / "example_photographs"
+    pair = ExamplePhotographs(nearer=folder / "nearer.png", further=folder / "further.png")
+    for path in (pair.nearer, pair.further):
+        if not path.is_file():
+            raise ApplicationError(
+                f"{path.name} is not in this installation; install standoff again"
+            )
+    return pair

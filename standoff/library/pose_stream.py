@@ -9,6 +9,7 @@ from typing import Any
 
 from acquisition.bench import BenchConfig
 from acquisition.focus import newest_frames
+from acquisition.photographs import Inputs, ReadOptions, image_files_in
 from analysis.choices import Criterion
 from analysis.pose import PoseTracker, PoseVerdict, StreamSummary
 from calibration.errors import CalibrationError
@@ -16,11 +17,8 @@ from simulation.arguments import checked
 from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
 from standoff.library.bench import bench_config, opened_camera, place_target
-from standoff.library.call import Call, Progress, Silent
+from standoff.library.call import Call, FilePath, ImageLike, Progress, Silent, path_of
 from standoff.library.detectability import CurveChoice, CurveLike, given_curve
-from standoff.library.files import image_files_in
-from standoff.library.inputs import FilePath, ImageLike, path_of
-from standoff.photographs import Inputs, ReadOptions
 
 _POLL_S = 0.2
 
@@ -122,7 +120,7 @@ class PoseWatch:
     @checked
     def folder(self, path: FilePath, *, is_watched: bool = False) -> Iterator[NamedFrame]:
         """Return the images of a folder; then, if it is watched, new ones as they come."""
-        return folder_frames(path_of(path, "path"), self._call.inputs, is_watched=is_watched)
+        return _folder_frames(path_of(path, "path"), self._call.inputs, is_watched=is_watched)
 
     @checked
     @contextmanager
@@ -179,17 +177,8 @@ class PoseWatch:
         }
 
 
-def folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterator[NamedFrame]:
-    """Yield the images of a folder by name; then, if it is watched, new ones as they come.
-
-    Raises
-    ------
-    ImageFileError
-        If an image cannot be read. In a watched folder, an incomplete image is waited for until
-        it no longer grows.
-    ApplicationError
-        If the folder cannot be read, or holds no image and is not watched.
-    """
+def _folder_frames(folder: Path, inputs: Inputs, *, is_watched: bool) -> Iterator[NamedFrame]:
+    """Yield the images of a folder by name; then, if it is watched, new ones as they come."""
     seen: set[Path] = set()
     sizes: dict[Path, int] = {}
     while True:

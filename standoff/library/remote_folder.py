@@ -3,22 +3,16 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from acquisition.files import is_there, write_file
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.remote_files import is_url, remote_status, url_of
 from standoff.errors import ApplicationError
-from standoff.library.files import is_there, write_file
 
 _NAMED_BY_CONTENT = frozenset({".png", ".tif"})
 
 
 def made_in(out: Path) -> Path:
-    """Return where a folder of results is made: of a URL, under its last name right here.
-
-    Raises
-    ------
-    ApplicationError
-        If the URL is of an unknown kind, or its server does not answer.
-    """
+    """Return where a folder of results is made: of a URL, under its last name right here."""
     if not is_url(out):
         return out
     is_there(out)
@@ -30,11 +24,6 @@ def copied(folder: Path, out: Path, files: Iterable[Path], last: Path) -> int:
 
     Images that are there with their size are not copied again. ``last`` is copied when all others
     are there.
-
-    Raises
-    ------
-    ApplicationError
-        If a file cannot be read or written.
     """
     count = 0
     for file in (*sorted(files), last):

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from acquisition.photographs import ReadOptions, each_image, marked_png, read_image
 from acquisition.remote_files import url_of
 from analysis.choices import PairFormat
 from analysis.errors import SrDatasetError
@@ -20,13 +21,10 @@ from analysis.sweep import SweepOptions as SweepOptions
 from simulation.arguments import checked
 from simulation.choices import DEFAULT_MODEL, Model, PsfShape
 from standoff.errors import ApplicationError
-from standoff.library.call import Call, Progress
-from standoff.library.files import each_image
-from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
+from standoff.library.call import Call, FilePath, Progress, PsfLike, listed_paths, path_of
 from standoff.library.psf import psf_and_field
 from standoff.library.remote_folder import copied, made_in
 from standoff.library.swept_photographs import refusing
-from standoff.photographs import ReadOptions, marked_png, read_image
 
 
 @checked
@@ -140,13 +138,7 @@ def training_pairs(
 
 
 def pair_photograph(options: ReadOptions, path: Path) -> PairPhotograph:
-    """Read a photograph that pairs are cut from.
-
-    Raises
-    ------
-    RefusedPhotographError
-        If it cannot be read, or is a raw mosaic.
-    """
+    """Read a photograph that pairs are cut from."""
     with refusing():
         photograph = read_image(path, options)
         return PairPhotograph(

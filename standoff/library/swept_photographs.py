@@ -9,12 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
+from acquisition.photographs import Inputs, Photograph, ReadOptions, read_image
 from acquisition.session import file_sha256
 from analysis.detectability import SceneImage
 from analysis.errors import RefusedPhotographError
 from simulation.arrays import FloatArray
 from standoff.errors import HintError, ImageFileError
-from standoff.photographs import Inputs, Photograph, ReadOptions, read_image
 
 _MOST_INPUTS = 10_000
 """Of more photographs, provenance names the list alone."""
@@ -44,24 +44,12 @@ def refusing() -> Iterator[None]:
 
 
 def scene_image(options: ReadOptions, path: Path) -> SceneImage:
-    """Read a photograph of a scene.
-
-    Raises
-    ------
-    RefusedPhotographError
-        If it cannot be read.
-    """
+    """Read a photograph of a scene."""
     return replace(colour_scene_image(options, path), colours=None)
 
 
 def colour_scene_image(options: ReadOptions, path: Path) -> SceneImage:
-    """Read a photograph of a scene with its colours, if it has any.
-
-    Raises
-    ------
-    RefusedPhotographError
-        If it cannot be read.
-    """
+    """Read a photograph of a scene with its colours, if it has any."""
     with refusing():
         photograph = read_image(path, options)
         return SceneImage(

@@ -12,10 +12,10 @@ import typer
 from typer.exceptions import TyperException
 from typer.main import get_command
 
+from acquisition.files import refusal_text
 from acquisition.spelling import decimal_comma_remedy
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS, ArgumentError
-from standoff.library.files import refusal_text
 from standoff.streams import STANDARD_OUTPUT, output_fault
 from standoff.terminal.command import Command, Group, option_named
 from standoff.terminal.command_help import examples_text

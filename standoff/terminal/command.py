@@ -9,7 +9,7 @@ from typing import Any, get_args
 from typer import BadParameter
 from typer.core import TyperCommand, TyperGroup
 
-from standoff.library.files import require_reachable
+from acquisition.files import require_reachable
 from standoff.terminal.field_words import meant_command
 
 

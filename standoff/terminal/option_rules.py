@@ -8,9 +8,9 @@ from typing import Literal
 
 from typer import BadParameter, Context
 
+from acquisition.files import PAGES, require_place, require_reachable
 from acquisition.remote_files import is_url, url_of
 from standoff.errors import ApplicationError
-from standoff.library.files import PAGES, require_place, require_reachable
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ def refuse_overwriting(
     for path in results:
         require_reachable(path)
         if is_url(path):
-            from standoff.library.files import is_there  # with what computes
+            from acquisition.files import is_there
 
             if not force and is_there(path):
                 raise ApplicationError(

@@ -21,9 +21,9 @@ from standoff.terminal.option_rules import excludes
 
 if TYPE_CHECKING:
     from acquisition.bench import BenchConfig
+    from acquisition.photographs import ReadOptions
     from analysis.sweep import SweepOptions
     from calibration.geometry import CharucoBoard
-    from standoff.photographs import ReadOptions
 
 Region = TypeVar("Region")
 

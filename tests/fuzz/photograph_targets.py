@@ -8,18 +8,18 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from acquisition.photographs import ReadOptions, read_image
+from acquisition.photographs.encoding import ProfileError, read_profile
 from calibration.errors import CalibrationError
 from standoff.errors import ImageFileError
 from standoff.library import Reading, edge_image
-from standoff.photographs import ReadOptions, read_image
-from standoff.photographs.icc import ProfileError, read_profile
+from tests.acquisition.photographs.dng import Dng
+from tests.acquisition.photographs.made import GREY_16, icc_chunk, pillow, png, tiff
+from tests.acquisition.photographs.profiles import DISPLAY_P3, curve_of, profile
+from tests.acquisition.photographs.test_exif import made_tiff, pillow_tags
+from tests.acquisition.photographs.test_scientific import exr, fits
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget, from_file
-from tests.standoff.photographs.dng import Dng
-from tests.standoff.photographs.made import GREY_16, icc_chunk, pillow, png, tiff
-from tests.standoff.photographs.profiles import DISPLAY_P3, curve_of, profile
-from tests.standoff.photographs.test_exif import made_tiff, pillow_tags
-from tests.standoff.photographs.test_scientific import exr, fits
 
 RNG = np.random.default_rng(2)
 GREY = RNG.integers(0, 256, (12, 16)).astype(np.uint8)

@@ -38,7 +38,7 @@ from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import HintError
-from standoff.library.comparison.alignment_hints import read_points
+from standoff.library.registration import read_points
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file

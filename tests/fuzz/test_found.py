@@ -25,7 +25,7 @@ from simulation import GaussianPsf, simulate_pose
 from simulation.arguments import ArgumentError
 from simulation.capture_noise import CaptureNoise
 from standoff.errors import ImageFileError
-from standoff.library.comparison.alignment_hints import read_points
+from standoff.library.registration import read_points
 from tests.acquisition.session_fixtures import writer
 from tests.fuzz.damage import DEEP
 from tests.fuzz.result_targets import MAPS, NOISE, PSF, damaged_map, read_kernel

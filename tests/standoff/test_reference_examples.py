@@ -12,12 +12,12 @@ import pytest
 
 import standoff
 from scripts.example_files import make_example_files
-from standoff.library import types
+from scripts.library_reference import TYPES
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks", "standoff")
 NOT_RUN = {
-    "standoff/library/bench/cameras.py: find_cameras": "searches every network of this computer",
+    "standoff/library/bench/devices.py: find_cameras": "searches every network of this computer",
     "analysis/pose/tracker.py: PoseTracker": "needs a camera that delivers frames",
     "analysis/detectors/learned/weights.py: load_learned": "needs PyTorch and a trained detector",
 }
@@ -46,11 +46,7 @@ def examples() -> dict[str, doctest.DocTest]:
     }
 
 
-RESULTS = {name for name in types.__all__ if name[0].isupper()}
-"""What calls take and return: shown where it is made."""
-
-
-@pytest.mark.parametrize("name", sorted(set(dir(standoff)) - RESULTS - {"__version__"}))
+@pytest.mark.parametrize("name", sorted(set(dir(standoff)) - set(TYPES) - {"__version__"}))
 def test_what_is_public_has_an_example(name: str) -> None:
     about = inspect.getdoc(getattr(standoff, name)) or ""
     assert "\nExamples\n--------\n" in about

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from acquisition.errors import ExportError, SessionError
+from acquisition.files import make_folder, write_file, write_float_tiff, written_together
 from acquisition.session import (
     atomic_write,
     commit_file,
@@ -18,7 +19,6 @@ from acquisition.session import (
 from acquisition.session.durable_write import move_new, write_new_hashed
 from acquisition.session_export.export import _put_in_place
 from standoff.errors import ApplicationError
-from standoff.library.files import make_folder, write_file, write_float_tiff, written_together
 from tests.acquisition.session_fixtures import whole_session
 from tests.standoff.conftest import Command
 
@@ -42,7 +42,7 @@ WRITERS = {
     "analysis/sweep/cluster.py": "in the working folder of a sweep",
     "analysis/sweep/engine.py": "in the working folder of a sweep",
     "standoff/console/pose_curves.py": "in a temporary folder",
-    "standoff/library/files/output_files.py": "tried below",
+    "acquisition/files/writing.py": "tried below",
     "standoff/library/swept_photographs.py": "in a temporary folder",
     "standoff/streams.py": "standard output",
     "standoff/warm_up.py": "in a temporary folder",

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
+from acquisition.photographs.encoding import REC601_LUMA
 from analysis.changes.matching import calibrated_factor, sampled, smoothed
-from calibration.psf import REC601_LUMA
 from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.psf import REC601_LUMA
+from acquisition.photographs.encoding import REC601_LUMA
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 
 Steps = tuple[Float32Array | None, Float32Array | None]

@@ -12,7 +12,7 @@ from typing import Final
 import lazy_loader as lazy
 import numpy as np
 
-from calibration.psf import REC601_LUMA
+from acquisition.photographs.encoding import REC601_LUMA
 from simulation.arrays import FloatArray
 
 _skimage = lazy.load("skimage")

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from acquisition.photographs import luma_plane
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
 from acquisition.session import commit_file
 from analysis.detectors.followup_view import followup_view
 from analysis.errors import DetectorError, ResultsFileError
-from calibration.psf import luma_plane
 from simulation.arguments import FilePath, checked, path_of
 from simulation.arrays import Float32Array, FloatArray
 

@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, Protocol
 
 from pydantic import Field, PrivateAttr
 
+from acquisition.files import InputFile, Provenance
 from analysis.errors import ResultsFileError
 from analysis.evaluation.change_pairs.pair_file import LabelledPair, read_pairs
 from analysis.evaluation.change_pairs.random_conditions import ChangePairsTask
@@ -23,7 +24,6 @@ from analysis.sweep import (
     blocks_of,
 )
 from calibration.documents import read_document
-from calibration.provenance import InputFile, Provenance
 from simulation import Psf
 
 CHANGE_PAIRS_SCHEMA: Final = "standoff.change-pairs/1"

@@ -7,13 +7,13 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
+from acquisition.photographs import luma_plane
 from analysis.choices import ChangeSigns
 from analysis.errors import RefusedPhotographError
 from analysis.evaluation.change_pairs.pair_file import LabelledPair
 from analysis.evaluation.painted_changes import Spot
 from analysis.evaluation.pairs import PairMaker
 from analysis.evaluation.task import Condition, EvaluationTask
-from calibration.psf import luma_plane
 from simulation import Model, Psf
 from simulation.arguments import CheckedModel
 from simulation.arrays import BoolArray, FloatArray

@@ -7,8 +7,8 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.photographs import on_screen, white_level_dn
 from analysis.changes import ChangeResult
-from analysis.screen import on_screen, white_level_dn
 from calibration.registration import DistortedPose
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 

@@ -10,6 +10,7 @@ from analysis.changes import (
     describe_limit,
     describe_prediction,
 )
+from analysis.choices import acceptance
 from analysis.pose import PoseSummary
 from analysis.reports.changes.sections import comparison_sentence, count_text, list_table
 from analysis.reports.page import ReportFigure, ReportSection, ReportTable
@@ -73,7 +74,7 @@ def stored_pose_section(name: str, verdict: PoseSummary) -> ReportSection:
             ),
         )
     text = [
-        f"The pose is {'accepted' if verdict.is_accepted else 'rejected'} by criterion "
+        f"The pose is {acceptance(verdict.is_accepted)} by criterion "
         f"{verdict.criterion}. d' is an upper bound: registration, light, gloss, parallax and "
         "defocus only lower it."
     ]

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from acquisition.photographs import on_screen, white_level_dn
 from analysis.change_series import (
     ChangesSeries,
     ChangeTimeLine,
@@ -28,8 +29,8 @@ from analysis.reports.page import (
     render_report,
 )
 from analysis.reports.session import versions
-from analysis.screen import on_screen, white_level_dn
 from simulation.arrays import AnyArray
+from simulation.palette import BLUE, INK, PALETTE, VERMILION
 
 _LISTED = 300
 """Follow-ups in the table of a page; changes.csv has all."""
@@ -38,9 +39,8 @@ _TRACKS_LISTED, _TRACKS_DRAWN, _TRACKS_ON_MAP = 100, 8, 40
 _DRAWN_PX = 1500  # longest side of a reference in colour
 _NORMAL_95 = 1.96
 _LEVEL_LETTERS = 6  # of names that fit side by side
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5C00", "#000000")
-_SEEN, _NOT_SEEN, _NOT_COMPARED = "#D55E00", "#DDE3E9", "#FFFFFF"
-_INK = "#1b1f24"
+_COLOURS = (*PALETTE, "#7A5C00", "#000000")
+_SEEN, _NOT_SEEN, _NOT_COMPARED = VERMILION, "#DDE3E9", "#FFFFFF"
 
 
 def render_series_report(
@@ -228,7 +228,7 @@ def plot_time_line(line: ChangeTimeLine) -> Figure:
         # Side by side, where bars would hide each other.
         beside = 0.5 * ((number - 0.5) / len(drawn) - 0.5)
         _draw_track(axes, track, beside, colour, str(number))
-    axes.axhline(0, color=_INK, linewidth=0.6)
+    axes.axhline(0, color=INK, linewidth=0.6)
     axes.set(ylabel="amplitude / DN")
     _name_followups(axes, line)
     figure.legend(loc="outside upper center", ncols=min(len(drawn), 8), title="track")
@@ -294,7 +294,7 @@ def plot_track_map(line: ChangeTimeLine, reference_dn: AnyArray) -> Figure:
         low, high = np.percentile(levels, (0.5, 99.5))
         axes.imshow(levels, cmap="gray", vmin=low, vmax=max(high, low + 1e-9))
     for number, track in enumerate(line.tracks[:_TRACKS_ON_MAP], 1):
-        colour = "#D55E00" if _strongest_dn(track) > 0 else "#0072B2"
+        colour = VERMILION if _strongest_dn(track) > 0 else BLUE
         x, y = track.reference_x_px, track.reference_y_px
         halo = [withStroke(linewidth=3, foreground="white")]
         axes.plot(

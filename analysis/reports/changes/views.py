@@ -9,8 +9,9 @@ from markupsafe import Markup
 from analysis.changes import Change
 from analysis.reports.changes.pictures import ComparedPictures
 from analysis.reports.page import ReportFigure
+from simulation.palette import BLUE, GREEN, VERMILION
 
-BRIGHTER, DARKER, MOVED = "#d55e00", "#0072b2", "#009e73"
+BRIGHTER, DARKER, MOVED = VERMILION.lower(), BLUE.lower(), GREEN.lower()
 
 _PRINTED_WIDTH_IN = 2.38  # three side by side on A4
 _RING_SHARE = 1 / 70  # of the frame's width: the least radius of a ring that is seen

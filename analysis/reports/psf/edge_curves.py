@@ -12,6 +12,7 @@ from calibration.edges import EdgeMeasurement
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration
 from calibration.sharpness import edge_name, reported_mtf50, with_reach
 from simulation.arrays import FloatArray
+from simulation.palette import INK, POINTS
 
 _SHOWN_MOST = 24
 _ROWS_A_FIGURE = 5  # that fill a page of A4
@@ -20,8 +21,6 @@ _SINGLE_ROW_IN = 2.6
 _WIDTH_IN = 7.2
 _REACH_SIGMAS = 4.0
 _REACH_EXTRA_PX = 1.5
-_INK = "#1b1f24"
-_POINTS = "#8b95a1"
 
 
 def curves_section(psf: PsfCalibration) -> ReportSection | None:
@@ -119,16 +118,16 @@ def _draw_edge(panels: Sequence[Axes], edge: EdgeMeasurement) -> None:
             edge.binned.distance_px[near],
             edge.binned.levels[near],
             ".",
-            color=_POINTS,
+            color=POINTS,
             markersize=3,
         )
     model = _gaussian_esf(edge, distance)
     esf.plot(distance, edge.esfr.esf(distance), color=colour, linewidth=1.4)
-    esf.plot(distance, model, color=_INK, linewidth=0.9, linestyle="--")
+    esf.plot(distance, model, color=INK, linewidth=0.9, linestyle="--")
     esf.set(xlabel="distance / px", ylabel="ESF", xlim=(-reach, reach))
     lsf.plot(distance, edge.esfr.lsf(distance), color=colour, linewidth=1.4)
     slope = np.gradient(model, distance)
-    lsf.plot(distance, slope, color=_INK, linewidth=0.9, linestyle="--")
+    lsf.plot(distance, slope, color=INK, linewidth=0.9, linestyle="--")
     lsf.set(xlabel="distance / px", ylabel="LSF / (1/px)", xlim=(-reach, reach))
     _draw_sfr(sfr, edge, colour)
 
@@ -137,7 +136,7 @@ def _draw_sfr(axes: Axes, edge: EdgeMeasurement, colour: str) -> None:
     assert edge.esfr is not None
     freq = np.linspace(0, 1, 101)
     axes.plot(freq, edge.esfr.at(freq), color=colour, linewidth=1.4)
-    axes.plot(freq, _gaussian_sfr(edge, freq), color=_INK, linewidth=0.9, linestyle="--")
+    axes.plot(freq, _gaussian_sfr(edge, freq), color=INK, linewidth=0.9, linestyle="--")
     mtf50 = reported_mtf50(edge)
     axes.errorbar(
         [mtf50.cy_per_px],
@@ -147,7 +146,7 @@ def _draw_sfr(axes: Axes, edge: EdgeMeasurement, colour: str) -> None:
         markersize=4,
         color=colour,
     )
-    axes.axvline(0.5, color=_INK, linewidth=0.8, linestyle=":")
+    axes.axvline(0.5, color=INK, linewidth=0.8, linestyle=":")
     axes.set(xlabel="frequency / (cy/px)", ylabel="SFR", xlim=(0, 1), ylim=(0, 1.05))
 
 

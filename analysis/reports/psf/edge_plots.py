@@ -12,10 +12,10 @@ from calibration.edge_fit import edge_profile
 from calibration.edges import EdgeMeasurement
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
 from simulation.arrays import FloatArray, FloatImage
+from simulation.palette import INK, PURPLE, YELLOW
 
-REJECTED_COLOUR = "#CC79A7"
-SCENE_COLOUR = "#F0E442"
-_INK = "#1b1f24"
+REJECTED_COLOUR = PURPLE
+SCENE_COLOUR = YELLOW
 _AXES_IN = 0.75  # of a figure's width: ticks and labels
 _LEGEND_IN = 0.85  # of its height: the legend, too
 _HIGHEST_IN = 5.4  # room for the title and the legend on a page
@@ -76,7 +76,7 @@ def plot_edges(
             fontsize=LABEL_POINTS,
             ha="center",
             va="center",
-            color=_INK,
+            color=INK,
             bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6},
         )
     axes.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5), xlabel="x / px", ylabel="y / px")
@@ -118,7 +118,7 @@ def plot_profile(image_dn: FloatImage, edge: EdgeMeasurement) -> Figure:
     lower.plot(
         (np.bincount(bin_index, distances)[used] / count[used]),
         (np.bincount(bin_index, residuals)[used] / count[used]),
-        color=_INK,
+        color=INK,
         linewidth=1.2,
         label=f"mean over {_PROFILE_BIN_PX:g} px",
     )

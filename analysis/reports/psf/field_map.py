@@ -25,13 +25,13 @@ from calibration.sharpness import (
     with_reach,
 )
 from simulation.arrays import FloatArray
+from simulation.palette import BLUE, INK, POINTS, VERMILION
 
 _DIRECTIONS: tuple[tuple[Direction, str], ...] = (
-    ("meridional", "#0072B2"),
-    ("sagittal", "#D55E00"),
+    ("meridional", BLUE),
+    ("sagittal", VERMILION),
 )
 _MARKERS = {"meridional": "o", "sagittal": "^"}
-_INK = "#1b1f24"
 _TICK_SHARE = 0.02  # of the frame's width: half the stroke along an edge
 _MANY = 300
 _RINGS = 6
@@ -110,7 +110,7 @@ def plot_field_map(edges: Sequence[EdgeMeasurement], width_px: int, height_px: i
             axes.plot(
                 [edge.x_px - reach[0], edge.x_px + reach[0]],
                 [edge.y_px - reach[1], edge.y_px + reach[1]],
-                color="#8b95a1",
+                color=POINTS,
                 linewidth=0.8,
                 zorder=1,
             )
@@ -124,7 +124,7 @@ def plot_field_map(edges: Sequence[EdgeMeasurement], width_px: int, height_px: i
             s=22 if len(chosen) < _MANY else 9,
             zorder=2,
         )
-        axes.plot((width_px - 1) / 2, (height_px - 1) / 2, "+", color=_INK, markersize=9)
+        axes.plot((width_px - 1) / 2, (height_px - 1) / 2, "+", color=INK, markersize=9)
         axes.set(
             title=f"{direction}, {len(chosen)} edges",
             xlim=(-0.5, width_px - 0.5),
@@ -255,7 +255,7 @@ def plot_lateral_colour(edges: Sequence[EdgeMeasurement], width_px: int, height_
             color=ink,
             label=f"{colour} from green",
         )
-    axes.axhline(0, color=_INK, linewidth=0.6)
+    axes.axhline(0, color=INK, linewidth=0.6)
     axes.set(
         xlabel="distance from the centre along the normal / px",
         ylabel="shift / px",

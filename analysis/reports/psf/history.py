@@ -20,9 +20,10 @@ from calibration.errors import CalibrationError
 from calibration.psf import PsfCalibration, compare_psfs, focus_repeatability
 from calibration.sharpness import NORMAL_95, with_reach
 from simulation.figures import figure_of
+from simulation.palette import BLUE, VERMILION
 
 _UNKNOWN = "unknown"
-_COLOURS = {"sigma_x_px": "#0072B2", "sigma_y_px": "#D55E00"}
+_COLOURS = {"sigma_x_px": BLUE, "sigma_y_px": VERMILION}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,12 +26,12 @@ from calibration.psf import (
     draw_transfer_2d,
 )
 from calibration.sharpness import NORMAL_95, with_reach
+from simulation.palette import INK, VERMILION
 from simulation.psf import PsfField
 
 FEWEST_DRAWN = 6
 """Fewer edges are told by a table, and by their labels on the photograph."""
 
-_INK = "#1b1f24"
 _AXES = (("x", "vertical"), ("y", "horizontal"))
 _MAP_POINTS = 61
 _ELLIPSES = 5
@@ -95,7 +95,7 @@ def plot_field(psf: PsfCalibration, field: PsfField) -> Figure:
     used = [(edge.x_px, edge.y_px) for edge in psf.edges]
     if used:
         positions = np.array(used).T
-        axes.plot(*positions, ".", color="#D55E00", markersize=3)
+        axes.plot(*positions, ".", color=VERMILION, markersize=3)
     axes.set(xlabel="x / px", ylabel="y / px", xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     axes.grid(visible=False)
     return figure
@@ -159,7 +159,7 @@ def _draw_trend(axes: Axes, trend: HeightTrend) -> None:
         yerr=196 * errs,
         fmt="s",
         markersize=4,
-        color=_INK,
+        color=INK,
         label="all edges at a height, 95 %",
     )
     weight = 1 / errs**2
@@ -168,12 +168,12 @@ def _draw_trend(axes: Axes, trend: HeightTrend) -> None:
     axes.plot(
         heights,
         100 * (line - 1),
-        color=_INK,
+        color=INK,
         linewidth=1,
         linestyle="--",
         label=f"trend {1e4 * trend.slope_per_mm:+.3f} % per 100 mm",
     )
-    axes.axhline(0, color=_INK, linewidth=0.6)
+    axes.axhline(0, color=INK, linewidth=0.6)
     axes.set(ylabel="width deviation\nfrom the mean / %")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.35 * (high - low))  # room for the legend

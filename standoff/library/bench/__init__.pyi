@@ -1,9 +1,9 @@
 from .bench import Bench as Bench, height_series as height_series
-from .cameras import find_cameras as find_cameras
 from .devices import (
     OpenBench as OpenBench,
     OpenCamera as OpenCamera,
     devices_of as devices_of,
+    find_cameras as find_cameras,
     open_bench as open_bench,
     open_camera as open_camera,
     open_stage as open_stage,
@@ -23,9 +23,9 @@ from .plan_preview import (
     given_plan as given_plan,
     preview_plan as preview_plan,
 )
-from .planned_comparison import PlannedComparisons as PlannedComparisons
 from .session_capture import (
     CapturedSession as CapturedSession,
+    PlannedComparisons as PlannedComparisons,
     capture_session as capture_session,
 )
 from .stage_control import operate_stage as operate_stage

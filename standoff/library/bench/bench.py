@@ -3,31 +3,18 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 
-from acquisition.capture import (
-    CaptureProgress,
-    CaptureStep,
-    Placement,
-    RunOperator,
-    run_plan,
-)
+from acquisition.capture import CaptureProgress, CaptureStep, Placement, RunOperator, run_plan
 from acquisition.choices import CaptureKind, FocusMeasure
-from acquisition.focus import (
-    FocusOptions,
-    FocusPeak,
-    NoFocusPeakError,
-    SweepRequest,
-    sweep_bench,
-)
+from acquisition.focus import FocusOptions, FocusPeak, NoFocusPeakError, SweepRequest, sweep_bench
+from acquisition.photographs.photograph import BenchCapture
 from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries
 from acquisition.session import Session
 from calibration.edges import Region
 from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked
-from standoff.library.bench.devices import placement_of
+from standoff.library.bench.devices import MovableBench, placement_of
 from standoff.library.bench.focus import focus_region, pupil_of
-from standoff.library.bench.movable_bench import MovableBench
-from standoff.library.bench_capture import BenchCapture
-from standoff.library.inputs import FilePath, path_of
+from standoff.library.call import FilePath, path_of
 
 
 class Bench(MovableBench):
@@ -256,11 +243,6 @@ def height_series(
     """Return the plan of one target, as ``[[targets]]`` describes it, over a series of heights.
 
     ``keys`` are other keys of the plan.
-
-    Raises
-    ------
-    PlanError
-        If a key or height is not accepted; the message names it.
     """
     heights = [float(height) for height in heights_mm]
     table = {"schema": "standoff.plan/1", "name": name, "heights_mm": heights, "targets": [target]}

@@ -1,23 +1,31 @@
-"""Opens the devices that a bench file names."""
+"""Finds cameras, and opens the devices that a bench file names."""
 
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from acquisition.aravis import AravisCamera
 from acquisition.bench import BenchConfig, BenchDevices, CameraConfig, StageConfig
+from acquisition.bracket import ExposureControl
 from acquisition.capture import Placement
 from acquisition.devices import Camera, Stage
-from acquisition.errors import BenchConfigError, PlanError
+from acquisition.errors import BenchConfigError, DeviceError, PlanError, StageNotHomedError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
-from acquisition.stages import ManualStage, MotorStage
+from acquisition.stages import ManualStage, MotorStage, home_timeout_s, move_timeout_s
 from acquisition.stages.grbl import open_grbl_stage
 from acquisition.stages.zaber import open_zaber_stage
 from hil_mocks import SimulatedBench
+from simulation.arguments import checked
 from standoff.errors import ArgumentError
+from standoff.library.bench.plan_preview import bench_config
+from standoff.library.call import FilePath, login_name
+
+if TYPE_CHECKING:
+    from acquisition.aravis import FoundCamera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,20 +50,7 @@ def open_bench(
 ) -> Iterator[OpenBench]:
     """Open camera and stage, and close both at the end.
 
-    Parameters
-    ----------
-    config
-        The bench.
-    ask
-        Asks whoever moves a manual stage a question; at the terminal if None.
-
-    Raises
-    ------
-    BenchConfigError
-        If this version lacks a driver, or the simulated camera and stage are not used
-        together.
-    DeviceError
-        If a device cannot be opened.
+    ``ask`` asks whoever moves a manual stage a question; at the terminal if None.
     """
     refuse_half_simulated(config)
     is_simulated = config.camera.driver == "simulated"
@@ -64,13 +59,7 @@ def open_bench(
 
 
 def refuse_half_simulated(config: BenchConfig) -> None:
-    """Refuse a bench of which only one device is simulated in process.
-
-    Raises
-    ------
-    BenchConfigError
-        If camera or stage is simulated and the other is not.
-    """
+    """Refuse a bench of which only one device is simulated in process."""
     if [config.camera.driver, config.stage.driver].count("simulated") == 1:
         raise BenchConfigError(
             f"camera.driver {config.camera.driver!r} with stage.driver {config.stage.driver!r}: "
@@ -111,15 +100,7 @@ def _real_bench(config: BenchConfig, ask: Callable[[str], str] | None) -> Iterat
 
 
 def open_camera(config: CameraConfig) -> AravisCamera:
-    """Open the real camera that a bench file names.
-
-    Raises
-    ------
-    BenchConfigError
-        If its driver is not for a real camera.
-    DeviceError
-        If it cannot be opened or configured.
-    """
+    """Open the real camera that a bench file names."""
     if config.driver != "aravis":
         raise BenchConfigError(
             f"camera.driver {config.driver!r} opens no camera; use 'aravis', or 'simulated' for "
@@ -137,26 +118,9 @@ def open_stage(
 ) -> MotorStage | ManualStage:
     """Open the real stage that a bench file names, without moving it.
 
-    Parameters
-    ----------
-    config
-        The stage's section.
-    first
-        What to send before the dialogue begins: ``stop`` ends a move that another program left
-        running, ``reset`` ends a state in which a Grbl controller does not answer.
-    ask
-        Asks whoever moves a manual stage a question; at the terminal if None.
-    stopped
-        Called once the stage stands, after ``stop``; what comes then may still fail.
-
-    Raises
-    ------
-    BenchConfigError
-        If its driver is not for a real stage.
-    StageNotStoppedError
-        If it was told to stop first, and nothing says that it did.
-    DeviceError
-        If it cannot be opened.
+    ``first`` is sent before the dialogue begins: ``stop`` ends a move that another program left
+    running, after which ``stopped`` is called, and ``reset`` a state in which a Grbl controller
+    does not answer. ``ask`` asks whoever moves a manual stage; at the terminal if None.
     """
     match config.driver:
         case "grbl":
@@ -205,13 +169,7 @@ def placement_of(
     simulated: SimulatedBench | None,
     place: Callable[[PlanEntry], Placement] | None,
 ) -> Callable[[PlanEntry], Placement]:
-    """Return the callback that has a target placed: by ``place``, and by a simulated bench.
-
-    Raises
-    ------
-    PlanError
-        If a real bench has several targets to place, and nobody to place them.
-    """
+    """Return the callback that has a target placed: by ``place``, and by a simulated bench."""
     if simulated is not None:
         in_simulation = place_in_simulation(simulated)
         if place is None:
@@ -231,13 +189,7 @@ def placement_of(
 def place_target(
     simulated: SimulatedBench | None, target: str | None, orientation_deg: float = 0.0
 ) -> None:
-    """Place a target, if one is named, under the simulated camera.
-
-    Raises
-    ------
-    ArgumentError
-        If the camera is a real one, or there is no such target.
-    """
+    """Place a target, if one is named, under the simulated camera."""
     if target is None:
         return
     if simulated is None:
@@ -260,13 +212,7 @@ class OpenCamera:
 
 @contextmanager
 def opened_camera(config: BenchConfig) -> Iterator[OpenCamera]:
-    """Open the camera of a bench and close it at the end.
-
-    Raises
-    ------
-    BenchConfigError, DeviceError
-        If it cannot be opened.
-    """
+    """Open the camera of a bench and close it at the end."""
     if config.camera.driver == "simulated":
         with open_bench(config) as bench:
             yield OpenCamera(camera=bench.camera, clock=bench.clock, simulated=bench.simulated)
@@ -280,3 +226,184 @@ def opened_camera(config: BenchConfig) -> Iterator[OpenCamera]:
 def devices_of(opened: OpenBench, config: BenchConfig) -> BenchDevices:
     """The devices of an opened bench, as a sweep takes them."""
     return BenchDevices(config=config, camera=opened.camera, stage=opened.stage, clock=opened.clock)
+
+
+class MovableBench:
+    """The devices of a bench and the moves of its stage; see `Bench`, which adds captures."""
+
+    @checked
+    def __init__(
+        self,
+        bench: FilePath | BenchConfig,
+        *,
+        settings: Mapping[str, Any] | None = None,
+        operator: str | None = None,
+        ask: Callable[[str], str] | None = None,
+    ) -> None:
+        self.config = bench_config(bench, settings)
+        self.operator = operator or login_name()
+        self._ask = ask
+        self._resources = ExitStack()
+        self._opened: OpenBench | None = None
+        self._exposures: ExposureControl | None = None
+        self._asked_mm: float | None = None
+
+    def __repr__(self) -> str:
+        drivers = f"{self.config.camera.driver} camera, {self.config.stage.driver} stage"
+        return f"<Bench: {drivers}, {'open' if self._opened else 'closed'}>"
+
+    def open(self) -> Self:
+        """Open the camera and the stage; moves nothing."""
+        if self._opened is not None:
+            raise DeviceError("the bench is open already; close it first")
+        self._opened = self._resources.enter_context(open_bench(self.config, ask=self._ask))
+        return self
+
+    def close(self) -> None:
+        """Release both devices; closing twice is harmless."""
+        self._opened = self._asked_mm = self._exposures = None
+        self._resources.close()
+
+    def __enter__(self) -> Self:
+        return self if self._opened is not None else self.open()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def camera(self) -> Camera:
+        """The camera itself, for what is not offered here."""
+        return self._open().camera
+
+    @property
+    def stage(self) -> Stage:
+        """The stage itself, for what is not offered here."""
+        return self._open().stage
+
+    @property
+    def devices(self) -> BenchDevices:
+        """Both devices with their config and clock, as the functions of ``acquisition`` take."""
+        opened = self._open()
+        return BenchDevices(
+            config=self.config,
+            camera=opened.camera,
+            stage=opened.stage,
+            clock=opened.clock,
+            sleep=opened.sleep,
+        )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What an operator should know about the devices, one line each."""
+        return self._open().warnings
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """Lowest and highest height that a move may ask for."""
+        return self.stage.limits_mm
+
+    @property
+    def height_mm(self) -> float:
+        """Height read back now."""
+        return self.stage.position_mm()
+
+    @property
+    def asked_mm(self) -> float:
+        """Height that the last move asked for; the one read back, if it was moved otherwise."""
+        return self.height_mm if self._asked_mm is None else self._asked_mm
+
+    @property
+    def simulated(self) -> SimulatedBench | None:
+        """The simulated bench of this process behind both devices; None of a real one."""
+        return self._open().simulated
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether camera, stage and scene are the simulated ones of this process."""
+        return self.simulated is not None
+
+    def home(self) -> float:
+        """Find the reference switch, and return the height there."""
+        self._asked_mm = None
+        stage = self.stage
+        with _stopping_if_interrupted(stage):
+            stage.home(home_timeout_s(self.config.stage, stage))
+        return stage.position_mm()
+
+    @checked
+    def move(self, height_mm: float) -> float:
+        """Move to a height and settle; return the height read back."""
+        self._asked_mm = None
+        stage = self.stage
+        try:
+            with _stopping_if_interrupted(stage):
+                found_mm = stage.move_to(height_mm, move_timeout_s(self.config.stage))
+        except StageNotHomedError as error:
+            raise StageNotHomedError(f"{error}; call home() first, which moves it") from error
+        self._asked_mm = height_mm
+        return found_mm
+
+    def stop(self) -> None:
+        """Stop the stage under control; any thread may call it."""
+        self.stage.stop()
+
+    @checked
+    def place(self, target: str, orientation_deg: float = 0.0) -> None:
+        """Place a target under the camera of a simulated bench."""
+        simulated = self.simulated
+        if simulated is None:
+            raise DeviceError("only a simulated bench places its own targets; place it by hand")
+        simulated.place(target, orientation_deg)
+
+    def _exposure_control(self) -> ExposureControl:
+        opened = self._open()
+        if self._exposures is None:
+            configured_us = self.config.camera.exposure_us
+            self._exposures = ExposureControl(opened.camera, configured_us, opened.clock)
+        return self._exposures
+
+    def _open(self) -> OpenBench:
+        if self._opened is None:
+            raise DeviceError("the bench is closed; use it inside `with bench:`, or call open()")
+        return self._opened
+
+
+@contextmanager
+def _stopping_if_interrupted(stage: Stage) -> Iterator[None]:
+    """Stop the stage if the move in the block is interrupted; a failed one stops by itself."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        try:
+            stage.stop()
+        except DeviceError as error:
+            interrupt.add_note(f"stopping the stage failed: {error}")
+        raise
+
+
+@checked
+def find_cameras() -> tuple["FoundCamera", ...]:
+    """Search for cameras; this broadcasts on every network interface of this computer.
+
+    Returns
+    -------
+    tuple of FoundCamera
+        Address, vendor, model, serial number and id of each that answers.
+
+    Raises
+    ------
+    DriverMissingError
+        If Aravis or PyGObject is not installed.
+
+    Examples
+    --------
+    >>> [camera.address for camera in standoff.find_cameras()]  # doctest: +SKIP
+    """
+    from acquisition.aravis import list_cameras  # at the call: a stand-in may take its place
+
+    return list_cameras()

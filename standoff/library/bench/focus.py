@@ -10,6 +10,7 @@ import numpy as np
 
 from acquisition.bench import BenchConfig
 from acquisition.choices import FocusMeasure
+from acquisition.files import write_file
 from acquisition.focus import (
     UNKNOWN_PUPIL,
     FocusOptions,
@@ -34,12 +35,17 @@ from calibration.sharpness import NORMAL_95
 from simulation.arguments import checked
 from simulation.notebook import Shown
 from standoff.errors import ArgumentError
-from standoff.library.bench.devices import OpenCamera, opened_camera, place_target
-from standoff.library.bench.movable_bench import MovableBench
+from standoff.library.bench.devices import MovableBench, OpenCamera, opened_camera, place_target
 from standoff.library.bench.plan_preview import bench_config
-from standoff.library.call import Call, Progress
-from standoff.library.files import write_file
-from standoff.library.inputs import FilePath, NoiseLike, camera_noise, output_path, path_of
+from standoff.library.call import (
+    Call,
+    FilePath,
+    NoiseLike,
+    Progress,
+    camera_noise,
+    output_path,
+    path_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -307,15 +313,7 @@ def find_focus(
 
 
 def pupil_of(geometry: GeometryCalibration | FilePath | None) -> PupilOffset:
-    """What a geometry says of the entrance pupil.
-
-    Raises
-    ------
-    TypeError
-        If it is neither a geometry nor a path.
-    GeometryFileError
-        If the file cannot be read.
-    """
+    """What a geometry says of the entrance pupil."""
     if geometry is None:
         return UNKNOWN_PUPIL
     if not isinstance(geometry, GeometryCalibration):
@@ -328,13 +326,7 @@ def pupil_of(geometry: GeometryCalibration | FilePath | None) -> PupilOffset:
 
 
 def focus_region(region: Region | None) -> FocusRegion | None:
-    """Return the region of a picture in which focus is measured.
-
-    Raises
-    ------
-    ArgumentError
-        If it is smaller than two pixels along either axis.
-    """
+    """Return the region of a picture in which focus is measured."""
     if region is None:
         return None
     sides = {name: getattr(region, name) for name in ("x_px", "y_px", "width_px", "height_px")}

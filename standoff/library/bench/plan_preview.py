@@ -13,7 +13,7 @@ from acquisition.plan import CapturePlan, load_plan
 from simulation.arguments import ArgumentTypeError, checked, kind_of
 
 FilePath: TypeAlias = str | PathLike[str]
-"""As in ``standoff.library.inputs``, whose import takes longer than a preview."""
+"""As in ``standoff.library.call``, whose import takes longer than a preview."""
 
 
 @checked
@@ -52,26 +52,12 @@ def preview_plan(
 
 
 def given_plan(plan: CapturePlan | FilePath) -> CapturePlan:
-    """Return a plan as given, or read from its file.
-
-    Raises
-    ------
-    PlanError
-        If the file cannot be read, or is not valid.
-    """
+    """Return a plan as given, or read from its file."""
     return plan if isinstance(plan, CapturePlan) else load_plan(Path(plan))
 
 
 def bench_config(bench: object, settings: Mapping[str, Any] | None) -> BenchConfig:
-    """Return a bench as its file says, with the keys that replace those of the file.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is neither a path nor a config, or a config with further keys.
-    BenchConfigError
-        If a key is unknown, missing or out of range.
-    """
+    """Return a bench as its file says, with the keys that replace those of the file."""
     if isinstance(bench, str | PathLike):
         return load_bench(Path(bench), dict(settings or {}))
     if not isinstance(bench, BenchConfig):

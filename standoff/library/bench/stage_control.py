@@ -26,13 +26,6 @@ def operate_stage(
 
     ``stopped`` is told that the stage stands, before anything else is asked of it, and ``note``
     what went wrong after that. An interrupt brings the stage to a controlled stop.
-
-    Raises
-    ------
-    StageNotStoppedError
-        If it was to stop, and nothing says that it did.
-    DeviceError
-        If it cannot be opened, or does not do what it is told.
     """
     if action == "stop":
         return _stop(config, stopped, note)

@@ -14,10 +14,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from acquisition.files import make_folder
 from acquisition.regular_files import read_regular_file
 from acquisition.remote_files import is_url, url_of
 from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
+from analysis.choices import BenchmarkSize
 from hil_mocks.benchmark_set import (
     FORMAT,
     TRACKS,
@@ -39,10 +41,7 @@ from standoff.library.benchmark.task_files import (
     write_below,
     written_record,
 )
-from standoff.library.call import Call, Progress
-from standoff.library.choices import BenchmarkSize
-from standoff.library.files import make_folder
-from standoff.library.inputs import FilePath, path_of
+from standoff.library.call import Call, FilePath, Progress, path_of
 
 MANIFEST_NAME = "manifest.json"
 MADE_WITH = (

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
+from acquisition.files import make_folder, write_file, write_page, written_together
 from analysis.benchmark import (
     MANIFEST_NAME,
     BenchmarkData,
@@ -22,9 +23,7 @@ from calibration.documents import json_object
 from simulation.arguments import checked
 from simulation.notebook import Shown, html_table
 from standoff.errors import ArgumentError
-from standoff.library.call import Call, Progress
-from standoff.library.files import make_folder, write_file, write_page, written_together
-from standoff.library.inputs import FilePath, listed_paths, path_of
+from standoff.library.call import Call, FilePath, Progress, listed_paths, path_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
+from acquisition.photographs import ReadOptions, each_image
 from analysis.errors import ResultsFileError
 from analysis.evaluation.change_pairs import (
     ChangePairsDataset,
@@ -17,12 +18,9 @@ from simulation.arguments import checked
 from simulation.choices import PsfShape
 from simulation.notebook import Shown
 from standoff.errors import ApplicationError, ArgumentError
-from standoff.library.call import Call, Progress
-from standoff.library.files import each_image
-from standoff.library.inputs import FilePath, PsfLike, listed_paths, path_of
+from standoff.library.call import Call, FilePath, Progress, PsfLike, listed_paths, path_of
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import colour_scene_image
-from standoff.photographs import ReadOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

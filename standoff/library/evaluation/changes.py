@@ -6,15 +6,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from acquisition.photographs import ReadOptions, read_image
 from acquisition.printable import on_one_line
 from analysis.errors import RefusedPhotographError
 from analysis.evaluation import LaterScene, Patch
 from simulation.arguments import checked
 from simulation.arrays import FloatArray
 from standoff.errors import ApplicationError
-from standoff.library.inputs import FilePath
+from standoff.library.call import FilePath
 from standoff.library.swept_photographs import colour_scene_image
-from standoff.photographs import ReadOptions, read_image
 
 _SAME_NAME = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr", ".dng")
 

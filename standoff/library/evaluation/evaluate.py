@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from acquisition.files import PAGES, write_page, written_together
+from acquisition.photographs import ReadOptions, each_image
 from acquisition.printable import on_one_line
 from analysis.choices import WINDOW_PX
 from analysis.detectability import (
@@ -33,20 +35,25 @@ from analysis.evaluation import (
     evaluation_curves,
     read_evaluation,
 )
-from analysis.reports import evaluation_figures, render_evaluation_report
+from analysis.reports import evaluation_figures, render_evaluation_report, write_figure
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep, blocks_of
 from simulation.arguments import ArgumentTypeError, checked, kind_of
 from simulation.choices import PsfShape
 from simulation.notebook import Shown
 from standoff.errors import ApplicationError, ArgumentError
-from standoff.library.call import Call, Progress
+from standoff.library.call import (
+    Call,
+    FilePath,
+    Progress,
+    PsfLike,
+    listed_paths,
+    output_path,
+    path_of,
+)
 from standoff.library.evaluation.changes import later_scene
-from standoff.library.files import PAGES, each_image, write_figure, write_page, written_together
-from standoff.library.inputs import FilePath, PsfLike, listed_paths, output_path, path_of
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import colour_scene_image, list_inputs
-from standoff.photographs import ReadOptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,20 +7,19 @@ from typing import Any
 import numpy as np
 
 from acquisition.bench import BenchConfig
+from acquisition.files import RESULTS_FOLDER, Provenance, make_folder, write_file
 from acquisition.plan import load_plan
 from acquisition.session import Session
 from analysis.reports import plot_furthest, png_bytes
 from analysis.validation import Validation, furthest_pair
 from calibration.files import write_psf
-from calibration.provenance import Provenance
 from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images, edge_records
 from hil_mocks import BenchTruth
 from standoff.library.call import Call, Progress
-from standoff.library.files import RESULTS_FOLDER, make_folder, write_file
-from standoff.library.psf import Reading, from_session
+from standoff.library.edges import Reading, from_session
 from standoff.library.rehearsal.real_pair import DEMO_PHOTOGRAPHS, RealPair, compare_real_pair
 from standoff.library.rehearsal.simulated_session import capture_simulated
-from standoff.library.sessions import session_validation, write_session_report
+from standoff.library.validation import session_validation, write_session_report
 from standoff.shipped_configs import shipped_config
 
 _PAGE, _PICTURE = "report.html", "comparison.png"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from acquisition.bench import BenchConfig
+from acquisition.files import RESULTS_FOLDER, make_folder
 from acquisition.plan import load_plan
 from acquisition.session import Session
 from analysis.choices import PAPER_TRAINING_STEPS, ValidationModel
@@ -18,10 +19,9 @@ from calibration.files import read_psf, write_psf
 from calibration.psf import calibrate_psf, edge_images, edge_records
 from hil_mocks import BenchTruth
 from standoff.library.call import Call, Progress
-from standoff.library.files import RESULTS_FOLDER, make_folder
-from standoff.library.psf import Reading, from_session
+from standoff.library.edges import Reading, from_session
 from standoff.library.rehearsal.simulated_session import capture_simulated
-from standoff.library.sessions import default_models, run_validation
+from standoff.library.validation import default_models, run_validation
 from standoff.shipped_configs import shipped_config
 
 SHORT_WIDTH_PX, SHORT_HEIGHT_PX = 260, 192

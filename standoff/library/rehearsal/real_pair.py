@@ -8,6 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from acquisition.files import make_folder, write_file
+from acquisition.photographs import Encoding
 from analysis.changes import describe_limit
 from analysis.reports import (
     ReportSection,
@@ -20,14 +22,9 @@ from analysis.reports import (
 )
 from simulation.arrays import FloatArray
 from standoff.library.call import Call
-from standoff.library.comparison import (
-    ComparedPhotographs,
-    DetectionLimitOptions,
-    find_changes,
-)
-from standoff.library.example_photographs import example_photographs
-from standoff.library.files import make_folder, write_file
-from standoff.photographs import Encoding
+from standoff.library.changes import ComparedPhotographs, find_changes
+from standoff.library.limit_options import DetectionLimitOptions
+from standoff.library.photographs import example_photographs
 
 DEMO_PHOTOGRAPHS = _BEFORE, _AFTER = "photographs/before.png", "photographs/after.png"
 """Files below the demo's folder: the nearer photograph, and the further one with the spots."""

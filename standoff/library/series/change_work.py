@@ -4,23 +4,23 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from acquisition.files import make_folder
+from acquisition.photographs import Photograph
 from acquisition.printable import on_one_line
 from analysis.change_series import ComparedFollowup, limit_columns
 from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
 from simulation.choices import PsfShape
-from standoff.library.comparison import (
+from standoff.library.changes import (
     CHANGE_FILES,
     ComparedPhotographs,
     ComparisonRules,
     compared,
-    hint_settings,
     write_changes,
 )
-from standoff.library.files import make_folder
+from standoff.library.registration import hint_settings
 from standoff.library.swept_photographs import refusing
-from standoff.photographs import Photograph
 
 
 @dataclass(frozen=True, kw_only=True)

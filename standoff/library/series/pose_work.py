@@ -6,6 +6,8 @@ from functools import lru_cache
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
+from acquisition.files import FIGURES, Provenance
+from acquisition.photographs import Photograph, ReadOptions
 from acquisition.printable import on_one_line
 from analysis.changes import ChangeOptions
 from analysis.choices import Criterion
@@ -20,9 +22,8 @@ from analysis.pose import (
     PoseSummary,
     judge_pose as pose_quality,
 )
-from analysis.reports import plot_pose
+from analysis.reports import plot_pose, write_figure
 from calibration.errors import CalibrationError
-from calibration.provenance import Provenance
 from calibration.registration import (
     DistortedPose,
     RegistrationHints,
@@ -34,20 +35,12 @@ from simulation import GaussianPsf
 from simulation.arguments import checked
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
-from standoff.library.call import Call, Progress
-from standoff.library.comparison import (
-    AlignmentHints,
-    ComparisonRules,
-    compared,
-    hint_files,
-    hint_settings,
-)
+from standoff.library.call import Call, FilePath, ImageLike, Progress, PsfLike, output_path
+from standoff.library.changes import ComparisonRules, compared
 from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.files import FIGURES, write_figure
-from standoff.library.inputs import FilePath, ImageLike, PsfLike, output_path
 from standoff.library.psf import camera_psf
+from standoff.library.registration import AlignmentHints, hint_files, hint_settings
 from standoff.library.swept_photographs import refusing
-from standoff.photographs import Photograph, ReadOptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,14 +6,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Self
 
+from acquisition.photographs import Inputs, Photograph, ReadOptions, each_image, read_image
 from acquisition.printable import on_one_line
 from analysis.followup_series import References
 from analysis.sweep import SweepItem
 from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError, ImageFileError
-from standoff.library.files import each_image
 from standoff.library.swept_photographs import refusing
-from standoff.photographs import Inputs, Photograph, ReadOptions, read_image
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

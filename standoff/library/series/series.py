@@ -6,6 +6,8 @@ from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 
+from acquisition.files import PAGES, write_file, write_page
+from acquisition.photographs import Photograph, ReadOptions, each_image, is_folder
 from analysis.change_series import ChangesSeries, ComparedFollowup, time_line_of
 from analysis.changes import ChangeOptions
 from analysis.choices import FALSE_ALARMS, Criterion
@@ -30,31 +32,25 @@ from simulation.arguments import checked
 from simulation.arrays import AnyArray
 from simulation.choices import PsfShape
 from standoff.errors import ApplicationError
-from standoff.library.call import Call, Progress
-from standoff.library.comparison import (
-    AlignmentHints,
-    DetectionLimitOptions,
-    RegistrationHints,
-    comparison_rules,
-    hint_files,
-    limit_files,
-)
-from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.files import PAGES, each_image, is_folder, write_file, write_page
-from standoff.library.inputs import (
+from standoff.library.call import (
+    Call,
     FilePath,
     NoiseLike,
+    Progress,
     PsfLike,
     camera_noise,
     listed_paths,
     output_path,
     path_of,
 )
+from standoff.library.changes import comparison_rules
+from standoff.library.detectability import CurveLike, given_curve
+from standoff.library.limit_options import DetectionLimitOptions, limit_files
 from standoff.library.psf import psf_and_field
+from standoff.library.registration import AlignmentHints, RegistrationHints, hint_files
 from standoff.library.series.change_work import ChangeWork
 from standoff.library.series.pose_work import PoseDemand, PoseWork, registration_psf
 from standoff.library.series.references import OneReference, ReferenceFolder, pair_by_stem
-from standoff.photographs import Photograph, ReadOptions
 
 TIME_LINE_NAME, PAGE_NAME = "series.json", "report.html"
 CHANGES_TABLE, POSES_TABLE = "changes.csv", "poses.csv"

@@ -9,8 +9,8 @@ import pytest
 import tifffile
 
 import standoff
+from acquisition.photographs import luma_plane
 from analysis.evaluation import EvaluationTask, LaterScene, PairMaker, Patch, Spot
-from calibration.psf import luma_plane
 from simulation import GaussianPsf
 from simulation.arrays import Float32Array, FloatArray
 

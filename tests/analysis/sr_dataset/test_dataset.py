@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import webdataset
 
+from acquisition.photographs import ReadOptions, read_image
 from analysis.errors import SrDatasetError, SweepError
 from analysis.sr_dataset import SrDatasetSettings, SrDatasetSummary, write_sr_dataset
 from analysis.sweep import SweepOptions
 from simulation import GaussianPsf
 from standoff.library import Call
 from standoff.library.sr_pairs import pair_photograph
-from standoff.photographs import ReadOptions, read_image
 
 leaves_files_open = pytest.mark.filterwarnings(
     # The library webdataset leaves a tar file open that it has read to the end.

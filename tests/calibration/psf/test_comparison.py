@@ -3,8 +3,8 @@ from math import erfc, sqrt
 import pytest
 from hypothesis import given, strategies as st
 
+from acquisition.files import InputFile, Provenance
 from calibration.errors import CalibrationError
-from calibration.provenance import InputFile, Provenance
 from calibration.psf.comparison import compare_psfs, focus_repeatability
 from calibration.psf.document import PsfCalibration
 

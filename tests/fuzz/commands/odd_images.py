@@ -13,9 +13,9 @@ import numpy as np
 import tifffile
 from PIL import Image
 
+from tests.acquisition.photographs.made import png, tiff
 from tests.fuzz.commands.odd_file import OddFile, cut_short, of_bytes, with_flipped_bits
 from tests.fuzz.photograph_targets import RASTERS, RAWS, TIFFS
-from tests.standoff.photographs.made import png, tiff
 
 RNG = np.random.default_rng(8)
 SHAPE = (64, 64)

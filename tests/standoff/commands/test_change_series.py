@@ -15,7 +15,7 @@ from analysis.change_series.summary import read_changes_series
 from analysis.change_series.time_line import read_time_line
 from analysis.changes.document import read_changes
 from standoff.cli import run
-from standoff.library.comparison.change_search import compared as compare
+from standoff.library.changes import compared as compare
 from standoff.library.series import change_work
 from tests.standoff.changed_photographs import changed_pair, write_levels, write_psf
 from tests.standoff.conftest import Command

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 import tifffile
 
+from acquisition.files import written_together
 from calibration.noise import map_paths
 from standoff.errors import ApplicationError
 from standoff.library import CHANGE_FILES, DEMO_FILES, FILES_OF_SERIES, VALIDATION_FILES
-from standoff.library.detectability.measured_curves import curve_figure_paths
 from standoff.library.evaluation import evaluation_figure_paths
-from standoff.library.files.output_files import written_together
+from standoff.library.measured_curves import curve_figure_paths
 from standoff.terminal.app import COMMANDS, _imported
 from tests.standoff.conftest import Command
 

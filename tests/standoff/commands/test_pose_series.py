@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 import tifffile
 
+from acquisition.photographs.reader import read_image
 from analysis.detectability.curves import DetectabilityCurves
 from analysis.pose.series import read_pose_series
 from analysis.results_file import write_results
 from calibration.registration.pair import Registration, register
 from simulation.arrays import FloatArray
 from standoff.library.series import pose_work, references
-from standoff.photographs.reader import read_image
 from tests.analysis.detectability.test_curves import curve
 from tests.calibration.registration.test_tracking import pose, scene, seen_from
 from tests.standoff.conftest import Command

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from standoff.photographs import read_image
+from acquisition.photographs import read_image
 from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, Command
 
 

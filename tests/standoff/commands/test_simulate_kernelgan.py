@@ -109,7 +109,7 @@ def test_the_settings_reach_the_training(
         weights[6, 6] = 1.0
         return EstimatedKernel(weights=weights)
 
-    monkeypatch.setattr("standoff.library.followup.learned_kernel.estimate_kernel", recorded)
+    monkeypatch.setattr("standoff.library.simulated_photograph.estimate_kernel", recorded)
     options = ("--steps", 7, "--seed", 5, "--centre-crop")
     assert command(*_arguments(image_file, tmp_path, *options)).status == 0
     assert command(*_arguments(image_file, tmp_path)).status == 0

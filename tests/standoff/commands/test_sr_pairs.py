@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from acquisition.photographs import ReadOptions, read_image
 from analysis.sr_dataset import split_of
-from standoff.photographs import ReadOptions, read_image
 from tests.standoff.conftest import Command, Outcome
 
 RNG = np.random.default_rng(12)

@@ -6,8 +6,7 @@ import pytest
 
 from analysis.validation import kernels
 from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings
-from standoff.library import Call
-from standoff.library.sessions import validation_run
+from standoff.library import Call, validation as validation_run
 from tests.analysis.height_series import height_series
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance

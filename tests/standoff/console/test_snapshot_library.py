@@ -9,6 +9,7 @@ import pytest
 import tifffile
 
 from acquisition.devices import DeviceInfo
+from acquisition.photographs import read_image
 from standoff.console.session_library import SessionLibrary, UnknownSessionError
 from standoff.console.snapshot_library import (
     SnapshotLibrary,
@@ -19,7 +20,6 @@ from standoff.console.snapshot_library import (
     utc_text,
 )
 from standoff.errors import ApplicationError
-from standoff.photographs import read_image
 from tests.acquisition.fakes import SETTINGS
 
 TAKEN = datetime(2025, 3, 4, 5, 6, 7, 891_234, tzinfo=UTC)

@@ -12,12 +12,11 @@ import tifffile
 from numpy.typing import NDArray
 
 import standoff
+from acquisition.photographs import LINEAR, ReadOptions, luma_plane
 from analysis.errors import RefusedPhotographError
-from calibration.psf import luma_plane
 from simulation.arrays import FloatArray
 from standoff.library.evaluation.changes import later_scene
 from standoff.library.swept_photographs import colour_scene_image
-from standoff.photographs import LINEAR, ReadOptions
 from tests.standoff.changed_photographs import changed_pair
 
 HUE = np.array([1.4, 0.9, 0.6])

@@ -12,7 +12,7 @@ from analysis.detection_limits import DetectionLimit, SpotLimit, percent_text, s
 from calibration.geometry import GeometryCalibration
 from simulation.arrays import FloatArray
 from standoff.errors import ApplicationError, ArgumentError
-from standoff.library.comparison.limit_options import limit_rgb
+from standoff.library.limit_options import limit_rgb
 
 FRAME = (150, 190)
 NOISE_DN = 1.0

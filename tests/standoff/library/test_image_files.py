@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from acquisition.files import write_float_tiff, write_mask
 from standoff.errors import ImageFileError
-from standoff.library.files.image_files import write_float_tiff, write_mask
 
 
 def test_a_failed_write_leaves_the_old_file(

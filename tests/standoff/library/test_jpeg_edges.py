@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from acquisition.photographs.encoding import LINEAR, SRGB
+from acquisition.photographs.reader import ReadOptions, read_image
 from calibration.edges import Region, measure_edges
 from calibration.noise import CorrectionMaps
-from standoff.library.psf.edge_sources import Reading, edge_image
-from standoff.photographs.encoding import LINEAR, SRGB
-from standoff.photographs.reader import ReadOptions, read_image
+from standoff.library.edges import Reading, edge_image
 from tests.calibration import closed_form
 
 SIGMA_PX = 0.9

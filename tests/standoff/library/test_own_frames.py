@@ -13,12 +13,12 @@ from PIL import Image
 
 import standoff
 from acquisition.averaging import AveragedFrames
+from acquisition.photographs import Photograph, photograph_of
 from acquisition.session.reader import Session
 from acquisition.session.take import Take
 from calibration.errors import NoiseError
 from calibration.noise import NoiseCalibration, NoiseMeasurement
 from standoff.errors import ArgumentError, ImageFileError
-from standoff.photographs import Photograph, photograph_of
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer
 from tests.calibration.poisson_frames import (

@@ -9,7 +9,7 @@ import pytest
 import standoff
 from calibration.errors import PsfFileError
 from simulation.arrays import FloatArray
-from standoff.library.psf.own_psf import is_own_psf, read_own_psf
+from standoff.library.psf import is_own_psf, read_own_psf
 from tests.standoff.conftest import Command
 
 SIGMA_PX = 0.8

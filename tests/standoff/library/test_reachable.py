@@ -9,15 +9,15 @@ from tempfile import mkdtemp
 
 import pytest
 
-from standoff.errors import ApplicationError
-from standoff.library import list_sessions, psf_history
-from standoff.library.files import (
+from acquisition.files import (
     refusal_text,
     require_folder,
     require_place,
     require_reachable,
     require_writable,
 )
+from standoff.errors import ApplicationError
+from standoff.library import list_sessions, psf_history
 from tests.privileges import NOBODY, ordinary_user
 
 

@@ -13,9 +13,9 @@ import pytest
 
 import standoff
 from scripts.example_files import make_example_files
+from scripts.library_reference import TYPES
 from simulation.arguments.ranges import RANGES
 from standoff.errors import REPORTED_ERRORS, ArgumentError
-from standoff.library import types
 
 CALLS = 2500
 GONE = "gone"
@@ -103,8 +103,6 @@ SOUND: dict[str, dict[str, object]] = {
     | {"image_size": (64, 64)},
     "preview_plan": {"plan": "plan.toml", "bench": "bench.toml"},
     "psf_history": {"files": "psf.json"},
-    "read_change_pairs": {"folder": GONE},
-    "read_image": {"path": "before.tif"},
     "reading": {},
     "register": {"reference": SCENE, "followup": GONE},
     "score_benchmark": {"results": GONE, "data": GONE},
@@ -118,7 +116,9 @@ SOUND: dict[str, dict[str, object]] = {
     "verify_session": {"session": GONE},
     "watch_focus": {"bench": GONE},
     **MADE_BY_HAND,
-    **{name: {"path": GONE} for name in types.__all__ if name.startswith(("read_", "load_"))},
+    **{name: {"path": GONE} for name in standoff.__all__ if name.startswith(("read_", "load_"))},
+    "read_change_pairs": {"folder": GONE},
+    "read_image": {"path": "before.tif"},
     "read_psf": {"path": "psf.json"},
     "write_curves": {"path": "o/c.json", "curves": None},
     "write_homography": {"path": "o/h.json", "homography": None},
@@ -132,9 +132,7 @@ SOUND: dict[str, dict[str, object]] = {
 }
 """Arguments that take little time, of every public function and type."""
 
-NOT_CALLED = {"ArgumentError", "Progress"} | (
-    {name for name in types.__all__ if name[0].isupper()} - MADE_BY_HAND.keys()
-)
+NOT_CALLED = {"ArgumentError", "Progress"} | (set(TYPES) - MADE_BY_HAND.keys())
 """What is caught, what is a protocol, and results, which functions make."""
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acquisition.photographs import luma_plane
 from analysis.detectors import DetectorSpec, learned, open_detector
 from analysis.detectors.learned import (
     LearnedDetector,
@@ -16,7 +17,6 @@ from analysis.detectors.learned import (
 )
 from analysis.detectors.learned.weights import on_one_grid
 from analysis.errors import DetectorError
-from calibration.psf import luma_plane
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 torch = pytest.importorskip("torch")

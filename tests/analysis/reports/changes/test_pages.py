@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from acquisition.photographs import on_screen, white_level_dn
 from analysis.change_series.summary import ChangesSeries, ComparedFollowup
 from analysis.change_series.time_line import (
     ChangeTimeLine,
@@ -25,7 +26,6 @@ from analysis.reports.changes.pictures import LONGEST_SIDE_PX, ColourPair, compa
 from analysis.reports.changes.sections import q_text, render_changes_report
 from analysis.reports.changes.time_line import plot_track_map, render_series_report
 from analysis.reports.changes.views import view_figures
-from analysis.screen import on_screen, white_level_dn
 from calibration.registration.distorted_pose import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 from tests.analysis.html_page import Page

@@ -16,6 +16,7 @@ from starlette.testclient import TestClient
 
 from acquisition.capture import ExposureLimit, FoundExposure
 from acquisition.devices import Frame
+from acquisition.photographs import read_image
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError
 from standoff.console.web.application import console_app
@@ -23,7 +24,6 @@ from standoff.console.web.command_handler import NotInControlError
 from standoff.console.web.picture_commands import exposure_sentence, longest_exposure
 from standoff.console.web.view_model import state_document
 from standoff.errors import ApplicationError
-from standoff.photographs import read_image
 from tests.acquisition.fakes import SETTINGS, frame
 from tests.standoff.console.hub_fixtures import idle_hub, running_hub, small_bench, wait_for
 from tests.standoff.console.test_bench_hub import Operator

@@ -11,17 +11,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from PIL import Image
 
+from acquisition.photographs.encoding import LINEAR, SRGB
+from acquisition.photographs.photograph import Photograph
 from calibration.errors import CalibrationError
 from calibration.registration.point_table import POINT_COLUMNS
 from standoff.errors import ApplicationError, HintError
-from standoff.library.comparison.alignment_hints import (
+from standoff.library.registration import (
     AlignmentHints,
     alignment_hints,
     read_mask,
     read_points,
 )
-from standoff.photographs.encoding import LINEAR, SRGB
-from standoff.photographs.photograph import Photograph
 
 NEAR, FAR = (300, 400), (150, 200)
 SQUARE = [(10, 20, 110, 120), (90, 20, 190, 120), (10, 80, 110, 180), (90, 80, 190.5, 180)]

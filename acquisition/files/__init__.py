@@ -1,0 +1,5 @@
+"""Files of results: their names, how they are written whole, and where a result comes from."""
+
+import lazy_loader as lazy
+
+__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -1,0 +1,30 @@
+from .decoding import LARGEST_IMAGE_PX as LARGEST_IMAGE_PX, read_file as read_file
+from .encoding import (
+    LINEAR as LINEAR,
+    SRGB as SRGB,
+    Encoding as Encoding,
+    linear_to_srgb as linear_to_srgb,
+    luma_plane as luma_plane,
+    on_screen as on_screen,
+    white_level_dn as white_level_dn,
+)
+from .photograph import (
+    BenchCapture as BenchCapture,
+    FileSteps as FileSteps,
+    Photograph as Photograph,
+)
+from .raster import marked_png as marked_png
+from .reader import (
+    IMAGE_SUFFIXES as IMAGE_SUFFIXES,
+    Inputs as Inputs,
+    ReadOptions as ReadOptions,
+    each_image as each_image,
+    frames_of as frames_of,
+    image_files_in as image_files_in,
+    is_folder as is_folder,
+    photograph_of as photograph_of,
+    read_frames as read_frames,
+    read_image as read_image,
+    taken_as as taken_as,
+)
+from .stored_image import PhotographFacts as PhotographFacts, shared_facts as shared_facts

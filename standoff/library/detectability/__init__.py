@@ -1,5 +1,0 @@
-"""How well a change can be detected from further away, and the movement this allows."""
-
-import lazy_loader as lazy
-
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -1,0 +1,413 @@
+"""Calibrates a camera's PSF: from edges, from the edges of a scene, or from two distances."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Literal
+
+from acquisition.bench import LabelsConfig, OpticsConfig, load_bench
+from acquisition.files import PAGES, write_page
+from acquisition.photographs import ReadOptions
+from acquisition.printable import on_one_line
+from acquisition.session import Session
+from analysis.reports import psf_remarks
+from calibration.choices import CalibrationMethod, Channel, Pattern, TargetChoice
+from calibration.edges import EdgeImage, EdgeSelection, Region
+from calibration.errors import CalibrationError
+from calibration.files import read_correction
+from calibration.noise import CorrectionMaps, level_noise
+from calibration.psf import (
+    PsfCalibration,
+    PsfOrigin,
+    calibrate_mosaic,
+    calibrate_psf as psf_of_edges,
+    capture_images,
+    origin_of,
+    scene_records,
+)
+from calibration.sharpness import read_limits
+from simulation.arguments import ArgumentError, ArgumentTypeError, checked, kind_of
+from standoff.library.call import (
+    Call,
+    FilePath,
+    ImageLike,
+    NoiseLike,
+    Progress,
+    camera_noise,
+    listed_images,
+    output_path,
+    path_of,
+)
+from standoff.library.edges import EdgeSources, Reading, from_images, from_session, taken_with
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Request:
+    """Photographs or a session, how to read them, and how to get the PSF from them.
+
+    ``region`` returns the part of an image to use, None for all of it.
+    """
+
+    images: Sequence[ImageLike] | Session
+    reading: Reading
+    method: CalibrationMethod
+    region: Callable[[EdgeImage], Region | None]
+    zoom: float | None
+    target: TargetChoice
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Calibrated:
+    """The PSF, the camera it belongs to, and the photographs of the edge target, if any."""
+
+    psf: PsfCalibration
+    origin: PsfOrigin
+    edges: EdgeSources | None = None
+
+
+@checked
+def calibrate_psf(
+    images: ImageLike | Iterable[ImageLike] | Session,
+    *,
+    method: CalibrationMethod = "all-angles",
+    zoom: float | None = None,
+    region: Region | Literal["centre"] | None = None,
+    target: TargetChoice = "auto",
+    channel: Channel | None = None,
+    bayer: Pattern | None = None,
+    noise: NoiseLike | None = None,
+    correct: CorrectionMaps | FilePath | None = None,
+    pixel_pitch_um: float | None = None,
+    white_level: float | None = None,
+    limits: FilePath | None = None,
+    labels: Mapping[str, str] | None = None,
+    bench: FilePath | None = None,
+    report: FilePath | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> PsfCalibration:
+    """Measure the camera's PSF from photographs of straight edges, at any angle.
+
+    Parameters
+    ----------
+    images
+        Arrays linear in light, or files; or a session, whose captures are used.
+    method
+        ``all-angles`` by maximum likelihood on the raw pixels; ``paper``: medians over vertical
+        and horizontal edges; ``single-image``: the edges of a scene; ``two-distance``: one scene
+        at two or more distances, the nearest first.
+    zoom
+        Distance ratio of two photographs (two-distance); found from image features by default.
+    region
+        Part of each photograph to use; ``centre`` is the central half along both axes.
+    target
+        With ``auto``, edges of the scene beside a target do not count, and are flagged
+        ``beside_target``; with ``all``, every edge counts.
+    channel
+        Of colour photographs, ``luma`` by default; of a mosaic the one returned, by default green.
+    bayer
+        Pattern of raw mosaics, where no file states it; each colour is measured.
+    noise
+        Of the camera, for photographs of unknown variance: a noise.json, or what it says.
+    correct
+        Maps of dark, flat and defects that are applied first, or their noise.json.
+    pixel_pitch_um
+        For lp/mm; by default as the session's bench file or Exif states.
+    white_level
+        Level, as it is stored, at which photographs are clipped; by default the file's own, and
+        of floats the one at which they were cut off, if they were.
+    limits
+        Limits for pass and fail (TOML); the ``verdict`` of the result.
+    labels
+        What the first page of the report calls the ``lens``, ``camera``, ``target`` and
+        ``customer``; it is stored in psf.json.
+    bench
+        Bench file (TOML), for what ``labels`` and ``pixel_pitch_um`` do not say: its ``[labels]``
+        and ``[optics]``. By default that of the session.
+    report
+        Also write a report on an edge target, HTML or PDF.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    PsfCalibration
+        Total and optical PSF with standard errors, None for values that the edges do not
+        determine; ``notes`` say what to know of it, ``write_psf`` writes it.
+
+    Raises
+    ------
+    TypeError, ArgumentError
+        If an argument has the wrong type, or two do not go together.
+    CalibrationError
+        If the photographs do not determine the PSF, or a file cannot be read.
+
+    Examples
+    --------
+    >>> psf = standoff.calibrate_psf(["vertical.tif", "horizontal.tif"])
+    >>> round(psf.sigma_x_px, 2), round(psf.sigma_y_px, 2)
+    (0.94, 0.94)
+    >>> psf.sigma_x_err_px < 0.02
+    True
+    """
+    call = Call("calibrate_psf", progress, reading, (noise, correct, limits, bench), white_level)
+    page = None if report is None else output_path(report, "report", PAGES)
+    named = _named_by(labels, bench, images if isinstance(images, Session) else None)
+    request = _Request(
+        images=images if isinstance(images, Session) else listed_images(images),
+        reading=named.stating_pitch(_reading(channel, bayer, noise, correct, pixel_pitch_um)),
+        method=method,
+        region=_region_rule(region),
+        zoom=zoom,
+        target=target,
+    )
+    _refuse_wrong_count(request)
+    bounds = None if limits is None else read_limits(Path(limits))
+    try:
+        found = _METHODS[method](call, request)
+    except ValueError as error:
+        raise CalibrationError(str(error)) from error
+    origin = replace(
+        found.origin,
+        region=None if region is None else str(region),
+        provenance=call.provenance(),
+        labels=named.labels,
+    )
+    psf = found.psf.with_origin(origin)
+    if bounds is not None and limits is not None:
+        psf = psf.judged(bounds, on_one_line(limits))
+    if found.edges is not None:
+        for remark in psf_remarks(psf):
+            call.note(remark)
+    psf = psf.model_copy(update={"notes": call.notes})
+    if page is not None:
+        _write_report(page, psf, found.edges)
+    return psf
+
+
+def _write_report(path: Path, psf: PsfCalibration, edges: EdgeSources | None) -> None:
+    if edges is None:
+        raise ArgumentError(f"report is on an edge target, not for method {psf.method}")
+    from analysis.reports import render_calibration_report  # loads what plots
+
+    write_page(path, render_calibration_report(psf, edges.load, edges.session))
+
+
+def _refuse_wrong_count(request: _Request) -> None:
+    if isinstance(request.images, Session):
+        return
+    count = len(request.images)
+    if request.zoom is not None and count != 2:
+        raise ArgumentError("the distance ratio needs exactly two photographs")
+    if request.method == "two-distance" and count < 2:
+        raise ArgumentError("two-distance needs at least two photographs, the nearest first")
+
+
+def _reading(
+    channel: Channel | None,
+    bayer: Pattern | None,
+    noise: NoiseLike | None,
+    correct: CorrectionMaps | FilePath | None,
+    pixel_pitch_um: float | None,
+) -> Reading:
+    maps = correct
+    if maps is not None and not isinstance(maps, CorrectionMaps):
+        maps = read_correction(Path(maps))
+    known = camera_noise(noise)
+    return Reading(
+        channel=channel or ("luma" if bayer is None else "green"),
+        pattern=bayer,
+        correction=maps,
+        frame_noise=None if known is None else level_noise(known),
+        pixel_pitch_um=pixel_pitch_um,
+    )
+
+
+def _region_rule(
+    region: Region | Literal["centre"] | None,
+) -> Callable[[EdgeImage], Region | None]:
+    if region == "centre":
+        return lambda source: Region.centre(*source.frame)
+    return lambda _: region
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Scenes:
+    """Photographs by scene, each with the nearest first, and what is known about the camera."""
+
+    series: tuple[tuple[EdgeImage, ...], ...]
+    origin: PsfOrigin
+
+    @property
+    def images(self) -> list[EdgeImage]:
+        """All photographs, scene by scene."""
+        return [image for scene in self.series for image in scene]
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs of a scene's nearest photograph and a further one."""
+        return sum(len(scene) - 1 for scene in self.series)
+
+
+def _from_edges(call: Call, request: _Request) -> _Calibrated:
+    assert request.method == "all-angles" or request.method == "paper"
+    sources = (
+        from_session(_listed(call, request.images), request.reading)
+        if isinstance(request.images, Session)
+        else from_images(request.images, request.reading, call)
+    )
+    reading = sources.reading
+    selection = EdgeSelection(region=request.region, target=request.target)
+    with call.bar("measuring edges", sources.count) as advance_to:
+        if reading.pattern is None:
+            calibration = psf_of_edges(
+                sources.images,
+                method=request.method,
+                selection=selection,
+                progress=advance_to,
+            )
+        else:
+            calibration = calibrate_mosaic(
+                sources.images,
+                reading.pattern,
+                reading.channel,
+                method=request.method,
+                selection=selection,
+                progress=advance_to,
+            )
+    return _Calibrated(
+        psf=calibration,
+        origin=taken_with(sources),
+        edges=sources,
+    )
+
+
+def _from_scene(call: Call, request: _Request) -> _Calibrated:
+    from calibration.blind import SCENE_ERR, calibrate_from_scene  # with what aligns photographs
+
+    scenes = _scenes(call, request)
+    with call.bar("measuring edges", len(scenes.images)) as advance_to:
+        calibration = calibrate_from_scene(
+            scenes.images, region=request.region, progress=advance_to
+        )
+    call.note(
+        f"the errors contain {100 * SCENE_ERR:.0f} % for edges that are soft in the scene itself; "
+        "two distances or a target's edges tell more"
+    )
+    return _Calibrated(psf=calibration, origin=scenes.origin)
+
+
+def _from_distances(call: Call, request: _Request) -> _Calibrated:
+    from calibration.blind import FORM_ERR, calibrate_from_distances  # with what aligns photographs
+
+    scenes = _scenes(call, request)
+    if any(scene[0].noise is None for scene in scenes.series):
+        call.note("the noise of the photographs is unknown and counts as blur; give --noise")
+    with call.bar("comparing distances", scenes.pairs) as advance_to:
+        calibration = calibrate_from_distances(
+            scenes.series, zoom=request.zoom, region=request.region, progress=advance_to
+        )
+    call.note(
+        f"the errors contain {100 * FORM_ERR:.0f} % for a lens that is not Gaussian; "
+        "a target's edges tell its form"
+    )
+    return _Calibrated(psf=calibration, origin=scenes.origin)
+
+
+def _scenes(call: Call, request: _Request) -> _Scenes:
+    reading = request.reading
+    if not isinstance(request.images, Session):
+        sources = from_images(request.images, reading, call)
+        if sources.reading.pattern is not None:
+            raise CalibrationError(
+                "of raw mosaics the edges alone are measured: --method all-angles or paper"
+            )
+        return _Scenes(series=(tuple(sources.images),), origin=sources.origin)
+    session = _listed(call, request.images)
+    records = scene_records(session)
+    series = tuple(
+        tuple(
+            capture_images(
+                session, scene, correction=reading.correction, frame_noise=reading.frame_noise
+            )
+        )
+        for scene in records
+    )
+    origin = origin_of(session, [record for scene in records for record in scene])
+    return _Scenes(series=series, origin=origin)
+
+
+def _listed(call: Call, session: Session) -> Session:
+    call.inputs.add_session(session)
+    return session
+
+
+_METHODS: dict[CalibrationMethod, Callable[[Call, _Request], _Calibrated]] = {
+    "all-angles": _from_edges,
+    "paper": _from_edges,
+    "single-image": _from_scene,
+    "two-distance": _from_distances,
+}
+
+
+LABELS = tuple(LabelsConfig.model_fields)
+_LONGEST = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Named:
+    """The labels, None without any, and the optics of a bench file that was given."""
+
+    labels: dict[str, str] | None = None
+    optics: OpticsConfig | None = None
+
+    def stating_pitch(self, reading: Reading) -> Reading:
+        """Return how edges are read, with the bench file's pixel pitch if none is given."""
+        if self.optics is None or reading.pixel_pitch_um is not None:
+            return reading
+        pitch_um = self.optics.pixel_pitch_um
+        return replace(reading, pixel_pitch_um=pitch_um, pixel_pitch_from="the bench file")
+
+
+def _named_by(
+    labels: Mapping[str, str] | None, bench: FilePath | None, session: Session | None
+) -> _Named:
+    """Return the labels that are given, and those of a bench file or of a session's."""
+    given = _checked(labels or {})
+    optics, found = None, {}
+    if bench is not None:
+        config = load_bench(Path(path_of(bench, "bench")))
+        optics = config.optics
+        found = {"lens": optics.lens} | (config.labels.model_dump() if config.labels else {})
+    elif session is not None:
+        known = (session.bench or {}).get("labels")
+        found = known if isinstance(known, dict) else {}
+    of_bench = {name: text for name, text in found.items() if name in LABELS and text}
+    merged = of_bench | given
+    return _Named(
+        labels={name: merged[name] for name in LABELS if name in merged} or None, optics=optics
+    )
+
+
+def _checked(labels: Mapping[str, str]) -> dict[str, str]:
+    found = {}
+    for name, text in labels.items():
+        if name not in LABELS:
+            near = get_close_matches(str(name), LABELS, n=1)
+            meant = f"; {near[0]} was probably meant" if near else ""
+            raise ArgumentError(
+                f"expected {', '.join(LABELS[:-1])} or {LABELS[-1]}, got {name!r}{meant}",
+                argument="labels",
+            )
+        if not isinstance(text, str):
+            raise ArgumentTypeError(f"{name} is a text, not {kind_of(text)}", argument="labels")
+        said = on_one_line(text).strip()
+        if not said or len(said) > _LONGEST:
+            raise ArgumentError(
+                f"{name} is a text of 1 to {_LONGEST} letters, got {len(said)}", argument="labels"
+            )
+        found[name] = said
+    return found

@@ -1,0 +1,645 @@
+"""Capture sessions: made of photographs from elsewhere, checked, noted in, and exported."""
+
+import os
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from acquisition.choices import CaptureKind
+from acquisition.dataframe import dataframe
+from acquisition.errors import SessionError
+from acquisition.files import refusal_text
+from acquisition.photographs import (
+    Photograph as ReadPhotograph,
+    PhotographFacts,
+    ReadOptions,
+    shared_facts,
+)
+from acquisition.plan import CapturePlan, parse_plan
+from acquisition.printable import on_one_line
+from acquisition.session import (
+    MANIFEST_NAME,
+    JournalEvent,
+    Photograph,
+    RepairReport,
+    Session,
+    SessionNotes,
+    SessionWriter,
+    VerifyReport,
+    repair_session,
+    verify,
+)
+from acquisition.session_export import (
+    ExportFormat,
+    ExportRequest,
+    export_session as exported,
+    require_exporter,
+)
+from calibration.files import read_geometry
+from calibration.geometry import GeometryCalibration
+from simulation.arguments import checked
+from simulation.notebook import Shown, html_table
+from standoff.errors import ApplicationError
+from standoff.library.call import (
+    Call,
+    FilePath,
+    Progress,
+    login_name,
+    opened_session,
+    output_path,
+    path_of,
+)
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class VerifiedSession(Shown):
+    """Every file of a session held against its journal; what was repaired before, if asked for."""
+
+    session: Path
+    report: VerifyReport
+    repaired: RepairReport | None = None
+
+    def __repr__(self) -> str:
+        faults = len(self.report.faults)
+        state = "sound" if self.is_ok else f"not sound, {faults} faults"
+        return f"<VerifiedSession {self.session.name}: {len(self.report.files)} files, {state}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(str(one["file"]), str(one["state"])) for one in self.to_json()["files"]]
+        return html_table(repr(self)[1:-1], ("file", "state"), rows)
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the files as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(self.to_json()["files"])
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether nothing is at odds, and every file that counts is there and unchanged."""
+        return self.report.is_ok
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd but no fault, and what a repair did."""
+        return (*(self.repaired.remarks if self.repaired else ()), *self.report.remarks)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the checks as ``standoff verify --json`` prints them."""
+        return {
+            "session": str(self.session),
+            "ok": self.is_ok,
+            "files": [
+                {"file": one.file, "state": one.state, "superseded": one.is_superseded}
+                for one in self.report.files
+            ],
+            "faults": list(self.report.faults),
+            "remarks": list(self.report.remarks),
+            "repaired": None if self.repaired is None else self.repaired.to_json(),
+        }
+
+
+@checked
+def verify_session(session: FilePath, *, repair: bool = False) -> VerifiedSession:
+    """Check every file of a session against its journal.
+
+    Parameters
+    ----------
+    session
+        The folder.
+    repair
+        Make a new journal of what a damaged one and the captures themselves still say, first; the
+        old one is kept.
+
+    Returns
+    -------
+    VerifiedSession
+        The state of each file, and what a repair did.
+
+    Raises
+    ------
+    SessionError
+        If it is not a session, or its session.json or journal is damaged.
+
+    Examples
+    --------
+    >>> standoff.verify_session("session").is_ok
+    True
+    """
+    folder = path_of(session, "session")
+    repaired = repair_session(folder) if repair else None
+    return VerifiedSession(session=folder, report=verify(folder), repaired=repaired)
+
+
+@checked
+def list_sessions(folder: FilePath) -> list[dict[str, Any]]:
+    """Return plan, captures, creation time and operator of the sessions in a folder.
+
+    Parameters
+    ----------
+    folder
+        Of sessions, or one session. One that cannot be read has an ``error`` instead.
+
+    Returns
+    -------
+    list of dict
+        A session each, as ``standoff session list --json`` prints it.
+
+    Raises
+    ------
+    ApplicationError
+        If it is no folder, or one that cannot be read.
+
+    Examples
+    --------
+    >>> [(one["session"], one["captured"]) for one in standoff.list_sessions(".")]
+    [('board', 3), ('flats', 8), ('session', 6)]
+    """
+    path = path_of(folder, "folder")
+    if not path.is_dir():
+        raise ApplicationError(f"{path} is not a folder; name the one that holds the sessions")
+    try:
+        folders = [path] * (path / MANIFEST_NAME).exists() + sorted(path.iterdir())
+    except OSError as error:
+        raise ApplicationError(f"cannot read the folder {path}: {error.strerror}") from error
+    found = []
+    for one in folders:
+        manifest = one / MANIFEST_NAME
+        try:
+            if manifest.exists():
+                found.append(Session(one).summary)
+        except SessionError as error:
+            found.append({"session": str(one), "error": str(error)})
+        except OSError as error:
+            found.append({"session": str(one), "error": refusal_text(manifest, error)})
+    return found
+
+
+@checked
+def show_session(session: Session | FilePath) -> dict[str, Any]:
+    """Return a session's captures, whether they are used, and its notes.
+
+    Parameters
+    ----------
+    session
+        A session or its folder.
+
+    Returns
+    -------
+    dict
+        As ``standoff session show --json`` prints it.
+
+    Raises
+    ------
+    SessionError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> shown = standoff.show_session("session")
+    >>> shown["captured"]
+    6
+    """
+    return opened_session(session).to_json()
+
+
+@checked
+def exclude_capture(
+    session: Session | FilePath, index: int, reason: str, *, operator: str | None = None
+) -> None:
+    """Exclude a capture from calibration and analysis; its file stays.
+
+    Parameters
+    ----------
+    session
+        A session or its folder.
+    index
+        Of the capture.
+    reason
+        Recorded in the journal.
+    operator
+        Whose decision it is; the login name if None.
+
+    Raises
+    ------
+    SessionError
+        If it is no session, is being written, or has no such capture.
+
+    Examples
+    --------
+    >>> standoff.exclude_capture("session", 3, "a hair on the target")
+    >>> standoff.Session("session").captures[3].excluded_because
+    'a hair on the target'
+    """
+    _notes(session, operator).exclude(index, reason)
+
+
+@checked
+def include_capture(
+    session: Session | FilePath, index: int, reason: str = "", *, operator: str | None = None
+) -> None:
+    """Use an excluded capture again.
+
+    Parameters
+    ----------
+    session, index, reason, operator
+        As in ``exclude_capture``.
+
+    Examples
+    --------
+    >>> standoff.exclude_capture("session", 3, "a hair on the target")
+    >>> standoff.include_capture("session", 3)
+    >>> standoff.Session("session").captures[3].excluded_because is None
+    True
+    """
+    _notes(session, operator).include(index, reason)
+
+
+@checked
+def correct_height(
+    session: Session | FilePath,
+    indices: Sequence[int],
+    height_mm: float,
+    reason: str,
+    *,
+    operator: str | None = None,
+) -> tuple[JournalEvent, ...]:
+    """Correct the height of imported photographs; what was recorded before is kept.
+
+    Parameters
+    ----------
+    session, reason, operator
+        As in ``exclude_capture``.
+    indices
+        Of the captures.
+    height_mm
+        The right height of the camera.
+
+    Returns
+    -------
+    tuple of JournalEvent
+        A line of the journal for each capture.
+
+    Raises
+    ------
+    ValueError
+        If the height is not a finite number.
+    SessionError
+        Besides, if a stage has read the heights back.
+
+    Examples
+    --------
+    >>> paths = ["before.tif"]
+    >>> made = standoff.import_photographs(paths, "imported", kind="texture", height_mm=250)
+    >>> lines = standoff.correct_height("imported", [0], 262.5, "measured with a tape")
+    >>> standoff.Session("imported").records[0].height_mm
+    262.5
+    """
+    return _notes(session, operator).correct_height(indices, height_mm, reason)
+
+
+@checked
+def add_note(session: Session | FilePath, text: str, *, operator: str | None = None) -> None:
+    """Add a note to the session's journal.
+
+    Parameters
+    ----------
+    session, operator
+        As in ``exclude_capture``.
+    text
+        Of the note.
+
+    Examples
+    --------
+    >>> standoff.add_note("session", "the lamp was changed after capture 2")
+    """
+    _notes(session, operator).note(text)
+
+
+@checked
+def set_aside_files(
+    session: Session | FilePath, reason: str, *, operator: str | None = None
+) -> tuple[dict[str, str], ...]:
+    """Move files that the journal does not name to the session's folder ``set-aside``.
+
+    Such files end a capture run, as they may be captures whose lines were lost: let
+    ``verify_session(..., repair=True)`` take those in first.
+
+    Parameters
+    ----------
+    session, operator
+        As in ``exclude_capture``.
+    reason
+        What they are; recorded in the journal.
+
+    Returns
+    -------
+    tuple of dict
+        Of each file its name before (``file``) and now (``to``), and its ``sha256``.
+
+    Raises
+    ------
+    SessionError
+        If it is no session, is being written, or a file cannot be moved.
+
+    Examples
+    --------
+    >>> from shutil import copy
+    >>> copied = copy("before.tif", "session/captures")
+    >>> [one["to"] for one in standoff.set_aside_files("session", "dropped here by mistake")]
+    ['set-aside/before.tif']
+    """
+    return _notes(session, operator).set_aside(reason)
+
+
+def _notes(session: Session | FilePath, operator: str | None) -> SessionNotes:
+    path = session.path if isinstance(session, Session) else path_of(session, "session")
+    return SessionNotes(path, operator=operator or login_name())
+
+
+_LONGEST_TARGET = 200
+"""Letters that a plan accepts."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ImportedPhotographs(Shown):
+    """A session made of photographs: how many were given, and how many it did not hold yet."""
+
+    session: Path
+    photographs: int
+    imported: int
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the counts as ``standoff import --json`` prints them."""
+        return {
+            "session": str(self.session),
+            "imported": self.imported,
+            "photographs": self.photographs,
+        }
+
+
+@checked
+def import_photographs(
+    images: Iterable[FilePath],
+    out: FilePath,
+    *,
+    kind: CaptureKind,
+    height_mm: float,
+    scale_px_per_mm: float | None = None,
+    operator: str | None = None,
+    white_level: float | None = None,
+    reading: ReadOptions | None = None,
+    progress: Progress | None = None,
+) -> ImportedPhotographs:
+    """Make a session from photographs taken by another program: grey, linear, one frame each.
+
+    Each photograph is a target of its own, named after its file. The same call resumes.
+
+    Parameters
+    ----------
+    images
+        Files, of one kind.
+    out
+        Folder of the session.
+    kind
+        What the photographs show.
+    height_mm
+        Of the camera; 0 if nobody knows it: a PSF needs no height, geometry and validation do.
+    scale_px_per_mm
+        In the plane of the target.
+    operator
+        The login name by default.
+    white_level
+        Level, as it is stored, at which they are clipped; the files' own by default.
+    reading
+        How files are read; see ``standoff.reading``.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    ImportedPhotographs
+        How many were imported now.
+
+    Raises
+    ------
+    ArgumentError
+        If a height or scale cannot be.
+    ApplicationError
+        If two photographs have one name, or one cannot be read.
+    SessionError
+        If ``out`` is another session, or cannot be written.
+
+    Examples
+    --------
+    >>> paths = ["before.tif", "after.tif"]
+    >>> standoff.import_photographs(paths, "imported", kind="texture", height_mm=0).imported
+    2
+    """
+    call = Call("import_photographs", progress, reading, white_level=white_level)
+    paths, folder = [path_of(image, "images") for image in images], path_of(out, "out")
+    plan = _plan_of(paths, kind, height_mm)
+    # A bad file is named before anything is written.
+    facts = []
+    for path in paths:
+        read = call.inputs.photograph(path)
+        read.refuse_mosaic()
+        facts.append(read.facts)
+    with (
+        SessionWriter(
+            folder,
+            plan=plan,
+            bench=None,
+            devices=_devices(facts),
+            operator=operator or login_name(),
+        ) as session,
+        call.bar("importing", len(paths)) as advance_to,
+    ):
+        pending = session.pending_entries()
+        for done, entry in enumerate(pending, start=len(paths) - len(pending) + 1):
+            read = call.inputs.photograph(paths[entry.index])
+            if read.is_colour:
+                call.note(f"{read.name}: colour stored as Rec. 601 luma")
+            session.add_photograph(entry, _stored(read, scale_px_per_mm))
+            advance_to(done)
+    return ImportedPhotographs(
+        session=folder, photographs=len(paths), imported=len(pending), notes=call.notes
+    )
+
+
+def _plan_of(images: Sequence[Path], kind: CaptureKind, height_mm: float) -> CapturePlan:
+    twice = [name for name, count in Counter(p.name for p in images).items() if count > 1]
+    if twice:
+        raise ApplicationError(f"two photographs are named {twice[0]}; rename one of them")
+    return parse_plan(
+        {
+            "schema": "standoff.plan/1",
+            "name": "imported photographs",
+            "targets": [
+                {
+                    "kind": kind,
+                    "target": _target_of(path),
+                    "heights_mm": [height_mm],
+                }
+                for path in images
+            ],
+        },
+        source="import",
+    )
+
+
+def _target_of(path: Path) -> str:
+    """The name of a photograph, shortened where it is longer than that of a target may be."""
+    shown = on_one_line(path.name)
+    if len(shown) <= _LONGEST_TARGET:
+        return shown
+    digest = sha256(os.fsencode(path.name)).hexdigest()[:8]
+    return f"{shown[: _LONGEST_TARGET - 9]}~{digest}"
+
+
+def _devices(facts: Sequence[PhotographFacts]) -> dict[str, dict[str, object]]:
+    """What all photographs say alike of their camera and lens."""
+    camera: dict[str, object] = shared_facts(facts)
+    keys = ("lens", "focal_length_mm", "f_number")
+    lens = {key: camera.pop(key) for key in keys if key in camera}
+    if "camera" in camera:
+        camera["DeviceModelName"] = camera.pop("camera")
+    return {name: values for name, values in (("camera", camera), ("lens", lens)) if values}
+
+
+def _stored(read: ReadPhotograph, scale_px_per_mm: float | None) -> Photograph:
+    grey = read.grey_dn.astype(np.float32)
+    variance = read.grey_variance_dn2
+    exposure_s = read.facts.exposure_s
+    top_dn = read.saturation_dn
+    if top_dn is None:  # a float file tells nothing, and counts none as clipped
+        top_dn = float(np.nextafter(grey.max(), np.float32(np.inf)))
+    return Photograph(
+        image_dn=grey,
+        pixel_format=f"Mono{8 * read.stored.dtype.itemsize}",
+        max_level_dn=top_dn,
+        exposure_us=None if exposure_s is None else 1e6 * exposure_s,
+        scale_px_per_mm=scale_px_per_mm,
+        variance_dn2=None if variance is None else variance.astype(np.float32),
+        frames=read.frames if variance is not None else 1,
+    )
+
+
+_ENDS = {
+    "ome-tiff": (".tif", ".tiff"),
+    "nexus": (".nxs", ".nx", ".nexus", ".h5", ".hdf5"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ExportedSession(Shown):
+    """What was exported: captures, how many of them with a scale, and captures left out."""
+
+    out: Path
+    format: ExportFormat
+    captures: int
+    with_scale: int
+    left_out: int
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the counts as ``standoff export --json`` prints them."""
+        return {
+            "out": str(self.out),
+            "format": self.format,
+            "captures": self.captures,
+            "with_scale": self.with_scale,
+            "left_out": self.left_out,
+        }
+
+
+@checked
+def export_session(
+    session: Session | FilePath,
+    out: FilePath,
+    *,
+    format: ExportFormat,  # noqa: A002 - the word of the command line
+    geometry: GeometryCalibration | FilePath | None = None,
+    progress: Progress | None = None,
+) -> ExportedSession:
+    """Write a session's captures, with heights, exposures, variance and provenance, for others.
+
+    Captures that are excluded, or were taken again, are left out. The session stays as it is.
+
+    Parameters
+    ----------
+    session
+        A session or its folder.
+    out
+        The file, or for OME-Zarr the folder; what lies there is replaced.
+    format
+        ``ome-zarr`` (0.5), ``ome-tiff`` (schema 2016-06) or ``nexus``.
+    geometry
+        Gives the scale of captures without their own: a geometry.json, or what it says.
+    progress
+        Who watches.
+
+    Returns
+    -------
+    ExportedSession
+        How many captures were written, and how many of them with a scale.
+
+    Raises
+    ------
+    ApplicationError, ExportError
+        If there is nothing to export, a library is not installed, or it cannot be written.
+    SessionError
+        If a capture is missing or is not the one that was captured.
+
+    Examples
+    --------
+    >>> written = standoff.export_session("session", "session.ome.tif", format="ome-tiff")
+    >>> written.captures
+    6
+    """
+    require_exporter(format)
+    path = path_of(out, "out") if format == "ome-zarr" else output_path(out, "out", _ENDS[format])
+    if not path.parent.is_dir():
+        raise ApplicationError(f"cannot write {path}: {path.parent} is not a folder")
+    call, opened = Call("export_session", progress), opened_session(session)
+    file = Path(geometry) if isinstance(geometry, str | PathLike) else None
+    known = geometry if isinstance(geometry, GeometryCalibration) else None
+    if file is not None:
+        known = read_geometry(file)
+    request = ExportRequest(
+        format=format,
+        out=path,
+        provenance=call.provenance_of(opened, file).model_dump(mode="json"),
+        scale_at=(lambda _: None) if known is None else known.scale_at,
+    )
+    with call.bar("exporting", len(opened.records)) as advance_to:
+        done = exported(opened, request, advance_to)
+    if done.left_out:
+        call.note(f"{done.left_out} excluded capture(s) left out")
+    if done.with_scale < done.captures:
+        call.note(
+            f"the scale of {done.captures - done.with_scale} capture(s) is not known, so that they "
+            "are in pixels; --geometry gives it"
+        )
+    return ExportedSession(
+        out=path,
+        format=format,
+        captures=done.captures,
+        with_scale=done.with_scale,
+        left_out=done.left_out,
+        notes=call.notes,
+    )
