@@ -15,9 +15,7 @@ from typing import Final, Self
 import numpy as np
 
 from analysis.changes.comparison import Comparison
-from analysis.changes.detection import (
-    DetectionLevel,
-)
+from analysis.changes.levels import DetectionLevel
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 
 _REACH = 7.0

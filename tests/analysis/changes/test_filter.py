@@ -10,10 +10,10 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
-from analysis.changes.detection.chance import FilterWidth, significance_threshold
 from analysis.changes.document import read_changes
 from analysis.changes.filter import ChangeResult, find_changes
 from analysis.changes.options import ChangeOptions
+from analysis.changes.significance import FilterWidth, significance_threshold
 from analysis.errors import AnalysisError, OverlapError
 from analysis.reports.results import plot_changes
 from analysis.results_file import write_results

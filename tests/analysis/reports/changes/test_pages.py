@@ -15,12 +15,10 @@ from analysis.change_series.time_line import (
     TimeLineFollowup,
     TrackPoint,
 )
-from analysis.changes.detection.chance import FilterWidth
-from analysis.changes.document import Change, ChangeSummary
-from analysis.changes.filter import ChangeResult
+from analysis.changes.document import Change, ChangeSummary, describe_focus
+from analysis.changes.filter import ChangeMasks, ChangeResult
 from analysis.changes.plot import changes_figure
-from analysis.changes.sentences import describe_focus
-from analysis.changes.warning_sentences import ChangeMasks
+from analysis.changes.significance import FilterWidth
 from analysis.reports.changes.pictures import LONGEST_SIDE_PX, ColourPair, compared_pictures
 from analysis.reports.changes.sections import q_text, render_changes_report
 from analysis.reports.changes.time_line import plot_track_map, render_series_report

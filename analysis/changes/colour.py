@@ -1,22 +1,72 @@
-"""The luma, and what red and blue say beside it: planes that noise does not tie together.
+"""The colours of two photographs, and what is known of their channels.
+
+The luma, and what red and blue say beside it: planes that noise does not tie together.
 
 Noise of the channels goes together, by demosaicing, compression and the luma's own share of each;
 wrong positions and blur move all channels at once, along their own slopes. Both correlations are
 measured on the pair, apart; what the luma predicts of red, and both of blue, is taken off. What
 remains is a difference like any other, with a variance that is calibrated like any other. Where a
 channel says nothing, both photographs being at one end of its scale, it remains as predicted.
+
+How far apart two colours are as they are seen, and whether that is colour or lightness.
+
+References
+----------
+IEC 61966-2-1:1999, section 5.2: from linear sRGB to XYZ. CIE 142-2001 and G. Sharma, W. Wu and
+E. N. Dalal, "The CIEDE2000 color-difference formula", Color Res. Appl. 30 (2005), 21-30.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import cv2
+import lazy_loader as lazy
 import numpy as np
 
 from analysis.changes.matching import calibrated_factor, sampled, smoothed
 from calibration.psf import REC601_LUMA
 from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
+
+Steps = tuple[Float32Array | None, Float32Array | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PairColours:
+    """Reference and follow-up in colour, shape ``(rows, cols, 3)`` each, linear in light.
+
+    Parameters
+    ----------
+    reference_dn, followup_dn
+        Red, green and blue.
+    step_variance_dn2
+        Variance of each level by the steps of the files, shape ``(rows, cols, 3)``, where known.
+    step_dn
+        Steps of the levels of reference and follow-up, likewise.
+    white_dn
+        Level of white of both, for differences as they are seen; None where a file does not say it.
+    """
+
+    reference_dn: AnyArray = field(repr=False)
+    followup_dn: AnyArray = field(repr=False)
+    step_variance_dn2: Steps = field(default=(None, None), repr=False)
+    step_dn: Steps = field(default=(None, None), repr=False)
+    white_dn: tuple[float | None, float | None] = (None, None)
+
+
+def to_rgb(luma_red_blue: FloatArray) -> FloatArray:
+    """Red, green and blue, shape ``(3, ...)``, of luma, red and blue."""
+    luma, red, blue = luma_red_blue
+    of_red, of_green, of_blue = REC601_LUMA
+    return np.stack([red, (luma - of_red * red - of_blue * blue) / of_green, blue])
+
+
+def to_luma_red_blue(rgb: FloatArray) -> FloatArray:
+    """Luma, red and blue, shape ``(3, ...)``, of red, green and blue."""
+    red, _, blue = rgb
+    return np.stack([np.tensordot(np.asarray(REC601_LUMA), rgb, axes=1), red, blue])
+
 
 _SAMPLE_PX = 25_000
 _CLIP_SD, _CLIPPED_VARIANCE = 3.0, 0.9734
@@ -269,3 +319,49 @@ def _calibrated(
     np.maximum(difference, 0, out=difference, where=channel.may_be_more)
     np.minimum(difference, 0, out=difference, where=channel.may_be_less)
     return difference, np.asarray(found, dtype=np.float32)
+
+
+_skimage = lazy.load("skimage")
+
+_TO_XYZ: Final = np.array(
+    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+)
+_LEAST_SHARE: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenDifference:
+    """Of two colours, before and after.
+
+    Parameters
+    ----------
+    delta_e
+        CIEDE2000.
+    is_of_colour
+        Whether it is more of colour, at one luma, than of lightness.
+    """
+
+    delta_e: float
+    is_of_colour: bool
+
+    @classmethod
+    def of(cls, before_rgb: FloatArray, after_rgb: FloatArray, white_dn: float) -> "SeenDifference":
+        """Compare linear levels of red, green and blue, shape ``(3,)`` each."""
+        before, after = (
+            np.clip(one / white_dn, _LEAST_SHARE, None) for one in (before_rgb, after_rgb)
+        )
+        light = [float(one @ np.asarray(REC601_LUMA)) for one in (before, after)]
+        seen, lit, own = (_lab(one) for one in (before, before * light[1] / light[0], after))
+        grey = [_lab(np.full(3, one)) for one in light]
+        return cls(
+            delta_e=_delta_e(seen, own),
+            is_of_colour=_delta_e(lit, own) > _delta_e(grey[0], grey[1]),
+        )
+
+
+def _lab(rgb: FloatArray) -> FloatArray:
+    return np.asarray(_skimage.color.xyz2lab(_TO_XYZ @ rgb))
+
+
+def _delta_e(one: FloatArray, other: FloatArray) -> float:
+    return float(_skimage.color.deltaE_ciede2000(one, other))

@@ -1,17 +1,61 @@
-"""How many pixels and how many peaks of a frame without change exceed a significance."""
+"""The significance of three planes together, as that of one.
+
+The square of the whitened vector is chi-squared with three degrees of freedom. Its significance is
+that of the normal value which chance exceeds as often, either way: one threshold means one rate of
+false pixels, in colour as in grey.
+
+How many pixels and how many peaks of a frame without change exceed a significance.
+
+How likely a spot is found, and the amplitude at which it is found as often as asked.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from math import log, pi, sqrt
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import ndtr
+from scipy.special import log_ndtr, ndtr, ndtri_exp
 from scipy.stats import ncx2
 
-from analysis.changes.detection.joint_significance import PLANES, joint_share, norm_at
-from simulation.arrays import FloatArray
+from simulation.arrays import FloatArray, FloatImage
+
+PLANES = 3
+
+_TABLE_TO, _TABLE_STEP = 64.0, 1 / 64
+"""Beyond the table, the two differ by as much as at its end, to 0.1 in thousands."""
+
+
+def joint_share(norm: FloatArray) -> FloatArray:
+    """Share of places without change at which the vector is longer: chi's tail, in closed form."""
+    return np.asarray(2 * ndtr(-norm) + np.sqrt(2 / pi) * norm * np.exp(-(norm**2) / 2))
+
+
+def as_significance(norm: FloatImage) -> FloatImage:
+    """Significance of vectors of this length."""
+    norms, values = _table()
+    beyond = norm - np.float32(norms[-1] - values[-1])
+    inside = np.interp(norm, norms, values).astype(norm.dtype)
+    return np.where(norm > norms[-1], beyond, inside)
+
+
+def norm_at(significance: FloatArray | float) -> FloatArray:
+    """Length of the vector that has a significance, any shape."""
+    norms, values = _table()
+    given = np.asarray(significance, dtype=np.float64)
+    beyond = given + (norms[-1] - values[-1])
+    return np.asarray(np.where(given > values[-1], beyond, np.interp(given, values, norms)))
+
+
+@lru_cache(maxsize=1)
+def _table() -> tuple[FloatArray, FloatArray]:
+    norm = np.arange(0.0, _TABLE_TO + _TABLE_STEP, _TABLE_STEP)
+    with np.errstate(divide="ignore"):
+        share = np.logaddexp(log(2) + log_ndtr(-norm), np.log(np.sqrt(2 / pi) * norm) - norm**2 / 2)
+    return norm, np.asarray(np.maximum(-ndtri_exp(share - log(2)), 0.0))
+
 
 SPREAD_ERR = 0.03
 """Relative standard deviation, over the frame, of the true spread about the one worked out: what
@@ -186,3 +230,62 @@ def expected_peaks(
             density = density * (height**2 - (PLANES - 1))
         total += 2 * area_px * np.einsum("...ij,i,j->...", density, _SHARES, _OFF_SHARES)
     return total
+
+
+POWER = 0.95
+"""Of a detection limit."""
+
+_SEARCHED = 1.0
+"""Degrees of freedom of the search for the highest significance, beside a spot's own noise.
+
+In white noise it is 2 to 2.5, two for the place and the rest for the width; what the fit between
+photographs takes of each spot is worth one.
+"""
+
+_MEAN_OFF_PX2 = 1 / 6
+"""Mean squared distance of a spot from the nearest pixel's centre."""
+
+
+def detection_power(height: FloatArray, threshold_sd: float, planes: int = 1) -> FloatArray:
+    """Probability that a spot is found.
+
+    Its significance is searched over places and widths: the square of the highest one is that of
+    ``height`` and its own noise, and chi-squared for what the search adds.
+
+    Parameters
+    ----------
+    height
+        Significance that the spot has by itself at its place, any shape.
+    threshold_sd
+        Significance beyond which a place counts as changed.
+    planes
+        1 for levels, 3 for colours, of which the noise of all adds.
+    """
+    if planes == PLANES:
+        beyond = float(norm_at(threshold_sd)) ** 2
+        return np.asarray(ncx2.sf(beyond, PLANES + _SEARCHED, np.square(height)))
+    return np.asarray(ncx2.sf(threshold_sd**2, 1 + _SEARCHED, np.square(height)))
+
+
+def height_for(power: float, threshold_sd: float, planes: int = 1) -> float:
+    """Significance that a spot must have by itself to be found with this probability."""
+
+    def excess(height: float) -> float:
+        return float(detection_power(np.array(height), threshold_sd, planes)) - power
+
+    return float(brentq(excess, 0.0, threshold_sd + 20.0))
+
+
+def response(spot_sigma_px: FloatArray, width: FilterWidth) -> FloatArray:
+    """Peak that a spot of peak 1 has behind a filter, at the sample nearest to it.
+
+    Parameters
+    ----------
+    spot_sigma_px
+        Of the spot before the filter, in the grid's pixels, any shape.
+    width
+        Of the filter.
+    """
+    own = np.square(spot_sigma_px)
+    wide = own + width.width_px**2
+    return np.asarray(own / wide * np.exp(-_MEAN_OFF_PX2 * width.step_px**2 / (2 * wide)))

@@ -1,27 +1,158 @@
-"""The difference of two photographs seen through Gaussians of several widths.
+"""Luma and chroma behind one width, made independent of one another.
+
+The difference of two photographs seen through Gaussians of several widths.
 
 A change is found best by a filter of its own width; each level is twice as wide as the one before.
 The noise of a level follows from that of the comparison, whose smoothing it was white behind: what
 else scatters there is measured.
+
+What a comparison would have found: the amplitude that a spot needs at every place.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, exp, hypot, log, pi, sqrt
+from typing import Self
 
 import cv2
 import numpy as np
 
-from analysis.changes.colour import ColourPlanes
+from analysis.changes.colour import ColourPlanes, to_channels, to_luma_red_blue, to_rgb
 from analysis.changes.comparison import Comparison
-from analysis.changes.detection.chance import SPREAD_ERR, FilterWidth, equally_strict
-from analysis.changes.detection.joint_significance import PLANES
-from analysis.changes.detection.level_colours import (
-    LevelColours,
-    signed_significance,
+from analysis.changes.matching import away_from, sampled
+from analysis.changes.significance import (
+    PLANES,
+    POWER,
+    SPREAD_ERR,
+    FilterWidth,
+    as_significance,
+    equally_strict,
+    height_for,
+    response,
 )
-from analysis.changes.matching import away_from
+from analysis.detection_limits import DetectionLimit, SpotLimit
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage
+
+_CORRELATION_SAMPLE_PX = 50_000
+_CORRELATION_CLIP_SD = 3.0
+_CORRELATION_ROUNDS = 2
+_PRIOR_VALUES = 100.0
+"""Independent values that a correlation of none is worth: the planes were made so at first, and a
+frame has few of a wide filter."""
+
+Place = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LevelColours:
+    """Luma and the two planes of chroma at the places of a level, shape ``(3, rows, cols)`` each.
+
+    Parameters
+    ----------
+    difference_dn, sd_dn
+        Of the planes, each with its own scatter and with the width's allowance.
+    whitening
+        Takes the planes in standard deviations to independent ones, shape (3, 3).
+    by_others
+        Levels of red by one of the luma's, of blue by one of it, and of blue by one of the first
+        plane's.
+    """
+
+    difference_dn: Float32Array
+    sd_dn: Float32Array
+    whitening: FloatArray
+    by_others: Float32Array
+
+    @classmethod
+    def of(
+        cls,
+        planes: Sequence[tuple[FloatImage, FloatImage]],
+        valid: BoolArray,
+        width: float,
+        by_others: Float32Array,
+    ) -> Self:
+        """Measure what correlation is left; ``width`` is that of the filter, in places."""
+        difference = np.stack([np.asarray(plane[0], dtype=np.float32) for plane in planes])
+        sd = np.stack([np.asarray(plane[1], dtype=np.float32) for plane in planes])
+        rows, cols = sampled(valid, _CORRELATION_SAMPLE_PX)
+        scaled = (difference[:, rows, cols] / sd[:, rows, cols]).astype(np.float64)
+        whitening = np.eye(PLANES)
+        independent = max(np.count_nonzero(valid) / (4 * pi * width**2), 1.0)
+        for _ in range(_CORRELATION_ROUNDS):
+            inside = np.linalg.norm(whitening @ scaled, axis=0) < _CORRELATION_CLIP_SD * 1.3
+            if np.count_nonzero(inside) <= PLANES:
+                break
+            moments = scaled[:, inside] @ scaled[:, inside].T / np.count_nonzero(inside)
+            # Where the steps of the files are more than the scatter, nothing is to be made of that.
+            spread = np.sqrt(np.maximum(np.diag(moments), 1.0))
+            correlation = moments / spread / spread[:, None]
+            correlation *= independent / (independent + _PRIOR_VALUES)
+            np.fill_diagonal(correlation, 1.0)
+            whitening = np.linalg.inv(np.linalg.cholesky(correlation))
+        return cls(difference_dn=difference, sd_dn=sd, whitening=whitening, by_others=by_others)
+
+    def strict_as(self, factor: float) -> Self:
+        """The planes with another allowance."""
+        return replace(self, sd_dn=self.sd_dn * np.float32(factor))
+
+    def whitened(self, difference_dn: Float32Array) -> Float32Array:
+        """Planes of a difference in independent standard deviations."""
+        scaled = difference_dn / self.sd_dn
+        return np.tensordot(self.whitening.astype(np.float32), scaled, axes=1)
+
+    @property
+    def vectors(self) -> Float32Array:
+        """The level's own difference, likewise."""
+        return self.whitened(self.difference_dn)
+
+    def change_dn(self, direction: FloatArray, at: Place) -> FloatArray:
+        """Red, green and blue of a change in a whitened direction, at a place."""
+        scaled = np.linalg.solve(self.whitening, direction) * self.sd_dn[:, *at]
+        by_others = self.by_others[:, *at].astype(np.float64)
+        return to_rgb(to_channels(np.asarray(scaled, dtype=np.float64), by_others))
+
+    def along(self, rgb: FloatArray) -> tuple[Float32Array, Float32Array]:
+        """Matched amplitude of a change in this direction at every place, and its standard error.
+
+        Parameters
+        ----------
+        rgb
+            Red, green and blue of a change of amplitude 1.
+        """
+        weights = self.whitened(self._planes_of(rgb))
+        power = np.einsum("kij,kij->ij", weights, weights)
+        amplitude = np.einsum("kij,kij->ij", weights, self.vectors) / power
+        return amplitude, 1 / np.sqrt(power)
+
+    def error_along(self, rgb: FloatArray) -> Float32Array:
+        """The standard error alone."""
+        weights = self.whitened(self._planes_of(rgb))
+        return np.asarray(1 / np.sqrt(np.einsum("kij,kij->ij", weights, weights)))
+
+    def _planes_of(self, rgb: FloatArray) -> Float32Array:
+        """A change of the channels in the planes, shape ``(3, rows, cols)``."""
+        luma, red, blue = to_luma_red_blue(np.asarray(rgb, dtype=np.float64)).tolist()
+        red_by_luma, blue_by_luma, blue_by_red = self.by_others
+        first = np.float32(red) - red_by_luma * np.float32(luma)
+        second = np.float32(blue) - blue_by_luma * np.float32(luma) - blue_by_red * first
+        whole = np.broadcast_to(np.float32(luma), self.difference_dn.shape[1:])
+        return np.stack([whole, *(np.broadcast_to(one, whole.shape) for one in (first, second))])
+
+    def part(self, part: tuple[slice, slice]) -> Self:
+        """Some places of it."""
+        return replace(
+            self,
+            difference_dn=self.difference_dn[:, *part],
+            sd_dn=self.sd_dn[:, *part],
+            by_others=self.by_others[:, *part],
+        )
+
+
+def signed_significance(vectors: Float32Array, valid: BoolArray) -> Float32Array:
+    """Significance of whitened vectors with the sign of the luma; 0 where it does not count."""
+    norm = np.sqrt(np.einsum("kij,kij->ij", vectors, vectors))
+    return np.where(valid, np.copysign(as_significance(norm), vectors[0]), np.float32(0))
+
 
 _NARROWEST = sqrt(2.0)
 """Width of the narrowest level over the comparison's smoothing. A camera shows nothing narrower
@@ -317,3 +448,140 @@ def _spread(
         inside = ratio[ratio < _CLIP_SD * spread]
         spread = float(np.sqrt(np.mean(np.square(inside)))) / _CLIPPED_RMS + 1e-6
     return spread
+
+
+_SPOT_SIGMAS_PX = (1.0, 1.5, 3.0, 6.0)
+"""Sizes for which the limit is stated, beside the one that is asked for."""
+
+_SAMPLE_PX = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LimitMaps:
+    """Amplitudes at which spots are found as often as asked, on the comparison's grid.
+
+    Parameters
+    ----------
+    threshold_sd
+        Significance beyond which a place counts as changed.
+    levels, widths
+        In which it is looked for, and their filters as they act on the follow-up.
+    valid
+        Pixels that were compared.
+    followup_px
+        Follow-up pixels to one of the grid, along a line.
+    change_rgb
+        Change of colour of amplitude 1; None in grey.
+    errors_dn
+        Standard error of an amplitude at each level, allowance included.
+    """
+
+    threshold_sd: float
+    levels: tuple[DetectionLevel, ...]
+    widths: tuple[FilterWidth, ...]
+    valid: BoolArray
+    followup_px: float
+    errors_dn: tuple[Float32Array, ...]
+    change_rgb: tuple[float, float, float] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        compared: Comparison,
+        levels: Sequence[DetectionLevel],
+        threshold_sd: float,
+        followup_px: float,
+        rgb: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    ) -> "LimitMaps":
+        """Take what limits detection from a comparison and its levels; in colour, of one change."""
+        return cls(
+            threshold_sd=threshold_sd,
+            levels=tuple(levels),
+            widths=tuple(_on_followup(level.filter_width, compared) for level in levels),
+            valid=compared.valid,
+            followup_px=followup_px,
+            errors_dn=tuple(level.error_along(rgb) for level in levels),
+            change_rgb=None if levels[0].colours is None else rgb,
+        )
+
+    def height_for(self, power: float) -> float:
+        """Significance that a spot must have by itself to be found so often."""
+        return height_for(power, self.threshold_sd, self.widths[0].planes)
+
+    def limit_dn(self, spot_sigma_px: float, power: float = POWER, every: int = 1) -> Float32Array:
+        """Amplitude of a spot in the follow-up's levels; infinite where nothing was compared.
+
+        Parameters
+        ----------
+        spot_sigma_px
+            Its width as the follow-up shows it, in follow-up pixels.
+        power
+            How often it is found.
+        every
+            Every so many pixels of the grid, along both of its sides.
+        """
+        height = self.height_for(power)
+        sigma = np.array(spot_sigma_px / self.followup_px)
+        valid = self.valid[::every, ::every]
+        least = np.full(valid.shape, np.inf, dtype=np.float32)
+        levels = zip(self.levels, self.widths, self.errors_dn, strict=True)
+        for level, width, error_dn in levels:
+            factor = np.float32(height / float(response(sigma, width)))
+            np.minimum(least, level.sd_on_grid(error_dn, valid.shape, every) * factor, out=least)
+        least[~valid] = np.inf
+        return least
+
+
+def _on_followup(width: FilterWidth, compared: Comparison) -> FilterWidth:
+    """The filter that acts on the follow-up, smoothed otherwise than the grid's own photograph."""
+    wider = width.width_px**2 - compared.smoothing_px**2
+    return FilterWidth(
+        width_px=(compared.followup_smoothing_px**2 + wider) ** 0.5,
+        step_px=width.step_px,
+        planes=width.planes,
+    )
+
+
+def detection_limit(
+    maps: LimitMaps, spot_sigma_px: float, contrast_dn: float | None
+) -> DetectionLimit:
+    """State the limits over the compared pixels.
+
+    Parameters
+    ----------
+    maps
+        Of the comparison.
+    spot_sigma_px
+        Width of the spots for which the limit is mapped; it is stated for others too.
+    contrast_dn
+        Amplitude for which the share of the pixels is told where the limit is lower.
+    """
+    # Limits vary as slowly as the filters are wide.
+    every = max(round((maps.valid.size / _SAMPLE_PX) ** 0.5), 1)
+    spots = []
+    for sigma_px in sorted({*_SPOT_SIGMAS_PX, spot_sigma_px}):
+        limit = maps.limit_dn(sigma_px, every=every)
+        if not np.isfinite(limit).any():
+            # Of drawings so little is compared that a sample may miss it.
+            limit = maps.limit_dn(sigma_px)
+        limit = limit[np.isfinite(limit)]
+        reached = None
+        if contrast_dn is not None:
+            reached = float(np.mean(limit <= contrast_dn)) if len(limit) else 0.0
+        median, high, worst = np.quantile(limit, [0.5, 0.95, 1.0]).tolist()
+        spots.append(
+            SpotLimit(
+                spot_sigma_px=sigma_px,
+                median_dn=median,
+                p95_dn=high,
+                worst_dn=worst,
+                reached_fraction=reached,
+            )
+        )
+    return DetectionLimit(
+        power=POWER,
+        spots=tuple(spots),
+        contrast_dn=contrast_dn,
+        map_spot_sigma_px=spot_sigma_px,
+        change_rgb=maps.change_rgb,
+    )

@@ -1,22 +1,168 @@
-"""Changes out of the regions that each level finds: one entry a change, at the level that fits it.
+"""Connected places of one sign beyond a threshold, at one level.
+
+Changes out of the regions that each level finds: one entry a change, at the level that fits it.
 
 From the narrowest level to the widest: a wide region takes the narrower ones of its sign in whose
 midst they lie, if it stands out further than they do together. The light of the others is taken
 out, or every strong change would be found again by all wider filters; what is then left beyond
 the threshold is a change of its own.
+
+The share of false ones among the changes that were found.
+
+Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", J. R. Statist. Soc. B 57
+(1995), 289-300, with the peaks of the frame as the hypotheses: their number times the probability
+of a height is the number of peaks that chance lifts so high. A. Schwartzman, Y. Gavrilov and
+R. J. Adler, "Multiple testing of local maxima for detection of peaks in 1D", Ann. Statist. 39
+(2011), 3290-3319, show that this controls the share of false peaks.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 from math import hypot
 
+import cv2
 import numpy as np
+from scipy.optimize import brentq
 
-from analysis.changes.detection.level_colours import signed_significance
-from analysis.changes.detection.levels import DetectionLevel
-from analysis.changes.detection.peaks import Region, connected_colours, connected_regions
+from analysis.changes.levels import DetectionLevel, signed_significance
 from analysis.changes.matching import away_from
+from analysis.changes.significance import FilterWidth, expected_peaks
 from simulation.arrays import BoolArray, Float32Array, FloatArray, FloatImage, IntArray
+
+_CORE = 0.5
+_LEAST_PART = 0.1
+"""Of a direction of length 1, below which a plane does not tell its sign."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Region:
+    """Connected places beyond the threshold.
+
+    Parameters
+    ----------
+    row, col
+        The strongest place.
+    significance
+        Its standard deviations, signed.
+    rows, cols
+        All places, shape ``(n,)``.
+    heights
+        Standard deviations there, positive.
+    direction
+        Of colours its mean in the whitened planes, of length 1.
+    """
+
+    row: int
+    col: int
+    significance: float
+    rows: IntArray
+    cols: IntArray
+    heights: FloatArray
+    direction: FloatArray | None = None
+
+    def core(self) -> BoolArray:
+        """Which places have at least half the height; the others are its blurred skirt."""
+        return np.asarray(self.heights >= _CORE * abs(self.significance))
+
+
+def connected_regions(significance: FloatImage, threshold_sd: float) -> list[Region]:
+    """Find the connected regions beyond a threshold, the most significant first.
+
+    Places that touch at a corner are connected; those of opposite signs are not.
+
+    Parameters
+    ----------
+    significance
+        Signed standard deviations, shape ``(rows, cols)``.
+    threshold_sd
+        Not negative; a region lies strictly beyond it.
+    """
+    found = [
+        region for sign in (1.0, -1.0) for region in _of_sign(significance, threshold_sd, sign)
+    ]
+    # Ties in the order of rows and columns.
+    return sorted(found, key=lambda one: (-abs(one.significance), one.row, one.col))
+
+
+def _of_sign(significance: FloatImage, threshold_sd: float, sign: float) -> list[Region]:
+    mask = significance > threshold_sd if sign > 0 else significance < -threshold_sd
+    if not mask.any():
+        return []
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    rows, cols = np.nonzero(mask)
+    label = labels[rows, cols] - 1
+    height = np.abs(significance[rows, cols])
+    order = np.lexsort((cols, rows, -height, label))
+    first = np.searchsorted(label[order], np.arange(count))
+    regions = []
+    for start, end in zip(first[:-1].tolist(), [*first[1:-1].tolist(), len(order)], strict=True):
+        of_region = order[start:end]
+        top = of_region[0]
+        regions.append(
+            Region(
+                row=int(rows[top]),
+                col=int(cols[top]),
+                significance=float(sign * height[top]),
+                rows=rows[of_region],
+                cols=cols[of_region],
+                heights=height[of_region],
+            )
+        )
+    return regions
+
+
+def connected_colours(
+    vectors: Float32Array, significance: FloatImage, threshold_sd: float
+) -> list[Region]:
+    """Find the connected regions of one change of colour beyond a threshold.
+
+    What is connected has a direction in which it varies most; places on either side of it are
+    apart, as those of opposite signs are.
+
+    Parameters
+    ----------
+    vectors
+        Whitened planes, shape ``(3, rows, cols)``, the luma first.
+    significance
+        Of those, of any sign.
+    threshold_sd
+        Not negative; a region lies strictly beyond it.
+    """
+    height = np.abs(significance)
+    mask = height > threshold_sd
+    if not mask.any():
+        return []
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    rows, cols = np.nonzero(mask)
+    label = labels[rows, cols] - 1
+    own = vectors[:, rows, cols].astype(np.float64)
+    moments = np.zeros((count - 1, len(own), len(own)))
+    for first, second in combinations_with_replacement(range(len(own)), 2):
+        sums = np.bincount(label, weights=own[first] * own[second], minlength=count - 1)
+        moments[:, first, second] = moments[:, second, first] = sums
+    along = np.linalg.eigh(moments)[1][:, :, -1]
+    # Brighter is positive; of none in luma, whichever comes first.
+    leading = np.argmax(np.abs(along) > _LEAST_PART, axis=1)
+    along *= np.sign(np.take_along_axis(along, leading[:, None], axis=1))
+    signed = np.zeros_like(height)
+    projected = np.einsum("nk,kn->n", along[label], own)
+    signed[rows, cols] = np.copysign(height[rows, cols], projected)
+    return [
+        replace(region, direction=_mean_direction(vectors, region))
+        for region in connected_regions(signed, threshold_sd)
+    ]
+
+
+def _mean_direction(vectors: Float32Array, region: Region) -> FloatArray:
+    core = region.core()
+    own = vectors[:, region.rows[core], region.cols[core]].astype(np.float64)
+    total = own @ region.heights[core]
+    length = float(np.linalg.norm(total))
+    if not length > 0:
+        total, length = own[:, 0], float(np.linalg.norm(own[:, 0]))
+    return np.asarray(total / length)
+
 
 _SKIRT = 2.0
 """Widths of its level within which a change still has light."""
@@ -266,3 +412,61 @@ def pixels_of(found: Sequence[LinkedRegion], shape: tuple[int, ...]) -> BoolArra
     for region in found:
         mask[region.rows, region.cols] = True
     return mask
+
+
+_LOWEST_SD = 3.0
+"""Below it, peaks run into one another and chance makes more than can be told apart."""
+
+_HIGHEST_SD = 30.0
+
+
+def q_values(significance: FloatArray, area_px: int, widths: Sequence[FilterWidth]) -> FloatArray:
+    """Share of false ones expected among the peaks at least as significant as each.
+
+    Parameters
+    ----------
+    significance
+        Of all peaks beyond a threshold, falling, shape ``(n,)``.
+    area_px
+        Pixels that were compared.
+    widths
+        Of the filters that found them.
+    """
+    if not len(significance):
+        return np.zeros(0)
+    by_chance = expected_peaks(significance, area_px, widths)
+    share = by_chance / np.arange(1, len(significance) + 1)
+    return np.minimum(np.minimum.accumulate(share[::-1])[::-1], 1.0)
+
+
+def discovery_threshold(levels: Sequence[DetectionLevel], rate: float) -> float:
+    """Lowest threshold in standard deviations at which this share of the changes is false.
+
+    Where nothing stands out, the threshold is that which chance exceeds in this share of frames.
+
+    Parameters
+    ----------
+    levels
+        The difference behind each width, the narrowest first.
+    rate
+        Share of false changes among those listed, above 0 and below 1.
+
+    Raises
+    ------
+    ValueError
+        If the rate is not between 0 and 1.
+    """
+    if not 0 < rate < 1:
+        raise ValueError(f"false_discovery_rate must be between 0 and 1, got {rate}")
+    area, widths = int(levels[0].valid.sum()), [level.filter_width for level in levels]
+    found = link_levels(levels, _LOWEST_SD).regions
+    heights = np.abs([region.significance for region in found])
+    is_kept = q_values(heights, area, widths) <= rate
+    allowed = rate * max(int(is_kept.sum()), 1)
+
+    def excess(height: float) -> float:
+        return float(np.log(expected_peaks(np.array(height), area, widths) / allowed))
+
+    if excess(_LOWEST_SD) <= 0:
+        return _LOWEST_SD
+    return float(brentq(excess, _LOWEST_SD, _HIGHEST_SD))
