@@ -23,15 +23,22 @@ from analysis.changes import (
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.curves import DetectabilityCurve
 from analysis.detectability.dprime import (
+    PSF_STEP_PX2,
     DPrime,
+    DPrimeSlopes,
     drawn_shares,
     interval_of,
     scene_error,
 )
-from analysis.detectability.pair import ComparedPair, compared_pair, frame_size_px
-from analysis.detectability.scenario import Scenario
-from analysis.detectability.sensitivity import PSF_STEP_PX2, DPrimeSlopes
-from analysis.detectability.signal import ChangeSignal, GaussianSignal, signal_offsets_px
+from analysis.detectability.scenario import (
+    ChangeSignal,
+    ComparedPair,
+    GaussianSignal,
+    Scenario,
+    compared_pair,
+    frame_size_px,
+    signal_offsets_px,
+)
 from simulation import Model, SamplingGrid
 from simulation.arrays import FloatArray
 

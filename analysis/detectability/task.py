@@ -6,21 +6,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX, Observer
-from analysis.detectability.artefact import ArtefactTiles
+from analysis.detectability.artefact import ArtefactTiles, auc_of
 from analysis.detectability.compared import compared_change, comparison_d_prime
-from analysis.detectability.curves import DetectabilityCurve, DetectabilityCurves
-from analysis.detectability.dprime import DPrime, d_primes
-from analysis.detectability.error_sources import CurveUncertainty, ErrorSources
-from analysis.detectability.local import local_changes
-from analysis.detectability.observers import auc_of
-from analysis.detectability.scenario import Scenario
-from analysis.detectability.sensitivity import (
+from analysis.detectability.curves import (
+    CurveUncertainty,
+    DetectabilityCurve,
+    DetectabilityCurves,
+    ErrorSources,
+)
+from analysis.detectability.dprime import (
+    DPrime,
     capture_response,
+    d_primes,
     gaussian_psf,
     response_scenes,
     softer_psf,
 )
-from analysis.detectability.signal import ChangeSignal, GaussianSignal
+from analysis.detectability.scenario import ChangeSignal, GaussianSignal, Scenario, local_changes
 from analysis.detectability.sweep import SweepPlan, scene_sums, tiles_per_side
 from simulation import Model, Psf
 from simulation.arguments import ArgumentError, check_fields

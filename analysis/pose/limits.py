@@ -1,4 +1,9 @@
-"""Allowed movement: how far away, how tilted and how far aside a follow-up may be taken."""
+"""How densely a follow-up samples its reference at each point, from the homography alone.
+
+A camera that looks at a plane, and the homography between two of its poses.
+
+Allowed movement: how far away, how tilted and how far aside a follow-up may be taken.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,18 +11,265 @@ from math import atan2, degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import BeyondCurveError, NotDetectableError
-from analysis.pose.local_sampling import local_sampling, sampled_places
-from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
 from simulation.arrays import BoolArray, FloatArray
 from simulation.notebook import html_table
+from simulation.pose import project, projection_depth, projection_slopes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LocalSampling:
+    """Reference pixels per follow-up pixel at points of the follow-up, shape (rows, cols) each.
+
+    Parameters
+    ----------
+    worst_zoom, best_zoom
+        Along the direction that is sampled most coarsely, and most densely.
+    inside
+        Whether the point is within the reference.
+    """
+
+    worst_zoom: FloatArray
+    best_zoom: FloatArray
+    inside: BoolArray
+
+    @property
+    def anisotropy(self) -> FloatArray:
+        """Worst over best zoom, at least 1."""
+        return self.worst_zoom / self.best_zoom
+
+    @property
+    def overlap(self) -> float:
+        """Share of the follow-up that the reference covers."""
+        return float(self.inside.mean())
+
+
+def local_sampling(
+    matrix: FloatArray,
+    followup_size: tuple[int, int],
+    reference_size: tuple[int, int],
+    step_px: int = 4,
+) -> LocalSampling:
+    """Work out the sampling at every ``step_px``-th pixel of a follow-up, its border included.
+
+    Parameters
+    ----------
+    matrix
+        Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres.
+    followup_size, reference_size
+        ``(width, height)``.
+    step_px
+        Distance between the points; the outermost pixels are always among them.
+
+    Raises
+    ------
+    ValueError
+        If the horizon of the plane lies in the follow-up's frame.
+    """
+    width, height = followup_size
+    x, y = np.meshgrid(_places(width, step_px), _places(height, step_px))
+    h = np.asarray(matrix, dtype=np.float64)
+    depth = projection_depth(h, x, y)
+    if not (np.all(depth > 0) or np.all(depth < 0)):
+        raise ValueError("the horizon of the plane is within the follow-up's frame")
+    ref_x, ref_y, worst, best = sampled_places(h, x, y)
+    inside = (
+        (ref_x >= -0.5)
+        & (ref_x <= reference_size[0] - 0.5)
+        & (ref_y >= -0.5)
+        & (ref_y <= reference_size[1] - 0.5)
+    )
+    return LocalSampling(
+        worst_zoom=worst,
+        best_zoom=best,
+        inside=inside,
+    )
+
+
+def sampled_places(
+    matrix: FloatArray, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Reference coordinates of follow-up points, and the zoom there: worst and best direction.
+
+    Parameters
+    ----------
+    matrix
+        Shape (..., 3, 3): follow-up pixel centres to reference pixel centres.
+    x, y
+        Follow-up pixels, of a shape that broadcasts against the leading axes.
+    """
+    h = np.moveaxis(matrix, (-2, -1), (0, 1))
+    ref_x, ref_y = project(h, x, y)
+    # A = d p / d u, as in docs/theory-pose.md.
+    a, b, c, d = projection_slopes(h, x, y)
+    # Singular values of a 2 x 2 matrix: half the sum and half the difference of two lengths.
+    turning, shearing = np.hypot(a + d, c - b), np.hypot(a - d, c + b)
+    return ref_x, ref_y, (turning + shearing) / 2, np.abs(turning - shearing) / 2
+
+
+def _places(size: int, step_px: int) -> FloatArray:
+    count = max(round((size - 1) / step_px), 1) + 1
+    return np.linspace(0, size - 1, count)
+
+
+LARGEST_SIDE_PX = 1_000_000
+"""No sensor has more; squares of larger numbers leave too few digits for an angle."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowupPose:
+    """Where a follow-up is taken from; its reference looks at the plane's origin.
+
+    Parameters
+    ----------
+    zoom
+        Ratio of its distance to the reference's, each along its optical axis.
+    tilt_deg, reference_tilt_deg
+        Angles between the optical axis and the plane's normal; the reference leans along x.
+    direction_deg
+        Where the follow-up leans, from the reference's lean; None for the worst direction.
+    aim_px
+        Pixel ``(x, y)`` of the reference that the middle of the follow-up shows; by default the
+        reference's own middle.
+    """
+
+    zoom: float = 1.0
+    tilt_deg: float = 0.0
+    reference_tilt_deg: float = 0.0
+    direction_deg: float | None = None
+    aim_px: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewingCamera:
+    """A camera without distortion that looks at a plane.
+
+    Raises
+    ------
+    ValueError
+        If the focal length is not positive, or a side is not 16 to 1,000,000 px.
+    """
+
+    focal_length_px: float
+    width_px: int
+    height_px: int
+
+    def __post_init__(self) -> None:
+        if not (self.focal_length_px > 0 and np.isfinite(self.focal_length_px)):
+            raise ValueError(f"focal_length_px must be positive, got {self.focal_length_px}")
+        if not all(16 <= side_px <= LARGEST_SIDE_PX for side_px in self.size):
+            raise ValueError(
+                f"a frame of 16 to {LARGEST_SIDE_PX:,} px a side is needed, got {self.width_px} x "
+                f"{self.height_px}"
+            )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """``(width, height)`` in px."""
+        return self.width_px, self.height_px
+
+    def plane_to_px(
+        self, distance: float, tilt_deg: float, direction_deg: ArrayLike = 0.0
+    ) -> FloatArray:
+        """Homography from the plane to pixels; the camera looks at the plane's origin.
+
+        Parameters
+        ----------
+        distance
+            From the origin, in any unit; the plane's coordinates have the same.
+        tilt_deg
+            Angle between the axis and the plane's normal.
+        direction_deg
+            Where the axis leans, from the rows' x towards the columns' y; one angle, or many.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., 3, 3), the leading axes those of ``direction_deg``.
+        """
+        t, b = np.radians(tilt_deg), np.radians(np.asarray(direction_deg, dtype=np.float64))
+        about = np.zeros((*b.shape, 3, 3))
+        about[..., 0, 0] = about[..., 1, 1] = np.cos(b)
+        about[..., 1, 0] = np.sin(b)
+        about[..., 0, 1] = -about[..., 1, 0]
+        about[..., 2, 2] = 1.0
+        leaning = np.array(
+            [[np.cos(t), 0.0, np.sin(t)], [0.0, 1.0, 0.0], [-np.sin(t), 0.0, np.cos(t)]]
+        )
+        # Columns: the plane's axes and its origin, seen from the camera.
+        seen = about @ leaning.T @ np.swapaxes(about, -1, -2)
+        seen[..., :, 2] = (0.0, 0.0, distance)
+        camera = np.array(
+            [
+                [self.focal_length_px, 0.0, (self.width_px - 1) / 2],
+                [0.0, self.focal_length_px, (self.height_px - 1) / 2],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        return np.asarray(camera @ seen)
+
+    @property
+    def middle_px(self) -> tuple[float, float]:
+        """Middle of the frame, ``(x, y)``: pixel centres are at integers."""
+        return (self.width_px - 1) / 2, (self.height_px - 1) / 2
+
+    def aimed_at(
+        self, aim_px: tuple[float, float], reference_tilt_deg: float = 0.0
+    ) -> tuple[float, float]:
+        """Point of the plane that a pixel of the reference shows, in the reference's distances.
+
+        Raises
+        ------
+        ValueError
+            If the pixel lies outside the frame, or looks past the plane's horizon.
+        """
+        x, y = aim_px
+        if not (-0.5 <= x <= self.width_px - 0.5 and -0.5 <= y <= self.height_px - 0.5):
+            raise ValueError(
+                f"the point to aim at must lie in the reference of {self.width_px} x "
+                f"{self.height_px} px, got {x:g},{y:g}"
+            )
+        near = self.plane_to_px(1.0, reference_tilt_deg)
+        place = np.linalg.solve(near, np.array([x, y, 1.0]))
+        # The plane's origin has a positive third component; so has all on this side of the horizon.
+        if not place[2] > 0:
+            raise ValueError(f"the reference looks past the plane's horizon at {x:g},{y:g} px")
+        return float(place[0] / place[2]), float(place[1] / place[2])
+
+    def followup_to_reference(
+        self,
+        zoom: float,
+        tilt_deg: float,
+        reference_tilt_deg: float = 0.0,
+        direction_deg: ArrayLike = 0.0,
+        aim_px: tuple[float, float] | None = None,
+    ) -> FloatArray:
+        """Homography of a follow-up from ``zoom`` times the reference's distance.
+
+        The reference leans along x, the follow-up in ``direction_deg`` from there; its middle
+        shows ``aim_px`` of the reference, or the reference's own middle. Shape (..., 3, 3), the
+        leading axes those of ``direction_deg``.
+
+        Raises
+        ------
+        ValueError
+            As ``aimed_at``.
+        """
+        near = self.plane_to_px(1.0, reference_tilt_deg)
+        far = self.plane_to_px(zoom, tilt_deg, direction_deg)
+        if aim_px is not None:
+            x, y = self.aimed_at(aim_px, reference_tilt_deg)
+            far = far @ np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
+        matrix = near @ np.linalg.inv(far)
+        return np.asarray(matrix / matrix[..., 2:, 2:])
 
 
 _DIRECTIONS = 13

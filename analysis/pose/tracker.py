@@ -3,17 +3,18 @@
 No files, no clock, no camera: an image goes in, a verdict comes out. The pose is followed from
 frame to frame against the reference itself; a full search of the frame (an *anchor*) happens at
 the first frame and whenever the pose was lost.
+
+The verdicts on a stream of frames, counted.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from analysis.choices import Criterion
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import AnalysisError
-from analysis.pose.decision import Verdict
-from analysis.pose.quality import PoseQuality, judge_pose
+from analysis.pose.quality import PoseQuality, Verdict, judge_pose
 from calibration.errors import RegistrationError
 from calibration.registration import TrackedPose, TrackingReference
 from simulation.arrays import AnyArray, FloatArray
@@ -259,3 +260,34 @@ def _side(down: float, across: float) -> str:
     if down_word and across_word:
         return f"{down_word} {across_word}"
     return down_word or (f"on the {across_word}" if across_word else "in the middle")
+
+
+@dataclass(slots=True)
+class StreamSummary:
+    """What became of the frames; ``followed_s`` is the computing time between anchors."""
+
+    frames: int = 0
+    accepted: int = 0
+    unknown: int = 0
+    anchors: int = 0
+    followed_s: float = 0.0
+    last: PoseVerdict | None = None
+    verdicts: list[dict[str, object]] = field(default_factory=list)
+
+    def add(self, name: str, verdict: PoseVerdict, busy_s: float, *, is_kept: bool) -> None:
+        """Count a verdict, and keep it if ``is_kept``."""
+        self.frames += 1
+        self.accepted += verdict.accepted
+        self.unknown += verdict.dprime is None
+        self.anchors += verdict.anchored
+        if not verdict.anchored:
+            self.followed_s += busy_s
+        self.last = verdict
+        if is_kept:
+            self.verdicts.append({"frame": name, **verdict.to_json()})
+
+    @property
+    def frames_per_s(self) -> float | None:
+        """Frames per second between anchors, computing time only; None without any."""
+        followed = self.frames - self.anchors
+        return followed / self.followed_s if followed else None

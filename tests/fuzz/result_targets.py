@@ -12,7 +12,7 @@ import tifffile
 from analysis.change_series.time_line import read_time_line
 from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
-from analysis.detectability.sums import (
+from analysis.detectability.sweep import (
     ArtefactSums,
     KeptPhotographs,
     SummedPhotographs,

@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from analysis.detectability.curves import DetectabilityCurves
-from analysis.pose.series import read_pose_series
+from analysis.pose.quality import read_pose_series
 from analysis.results_file import write_results
 from calibration.registration.pair import Registration, register
 from simulation.arrays import FloatArray

@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from analysis.change_series.summary import ChangesSeries, ComparedFollowup
 from analysis.change_series.time_line import (
+    ChangesSeries,
     ChangeTimeLine,
     ChangeTrack,
+    ComparedFollowup,
     TimeLineFollowup,
     TrackPoint,
 )
