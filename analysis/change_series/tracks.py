@@ -268,21 +268,7 @@ def time_line_of(
 ) -> ChangeTimeLine:
     """Return the time line of the changes of all follow-ups that could be compared.
 
-    Parameters
-    ----------
-    out
-        Folder that holds the follow-ups' own.
-    series
-        Their summary, without its lines.
-    rows
-        Its lines.
-    reference_shape
-        ``(rows, cols)`` of the reference that all share.
-
-    Raises
-    ------
-    ResultsFileError
-        If the results of a follow-up cannot be read.
+    ``reference_shape``: ``(rows, cols)`` of the reference that all share.
     """
     rows_px, cols_px = reference_shape[:2]
     given = [ComparedFollowup.model_validate(row) for row in rows if row["refused"] is None]

@@ -46,16 +46,9 @@ def list_changes(
 ) -> tuple[Change, ...]:
     """Describe changes, in their order.
 
-    Parameters
-    ----------
-    regions
-        What stands out, the most significant first.
-    levels
-        The difference behind each width, the narrowest first.
-    compared
-        The difference itself.
-    pose
-        Of the follow-up in the reference: gives the places in the photograph that is not the grid.
+    ``regions``: what stands out, the most significant first. ``levels``: the difference behind each
+    width, the narrowest first. ``pose``: of the follow-up in the reference: gives the places in the
+    photograph that is not the grid.
     """
     if not regions:
         return ()
@@ -275,18 +268,10 @@ class _ColourSpot(FittedSpot):
 class _RegionFields:
     """The fields around a region, along its direction.
 
-    Parameters
-    ----------
-    fields
-        The comparison and the levels, from ``origin`` on.
-    region
-        With its places from there on; positive.
-    origin
-        Row and column of the first pixel.
-    rgb
-        Red, green and blue of an amplitude of 1; the largest is 1.
-    luma_err
-        Standard error of the luma's amplitude over that of the amplitude.
+    ``fields``: the comparison and the levels, from ``origin`` on. ``region``: with its places from
+    there on; positive. ``origin``: row and column of the first pixel. ``rgb``: red, green and blue
+    of an amplitude of 1; the largest is 1. ``luma_err``: standard error of the luma's amplitude
+    over that of the amplitude.
     """
 
     fields: tuple[SmoothedField, ...]
@@ -415,16 +400,8 @@ def _colours_of(level: DetectionLevel) -> LevelColours:
 def large_enough(changes: Sequence[Change], options: ChangeOptions, gain: float) -> BoolArray:
     """Tell the changes whose amplitude is at least what was asked for, or the files' step there.
 
-    Of colours those of which any channel's is.
-
-    Parameters
-    ----------
-    changes
-        All that are significant.
-    options
-        What was asked for, and the steps.
-    gain
-        Of light, follow-up over reference: amplitudes are in the follow-up's levels.
+    Of colours those of which any channel's is. ``gain``: of light, follow-up over reference:
+    amplitudes are in the follow-up's levels.
     """
     if options.colours is not None and any(one.amplitude_rgb_dn for one in changes):
         steps = options.colours.step_dn

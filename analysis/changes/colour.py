@@ -36,16 +36,10 @@ Steps = tuple[Float32Array | None, Float32Array | None]
 class PairColours:
     """Reference and follow-up in colour, shape ``(rows, cols, 3)`` each, linear in light.
 
-    Parameters
-    ----------
-    reference_dn, followup_dn
-        Red, green and blue.
-    step_variance_dn2
-        Variance of each level by the steps of the files, shape ``(rows, cols, 3)``, where known.
-    step_dn
-        Steps of the levels of reference and follow-up, likewise.
-    white_dn
-        Level of white of both, for differences as they are seen; None where a file does not say it.
+    ``reference_dn, followup_dn``: red, green and blue. ``step_variance_dn2``: variance of each
+    level by the steps of the files, shape ``(rows, cols, 3)``, where known. ``step_dn``: steps of
+    the levels of reference and follow-up, likewise. ``white_dn``: level of white of both, for
+    differences as they are seen; None where a file does not say it.
     """
 
     reference_dn: AnyArray = field(repr=False)
@@ -99,20 +93,11 @@ _OWN_ROUNDING = np.float32(0.25)
 class ChannelDifference:
     """What is left of one channel, or of the luma, once its light and blur are explained.
 
-    Parameters
-    ----------
-    difference_dn
-        After minus before in the follow-up's levels, smoothed.
-    variance_dn2, noise_dn2
-        Predicted, and the part of it that is noise.
-    rounding_dn2
-        Variance that the steps of the files give it at most, where they are known.
-    seen_dn
-        One of the photographs, smoothed.
-    may_be_more, may_be_less
-        Pixels whose difference may be larger, or smaller, as an end of the scale hides it.
-    valid
-        Pixels that models are fitted to.
+    ``difference_dn``: after minus before in the follow-up's levels, smoothed. ``variance_dn2,
+    noise_dn2``: predicted, and the part of it that is noise. ``rounding_dn2``: variance that the
+    steps of the files give it at most, where they are known. ``seen_dn``: one of the photographs,
+    smoothed. ``may_be_more, may_be_less``: pixels whose difference may be larger, or smaller, as an
+    end of the scale hides it. ``valid``: pixels that models are fitted to.
     """
 
     difference_dn: Float32Array = field(repr=False)
@@ -140,13 +125,8 @@ class ChannelDifference:
 class ColourPlanes:
     """Luma, red without what the luma predicts, and blue without what both do.
 
-    Parameters
-    ----------
-    difference_dn, sd_dn
-        Shape ``(3, rows, cols)``.
-    by_others
-        Levels of red by one of the luma's, of blue by one of it, and of blue by one of the second
-        plane's, likewise.
+    ``difference_dn, sd_dn``: shape ``(3, rows, cols)``. ``by_others``: levels of red by one of the
+    luma's, of blue by one of it, and of blue by one of the second plane's, likewise.
     """
 
     difference_dn: Float32Array = field(repr=False)
@@ -159,15 +139,8 @@ def colour_planes(
 ) -> ColourPlanes:
     """Take off red and blue what the noise and the structure of the others predict.
 
-    Parameters
-    ----------
-    luma
-        How that of the photographs was compared; what differs is taken of the channels, each of
-        which has its own light.
-    channels
-        Red, green and blue.
-    smoothing_px
-        Width of the Gaussian that makes neighbours alike.
+    ``luma``: how that of the photographs was compared; what differs is taken of the channels, each
+    of which has its own light. ``smoothing_px``: width of the Gaussian that makes neighbours alike.
     """
     red, _, blue = channels
     mixed: Float32Array = np.zeros(luma.difference_dn.shape, dtype=np.float32)
@@ -333,12 +306,8 @@ _LEAST_SHARE: Final = 1e-6
 class SeenDifference:
     """Of two colours, before and after.
 
-    Parameters
-    ----------
-    delta_e
-        CIEDE2000.
-    is_of_colour
-        Whether it is more of colour, at one luma, than of lightness.
+    ``delta_e``: CIEDE2000. ``is_of_colour``: whether it is more of colour, at one luma, than of
+    lightness.
     """
 
     delta_e: float

@@ -54,14 +54,9 @@ if TYPE_CHECKING:
 class FollowupGrid:
     """Brings images of a comparison to the follow-up's pixels.
 
-    Parameters
-    ----------
-    positions
-        Of the follow-up's pixels on the comparison's grid; None if they are the same.
-    valid
-        Follow-up pixels that were compared.
-    followup_px
-        Follow-up pixels to one of the grid, along a line.
+    ``positions``: of the follow-up's pixels on the comparison's grid; None if they are the same.
+    ``valid``: follow-up pixels that were compared. ``followup_px``: follow-up pixels to one of the
+    grid, along a line.
     """
 
     positions: PixelPositions | None
@@ -120,16 +115,9 @@ _SIDES: Final = ("top", "left", "bottom", "right")
 class ChangeMasks:
     """Masks on the follow-up's pixels, shape ``(rows, cols)`` each.
 
-    Parameters
-    ----------
-    is_change
-        Pixels beyond the threshold.
-    valid
-        Pixels that were compared.
-    clipped
-        Pixels at which the follow-up is clipped at white.
-    reference_clipped
-        Pixels at which the reference is, as the follow-up would see it.
+    ``is_change``: pixels beyond the threshold. ``valid``: pixels that were compared. ``clipped``:
+    pixels at which the follow-up is clipped at white. ``reference_clipped``: pixels at which the
+    reference is, as the follow-up would see it.
     """
 
     is_change: BoolArray
@@ -259,36 +247,17 @@ _LISTED = ("x_px", "y_px", "area_px", "amplitude_dn", "significance", "q_value")
 class ChangeResult(ByValue):
     """Images on the follow-up's pixels, shape ``(rows, cols)`` each; 0 where not ``valid``.
 
-    Parameters
-    ----------
-    summary
-        What the comparison found, in figures.
-    followup_dn
-        The follow-up itself.
-    difference_dn
-        After minus before, pose, blur and light explained, at the sharpness of the blurrier
-        photograph and in the follow-up's levels; smoothed, as are the others.
-    plain_difference_dn
-        The same with the nearer photograph merely resampled, in the same light.
-    pose_difference_dn
-        The part of the plain difference that the pose explains.
-    variance_dn2
-        Variance of the difference.
-    significance
-        Difference over its standard deviation, behind the width of filter at which it stands out
-        most.
-    limit_dn
-        Amplitude at which a spot would have been found; NaN where not compared.
-    is_change, is_moved
-        Pixels of the changes, and of what moved.
-    valid
-        Pixels that were compared.
-    pose
-        Position of every follow-up pixel in the reference.
-    masks
-        Changed, compared and clipped pixels.
-    filter_widths
-        Behind which changes were looked for, in pixels of the coarser photograph.
+    ``summary``: what the comparison found, in figures. ``followup_dn``: the follow-up itself.
+    ``difference_dn``: after minus before, pose, blur and light explained, at the sharpness of the
+    blurrier photograph and in the follow-up's levels; smoothed, as are the others.
+    ``plain_difference_dn``: the same with the nearer photograph merely resampled, in the same
+    light. ``pose_difference_dn``: the part of the plain difference that the pose explains.
+    ``variance_dn2``: variance of the difference. ``significance``: difference over its standard
+    deviation, behind the width of filter at which it stands out most. ``limit_dn``: amplitude at
+    which a spot would have been found; NaN where not compared. ``is_change, is_moved``: pixels of
+    the changes, and of what moved. ``valid``: pixels that were compared. ``pose``: position of
+    every follow-up pixel in the reference. ``masks``: changed, compared and clipped pixels.
+    ``filter_widths``: behind which changes were looked for, in pixels of the coarser photograph.
     """
 
     summary: ChangeSummary
@@ -459,18 +428,10 @@ def _found(given: CodedAlike, psf: GaussianPsf | None, options: ChangeOptions) -
 class _Detected:
     """What stands out of a comparison, and what would have.
 
-    Parameters
-    ----------
-    pose
-        Of the follow-up in the reference.
-    compared_px, frame_px
-        Follow-up pixels that were compared, and all.
-    widths, threshold_sd
-        Of the filters, and their common threshold.
-    found, apart, below_least
-        All that exceeds it; changes and movements in it; and how many are too small to be listed.
-    limits
-        Of detection.
+    ``pose``: of the follow-up in the reference. ``compared_px, frame_px``: follow-up pixels that
+    were compared, and all. ``widths, threshold_sd``: of the filters, and their common threshold.
+    ``found, apart, below_least``: all that exceeds it; changes and movements in it; and how many
+    are too small to be listed.
     """
 
     pose: DistortedPose

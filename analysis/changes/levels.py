@@ -47,15 +47,10 @@ Place = tuple[int, int]
 class LevelColours:
     """Luma and the two planes of chroma at the places of a level, shape ``(3, rows, cols)`` each.
 
-    Parameters
-    ----------
-    difference_dn, sd_dn
-        Of the planes, each with its own scatter and with the width's allowance.
-    whitening
-        Takes the planes in standard deviations to independent ones, shape (3, 3).
-    by_others
-        Levels of red by one of the luma's, of blue by one of it, and of blue by one of the first
-        plane's.
+    ``difference_dn, sd_dn``: of the planes, each with its own scatter and with the width's
+    allowance. ``whitening``: takes the planes in standard deviations to independent ones, shape (3,
+    3). ``by_others``: levels of red by one of the luma's, of blue by one of it, and of blue by one
+    of the first plane's.
     """
 
     difference_dn: Float32Array
@@ -114,10 +109,7 @@ class LevelColours:
     def along(self, rgb: FloatArray) -> tuple[Float32Array, Float32Array]:
         """Matched amplitude of a change in this direction at every place, and its standard error.
 
-        Parameters
-        ----------
-        rgb
-            Red, green and blue of a change of amplitude 1.
+        ``rgb``: red, green and blue of a change of amplitude 1.
         """
         weights = self.whitened(self._planes_of(rgb))
         power = np.einsum("kij,kij->ij", weights, weights)
@@ -190,21 +182,12 @@ _TAILS = 4.0
 class DetectionLevel:
     """The difference behind one width; a place counts where ``valid``.
 
-    Parameters
-    ----------
-    filter_width
-        Its width and the distance of its places, in pixels of the comparison's grid; the first
-        place is the first pixel.
-    difference_dn, sd_dn
-        Shape ``(rows, cols)`` of places. The standard deviation holds the width's allowance, so
-        that one threshold of significance is right for all levels.
-    valid
-        Places that count.
-    weight
-        Share of the filter that lies on pixels that count.
-    colours
-        Of photographs in colour the luma and what red and blue say beside it; difference and
-        standard deviation are the luma's.
+    ``filter_width``: its width and the distance of its places, in pixels of the comparison's grid;
+    the first place is the first pixel. ``difference_dn, sd_dn``: shape ``(rows, cols)`` of places.
+    The standard deviation holds the width's allowance, so that one threshold of significance is
+    right for all levels. ``weight``: share of the filter that lies on pixels that count.
+    ``colours``: of photographs in colour the luma and what red and blue say beside it; difference
+    and standard deviation are the luma's.
     """
 
     filter_width: FilterWidth
@@ -282,15 +265,7 @@ class DetectionLevel:
 
 
 def usual_widths(smoothing_px: float, compared_px: int) -> tuple[FilterWidth, ...]:
-    """Return the widths of the levels that a frame is expected to have, without allowances.
-
-    Parameters
-    ----------
-    smoothing_px
-        Width of the comparison's smoothing.
-    compared_px
-        Pixels of the frame.
-    """
+    """Return the widths of the levels that a frame is expected to have, without allowances."""
     widths: list[FilterWidth] = []
     err = 0.0
     for number, step_px in enumerate(_STEPS):
@@ -306,12 +281,8 @@ def usual_widths(smoothing_px: float, compared_px: int) -> tuple[FilterWidth, ..
 def detection_levels(compared: Comparison, false_share: float) -> tuple[DetectionLevel, ...]:
     """Smooth a difference further, the narrowest level first.
 
-    Parameters
-    ----------
-    compared
-        The difference behind the narrowest smoothing.
-    false_share
-        Share of the pixels that chance may flag at any of the levels.
+    ``compared``: the difference behind the narrowest smoothing. ``false_share``: share of the
+    pixels that chance may flag at any of the levels.
     """
     planes = compared.colours
     levels = list(_smoothed_further(compared) if planes is None else _of_colours(compared, planes))
@@ -460,20 +431,11 @@ _SAMPLE_PX = 1_000_000
 class LimitMaps:
     """Amplitudes at which spots are found as often as asked, on the comparison's grid.
 
-    Parameters
-    ----------
-    threshold_sd
-        Significance beyond which a place counts as changed.
-    levels, widths
-        In which it is looked for, and their filters as they act on the follow-up.
-    valid
-        Pixels that were compared.
-    followup_px
-        Follow-up pixels to one of the grid, along a line.
-    change_rgb
-        Change of colour of amplitude 1; None in grey.
-    errors_dn
-        Standard error of an amplitude at each level, allowance included.
+    ``threshold_sd``: significance beyond which a place counts as changed. ``levels, widths``: in
+    which it is looked for, and their filters as they act on the follow-up. ``valid``: pixels that
+    were compared. ``followup_px``: follow-up pixels to one of the grid, along a line.
+    ``change_rgb``: change of colour of amplitude 1; None in grey. ``errors_dn``: standard error of
+    an amplitude at each level, allowance included.
     """
 
     threshold_sd: float
@@ -511,14 +473,8 @@ class LimitMaps:
     def limit_dn(self, spot_sigma_px: float, power: float = POWER, every: int = 1) -> Float32Array:
         """Amplitude of a spot in the follow-up's levels; infinite where nothing was compared.
 
-        Parameters
-        ----------
-        spot_sigma_px
-            Its width as the follow-up shows it, in follow-up pixels.
-        power
-            How often it is found.
-        every
-            Every so many pixels of the grid, along both of its sides.
+        ``spot_sigma_px``: its width as the follow-up shows it, in follow-up pixels. ``every``:
+        every so many pixels of the grid, along both of its sides.
         """
         height = self.height_for(power)
         sigma = np.array(spot_sigma_px / self.followup_px)
@@ -547,14 +503,9 @@ def detection_limit(
 ) -> DetectionLimit:
     """State the limits over the compared pixels.
 
-    Parameters
-    ----------
-    maps
-        Of the comparison.
-    spot_sigma_px
-        Width of the spots for which the limit is mapped; it is stated for others too.
-    contrast_dn
-        Amplitude for which the share of the pixels is told where the limit is lower.
+    ``spot_sigma_px``: width of the spots for which the limit is mapped; it is stated for others
+    too. ``contrast_dn``: amplitude for which the share of the pixels is told where the limit is
+    lower.
     """
     # Limits vary as slowly as the filters are wide.
     every = max(round((maps.valid.size / _SAMPLE_PX) ** 0.5), 1)

@@ -51,14 +51,8 @@ from simulation.arrays import BoolArray, FloatArray, IntArray
 class Surroundings:
     """A part of the frame around a change.
 
-    Parameters
-    ----------
-    crop
-        The part; images of it have shape ``(rows, cols)``.
-    inside, ring
-        Pixels of the change, and of its surroundings.
-    outside_px
-        Distance of each pixel from the change.
+    ``crop``: the part; images of it have shape ``(rows, cols)``. ``inside, ring``: pixels of the
+    change, and of its surroundings. ``outside_px``: distance of each pixel from the change.
     """
 
     crop: Window
@@ -77,16 +71,7 @@ class Surroundings:
     ) -> Self:
         """Cut a change out with a margin.
 
-        Parameters
-        ----------
-        rows, cols
-            Its pixels.
-        valid
-            Pixels of the frame that were compared.
-        ring_px
-            Distances from the change of its surroundings.
-        margin_px
-            How much is cut out around it.
+        ``ring_px``: distances from the change of its surroundings.
         """
         top, left = max(int(rows.min()) - margin_px, 0), max(int(cols.min()) - margin_px, 0)
         bottom, right = int(rows.max()) + margin_px + 1, int(cols.max()) + margin_px + 1
@@ -110,12 +95,7 @@ class Surroundings:
     def structure(self, side: FloatArray, least_dn2: float = 0.0) -> float:
         """Mean square in the change about the plane through its surroundings, over that of those.
 
-        Parameters
-        ----------
-        side
-            A photograph in this part.
-        least_dn2
-            What the surroundings have at least, by noise.
+        ``least_dn2``: what the surroundings have at least, by noise.
         """
         y, x = np.nonzero(self.ring)
         if len(y) < 3:
@@ -347,16 +327,8 @@ def is_seen_twice(
 ) -> bool:
     """Say whether what a change shows is at its other place in the other photograph.
 
-    Parameters
-    ----------
-    images
-        Before and after.
-    changed
-        Pixels of all changes.
-    places
-        Rows and columns of the one that is asked about.
-    displacement_px
-        ``(y, x)`` from before to after.
+    ``places``: rows and columns of the one that is asked about. ``displacement_px``: ``(y, x)``
+    from before to after.
     """
     rows, cols = places
     margin = _MARGIN_PX + ceil(float(np.abs(displacement_px).max()))
@@ -417,14 +389,8 @@ _GAP = 3.0
 class ChangedRegion:
     """Connected pixels of one sign.
 
-    Parameters
-    ----------
-    row, col
-        The strongest pixel.
-    sign
-        1 or -1.
-    rows, cols
-        All of its pixels, shape ``(n,)``.
+    ``row, col``: the strongest pixel. ``sign``: 1 or -1. ``rows, cols``: all of its pixels, shape
+    ``(n,)``.
     """
 
     row: int
@@ -438,16 +404,10 @@ class ChangedRegion:
 class Movement:
     """One shift and the changes that it explains.
 
-    Parameters
-    ----------
-    regions
-        Their indices, the strongest first.
-    displacement_px
-        ``(y, x)`` on the grid: what was at p is now at p + d.
-    covariance_px2
-        Shape (2, 2); large along an edge, along which no shift is seen.
-    share
-        Of what stood out beyond the noise, explained; the least of the regions.
+    ``regions``: their indices, the strongest first. ``displacement_px``: ``(y, x)`` on the grid:
+    what was at p is now at p + d. ``covariance_px2``: shape (2, 2); large along an edge, along
+    which no shift is seen. ``share``: of what stood out beyond the noise, explained; the least of
+    the regions.
     """
 
     regions: tuple[int, ...]
@@ -465,12 +425,8 @@ class Movement:
 def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Movement, ...]:
     """Find the changes that a shift explains.
 
-    Parameters
-    ----------
-    images
-        Before and after, at one sharpness and in one light.
-    regions
-        Connected pixels that differ, the strongest first.
+    ``images``: before and after, at one sharpness and in one light. ``regions``: connected pixels
+    that differ, the strongest first.
     """
     if not regions:
         return ()

@@ -53,12 +53,8 @@ _FULL_SCALES: Final = (1.0, *(2.0**bits - 1 for bits in (8, 10, 12, 14, 16)))
 def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
     """Mark pixels that are clipped, at either end.
 
-    Parameters
-    ----------
-    image_dn
-        Shape ``(rows, cols)``.
-    white_level_dn
-        Level at which the photograph is clipped, if it is known; a plateau counts anyway.
+    ``image_dn``: shape ``(rows, cols)``. ``white_level_dn``: level at which the photograph is
+    clipped, if it is known; a plateau counts anyway.
     """
     return clipped_at_white(image_dn, white_level_dn) | clipped_at_black(image_dn)
 
@@ -157,30 +153,15 @@ _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 class PhotographPair:
     """The two photographs in the roles that the comparison gives them.
 
-    Parameters
-    ----------
-    is_on_followup
-        Whether the target is the follow-up.
-    source, target
-        The nearer photograph and the other one.
-    positions
-        Where the target's pixels lie in the source.
-    source_finite, target_finite
-        Pixels that count.
-    source_ends, target_ends
-        Those at black and those at white.
-    is_drawn
-        Whether both are drawings of two levels, each with outlines of its own: the ends of the
-        scale are the scene, and beside an outline the step of the levels is that between them.
-    tone_slope
-        Slope of the tone curve that took the target to the source's levels, at its pixels; None
-        if it is as it was.
-    tone_variance_dn2
-        Variance of that curve at the pixels.
-    source_variance_dn2, target_variance_dn2
-        Variance of their pixels, where it is known.
-    source_steps_dn2, target_steps_dn2
-        Their variance by the steps of their files, where it is known.
+    ``is_on_followup``: whether the target is the follow-up. ``source, target``: the nearer
+    photograph and the other one. ``positions``: where the target's pixels lie in the source.
+    ``source_ends, target_ends``: those at black and those at white. ``is_drawn``: whether both are
+    drawings of two levels, each with outlines of its own: the ends of the scale are the scene, and
+    beside an outline the step of the levels is that between them. ``tone_slope``: slope of the tone
+    curve that took the target to the source's levels, at its pixels; None if it is as it was.
+    ``tone_variance_dn2``: variance of that curve at the pixels. ``source_variance_dn2,
+    target_variance_dn2``: variance of their pixels, where it is known. ``source_steps_dn2,
+    target_steps_dn2``: their variance by the steps of their files, where it is known.
     """
 
     is_on_followup: bool
@@ -498,15 +479,8 @@ def one_view(
     """Return the pose of one view, if the photographs are such; None if they are to be aligned.
 
     A camera that stood still is not to be aligned: the errors of that would be the only ones.
-
-    Parameters
-    ----------
-    reference, followup
-        Grey, shape ``(rows, cols)`` each.
-    options
-        Masks and white levels.
-    shift_px
-        ``(y, x)`` of the follow-up's first pixel in the reference.
+    ``reference, followup``: grey, shape ``(rows, cols)`` each. ``shift_px``: ``(y, x)`` of the
+    follow-up's first pixel in the reference.
     """
     pose = _shifted(reference, followup, shift_px)
     found = _blur_at(reference, followup, options, pose)
@@ -528,15 +502,7 @@ def view_rather(
 
     Where next to nothing is seen, registration may be far off. A drawing of which each line was
     moved a little, by itself, has no pose: registration then follows some of the lines.
-
-    Parameters
-    ----------
-    reference, followup
-        Grey, shape ``(rows, cols)`` each.
-    options
-        Masks and white levels.
-    pose
-        As registered.
+    ``reference, followup``: grey, shape ``(rows, cols)`` each.
     """
     nearest = nearest_shift(pose, _NEARBY_PX) or (0, 0)
     registered = _seen_from(reference, pose)
@@ -621,12 +587,7 @@ def _shifted(reference: AnyArray, followup: AnyArray, shift_px: tuple[int, int])
 def nearest_shift(pose: DistortedPose, near_px: float = _NEAR_PX) -> tuple[int, int] | None:
     """Whole pixels ``(y, x)`` by which a pose moves the frame; None if it is no such shift.
 
-    Parameters
-    ----------
-    pose
-        Any.
-    near_px
-        How far the corners may be from where the shift puts them.
+    ``near_px``: how far the corners may be from where the shift puts them.
     """
     rows, cols = pose.followup_shape
     y, x = (

@@ -45,12 +45,8 @@ spot of 6 px has a limit that is lower by 2 %, a narrower one by less."""
 class ExpectedFilters:
     """The filters of a comparison on the follow-up's pixels.
 
-    Parameters
-    ----------
-    zoom
-        Reference pixels to one of the follow-up, along a line.
-    smoothing
-        Of the reference, the source, and of the follow-up, the target.
+    ``zoom``: reference pixels to one of the follow-up, along a line. ``smoothing``: of the
+    reference, the source, and of the follow-up, the target.
     """
 
     zoom: float
@@ -78,12 +74,7 @@ class ExpectedFilters:
     def limit_per_height(self, spot_sigma_px: float, noise_dn: float) -> float:
         """Amplitude by which a spot stands out by one standard deviation of white noise.
 
-        Parameters
-        ----------
-        spot_sigma_px
-            Its width as the follow-up shows it.
-        noise_dn
-            Standard deviation of the noise of either photograph.
+        ``noise_dn``: standard deviation of the noise of either photograph.
         """
         return min(
             noise_dn
@@ -112,17 +103,10 @@ _SLACK = 1.03
 class LimitCurve:
     """Expected limits of the change of a curve of d', by zoom.
 
-    Parameters
-    ----------
-    zoom
-        Rising, from 1.
-    spot_sigma_px
-        Width with which the follow-up shows the change, in its pixels.
-    dn_per_height
-        Amplitude, as the follow-up shows it, by which the change stands out by one standard
-        deviation; infinite where it is not found.
-    noise_dn
-        Standard deviation of the noise that was assumed in either photograph.
+    ``zoom``: rising, from 1. ``spot_sigma_px``: width with which the follow-up shows the change, in
+    its pixels. ``dn_per_height``: amplitude, as the follow-up shows it, by which the change stands
+    out by one standard deviation; infinite where it is not found. ``noise_dn``: standard deviation
+    of the noise that was assumed in either photograph.
     """
 
     zoom: tuple[float, ...]
@@ -161,15 +145,6 @@ def meet(
 
     Both are of one change of the scene, in levels of a follow-up with the sharpness and the light
     that were assumed.
-
-    Parameters
-    ----------
-    curve
-        What was predicted.
-    zoom
-        Of the pair, follow-up over reference.
-    compared, limits
-        The comparison and what it would have found.
     """
     if not curve.holds_at(zoom) or not curve.limit_at(zoom) < inf:
         return None
@@ -194,16 +169,9 @@ def meet(
 class _Met:
     """What a comparison measured beside what the prediction assumed.
 
-    Parameters
-    ----------
-    compared
-        The comparison.
-    sigma_px, shown_sigma_px
-        Width with which the follow-up should show the change, and with which it does.
-    noise_dn
-        Of either photograph, as assumed.
-    expected, found
-        Filters as they should be, and as they are.
+    ``sigma_px, shown_sigma_px``: width with which the follow-up should show the change, and with
+    which it does. ``noise_dn``: of either photograph, as assumed. ``expected, found``: filters as
+    they should be, and as they are.
     """
 
     compared: "Comparison"
@@ -327,14 +295,9 @@ through a lens of f/8), in four times the time."""
 class Unexplained:
     """The difference that remains without any noise.
 
-    Parameters
-    ----------
-    difference_dn
-        Behind the narrowest filter, on the part of the follow-up that was compared; 0 where it was
-        not.
-    typical_dn2
-        Variance that the comparison gives it at the median place. Most of what is unexplained
-        lies along a scene's edges, and the mean is that of few places.
+    ``difference_dn``: behind the narrowest filter, on the part of the follow-up that was compared;
+    0 where it was not. ``typical_dn2``: variance that the comparison gives it at the median place.
+    Most of what is unexplained lies along a scene's edges, and the mean is that of few places.
     """
 
     difference_dn: FloatArray
@@ -354,19 +317,8 @@ def unexplained(
 ) -> Unexplained:
     """Match two photographs of one scene as a comparison does, and return what is left.
 
-    Parameters
-    ----------
-    reference_dn, followup_dn
-        Without noise, shape ``(rows, cols)``; the follow-up is the coarser one.
-    matrix
-        Follow-up pixel ``(x, y, 1)`` to reference pixel, shape ``(3, 3)``.
-    smoothing
-        That brings them to one sharpness.
-
-    Raises
-    ------
-    ValueError
-        If they are too small to be compared.
+    ``reference_dn, followup_dn``: without noise, shape ``(rows, cols)``; the follow-up is the
+    coarser one. ``matrix``: follow-up pixel ``(x, y, 1)`` to reference pixel, shape ``(3, 3)``.
     """
     pose = DistortedPose(
         matrix=matrix,

@@ -69,14 +69,9 @@ class Region:
 def connected_regions(significance: FloatImage, threshold_sd: float) -> list[Region]:
     """Find the connected regions beyond a threshold, the most significant first.
 
-    Places that touch at a corner are connected; those of opposite signs are not.
-
-    Parameters
-    ----------
-    significance
-        Signed standard deviations, shape ``(rows, cols)``.
-    threshold_sd
-        Not negative; a region lies strictly beyond it.
+    Places that touch at a corner are connected; those of opposite signs are not. ``significance``:
+    signed standard deviations, shape ``(rows, cols)``. ``threshold_sd``: not negative; a region
+    lies strictly beyond it.
     """
     found = [
         region for sign in (1.0, -1.0) for region in _of_sign(significance, threshold_sd, sign)
@@ -118,16 +113,8 @@ def connected_colours(
     """Find the connected regions of one change of colour beyond a threshold.
 
     What is connected has a direction in which it varies most; places on either side of it are
-    apart, as those of opposite signs are.
-
-    Parameters
-    ----------
-    vectors
-        Whitened planes, shape ``(3, rows, cols)``, the luma first.
-    significance
-        Of those, of any sign.
-    threshold_sd
-        Not negative; a region lies strictly beyond it.
+    apart, as those of opposite signs are. ``vectors``: whitened planes, shape ``(3, rows, cols)``,
+    the luma first. ``threshold_sd``: not negative; a region lies strictly beyond it.
     """
     height = np.abs(significance)
     mask = height > threshold_sd
@@ -175,21 +162,11 @@ _SAME_COLOUR = 0.5
 class LinkedRegion:
     """A change: where it stands out most, of all levels.
 
-    Parameters
-    ----------
-    level
-        Number of the level that fits it best.
-    row, col
-        Its strongest pixel, of the comparison's grid.
-    significance
-        Standard deviations there, signed.
-    rows, cols
-        Its pixels, shape ``(n,)``.
-    light
-        Those and the ones that its blurred skirt reaches beyond the threshold, flat indices.
-    direction
-        Of colours, that of the change in the level's whitened planes, of length 1; the sign of the
-        significance is then the luma's.
+    ``level``: number of the level that fits it best. ``row, col``: its strongest pixel, of the
+    comparison's grid. ``significance``: standard deviations there, signed. ``rows, cols``: its
+    pixels, shape ``(n,)``. ``light``: those and the ones that its blurred skirt reaches beyond the
+    threshold, flat indices. ``direction``: of colours, that of the change in the level's whitened
+    planes, of length 1; the sign of the significance is then the luma's.
     """
 
     level: int
@@ -233,12 +210,8 @@ class _Standing:
 class FoundChanges:
     """What stands out at any level.
 
-    Parameters
-    ----------
-    regions
-        The most significant first.
-    significance
-        Signed significance of every pixel at the level where it stands out most.
+    ``regions``: the most significant first. ``significance``: signed significance of every pixel at
+    the level where it stands out most.
     """
 
     regions: tuple[LinkedRegion, ...]
@@ -248,12 +221,8 @@ class FoundChanges:
 def link_levels(levels: Sequence[DetectionLevel], threshold_sd: float) -> FoundChanges:
     """Find the changes beyond a threshold at any of the levels.
 
-    Parameters
-    ----------
-    levels
-        The narrowest first; its places are the pixels of the comparison's grid.
-    threshold_sd
-        Significance beyond which a place counts as changed.
+    ``levels``: the narrowest first; its places are the pixels of the comparison's grid.
+    ``threshold_sd``: significance beyond which a place counts as changed.
     """
     narrowest = levels[0]
     standing = _Standing.of(narrowest)
@@ -423,14 +392,7 @@ _HIGHEST_SD = 30.0
 def q_values(significance: FloatArray, area_px: int, widths: Sequence[FilterWidth]) -> FloatArray:
     """Share of false ones expected among the peaks at least as significant as each.
 
-    Parameters
-    ----------
-    significance
-        Of all peaks beyond a threshold, falling, shape ``(n,)``.
-    area_px
-        Pixels that were compared.
-    widths
-        Of the filters that found them.
+    ``significance``: of all peaks beyond a threshold, falling, shape ``(n,)``.
     """
     if not len(significance):
         return np.zeros(0)
@@ -443,18 +405,8 @@ def discovery_threshold(levels: Sequence[DetectionLevel], rate: float) -> float:
     """Lowest threshold in standard deviations at which this share of the changes is false.
 
     Where nothing stands out, the threshold is that which chance exceeds in this share of frames.
-
-    Parameters
-    ----------
-    levels
-        The difference behind each width, the narrowest first.
-    rate
-        Share of false changes among those listed, above 0 and below 1.
-
-    Raises
-    ------
-    ValueError
-        If the rate is not between 0 and 1.
+    ``levels``: the difference behind each width, the narrowest first. ``rate``: share of false
+    changes among those listed, above 0 and below 1.
     """
     if not 0 < rate < 1:
         raise ValueError(f"false_discovery_rate must be between 0 and 1, got {rate}")

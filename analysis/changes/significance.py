@@ -80,18 +80,11 @@ _NEVER = 1e-300
 class FilterWidth:
     """A Gaussian behind which changes are looked for.
 
-    Parameters
-    ----------
-    width_px
-        Its width; white noise behind it has the correlation ``exp(-d^2 / (4 width_px^2))``.
-    step_px
-        Distance of its samples.
-    spread_err
-        Relative standard deviation of the true spread about the one worked out.
-    allowance
-        Standard deviations to one of significance.
-    planes
-        1 for levels, 3 for colours: the significance is then that of the three together.
+    ``width_px``: its width; white noise behind it has the correlation ``exp(-d^2 / (4
+    width_px^2))``. ``step_px``: distance of its samples. ``spread_err``: relative standard
+    deviation of the true spread about the one worked out. ``allowance``: standard deviations to one
+    of significance. ``planes``: 1 for levels, 3 for colours: the significance is then that of the
+    three together.
     """
 
     width_px: float
@@ -121,12 +114,8 @@ class FilterWidth:
 def equally_strict(widths: Sequence[FilterWidth], share: float) -> tuple[FilterWidth, ...]:
     """Set the allowances so that chance exceeds a threshold behind each width equally often.
 
-    Parameters
-    ----------
-    widths
-        The first keeps its allowance of 1.
-    share
-        Share of the pixels that chance flags behind any of them, for which this is exact.
+    ``widths``: the first keeps its allowance of 1. ``share``: share of the pixels that chance flags
+    behind any of them, for which this is exact.
     """
     plain = [replace(width, allowance=1.0) for width in widths]
     # Roughly: for the allowances it hardly matters how much the widths agree.
@@ -202,16 +191,7 @@ def expected_peaks(
 
     The expected Euler characteristic of the set beyond it, which at 3 standard deviations and more
     is the number of its peaks; each is seen in the sample nearest to it, and so a little lower. A
-    peak behind several widths counts for each.
-
-    Parameters
-    ----------
-    significance
-        Any shape.
-    area_px
-        Pixels that were compared.
-    widths
-        Of the filters that look for changes.
+    peak behind several widths counts for each. ``significance``: any shape.
 
     References
     ----------
@@ -250,16 +230,10 @@ def detection_power(height: FloatArray, threshold_sd: float, planes: int = 1) ->
     """Probability that a spot is found.
 
     Its significance is searched over places and widths: the square of the highest one is that of
-    ``height`` and its own noise, and chi-squared for what the search adds.
-
-    Parameters
-    ----------
-    height
-        Significance that the spot has by itself at its place, any shape.
-    threshold_sd
-        Significance beyond which a place counts as changed.
-    planes
-        1 for levels, 3 for colours, of which the noise of all adds.
+    ``height`` and its own noise, and chi-squared for what the search adds. ``height``: significance
+    that the spot has by itself at its place, any shape. ``threshold_sd``: significance beyond which
+    a place counts as changed. ``planes``: 1 for levels, 3 for colours, of which the noise of all
+    adds.
     """
     if planes == PLANES:
         beyond = float(norm_at(threshold_sd)) ** 2
@@ -279,12 +253,7 @@ def height_for(power: float, threshold_sd: float, planes: int = 1) -> float:
 def response(spot_sigma_px: FloatArray, width: FilterWidth) -> FloatArray:
     """Peak that a spot of peak 1 has behind a filter, at the sample nearest to it.
 
-    Parameters
-    ----------
-    spot_sigma_px
-        Of the spot before the filter, in the grid's pixels, any shape.
-    width
-        Of the filter.
+    ``spot_sigma_px``: of the spot before the filter, in the grid's pixels, any shape.
     """
     own = np.square(spot_sigma_px)
     wide = own + width.width_px**2

@@ -107,14 +107,7 @@ def moved_apart(
 ) -> ToldApart:
     """Tell the movements among the listed changes; what one shift explains is one of them.
 
-    Parameters
-    ----------
-    compared
-        Whose changes they are.
-    pose
-        Of the follow-up in the reference.
-    regions, changes
-        All, the most significant first.
+    ``regions, changes``: all, the most significant first.
     """
     tried = [
         ChangedRegion(
@@ -241,14 +234,7 @@ def as_things(
 ) -> ToldApart:
     """Join changes and movements to things, and order them.
 
-    Parameters
-    ----------
-    apart
-        Changes and movements.
-    compared
-        Whose changes they are.
-    colours
-        Of both photographs, where they are in colour.
+    ``colours``: of both photographs, where they are in colour.
     """
     entries = [*apart.shifted, *apart.found]
     if not entries:
@@ -309,14 +295,9 @@ class _View:
 class _InColour:
     """Red, green and blue of the photograph whose pixels the grid has, and of the difference.
 
-    Parameters
-    ----------
-    own_dn
-        Shape ``(rows, cols, 3)``, times ``light`` in the follow-up's levels.
-    is_after
-        Whether it is the follow-up.
-    white_dn
-        Level of white in the follow-up's levels, and whether the files say it.
+    ``own_dn``: shape ``(rows, cols, 3)``, times ``light`` in the follow-up's levels. ``is_after``:
+    whether it is the follow-up. ``white_dn``: level of white in the follow-up's levels, and whether
+    the files say it.
     """
 
     planes: ColourPlanes

@@ -69,21 +69,13 @@ def shift_residuals(
 ) -> FloatArray:
     """What a shift leaves, in standard deviations, shape ``(n,)``.
 
-    Parameters
-    ----------
-    pixels
-        Shape ``(n, 8)``: row, column, level of the image that is held, standard deviation, what no
-        shift leaves, the two affine coordinates, and the sense: 1 if what is seen there after came
-        from elsewhere, -1 if what was seen there before went elsewhere.
-    moving
-        Cubic B-spline coefficients of the image before and of the one after, shape
-        ``(2, rows, cols)``.
-    valid
-        Where they count; a pixel from elsewhere has what no shift leaves.
-    shift
-        Displacement (y, x) and its slopes along the affine coordinates, shape (6,).
-    slopes
-        Receives the derivatives by ``shift``, shape ``(n, 6)``.
+    ``pixels``: shape ``(n, 8)``: row, column, level of the image that is held, standard deviation,
+    what no shift leaves, the two affine coordinates, and the sense: 1 if what is seen there after
+    came from elsewhere, -1 if what was seen there before went elsewhere. ``moving``: cubic B-spline
+    coefficients of the image before and of the one after, shape ``(2, rows, cols)``. ``valid``:
+    where they count; a pixel from elsewhere has what no shift leaves. ``shift``: displacement (y,
+    x) and its slopes along the affine coordinates, shape (6,). ``slopes``: receives the derivatives
+    by ``shift``, shape ``(n, 6)``.
     """
     count = len(pixels)
     rows, cols = valid.shape
@@ -344,16 +336,9 @@ class Images:
 class Shift:
     """A shift that explains a change.
 
-    Parameters
-    ----------
-    displacement_px
-        ``(y, x)``, from before to after, at the change's centre.
-    information
-        Inverse of its covariance, shape (2, 2).
-    share
-        Of what stood out beyond the noise, explained.
-    gain
-        Chi-squared by which it is better than a spot.
+    ``displacement_px``: ``(y, x)``, from before to after, at the change's centre. ``information``:
+    inverse of its covariance, shape (2, 2). ``share``: of what stood out beyond the noise,
+    explained. ``gain``: chi-squared by which it is better than a spot.
     """
 
     displacement_px: FloatArray
@@ -377,14 +362,7 @@ def ways_within(radius_px: float) -> IntArray:
 class Trial:
     """A change with the pixels on which its explanations are compared.
 
-    Parameters
-    ----------
-    images
-        The photographs.
-    rows, cols
-        The change's pixels.
-    reach_px
-        The longest displacement that will be tried.
+    ``rows, cols``: the change's pixels. ``reach_px``: the longest displacement that will be tried.
     """
 
     def __init__(self, images: Images, rows: IntArray, cols: IntArray, reach_px: float) -> None:
@@ -584,13 +562,9 @@ class Trial:
 def shift_information(normal: FloatArray, correlated: FloatArray) -> FloatArray:
     """Inverse covariance of a shift by least squares.
 
-    Parameters
-    ----------
-    normal
-        Normal matrix S' S of the slopes S, shape (2, 2), positive definite.
-    correlated
-        S' C S with the covariance C of the errors; between pixels that strides leave apart it may
-        come out singular, or below nothing.
+    ``normal``: normal matrix S' S of the slopes S, shape (2, 2), positive definite. ``correlated``:
+    S' C S with the covariance C of the errors; between pixels that strides leave apart it may come
+    out singular, or below nothing.
     """
     values, axes = np.linalg.eigh((correlated + correlated.T) / 2)
     inverse = np.linalg.inv(normal)

@@ -89,15 +89,9 @@ class DenseCovariance:
 class WindowCovariance:
     """Noise in both images and the artefact of the alignment.
 
-    Parameters
-    ----------
-    noise_dn2
-        Variance of the white noise in either image, positive.
-    up_y, up_x
-        Rows of ``U`` for the window, shape (n, follow-up pixels).
-    autocovariance_dn2
-        Of the artefact, shape ``(2 n - 1, 2 n - 1)``, lag 0 in the middle; positive semidefinite as
-        far as it is known.
+    ``noise_dn2``: variance of the white noise in either image, positive. ``up_y, up_x``: rows of
+    ``U`` for the window, shape (n, follow-up pixels). ``autocovariance_dn2``: of the artefact,
+    shape ``(2 n - 1, 2 n - 1)``, lag 0 in the middle; positive semidefinite as far as it is known.
     """
 
     def __init__(
@@ -180,13 +174,9 @@ def _wrapped(lags: FloatArray, size: int) -> FloatArray:
 class ArtefactTiles:
     """Lagged products of the artefact, tile by tile.
 
-    Parameters
-    ----------
-    products_dn2
-        Shape ``(tiles, 2 n - 1, 2 n - 1)``: sums over a tile's pixels x of
-        ``a(x) a(x + lag)``, even in the lag; lag 0 in the middle; n is the side of the window.
-    pixels
-        Shape ``(tiles,)``: pixels of each tile, those at the border in part.
+    ``products_dn2``: shape ``(tiles, 2 n - 1, 2 n - 1)``: sums over a tile's pixels x of ``a(x) a(x
+    + lag)``, even in the lag; lag 0 in the middle; n is the side of the window. ``pixels``: shape
+    ``(tiles,)``: pixels of each tile, those at the border in part.
     """
 
     products_dn2: FloatArray
@@ -215,22 +205,12 @@ class ArtefactTiles:
 def artefact_tiles(artefact_dn: FloatArray, window_px: int, tiles_per_side: int) -> ArtefactTiles:
     """Measure the lagged products of an artefact image around its mean.
 
-    Parameters
-    ----------
-    artefact_dn
-        Shape ``(rows, cols)``.
-    window_px
-        Side n of the window; lags up to n - 1 are taken. The image fades to zero over n / 2 px at
-        its border, so that the border itself is not taken for artefact; it counts by the weight it
-        has left. What the fading takes of a lag is given back, so that small images tell the same
-        covariance as large ones, and one that is positive semidefinite only as far as it is known.
-    tiles_per_side
-        The image is cut into this many tiles along each axis.
-
-    Raises
-    ------
-    ValueError
-        If the image is smaller than the window.
+    ``artefact_dn``: shape ``(rows, cols)``. ``window_px``: side n of the window; lags up to n - 1
+    are taken. The image fades to zero over n / 2 px at its border, so that the border itself is not
+    taken for artefact; it counts by the weight it has left. What the fading takes of a lag is given
+    back, so that small images tell the same covariance as large ones, and one that is positive
+    semidefinite only as far as it is known. ``tiles_per_side``: the image is cut into this many
+    tiles along each axis.
     """
     if min(artefact_dn.shape) < window_px:
         raise ValueError(
@@ -325,25 +305,9 @@ def observer_templates(
 ) -> dict[Observer, FloatArray]:
     """Templates of the observers for a signal known exactly in noise of known covariance.
 
-    Parameters
-    ----------
-    signal
-        What is left of the change in the difference image, shape (n, n).
-    covariance
-        Of the window's pixels, positive definite.
-    observers
-        Observers to evaluate.
-
-    Returns
-    -------
-    dict of ndarray, shape (n, n)
-        ``npw``: the signal itself; ``hotelling``: ``K^-1 s``; ``cho``: the Hotelling observer
-        of what the Laguerre-Gauss channels let through.
-
-    Raises
-    ------
-    ValueError
-        If an observer is unknown.
+    ``signal``: what is left of the change in the difference image, shape (n, n). Returns ``npw``:
+    the signal itself; ``hotelling``: ``K^-1 s``; ``cho``: the Hotelling observer of what the
+    Laguerre-Gauss channels let through.
     """
     templates: dict[Observer, FloatArray] = {}
     for observer in observers:
@@ -366,18 +330,9 @@ def observer_templates(
 def laguerre_gauss_channels(signal: FloatArray, count: int) -> FloatArray:
     """Rotationally symmetric channels around a signal's centre, as wide as it, orthonormal.
 
-    Parameters
-    ----------
-    signal
-        Shape (n, n). Centre and width are the moments of its squared levels.
-    count
-        Number of channels.
-
-    Returns
-    -------
-    ndarray of float64, shape (n^2, count)
-        ``L_j(2 pi r^2 / a^2) exp(-pi r^2 / a^2)`` with ``a = sqrt(2 pi) sigma``, so that the
-        first one matches a Gaussian signal of that sigma; made orthonormal on the pixels.
+    ``signal``: shape (n, n). Centre and width are the moments of its squared levels. Returns
+    ``L_j(2 pi r^2 / a^2) exp(-pi r^2 / a^2)`` with ``a = sqrt(2 pi) sigma``, so that the first one
+    matches a Gaussian signal of that sigma; made orthonormal on the pixels.
     """
     position = np.arange(signal.shape[0], dtype=np.float64)
     weight = signal**2 / np.sum(signal**2)

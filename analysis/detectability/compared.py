@@ -69,14 +69,8 @@ class SeenSpot:
 class ComparedChange:
     """A change of contrast 1 in a comparison.
 
-    Parameters
-    ----------
-    filters
-        Of the comparison.
-    heights
-        Of the change behind each of their widths.
-    spot
-        The change as the follow-up shows it; None where it is no Gaussian.
+    ``heights``: of the change behind each of their widths. ``spot``: the change as the follow-up
+    shows it; None where it is no Gaussian.
     """
 
     filters: ExpectedFilters
@@ -89,19 +83,7 @@ def scene_residual(
 ) -> ArtefactTiles:
     """Measure what a comparison leaves of one scene image without noise, at its median place.
 
-    Parameters
-    ----------
-    scene_dn
-        The image c, grey, shape ``(rows, cols)``, finite.
-    scenario, model, zoom
-        How the two images come about.
-    tiles_per_side
-        Tiles are what the bootstrap draws.
-
-    Raises
-    ------
-    ValueError
-        If the image is too small for the zoom and the window.
+    ``scene_dn``: the image c, grey, shape ``(rows, cols)``, finite.
     """
     shape, zoom = (scene_dn.shape[0], scene_dn.shape[1]), max(zoom, _LEAST_ZOOM)
     pair = compared_pair(shape, scenario.psf, model, zoom, scenario.reference_zoom)
@@ -129,15 +111,7 @@ def comparison_filters(scenario: Scenario, model: Model, zoom: float) -> Expecte
 def compared_change(
     signal: ChangeSignal, scenario: Scenario, model: Model, zoom: float
 ) -> ComparedChange:
-    """Work out what a comparison's filters show of a change of contrast 1.
-
-    Parameters
-    ----------
-    signal
-        On the grid of c.
-    scenario, model, zoom
-        How the two images come about.
-    """
+    """Work out what a comparison's filters show of a change of contrast 1."""
     filters = comparison_filters(scenario, model, zoom)
     frame = _Frame.around(signal, scenario, model, zoom)
     total = scenario.reference_zoom * zoom
@@ -167,24 +141,9 @@ def comparison_d_prime(
 ) -> DPrime:
     """Return how many standard deviations a change of contrast 1 stands out at its median place.
 
-    Parameters
-    ----------
-    change
-        From `compared_change`.
-    residual
-        From `scene_residual`, of all scene images in a fixed order.
-    noise_dn
-        Standard deviation of the white noise in either image.
-    seed
-        For the bootstrap over tiles.
-    by_psf
-        For the slopes, the change with the Gaussian nearest to the PSF, and with one whose variance
-        is larger by ``PSF_STEP_PX2``.
-
-    Raises
-    ------
-    ValueError
-        If the noise is not positive.
+    ``residual``: from `scene_residual`, of all scene images in a fixed order. ``noise_dn``:
+    standard deviation of the white noise in either image. ``by_psf``: for the slopes, the change
+    with the Gaussian nearest to the PSF, and with one whose variance is larger by ``PSF_STEP_PX2``.
     """
     if not (noise_dn > 0 and np.isfinite(noise_dn)):
         raise ValueError(f"noise_dn must be positive, got {noise_dn}")
@@ -249,13 +208,7 @@ def _spot_height(
 
 
 def expected_limits(curve: DetectabilityCurve) -> LimitCurve:
-    """Turn a curve of observer ``changes`` round: the limit that comparisons should have.
-
-    Raises
-    ------
-    ValueError
-        If the curve is of another observer, or its change has no width.
-    """
+    """Turn a curve of observer ``changes`` round: the limit that comparisons should have."""
     if curve.observer != "changes" or curve.seen_sigma_px is None or curve.seen_dn is None:
         raise ValueError(
             f"{curve.name}: not of observer changes and a Gaussian change; only those say what a "

@@ -295,12 +295,7 @@ class DPrimeErrors:
 def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> Spread:
     """What two photographs, each with a focus of its own, make of ln d'.
 
-    Parameters
-    ----------
-    slopes
-        Of d'.
-    scatter_px2
-        Standard deviation of the variance that focus adds, from capture to capture.
+    ``scatter_px2``: standard deviation of the variance that focus adds, from capture to capture.
     """
     f, r = np.meshgrid(scatter_px2 * _NORMAL, scatter_px2 * _NORMAL)
     power = (

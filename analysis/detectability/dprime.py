@@ -59,21 +59,12 @@ _FOCUS_STEP_PX2 = 0.1
 class ArtefactResponse:
     """Lagged products of the artefact with what errors add to it, shape (2 n - 1, 2 n - 1) each.
 
-    Parameters
-    ----------
-    own
-        Of the artefact a with itself.
-    with_psf, with_followup, with_reference
-        Of a with its change per px^2 of variance: of the PSF, of the follow-up's focus and of the
-        reference's.
-    followup, reference, both
-        Of the changes by the follow-up's and by the reference's focus with themselves, and with
-        each other.
-    gradient
-        Of the reference's gradient with itself, summed over both axes: what a registration error
-        of one px adds.
-    pixels
-        Number of pixels that the sums are over.
+    ``own``: of the artefact a with itself. ``with_psf, with_followup, with_reference``: of a with
+    its change per px^2 of variance: of the PSF, of the follow-up's focus and of the reference's.
+    ``followup, reference, both``: of the changes by the follow-up's and by the reference's focus
+    with themselves, and with each other. ``gradient``: of the reference's gradient with itself,
+    summed over both axes: what a registration error of one px adds. ``pixels``: number of pixels
+    that the sums are over.
     """
 
     own: FloatArray
@@ -122,23 +113,11 @@ class DPrimeSlopes:
     """How d' follows each error.
 
     With f and r for the variances that focus adds to follow-up and reference, d' is multiplied by
-    ``exp(signal f) / sqrt(1 + 2 A f + 2 B r + F f^2 + R r^2 + 2 C f r)``.
-
-    Parameters
-    ----------
-    psf_per_px2
-        Derivative of ln d' by the variance that the PSF is taken to have.
-    signal_per_px2
-        That of the logarithm of the signal by the follow-up's focus: ``signal``.
-    with_followup_per_px2, with_reference_per_px2
-        A and B.
-    followup_per_px4, reference_per_px4, both_per_px4
-        F, R and C.
-    registration_per_px2
-        What a registration error of one px along both axes adds to the variance of the decision,
-        over that variance.
-    noise
-        Derivative of ln d' by the logarithm of the noise.
+    ``exp(signal f) / sqrt(1 + 2 A f + 2 B r + F f^2 + R r^2 + 2 C f r)``. ``psf_per_px2``:
+    derivative of ln d' by the variance that the PSF is taken to have. ``signal_per_px2``: that of
+    the logarithm of the signal by the follow-up's focus: ``signal``. ``registration_per_px2``: what
+    a registration error of one px along both axes adds to the variance of the decision, over that
+    variance. ``noise``: derivative of ln d' by the logarithm of the noise.
     """
 
     psf_per_px2: float
@@ -164,16 +143,8 @@ class CaptureResponse:
     ) -> DPrimeSlopes:
         """Slopes of d' for a template that stays as it is.
 
-        Parameters
-        ----------
-        template
-            Shape (n, n).
-        place
-            Index of the signal's position.
-        change
-            The signal there.
-        noise_dn2, whole
-            Variance of the template's response: by noise, and by the artefact of all photographs.
+        ``template``: shape (n, n). ``noise_dn2, whole``: variance of the template's response: by
+        noise, and by the artefact of all photographs.
         """
         sums = self.artefact.sums(template)
         # The few photographs tell proportions, all of them the size; at zoom 1 there is none.
@@ -216,15 +187,7 @@ def capture_response(
     model: Model,
     zoom: float,
 ) -> CaptureResponse:
-    """Measure what errors do to the artefact of a few photographs, and to a signal.
-
-    Parameters
-    ----------
-    scenes_dn
-        Photographs c, from `response_scenes`.
-    signal, scenario, model, zoom
-        As for d'.
-    """
+    """Measure what errors do to the artefact of a few photographs, and to a signal."""
     scenario = replace(scenario, psf=gaussian_psf(scenario.psf))
     own = [_artefact_response(scene, scenario, model, zoom) for scene in scenes_dn]
     placed = placed_signal(signal, scenario, model, zoom)
@@ -354,19 +317,7 @@ def scene_artefact(
 ) -> ArtefactTiles:
     """Measure the artefact that one scene image makes, tile by tile.
 
-    Parameters
-    ----------
-    scene_dn
-        The image c, grey, shape ``(rows, cols)``, finite.
-    scenario, model, zoom
-        How the two images come about.
-    tiles_per_side
-        Tiles are what the bootstrap draws.
-
-    Raises
-    ------
-    ValueError
-        If the image is too small for the zoom and the window.
+    ``scene_dn``: the image c, grey, shape ``(rows, cols)``, finite.
     """
     shape = scene_dn.shape[0], scene_dn.shape[1]
     pair = compared_pair(shape, scenario.psf, model, zoom, scenario.reference_zoom)
@@ -384,26 +335,11 @@ def d_primes(
 ) -> dict[Observer, DPrime]:
     """Detectability index of a signal of contrast 1, analytic in the noise.
 
-    Parameters
-    ----------
-    changes
-        The signal at several positions, from ``local_changes``; d' is the mean over them.
-    artefact
-        Artefact of the scene images, joined in a fixed order.
-    noise_dn
-        Standard deviation of the white noise in either image.
-    observers
-        Observers to evaluate.
-    seed
-        For the bootstrap over tiles. It keeps each observer's template, so that the interval is
-        that of the observer trained on all of them.
-    response
-        What errors of the capture do, for the slopes.
-
-    Raises
-    ------
-    ValueError
-        If the noise is not positive.
+    ``changes``: the signal at several positions, from ``local_changes``; d' is the mean over them.
+    ``artefact``: artefact of the scene images, joined in a fixed order. ``noise_dn``: standard
+    deviation of the white noise in either image. ``seed``: for the bootstrap over tiles. It keeps
+    each observer's template, so that the interval is that of the observer trained on all of them.
+    ``response``: what errors of the capture do, for the slopes.
     """
     if not (noise_dn > 0 and np.isfinite(noise_dn)):
         raise ValueError(f"noise_dn must be positive, got {noise_dn}")
@@ -471,15 +407,9 @@ def d_prime_between(zooms: ArrayLike, d_primes: ArrayLike, zoom: ArrayLike) -> F
     The artefact of the alignment grows about as z - 1 and adds to the noise in quadrature, so that
     1/d' is much like a hyperbola, which bends upwards: its chord reads d' a little too low, where
     the chord of d' itself reads up to several times too much. A step just beyond zoom 1 is the
-    exception; docs/theory-detectability.md has the figures.
-
-    Parameters
-    ----------
-    zooms, d_primes
-        What was computed: zooms in rising order, d' of 0 or more. Beside a d' of 0 it is 0 in the
-        whole open interval: nothing says where it vanished.
-    zoom
-        Any shape; NaN gives NaN.
+    exception; docs/theory-detectability.md has the figures. ``zooms, d_primes``: what was computed:
+    zooms in rising order, d' of 0 or more. Beside a d' of 0 it is 0 in the whole open interval:
+    nothing says where it vanished. ``zoom``: any shape; NaN gives NaN.
     """
     nodes, values = np.asarray(zooms, np.float64), np.asarray(d_primes, np.float64)
     within = np.clip(np.asarray(zoom, np.float64), nodes[0], nodes[-1])

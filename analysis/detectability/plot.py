@@ -82,14 +82,9 @@ def curves_figure(
 ) -> Figure:
     """Plot d' against zoom: a panel for each observer, a colour for each model.
 
-    Parameters
-    ----------
-    curves
-        Equal in contrast if the noise is varied, and vice versa.
-    varied
-        What the line styles distinguish: ``noise_dn`` is Figure 4, ``contrast_dn`` Figure 5.
-    ax
-        Draw all observers here instead, each curve with its name.
+    ``curves``: equal in contrast if the noise is varied, and vice versa. ``varied``: what the line
+    styles distinguish: ``noise_dn`` is Figure 4, ``contrast_dn`` Figure 5. ``ax``: draw all
+    observers here instead, each curve with its name.
     """
     if ax is not None:
         for curve in curves:

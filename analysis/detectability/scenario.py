@@ -56,13 +56,7 @@ class ChangeSignal(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GaussianSignal:
-    """A Gaussian spot of peak 1: ``exp(-r^2 / (2 sigma^2))``.
-
-    Raises
-    ------
-    ArgumentError
-        If the width is not positive.
-    """
+    """A Gaussian spot of peak 1: ``exp(-r^2 / (2 sigma^2))``."""
 
     sigma_px: float = 2.0
 
@@ -90,13 +84,7 @@ class GaussianSignal:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PatchSignal(ByValue):
-    """A patch of an image: its levels above its border's median, largest deviation 1.
-
-    Raises
-    ------
-    ValueError
-        If the patch is not a grey image, not finite or constant.
-    """
+    """A patch of an image: its levels above its border's median, largest deviation 1."""
 
     levels_dn: FloatArray
 
@@ -139,12 +127,8 @@ class PatchSignal(ByValue):
 def signal_offsets_px(count: int, period_px: float) -> tuple[tuple[int, int], ...]:
     """Positions of the signal on the pixel grids, ``(y, x)`` in whole px of c, evenly spread.
 
-    Parameters
-    ----------
-    count
-        How many, at least 1.
-    period_px
-        Spacing of the coarser grid; the positions cover several of its periods.
+    ``count``: how many, at least 1. ``period_px``: spacing of the coarser grid; the positions cover
+    several of its periods.
     """
     span = 8 * ceil(period_px)
     index = np.arange(1, count + 1)
@@ -161,21 +145,9 @@ POSITIONS = 6
 class Scenario:
     """How the two images are formed and the window in which they are compared.
 
-    Parameters
-    ----------
-    psf
-        Total PSF of c; ``bicubic`` needs none.
-    reference_zoom
-        From c to the reference c'.
-    window_px
-        Side of the observer's window on c', odd.
-    positions
-        Of the signal against the pixel grids, over which d' is averaged.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
+    ``psf``: total PSF of c; ``bicubic`` needs none. ``reference_zoom``: from c to the reference c'.
+    ``window_px``: side of the observer's window on c', odd. ``positions``: of the signal against
+    the pixel grids, over which d' is averaged.
     """
 
     psf: Psf | None
@@ -200,16 +172,8 @@ _CUBIC_REACH_PX = 2
 class ComparedPair:
     """Reference and follow-up of one scene image, without noise.
 
-    Parameters
-    ----------
-    reference, followup
-        From c to c' and to c''.
-    reference_grid
-        Pixels of c' in c.
-    up_y, up_x
-        Bicubic upscaling ``U`` from c'' onto c', along rows and columns.
-    zoom
-        Ratio of the two distances.
+    ``reference, followup``: from c to c' and to c''. ``up_y, up_x``: bicubic upscaling ``U`` from
+    c'' onto c', along rows and columns. ``zoom``: ratio of the two distances.
     """
 
     reference: ZoomOperator
@@ -232,13 +196,7 @@ class ComparedPair:
         return np.asarray(apply_separable(self.up_y, self.up_x, followup), dtype=np.float64)
 
     def artefact_of(self, scene: FloatArray) -> FloatArray:
-        """Difference that the pose alone makes, ``U c'' - c'``, where U needs no border.
-
-        Raises
-        ------
-        ValueError
-            If nothing is left within the border.
-        """
+        """Difference that the pose alone makes, ``U c'' - c'``, where U needs no border."""
         difference = self.within_border(self.aligned_of(scene) - self.reference_of(scene))
         if difference.size == 0:
             raise ValueError(f"an image of {scene.shape} is too small for zoom {self.zoom:g}")
@@ -260,23 +218,9 @@ def compared_pair(
 ) -> ComparedPair:
     """Operators for scene images of one size; cached.
 
-    Parameters
-    ----------
-    shape
-        ``(rows, cols)`` of c.
-    psf
-        Total PSF of c; ``bicubic`` needs none.
-    model
-        The model under test, for both zooms.
-    zoom
-        Ratio of the follow-up's distance to the reference's, at least 1.
-    reference_zoom
-        Ratio of the reference's distance to that of c, at least 1.
-
-    Raises
-    ------
-    ValueError
-        If a zoom is below 1 or leaves no pixel, or the PSF is missing.
+    ``shape``: ``(rows, cols)`` of c. ``zoom``: ratio of the follow-up's distance to the
+    reference's, at least 1. ``reference_zoom``: ratio of the reference's distance to that of c, at
+    least 1.
     """
     near = SamplingGrid.centred(shape, reference_zoom)
     far = SamplingGrid.centred(shape, reference_zoom * zoom)
@@ -295,16 +239,7 @@ def frame_size_px(
 ) -> int:
     """Side of a square scene image in which a signal near the middle meets no border.
 
-    Parameters
-    ----------
-    psf
-        Total PSF of c.
-    signal_px
-        Distance from the middle that the signal reaches, in px of c.
-    window_px
-        Side of the window on c' that is looked at.
-    zoom, reference_zoom
-        As in ``compared_pair``.
+    ``signal_px``: distance from the middle that the signal reaches, in px of c.
     """
     total = reference_zoom * zoom
     sigma_px = 0.0 if psf is None else sqrt(float(np.trace(psf.covariance_px2)))
@@ -325,12 +260,8 @@ def _upscaling(near_px: FloatArray, far_px: FloatArray, far_zoom: float) -> Band
 class LocalChange:
     """A signal of contrast 1 at one position on the pixel grids, in a window on c'.
 
-    Parameters
-    ----------
-    signal
-        ``U A_rz s``, shape (n, n).
-    up_y, up_x
-        Rows of ``U`` for the window, shape (n, follow-up pixels).
+    ``signal``: ``U A_rz s``, shape (n, n). ``up_y, up_x``: rows of ``U`` for the window, shape (n,
+    follow-up pixels).
     """
 
     signal: FloatArray
@@ -371,20 +302,7 @@ class PlacedSignal:
 def placed_signal(
     signal: ChangeSignal, scenario: Scenario, model: Model, zoom: float
 ) -> PlacedSignal:
-    """Place a signal on the pixel grids of a pair.
-
-    Parameters
-    ----------
-    signal
-        On the grid of c.
-    scenario, model, zoom
-        How the two images come about.
-
-    Raises
-    ------
-    ValueError
-        If the signal is wider than the window.
-    """
+    """Place a signal on the pixel grids of a pair."""
     window_px, reference_zoom = scenario.window_px, scenario.reference_zoom
     if 2 * signal.reach_px / reference_zoom > window_px:
         raise ValueError(

@@ -158,20 +158,9 @@ class KeptPhotographs:
 class SumsFile:
     """A file of sums: what is in it and where.
 
-    Parameters
-    ----------
-    path
-        The file.
-    work
-        Hash of what was measured.
-    group
-        Of the photographs.
-    images
-        The number of photographs that the sums are over.
-    shape
-        Of the products: models, terms, zooms, tiles, n, 2 n - 1.
-    first_byte
-        Where the products begin.
+    ``work``: hash of what was measured. ``images``: the number of photographs that the sums are
+    over. ``shape``: of the products: models, terms, zooms, tiles, n, 2 n - 1. ``first_byte``: where
+    the products begin.
     """
 
     path: Path
@@ -183,13 +172,7 @@ class SumsFile:
 
     @classmethod
     def found(cls, path: Path) -> "SumsFile | None":
-        """Look for a file; a damaged one, or one of an earlier form, counts as none.
-
-        Raises
-        ------
-        OSError
-            If it is there and cannot be read.
-        """
+        """Look for a file; a damaged one, or one of an earlier form, counts as none."""
         try:
             with path.open("rb") as file:
                 digest = file.readline()
@@ -333,19 +316,10 @@ class SweepPlan:
 class SceneImage:
     """A photograph as it is measured.
 
-    Parameters
-    ----------
-    grey_dn
-        The image c, shape ``(rows, cols)``, finite.
-    sha256
-        Of its file.
-    encoding
-        How its levels were read.
-    notes
-        What is worth saying of that, by kind.
-    colours
-        Makes the red, green and blue levels, shape ``(rows, cols, 3)``, linear in light; None of
-        a grey photograph, or where grey levels alone are measured.
+    ``grey_dn``: the image c, shape ``(rows, cols)``, finite. ``encoding``: how its levels were
+    read. ``notes``: what is worth saying of that, by kind. ``colours``: makes the red, green and
+    blue levels, shape ``(rows, cols, 3)``, linear in light; None of a grey photograph, or where
+    grey levels alone are measured.
     """
 
     grey_dn: FloatArray
@@ -363,17 +337,7 @@ def tiles_per_side(images: int) -> int:
 def scene_sums(scene_dn: FloatArray, plan: SweepPlan) -> ArtefactSums:
     """Measure one image: the artefact of every model and zoom of a plan.
 
-    Parameters
-    ----------
-    scene_dn
-        The image c, grey, shape ``(rows, cols)``, finite.
-    plan
-        What is measured.
-
-    Raises
-    ------
-    ValueError
-        If the image is too small for a zoom and the window.
+    ``scene_dn``: the image c, grey, shape ``(rows, cols)``, finite.
     """
     n = plan.scenario.window_px
     products, pixels = [], []
@@ -392,14 +356,8 @@ def scene_sums(scene_dn: FloatArray, plan: SweepPlan) -> ArtefactSums:
 class ArtefactWork(ShardWork):
     """Measures shards and keeps their sums; those of a finished block become one.
 
-    Parameters
-    ----------
-    plan
-        What is measured.
-    load
-        Photograph of a file, or a RefusedPhotographError; a function that a worker can import.
-    folder
-        Absolute path of the folder of the sums.
+    ``load``: photograph of a file, or a RefusedPhotographError; a function that a worker can
+    import. ``folder``: absolute path of the folder of the sums.
     """
 
     plan: SweepPlan
@@ -498,13 +456,7 @@ def sums_path(folder: Path, key: str) -> Path:
 
 
 def joined(folder: Path, files: Sequence[SumsFile]) -> SumsFile:
-    """Replace files of one group by one.
-
-    Raises
-    ------
-    AnalysisError
-        If it vanishes at once.
-    """
+    """Replace files of one group by one."""
     names = sorted(file.path.name for file in files)
     path = sums_path(folder, shard_key((), "\n".join(names)))
     commit_file(path, joined_files(files))
@@ -519,12 +471,8 @@ def joined(folder: Path, files: Sequence[SumsFile]) -> SumsFile:
 class KeptSums:
     """The files of sums that a sweep can use, and the photographs in them.
 
-    Parameters
-    ----------
-    manifest
-        The photographs of the sweep.
-    folder, work
-        Folder of the files, and hash of what is measured.
+    ``manifest``: the photographs of the sweep. ``folder, work``: folder of the files, and hash of
+    what is measured.
     """
 
     def __init__(self, manifest: Manifest, folder: Path, work: str) -> None:
@@ -567,18 +515,7 @@ def _photographs(file: SumsFile) -> KeptPhotographs:
 
 
 class SweepSums:
-    """The sums of a finished sweep: tiles of each of few photographs, 64 groups of many.
-
-    Parameters
-    ----------
-    manifest, work
-        As in the sweep.
-
-    Raises
-    ------
-    AnalysisError
-        If every photograph was refused.
-    """
+    """The sums of a finished sweep: tiles of each of few photographs, 64 groups of many."""
 
     def __init__(self, manifest: Manifest, work: "ArtefactWork") -> None:
         kept = KeptSums(manifest, work.folder, work.key_hash)

@@ -166,27 +166,11 @@ def curves_of(
 ) -> DetectabilityCurves:
     """Compute the curves from the artefact of measured images.
 
-    Parameters
-    ----------
-    artefacts
-        Artefact of the plan's model with this index at each of its zooms, in a fixed order;
-        after those of all models come the residuals of their comparisons.
-    images
-        Number of images that the artefact is of.
-    plan
-        What was measured on them; its models and zooms count.
-    task
-        What is asked for.
-    progress
-        Called with the number of models done.
-    some
-        A few of the images, on which is measured what errors of the capture do; without them the
-        intervals hold the choice of images alone.
-
-    Raises
-    ------
-    ValueError
-        If the change is wider than the window, or a noise is not positive.
+    ``artefacts``: artefact of the plan's model with this index at each of its zooms, in a fixed
+    order; after those of all models come the residuals of their comparisons. ``plan``: what was
+    measured on them; its models and zooms count. ``some``: a few of the images, on which is
+    measured what errors of the capture do; without them the intervals hold the choice of images
+    alone.
     """
     curves: list[DetectabilityCurve] = []
     psf, scenes = plan.scenario.psf, response_scenes(some)

@@ -29,12 +29,8 @@ if TYPE_CHECKING:
 class LocalSampling:
     """Reference pixels per follow-up pixel at points of the follow-up, shape (rows, cols) each.
 
-    Parameters
-    ----------
-    worst_zoom, best_zoom
-        Along the direction that is sampled most coarsely, and most densely.
-    inside
-        Whether the point is within the reference.
+    ``worst_zoom, best_zoom``: along the direction that is sampled most coarsely, and most densely.
+    ``inside``: whether the point is within the reference.
     """
 
     worst_zoom: FloatArray
@@ -60,19 +56,9 @@ def local_sampling(
 ) -> LocalSampling:
     """Work out the sampling at every ``step_px``-th pixel of a follow-up, its border included.
 
-    Parameters
-    ----------
-    matrix
-        Shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres.
-    followup_size, reference_size
-        ``(width, height)``.
-    step_px
-        Distance between the points; the outermost pixels are always among them.
-
-    Raises
-    ------
-    ValueError
-        If the horizon of the plane lies in the follow-up's frame.
+    ``matrix``: shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres.
+    ``followup_size, reference_size``: ``(width, height)``. ``step_px``: distance between the
+    points; the outermost pixels are always among them.
     """
     width, height = followup_size
     x, y = np.meshgrid(_places(width, step_px), _places(height, step_px))
@@ -99,12 +85,8 @@ def sampled_places(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Reference coordinates of follow-up points, and the zoom there: worst and best direction.
 
-    Parameters
-    ----------
-    matrix
-        Shape (..., 3, 3): follow-up pixel centres to reference pixel centres.
-    x, y
-        Follow-up pixels, of a shape that broadcasts against the leading axes.
+    ``matrix``: shape (..., 3, 3): follow-up pixel centres to reference pixel centres. ``x, y``:
+    follow-up pixels, of a shape that broadcasts against the leading axes.
     """
     h = np.moveaxis(matrix, (-2, -1), (0, 1))
     ref_x, ref_y = project(h, x, y)
@@ -128,17 +110,11 @@ LARGEST_SIDE_PX = 1_000_000
 class FollowupPose:
     """Where a follow-up is taken from; its reference looks at the plane's origin.
 
-    Parameters
-    ----------
-    zoom
-        Ratio of its distance to the reference's, each along its optical axis.
-    tilt_deg, reference_tilt_deg
-        Angles between the optical axis and the plane's normal; the reference leans along x.
-    direction_deg
-        Where the follow-up leans, from the reference's lean; None for the worst direction.
-    aim_px
-        Pixel ``(x, y)`` of the reference that the middle of the follow-up shows; by default the
-        reference's own middle.
+    ``zoom``: ratio of its distance to the reference's, each along its optical axis. ``tilt_deg,
+    reference_tilt_deg``: angles between the optical axis and the plane's normal; the reference
+    leans along x. ``direction_deg``: where the follow-up leans, from the reference's lean; None for
+    the worst direction. ``aim_px``: pixel ``(x, y)`` of the reference that the middle of the
+    follow-up shows; by default the reference's own middle.
     """
 
     zoom: float = 1.0
@@ -150,13 +126,7 @@ class FollowupPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewingCamera:
-    """A camera without distortion that looks at a plane.
-
-    Raises
-    ------
-    ValueError
-        If the focal length is not positive, or a side is not 16 to 1,000,000 px.
-    """
+    """A camera without distortion that looks at a plane."""
 
     focal_length_px: float
     width_px: int
@@ -181,19 +151,10 @@ class ViewingCamera:
     ) -> FloatArray:
         """Homography from the plane to pixels; the camera looks at the plane's origin.
 
-        Parameters
-        ----------
-        distance
-            From the origin, in any unit; the plane's coordinates have the same.
-        tilt_deg
-            Angle between the axis and the plane's normal.
-        direction_deg
-            Where the axis leans, from the rows' x towards the columns' y; one angle, or many.
-
-        Returns
-        -------
-        ndarray
-            Shape (..., 3, 3), the leading axes those of ``direction_deg``.
+        ``distance``: from the origin, in any unit; the plane's coordinates have the same.
+        ``tilt_deg``: angle between the axis and the plane's normal. ``direction_deg``: where the
+        axis leans, from the rows' x towards the columns' y; one angle, or many. Returns shape (...,
+        3, 3), the leading axes those of ``direction_deg``.
         """
         t, b = np.radians(tilt_deg), np.radians(np.asarray(direction_deg, dtype=np.float64))
         about = np.zeros((*b.shape, 3, 3))
@@ -224,13 +185,7 @@ class ViewingCamera:
     def aimed_at(
         self, aim_px: tuple[float, float], reference_tilt_deg: float = 0.0
     ) -> tuple[float, float]:
-        """Point of the plane that a pixel of the reference shows, in the reference's distances.
-
-        Raises
-        ------
-        ValueError
-            If the pixel lies outside the frame, or looks past the plane's horizon.
-        """
+        """Point of the plane that a pixel of the reference shows, in the reference's distances."""
         x, y = aim_px
         if not (-0.5 <= x <= self.width_px - 0.5 and -0.5 <= y <= self.height_px - 0.5):
             raise ValueError(
@@ -254,14 +209,9 @@ class ViewingCamera:
     ) -> FloatArray:
         """Homography of a follow-up from ``zoom`` times the reference's distance.
 
-        The reference leans along x, the follow-up in ``direction_deg`` from there; its middle
-        shows ``aim_px`` of the reference, or the reference's own middle. Shape (..., 3, 3), the
-        leading axes those of ``direction_deg``.
-
-        Raises
-        ------
-        ValueError
-            As ``aimed_at``.
+        The reference leans along x, the follow-up in ``direction_deg`` from there; its middle shows
+        ``aim_px`` of the reference, or the reference's own middle. Shape (..., 3, 3), the leading
+        axes those of ``direction_deg``.
         """
         near = self.plane_to_px(1.0, reference_tilt_deg)
         far = self.plane_to_px(zoom, tilt_deg, direction_deg)
@@ -292,11 +242,6 @@ def worst_zoom(
     ``direction_deg`` is where the follow-up leans, from the reference's lean (x where that is
     upright); None for the worst direction, to 1e-4 of its zoom. ``aim_px`` is the pixel of the
     reference that the follow-up's middle shows; None for the reference's own middle.
-
-    Raises
-    ------
-    ValueError
-        If the follow-up is aimed at a point that the reference does not show.
     """
     aim = None if aim_px == camera.middle_px else aim_px
 
@@ -396,31 +341,17 @@ _SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5)
 class PoseLimits:
     """Movement that keeps d' at the threshold or above, everywhere in the overlap.
 
-    Parameters
-    ----------
-    curve, min_d_prime
-        What was asked for.
-    zoom
-        Largest ratio of the distances for a straight move back, without any tilt.
-    is_zoom_beyond_curve
-        d' is above the threshold up to the curve's end: the true limit is larger.
-    zoom_interval_95
-        Of ``zoom``, from the interval of d'; its ends are None where the threshold is never
-        reached, or not left before the curve ends.
-    tilt_deg
-        Largest tilt at equal distances, up to 75 degrees, in the direction asked for or in
-        whichever is the worst; None if there is none.
-    tilt_interval_95_deg
-        Of ``tilt_deg``, likewise.
-    zoom_by_tilt
-        Tilt in degrees and the largest ratio of the distances with it, None if there is none.
-    overlap_by_shift
-        Sideways movement as a share of the field of view's width, and the share of the frame
-        that remains; the sampling does not change.
-    aim_px, aimed_overlap
-        Pixel of the reference that the middle of the follow-up shows, if it is another than the
-        middle; and how much of a follow-up from the same distance, leaning as the reference does,
-        the reference then covers.
+    ``zoom``: largest ratio of the distances for a straight move back, without any tilt.
+    ``is_zoom_beyond_curve``: d' is above the threshold up to the curve's end: the true limit is
+    larger. ``zoom_interval_95``: of ``zoom``, from the interval of d'; its ends are None where the
+    threshold is never reached, or not left before the curve ends. ``tilt_deg``: largest tilt at
+    equal distances, up to 75 degrees, in the direction asked for or in whichever is the worst; None
+    if there is none. ``tilt_interval_95_deg``: of ``tilt_deg``, likewise. ``zoom_by_tilt``: tilt in
+    degrees and the largest ratio of the distances with it, None if there is none.
+    ``overlap_by_shift``: sideways movement as a share of the field of view's width, and the share
+    of the frame that remains; the sampling does not change. ``aim_px, aimed_overlap``: pixel of the
+    reference that the middle of the follow-up shows, if it is another than the middle; and how much
+    of a follow-up from the same distance, leaning as the reference does, the reference then covers.
     """
 
     curve: DetectabilityCurve
@@ -567,15 +498,7 @@ def contrast_found_at(
     camera: ViewingCamera,
     pose: FollowupPose,
 ) -> float:
-    """Least contrast in DN that is still found at a pose, where it samples most coarsely.
-
-    Raises
-    ------
-    BeyondCurveError
-        If the pose's local zoom lies beyond the curve.
-    NotDetectableError
-        If d' is 0 there.
-    """
+    """Least contrast in DN that is still found at a pose, where it samples most coarsely."""
     local = worst_zoom(
         camera,
         pose.zoom,

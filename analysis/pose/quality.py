@@ -134,16 +134,7 @@ def decide(
 ) -> PoseDecision:
     """Decide on a d' that was read off a curve.
 
-    Parameters
-    ----------
-    curve
-        Which knows its errors.
-    zoom
-        Where it was read.
-    d_prime
-        As read; 0 beyond the curve.
-    min_d_prime
-        Threshold.
+    ``d_prime``: as read; 0 beyond the curve.
     """
     errors = curve.errors_at(zoom)
     probability = errors.probability_of(min_d_prime, d_prime)
@@ -265,23 +256,12 @@ class PoseSummary(Shown, StoredValues):
 class PoseQuality(ByValue):
     """Verdict on a pose.
 
-    Parameters
-    ----------
-    matrix, curve
-        The pose and the curve it was judged by.
-    sampling
-        How densely the follow-up samples the reference, by position.
-    d_prime
-        Shape of the sampling's maps; an upper bound; 0 where the local zoom lies beyond the
-        curve, NaN outside the reference.
-    decisive_d_prime
-        What the criterion looks at: the least value, or the quantile.
-    min_d_prime, criterion
-        What was asked for.
-    beyond_curve
-        Share of the overlap whose local zoom the curve does not reach.
-    decision
-        How sure the verdict is.
+    ``matrix, curve``: the pose and the curve it was judged by. ``sampling``: how densely the
+    follow-up samples the reference, by position. ``d_prime``: shape of the sampling's maps; an
+    upper bound; 0 where the local zoom lies beyond the curve, NaN outside the reference.
+    ``decisive_d_prime``: what the criterion looks at: the least value, or the quantile.
+    ``beyond_curve``: share of the overlap whose local zoom the curve does not reach. ``decision``:
+    how sure the verdict is.
     """
 
     matrix: FloatArray

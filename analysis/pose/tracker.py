@@ -77,25 +77,10 @@ class PoseVerdict:
 class PoseTracker:
     """Follows the camera's pose and judges it, frame by frame.
 
-    Not safe for several threads at once: one tracker belongs to one stream.
-
-    Parameters
-    ----------
-    reference
-        The earlier, nearer image: grey, shape ``(rows, cols)``, any dtype, finite.
-    curve
-        d' against zoom: one curve of a curves.json (``read_curves(path).chosen(...)``).
-    min_d_prime
-        Threshold.
-    criterion
-        ``min`` or ``quantile``, as in ``judge_pose``.
-
-    Raises
-    ------
-    RegistrationError
-        If the reference has too little texture to be followed.
-    ValueError
-        If the threshold is not positive, or the reference is not a grey image.
+    Not safe for several threads at once: one tracker belongs to one stream. ``reference``: the
+    earlier, nearer image: grey, shape ``(rows, cols)``, any dtype, finite. ``curve``: d' against
+    zoom: one curve of a curves.json (``read_curves(path).chosen(...)``). ``criterion``: ``min`` or
+    ``quantile``, as in ``judge_pose``.
 
     Examples
     --------
@@ -146,21 +131,9 @@ class PoseTracker:
     def update(self, image: AnyArray) -> PoseVerdict:
         """Judge the pose of the next frame.
 
-        Parameters
-        ----------
-        image
-            Grey, shape ``(rows, cols)``, finite; a frame of another size is searched as a whole.
-
-        Returns
-        -------
-        PoseVerdict
-            Rejected, with the reason, where the reference is not recognised; nothing is raised
-            then, as an operator on the way loses it all the time.
-
-        Raises
-        ------
-        ValueError
-            If it is not a grey image.
+        ``image``: grey, shape ``(rows, cols)``, finite; a frame of another size is searched as a
+        whole. Returns rejected, with the reason, where the reference is not recognised; nothing is
+        raised then, as an operator on the way loses it all the time.
         """
         self._frames += 1
         if image.shape != self._shape:

@@ -141,13 +141,7 @@ def captures_section(session: Session) -> ReportSection:
 
 
 def noise_section(session: Session, psf: PsfCalibration | None) -> ReportSection | None:
-    """Show the noise of single frames and the gain from averaging; None if it is not known.
-
-    Raises
-    ------
-    SessionError
-        If a capture file is missing or changed.
-    """
+    """Show the noise of single frames and the gain from averaging; None if it is not known."""
     sample = _noise_sample(session)
     if sample is None:
         return None

@@ -32,14 +32,8 @@ def render_calibration_report(
 ) -> str:
     """Return the report of a PSF calibration as one HTML document.
 
-    Parameters
-    ----------
-    psf
-        The calibration; its notes are on the page.
-    load
-        Returns a photograph by its name, shape ``(rows, cols)``, linear in light.
-    session
-        Where the photographs are from: captures, noise and stage are reported, too.
+    ``load``: returns a photograph by its name, shape ``(rows, cols)``, linear in light.
+    ``session``: where the photographs are from: captures, noise and stage are reported, too.
     """
     names = list(dict.fromkeys(edge.image for edge in psf.edges))
     subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs"

@@ -42,16 +42,9 @@ _SAME_MTF50 = 1e-3  # relative; the digits of a report
 class SessionNotes:
     """What a session's report says beside the session, its PSF and its validation.
 
-    Parameters
-    ----------
-    remarks
-        What the report leaves out, and why.
-    warnings
-        What the command noted; on the front page of a session with a PSF.
-    comparisons
-        Sections on changes and poses that are among the results.
-    origin
-        Provenance of the report.
+    ``remarks``: what the report leaves out, and why. ``warnings``: what the command noted; on the
+    front page of a session with a PSF. ``comparisons``: sections on changes and poses that are
+    among the results. ``origin``: provenance of the report.
     """
 
     remarks: tuple[str, ...] = ()
@@ -68,20 +61,8 @@ def render_session_report(
 ) -> str:
     """Return the report of a session as one HTML document.
 
-    Parameters
-    ----------
-    session
-        The session; its edge captures are read again for the figures.
-    psf, validation
-        What has been worked out from it so far; the furthest pair is simulated again for its
-        figure.
-    notes
-        What else it says.
-
-    Raises
-    ------
-    SessionError
-        If a capture file is missing or changed.
+    ``session``: the session; its edge captures are read again for the figures. ``psf, validation``:
+    what has been worked out from it so far; the furthest pair is simulated again for its figure.
     """
     verdicts: tuple[Verdict, ...] = ()
     sections = [captures_section(session)]
@@ -126,13 +107,8 @@ def render_session_report(
 def with_curves(psf: PsfCalibration, session: Session) -> PsfCalibration:
     """Return the calibration with the curves of the edges of a session's captures.
 
-    psf.json does not keep them, so the captures are measured again. An edge that does not come
-    back with the same MTF50 (of a mosaic, or corrected by maps of the sensor) stays without.
-
-    Raises
-    ------
-    SessionError
-        If a capture file is missing or changed.
+    psf.json does not keep them, so the captures are measured again. An edge that does not come back
+    with the same MTF50 (of a mosaic, or corrected by maps of the sensor) stays without.
     """
     if psf.channels is not None:
         return psf

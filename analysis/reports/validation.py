@@ -23,14 +23,7 @@ from calibration.sharpness import NORMAL_95
 def render_validation(session: Session, validation: Validation, shown: Sequence[ShownPair]) -> str:
     """Return the report as one HTML document.
 
-    Parameters
-    ----------
-    session
-        The session that was validated.
-    validation
-        What was found.
-    shown
-        The images of Figure 2.
+    ``shown``: the images of Figure 2.
     """
     sections = (
         _screening_section(validation),

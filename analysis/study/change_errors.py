@@ -32,20 +32,11 @@ _INTERVAL_SIGMAS = 3.92
 class StudiedScene:
     """Scene, change and camera of the d' that is asked for.
 
-    Parameters
-    ----------
-    photographs
-        Levels, shape ``(rows, cols)`` each.
-    planned_count
-        Number of photographs of the scene that will be taken.
-    noise_dn, noise_relative_err
-        Noise of a pixel of either photograph, and how well it is known.
-    contrast_dn, signal_sigma_px
-        Peak and width of the change.
-    min_d_prime
-        Threshold of the allowed tilt.
-    camera
-        The camera; None where its frame is not known.
+    ``photographs``: levels, shape ``(rows, cols)`` each. ``planned_count``: number of photographs
+    of the scene that will be taken. ``noise_dn, noise_relative_err``: noise of a pixel of either
+    photograph, and how well it is known. ``contrast_dn, signal_sigma_px``: peak and width of the
+    change. ``min_d_prime``: threshold of the allowed tilt. ``camera``: the camera; None where its
+    frame is not known.
     """
 
     photographs: tuple[FloatArray, ...]
@@ -138,17 +129,7 @@ class ChangeSensitivities:
 def change_sensitivities(
     scene: StudiedScene, psf: Psf, gaussian: GaussianPsf
 ) -> ChangeSensitivities:
-    """Compute the sensitivities.
-
-    Parameters
-    ----------
-    scene
-        The scene and the change.
-    psf
-        Total PSF as measured, for the values.
-    gaussian
-        The Gaussian nearest to it, for the slopes.
-    """
+    """Compute the sensitivities."""
     curve = scene.curve(psf)
     value = curve.dprime[_AT]
     allowed = curve.largest_zoom(scene.min_d_prime)

@@ -34,14 +34,8 @@ _STEP = 1e-4
 class CornerWindow:
     """The pixels that are fitted about a corner.
 
-    Parameters
-    ----------
-    side_px
-        Side of a square of the board.
-    clear
-        Distance from an edge within which only its two squares are seen, in sides.
-    angle_deg
-        Direction of the board's rows against +x.
+    ``side_px``: side of a square of the board. ``clear``: distance from an edge within which only
+    its two squares are seen, in sides. ``angle_deg``: direction of the board's rows against +x.
     """
 
     side_px: float
@@ -69,16 +63,7 @@ def corner_err_px(
 ) -> float | None:
     """Return the standard error of a corner's coordinate; None if squares are too small or soft.
 
-    Parameters
-    ----------
-    window
-        What is seen of it.
-    sigma_px
-        Total width of the PSF.
-    levels
-        Levels of dark and bright squares, and the noise of one frame.
-    frames
-        Frames of a capture.
+    ``levels``: levels of dark and bright squares, and the noise of one frame.
     """
     if window.side_px < max(_SMALLEST_SIDE_PX, _SMALLEST_SIDE_SIGMAS * sigma_px):
         return None

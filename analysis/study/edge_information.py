@@ -27,12 +27,8 @@ _SQUARE, _FOURTH = 1 / 3, 1 / 5
 class EdgeLevels:
     """Mean levels on both sides of an edge, and the noise of one frame.
 
-    Parameters
-    ----------
-    low_dn, high_dn
-        Dark and bright level.
-    frame_noise
-        Variance of a pixel of a single frame by its level.
+    ``low_dn, high_dn``: dark and bright level. ``frame_noise``: variance of a pixel of a single
+    frame by its level.
     """
 
     low_dn: float
@@ -55,19 +51,7 @@ class EdgeLevels:
 
 
 def sigma_err_px(sigma_px: float, length_px: float, levels: EdgeLevels, frames: int) -> float:
-    """Return the least standard error of the total width of one edge (Cramer and Rao).
-
-    Parameters
-    ----------
-    sigma_px
-        Total width across the edge.
-    length_px
-        Its length.
-    levels
-        Both levels and the noise of one frame.
-    frames
-        Number of frames whose mean is fitted.
-    """
+    """Return the least standard error of the total width of one edge (Cramer and Rao)."""
     covariance = np.linalg.inv(edge_information(sigma_px, levels))
     return sigma_px * sqrt(float(covariance[_LOG_SIGMA, _LOG_SIGMA]) / (length_px * frames))
 
@@ -75,11 +59,8 @@ def sigma_err_px(sigma_px: float, length_px: float, levels: EdgeLevels, frames: 
 def edge_information(sigma_px: float, levels: EdgeLevels) -> FloatArray:
     """Return the Fisher information of one px of edge in one frame.
 
-    Returns
-    -------
-    ndarray of float64, shape (5, 5)
-        Of offset, curvature (px at the ends), logarithm of sigma, low and high level. The turn is
-        independent of them: its derivative is odd along the edge.
+    Returns of offset, curvature (px at the ends), logarithm of sigma, low and high level. The turn
+    is independent of them: its derivative is odd along the edge.
     """
     half_width_px = band_half_width(sigma_px)
     distance_px, step_px = np.linspace(-half_width_px, half_width_px, _STEPS, retstep=True)
@@ -111,12 +92,5 @@ def white_noise_sigma_err_px(sigma_px: float, length_px: float, snr: float) -> f
     The information about log sigma is ``length snr^2 sigma`` times the integral of ``x^2
     phi(x)^2``, which is ``1 / (4 sqrt(pi))``. With levels to be found in a finite band it is a
     bound from below.
-
-    Parameters
-    ----------
-    sigma_px, length_px
-        Total width and length of the edge.
-    snr
-        Contrast over the noise of a pixel.
     """
     return 2 * sqrt(sqrt(pi) * sigma_px / length_px) / snr

@@ -14,14 +14,8 @@ from simulation.arrays import FloatArray
 class PlannedEdge:
     """One edge of one planned capture.
 
-    Parameters
-    ----------
-    capture
-        Number of the capture; edges of one capture share its focus.
-    angle_deg
-        Direction of the edge line from +x, y down.
-    length_px
-        Its length.
+    ``capture``: number of the capture; edges of one capture share its focus. ``angle_deg``:
+    direction of the edge line from +x, y down.
     """
 
     capture: int
@@ -39,16 +33,9 @@ class PlannedEdge:
 class EdgeSession:
     """The planned edges, and what their pixels are like.
 
-    Parameters
-    ----------
-    edges
-        All edges.
-    levels
-        Levels and noise of one frame, the same for all edges.
-    frames
-        Frames of a capture.
-    focus_scatter_px2
-        Standard deviation of the PSF's variance from capture to capture, in every direction.
+    ``levels``: levels and noise of one frame, the same for all edges. ``frames``: frames of a
+    capture. ``focus_scatter_px2``: standard deviation of the PSF's variance from capture to
+    capture, in every direction.
     """
 
     edges: tuple[PlannedEdge, ...]
@@ -88,12 +75,8 @@ def edges_of_captures(
 ) -> tuple[PlannedEdge, ...]:
     """Return the edges of captures at these orientations of a target.
 
-    Parameters
-    ----------
-    orientations_deg
-        Of the target, for each capture.
-    template
-        Angle against the target's orientation, and length in px, of each edge of a capture.
+    ``template``: angle against the target's orientation, and length in px, of each edge of a
+    capture.
     """
     return tuple(
         PlannedEdge(

@@ -40,22 +40,11 @@ class BoardCapture:
 class BoardSession:
     """The planned captures of a board, and the camera that takes them.
 
-    Parameters
-    ----------
-    captures
-        At two heights or more.
-    board
-        The board.
-    width_px, height_px, focal_length_px
-        Frame and focal length of the camera.
-    pupil_offset_mm
-        Entrance pupil above height zero, as far as it is known beforehand.
-    sigma_px
-        Total width of the PSF.
-    levels, frames
-        Levels of the board's squares and noise of one frame; frames of a capture.
-    height_scatter_mm
-        Standard deviation of the heights read back about the true ones.
+    ``captures``: at two heights or more. ``width_px, height_px, focal_length_px``: frame and focal
+    length of the camera. ``pupil_offset_mm``: entrance pupil above height zero, as far as it is
+    known beforehand. ``sigma_px``: total width of the PSF. ``levels, frames``: levels of the
+    board's squares and noise of one frame; frames of a capture. ``height_scatter_mm``: standard
+    deviation of the heights read back about the true ones.
     """
 
     captures: tuple[BoardCapture, ...]

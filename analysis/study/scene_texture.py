@@ -27,12 +27,7 @@ _SEED = 20010101
 def built_in_scenes(low_dn: float, high_dn: float, psf: GaussianPsf) -> tuple[FloatArray, ...]:
     """Return the pictures, seen through a PSF.
 
-    Parameters
-    ----------
-    low_dn, high_dn
-        Levels of black and white paper; the discs are evenly between them.
-    psf
-        Total PSF.
+    ``low_dn, high_dn``: levels of black and white paper; the discs are evenly between them.
     """
     transfer = _transfer(_SIDE_PX * _OVERSAMPLING, psf)
     return tuple(

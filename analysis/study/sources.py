@@ -35,18 +35,9 @@ NORMAL_95 = 1.959963984540054
 class Prediction:
     """A quantity, and the variances of its predicted error by source.
 
-    Parameters
-    ----------
-    quantity
-        Which.
-    value
-        What is known of it; None if nothing is.
-    variances
-        In the quantity's unit, squared; empty if the plan does not determine it.
-    half_width_factor
-        Half a 95 % interval in standard errors.
-    undetermined
-        Why there is no error.
+    ``value``: what is known of it; None if nothing is. ``variances``: in the quantity's unit,
+    squared; empty if the plan does not determine it. ``half_width_factor``: half a 95 % interval in
+    standard errors. ``undetermined``: why there is no error.
     """
 
     quantity: Quantity

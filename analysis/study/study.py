@@ -33,20 +33,10 @@ _NO_CAMERA = "the size of the frame is not known: give the bench a region_px"
 class StudiedPlan:
     """All that a study looks at.
 
-    Parameters
-    ----------
-    edges
-        The planned edges; None without any.
-    psf, gaussian
-        Total PSF as measured, and the Gaussian nearest to it.
-    transfer
-        Its transfer function.
-    board
-        The planned captures of a board; None without any, or where the frame is not known.
-    pupil_offset_mm
-        Known from an earlier session; None if not.
-    scene
-        Scene and change.
+    ``edges``: the planned edges; None without any. ``psf, gaussian``: total PSF as measured, and
+    the Gaussian nearest to it. ``transfer``: its transfer function. ``board``: the planned captures
+    of a board; None without any, or where the frame is not known. ``pupil_offset_mm``: known from
+    an earlier session; None if not.
     """
 
     edges: EdgeSession | None

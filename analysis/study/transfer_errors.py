@@ -32,14 +32,9 @@ Otf = Callable[[FloatArray, FloatArray], FloatArray]
 class KnownTransfer:
     """The errors of an earlier calibration, and how much its edges knew.
 
-    Parameters
-    ----------
-    err
-        Standard error of the transfer at frequencies along x and y.
-    scatter
-        Factor on the pixels' variance that it contains for the scatter between edges.
-    information_per_px2
-        Sum of the inverse variances of the widths of its edges.
+    ``err``: standard error of the transfer at frequencies along x and y. ``scatter``: factor on the
+    pixels' variance that it contains for the scatter between edges. ``information_per_px2``: sum of
+    the inverse variances of the widths of its edges.
     """
 
     err: Otf
@@ -57,13 +52,9 @@ class KnownTransfer:
 class TransferModel:
     """A transfer function of the form that the calibration is expected to choose.
 
-    Parameters
-    ----------
-    of, parameters
-        Returns it for any parameters; the present ones.
-    known
-        What an earlier calibration knew of it, for a form whose smoothness is fitted as well: its
-        information does not follow from the form alone. None for other forms.
+    ``of, parameters``: returns it for any parameters; the present ones. ``known``: what an earlier
+    calibration knew of it, for a form whose smoothness is fitted as well: its information does not
+    follow from the form alone. None for other forms.
     """
 
     of: Callable[[FloatArray], Otf]
@@ -145,16 +136,7 @@ def transfer_errors(
 ) -> TransferErrors:
     """Predict the error of the transfer at a frequency.
 
-    Parameters
-    ----------
-    session
-        The planned edges.
-    model
-        The transfer function.
-    freq_cy_per_px
-        Frequency along x and y.
-    covariance_px2
-        Of the Gaussian nearest to it, shape (2, 2).
+    ``covariance_px2``: of the Gaussian nearest to it, shape (2, 2).
     """
     if model.known is not None:
         return _as_before(session, model, np.array(freq_cy_per_px), covariance_px2)

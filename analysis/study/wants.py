@@ -102,14 +102,7 @@ class PlanSize:
 def studied_want(want: Want, predictions: Sequence[Prediction], size: PlanSize) -> StudiedWant:
     """Say whether a want is met, and what it takes where it is not.
 
-    Parameters
-    ----------
-    want
-        What is wanted.
-    predictions
-        All predictions; those of the want's quantities count, the worst of them.
-    size
-        The plan.
+    ``predictions``: all predictions; those of the want's quantities count, the worst of them.
     """
     asked = [one for one in predictions if one.quantity in QUANTITIES[want.name]]
     missing = next((one for one in asked if not _is_known(one, want)), None)

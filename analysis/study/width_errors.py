@@ -36,14 +36,8 @@ def width_errors(session: EdgeSession, covariance_px2: FloatArray) -> WidthError
     The calibration fits squared widths, which are linear in the elements of the covariance, with
     weights by the errors of the edges and by the scatter beyond them. Its estimate is therefore a
     known linear function of what each edge says; errors by the focus are common to the edges of a
-    capture, those by the pixels are not.
-
-    Parameters
-    ----------
-    session
-        The planned edges.
-    covariance_px2
-        Covariance of the total PSF, shape (2, 2).
+    capture, those by the pixels are not. ``covariance_px2``: covariance of the total PSF, shape (2,
+    2).
     """
     width = session.widths_px(covariance_px2)
     noise = np.maximum(session.width_errs_px(covariance_px2), _LEAST_ERR_PX)

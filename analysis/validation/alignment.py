@@ -39,13 +39,7 @@ class SharedWindow:
 
 
 def shared_window(pose: DistortedPose) -> SharedWindow:
-    """Largest rectangle about the middle of what both images show.
-
-    Raises
-    ------
-    OverlapError
-        If it has fewer than 16 pixels along an axis.
-    """
+    """Largest rectangle about the middle of what both images show."""
     place_y, place_x = pose.followup_places_px()
     rows, cols = pose.reference_shape
     margin_px = max(pose.zoom - 1, 0.0) / 2

@@ -43,15 +43,10 @@ def noise_variance(capture: CaptureImages) -> FloatArray | None:
 class PairErrors:
     """What is known of the errors of a pair.
 
-    Parameters
-    ----------
-    reference_dn2, followup_dn2
-        Variance of the noise in each pixel of the two captures.
-    place_err_px
-        Standard error of the place to which the follow-up was aligned, along either axis.
-    psf, calibration
-        The PSF that is simulated with, and the calibration that states its errors; None if there
-        is none.
+    ``reference_dn2, followup_dn2``: variance of the noise in each pixel of the two captures.
+    ``place_err_px``: standard error of the place to which the follow-up was aligned, along either
+    axis. ``psf, calibration``: the PSF that is simulated with, and the calibration that states its
+    errors; None if there is none.
     """
 
     reference_dn2: FloatArray
@@ -108,13 +103,9 @@ class Expectation:
     def chi2_reduced(self, made: FloatArray) -> float:
         """Return the mean square of captured minus simulated over what is expected.
 
-        The light of the two is matched by a gain of second order over the window and an offset,
-        and what varies slowly is subtracted, as for the metrics.
-
-        Parameters
-        ----------
-        made
-            The simulated follow-up, of the window's shape.
+        The light of the two is matched by a gain of second order over the window and an offset, and
+        what varies slowly is subtracted, as for the metrics. ``made``: the simulated follow-up, of
+        the window's shape.
         """
         rows, cols = made.shape
         y, x = np.mgrid[-1.0 : 1.0 : rows * 1j, -1.0 : 1.0 : cols * 1j]

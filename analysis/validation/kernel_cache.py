@@ -68,13 +68,7 @@ class KernelCache:
             return None
 
     def store(self, image: AnyArray, settings: KernelGanSettings, kernel: EstimatedKernel) -> Path:
-        """Store a kernel and its picture; return the path of the ``.npy``.
-
-        Raises
-        ------
-        ResultsFileError
-            If the folder cannot be written.
-        """
+        """Store a kernel and its picture; return the path of the ``.npy``."""
         path = self.path(image, settings)
         buffer = BytesIO()
         np.save(buffer, kernel.weights, allow_pickle=False)

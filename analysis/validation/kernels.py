@@ -25,12 +25,7 @@ _ZOOM_DECIMALS = 3
 class KernelBook:
     """Kernels of the learned models, found in the cache or trained into it.
 
-    Parameters
-    ----------
-    folder
-        Folder of the cache.
-    steps, seed
-        Steps and seed of every training.
+    ``folder``: folder of the cache. ``steps, seed``: steps and seed of every training.
     """
 
     folder: Path
@@ -50,15 +45,7 @@ class KernelBook:
     def kernel(
         self, image: AnyArray, model: ValidationModel, zoom: float
     ) -> EstimatedKernel | None:
-        """Kernel of a model for a reference and a zoom; trained here where it is not stored.
-
-        Raises
-        ------
-        AnalysisError
-            If it cannot be trained.
-        ResultsFileError
-            If the cache cannot be read or written.
-        """
+        """Kernel of a model for a reference and a zoom; trained here where it is not stored."""
         settings = self.settings(model, zoom)
         if settings is None:
             return None
@@ -87,23 +74,7 @@ class KernelBook:
     ) -> None:
         """Train what is not stored yet; each kernel is stored as soon as it is there.
 
-        Parameters
-        ----------
-        session
-            Whose captures the pairs name.
-        needed
-            From ``trainings_needed``.
-        workers
-            Processes; the kernels are the same for any number.
-        progress
-            Called with the number of trainings done.
-
-        Raises
-        ------
-        AnalysisError
-            If one cannot be trained.
-        ResultsFileError
-            If the cache cannot be written.
+        ``workers``: processes; the kernels are the same for any number.
         """
         jobs = (
             delayed(_trained)(session.load(pair.reference).mean_dn, settings, self.folder)
@@ -123,13 +94,7 @@ def trainings_needed(
     models: Sequence[ValidationModel],
     book: KernelBook,
 ) -> list[tuple[RegisteredPair, KernelGanSettings]]:
-    """Pairs and settings whose kernel is not stored, each kernel once.
-
-    Raises
-    ------
-    ResultsFileError
-        If the cache cannot be read.
-    """
+    """Pairs and settings whose kernel is not stored, each kernel once."""
     cache = KernelCache(book.folder)
     needed: dict[Path, tuple[RegisteredPair, KernelGanSettings]] = {}
     for pair in pairs:

@@ -46,18 +46,8 @@ class ImageMetrics(StoredValues):
 def compare_images(a: FloatImage, b: FloatImage, data_range_dn: float = 255.0) -> ImageMetrics:
     """All metrics of two images.
 
-    Parameters
-    ----------
-    a, b
-        Shape ``(rows, cols)``, equal, at least 7 x 7; finite and not constant.
-    data_range_dn
-        Span of the levels; 255 for what ``analysis.validation.processing`` makes.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ or are too small, a value is not finite, an image is constant (its
-        correlation does not exist) or the data range is not positive.
+    ``a, b``: shape ``(rows, cols)``, equal, at least 7 x 7; finite and not constant.
+    ``data_range_dn``: span of the levels; 255 for what ``analysis.validation.processing`` makes.
 
     References
     ----------
@@ -85,13 +75,7 @@ def compare_images(a: FloatImage, b: FloatImage, data_range_dn: float = 255.0) -
 
 
 def correlation(a: FloatImage, b: FloatImage) -> float:
-    """Pearson's correlation coefficient, in [-1, 1].
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, a value is not finite or an image is constant.
-    """
+    """Pearson's correlation coefficient, in [-1, 1]."""
     first, second = _checked_pair(a, b)
     first, second = first - first.mean(), second - second.mean()
     norm = float(np.sqrt(np.vdot(first, first) * np.vdot(second, second)))
@@ -101,13 +85,7 @@ def correlation(a: FloatImage, b: FloatImage) -> float:
 
 
 def mean_squared_error(a: FloatImage, b: FloatImage) -> float:
-    """Mean squared difference, in the square of the images' unit.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ or a value is not finite.
-    """
+    """Mean squared difference, in the square of the images' unit."""
     first, second = _checked_pair(a, b)
     return float(np.mean((first - second) ** 2))
 

@@ -38,19 +38,7 @@ class ModelInputs:
     ) -> Simulate:
         """Return a model as a function of the grid.
 
-        Parameters
-        ----------
-        reference
-            Grey, shape ``(rows, cols)``.
-        model
-            One of those to try.
-        sampler
-            How a learned model samples.
-
-        Raises
-        ------
-        ValueError
-            If a learned model has no kernel.
+        ``reference``: grey, shape ``(rows, cols)``.
         """
         image = np.asarray(reference, dtype=np.float64)
         for plain in MODELS:

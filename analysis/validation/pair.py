@@ -28,15 +28,9 @@ from simulation.resampling import simulate_at
 class ProcessedFollowup:
     """A model's processed follow-up.
 
-    Parameters
-    ----------
-    aligned
-        Brought onto the reference's pixels.
-    followup, captured
-        The two that Table II compares: on common pixels, the simulated and the captured one.
-    levels
-        The simulated follow-up on the captured one's pixels, in the reference's levels, where it
-        was simulated there.
+    ``aligned``: brought onto the reference's pixels. ``followup, captured``: the two that Table II
+    compares: on common pixels, the simulated and the captured one. ``levels``: the simulated
+    follow-up on the captured one's pixels, in the reference's levels, where it was simulated there.
     """
 
     aligned: FloatArray
@@ -64,13 +58,7 @@ class AlignedPair:
 
     @cached_property
     def window(self) -> SharedWindow:
-        """Part of the follow-up that the reference covers.
-
-        Raises
-        ------
-        OverlapError
-            If the images share too little.
-        """
+        """Part of the follow-up that the reference covers."""
         return shared_window(self.pose)
 
     @cached_property
@@ -94,13 +82,7 @@ class AlignedPair:
         return process_for_comparison(scaled_up(made, zoom, shape))
 
     def on_followup_grid(self, inputs: ModelInputs, model: ValidationModel) -> ProcessedFollowup:
-        """Return a model's follow-up in our way: on the captured one's own pixels.
-
-        Raises
-        ------
-        OverlapError
-            If the images share too little.
-        """
+        """Return a model's follow-up in our way: on the captured one's own pixels."""
         shape = self.reference.shape[0], self.reference.shape[1]
         window = self.window
         simulate = inputs.simulator(self.reference, model)
@@ -130,19 +112,7 @@ class PairMetrics:
 def compare_pair(pair: AlignedPair, feature_matrix: FloatArray, inputs: ModelInputs) -> PairMetrics:
     """Simulate the follow-up from the reference with every model, and compare both ways.
 
-    Parameters
-    ----------
-    pair
-        The captures.
-    feature_matrix
-        The homography of their features alone, for the paper's own alignment.
-    inputs
-        The models to try.
-
-    Raises
-    ------
-    OverlapError
-        If the images share too little.
+    ``feature_matrix``: the homography of their features alone, for the paper's own alignment.
     """
     reference, captured = pair.processed_reference(), pair.captured_on_reference()
     by_features = replace(pair.pose, matrix=feature_matrix, k1=0.0)

@@ -15,15 +15,8 @@ FULL_SCALE_DN = 255.0
 def process_for_comparison(image: AnyArray) -> FloatArray:
     """Processed image of the paper: normalised, background subtracted, centre half.
 
-    Parameters
-    ----------
-    image
-        Shape ``(rows, cols)``, the area that both images cover.
-
-    Returns
-    -------
-    ndarray of float64, shape (rows // 2, cols // 2)
-        Levels around 0; full scale is 255.
+    ``image``: shape ``(rows, cols)``, the area that both images cover. Returns levels around 0;
+    full scale is 255.
     """
     return crop_centre_half(subtract_background(normalise(image)))
 
@@ -31,13 +24,8 @@ def process_for_comparison(image: AnyArray) -> FloatArray:
 def normalise(image: AnyArray) -> FloatArray:
     """Image stretched to [0, 255]: its own minimum to 0, its own maximum to 255.
 
-    The extremes are those of the array handed in. Images that are compared must therefore be cut
-    to the area both cover first.
-
-    Raises
-    ------
-    ValueError
-        If the image is constant, empty or holds values that are not finite.
+    The extremes are those of the array handed in. Images that are compared must therefore be cut to
+    the area both cover first.
     """
     values = np.asarray(image, dtype=np.float64)
     if values.size == 0 or not np.isfinite(values).all():

@@ -45,18 +45,10 @@ def _default_kernels() -> KernelBook:
 class ValidationSettings:
     """How a validation is made.
 
-    Parameters
-    ----------
-    models
-        The models to try; by default those that need no training.
-    kernels
-        Kernels of the learned ones; what is missing is trained.
-    references
-        Reference poses of every target, from the nearest.
-    workers
-        Processes that train kernels.
-    calibration
-        The calibration of the PSF, which states its errors; None if there is none.
+    ``models``: the models to try; by default those that need no training. ``kernels``: kernels of
+    the learned ones; what is missing is trained. ``references``: reference poses of every target,
+    from the nearest. ``workers``: processes that train kernels. ``calibration``: the calibration of
+    the PSF, which states its errors; None if there is none.
     """
 
     models: tuple[ValidationModel, ...] = MODELS
@@ -215,11 +207,6 @@ def curve_differences(points: Iterable[tuple[ImageMetrics, ImageMetrics]]) -> Cu
     """Mean squared difference of two curves, given as pairs of points.
 
     A PSNR that is infinite on both curves does not differ.
-
-    Raises
-    ------
-    ValueError
-        If there is no point.
     """
     pairs = list(points)
     if not pairs:
@@ -233,13 +220,7 @@ def curve_differences(points: Iterable[tuple[ImageMetrics, ImageMetrics]]) -> Cu
 
 
 def mean_metrics(metrics: Sequence[ImageMetrics]) -> ModelMean:
-    """Average the metrics of several pairs of equal data range.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """Average the metrics of several pairs of equal data range."""
     if not metrics:
         raise ValueError("no pairs to average")
     means = {name: float(np.mean([getattr(m, name) for m in metrics])) for name in METRICS}

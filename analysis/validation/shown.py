@@ -37,26 +37,7 @@ def drawn_procedure(model: ValidationModel) -> Procedure:
 def shown_pairs(
     session: Session, validation: Validation, psf: Psf, book: KernelBook
 ) -> list[ShownPair]:
-    """Images for Figure 2, all on the reference's pixels: one pair of every target.
-
-    Parameters
-    ----------
-    session
-        The session that was validated.
-    validation
-        Of its captures as they are.
-    psf
-        Total PSF that it was made with.
-    book
-        Kernels of the learned models.
-
-    Raises
-    ------
-    AnalysisError
-        If a kernel is missing and cannot be trained.
-    SessionError
-        If a capture file is missing or changed.
-    """
+    """Images for Figure 2, all on the reference's pixels: one pair of every target."""
     shown = []
     for pair in _typical_pairs(validation.pairs):
         images = _aligned(session, pair)
@@ -76,11 +57,6 @@ def furthest_pair(session: Session, validation: Validation, psf: Psf) -> ShownPa
     """Images of the pair with the largest zoom, on the follow-up's pixels.
 
     Simulated by every model that needs no training.
-
-    Raises
-    ------
-    SessionError
-        If a capture file is missing or changed.
     """
     pair = max(validation.pairs, key=lambda pair: pair.zoom)
     images = _aligned(session, pair)

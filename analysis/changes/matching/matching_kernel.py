@@ -63,13 +63,8 @@ _REACH = 5.0
 class MatchingKernel:
     """A fitted kernel with its light.
 
-    Parameters
-    ----------
-    coefficients
-        Shape ``(columns,)``: taps, taps times x, taps times y, three of the gain, six of the
-        offset.
-    level_dn
-        Mean of the source, which is taken from it first.
+    ``coefficients``: shape ``(columns,)``: taps, taps times x, taps times y, three of the gain, six
+    of the offset. ``level_dn``: mean of the source, which is taken from it first.
     """
 
     coefficients: FloatArray
@@ -258,14 +253,9 @@ class NormalEquations:
     ) -> "NormalEquations":
         """Set them up.
 
-        Parameters
-        ----------
-        design, target_dn, weight
-            Shapes ``(pixels, columns)``, ``(pixels,)`` and ``(pixels,)``.
-        prior
-            A matrix to add, for columns beyond the kernel's.
-        centre
-            What the ridge holds the centre tap to; the others it holds to 0.
+        ``design, target_dn, weight``: shapes ``(pixels, columns)``, ``(pixels,)`` and
+        ``(pixels,)``. ``prior``: a matrix to add, for columns beyond the kernel's. ``centre``: what
+        the ridge holds the centre tap to; the others it holds to 0.
         """
         root = np.sqrt(weight)[:, None]
         rooted = design * root
@@ -312,17 +302,8 @@ def white_noise_gain(
     """What smoothing and kernels leave of white noise, in closed form.
 
     A Gaussian of width s leaves ``1 / (4 pi s^2)``, correlated as ``exp(-d^2 / (4 s^2))``.
-
-    Parameters
-    ----------
-    taps
-        Kernel of the source, shape ``(side, side)``.
-    smoothing
-        Of the two photographs.
-    zoom
-        Source pixels per pixel of the grid, along a line.
-    target_taps
-        Kernel of the target, if it has one.
+    ``taps``: kernel of the source, shape ``(side, side)``. ``zoom``: source pixels per pixel of the
+    grid, along a line.
     """
     passed = _passed(taps, smoothing.source_px)
     own = 1.0 if target_taps is None else _passed(target_taps, smoothing.target_px)
@@ -360,12 +341,8 @@ _LEAST_SLOPE = 0.02
 class ToneCurve:
     """Levels of the source for the levels of the target; straight beyond both ends.
 
-    Parameters
-    ----------
-    levels_dn
-        Levels of the target, evenly spaced, shape ``(n,)``.
-    values_dn, variance_dn2
-        Levels of the source there, and the variance that the fit leaves them.
+    ``levels_dn``: levels of the target, evenly spaced, shape ``(n,)``. ``values_dn, variance_dn2``:
+    levels of the source there, and the variance that the fit leaves them.
     """
 
     levels_dn: FloatArray
@@ -394,19 +371,7 @@ class ToneCurve:
 def fit_tone_curve(
     source: Float32Array, target: Float32Array, valid: BoolArray, smoothing_px: float
 ) -> ToneCurve | None:
-    """Fit the curve and the kernel together; None where levels do not tell one.
-
-    Parameters
-    ----------
-    source
-        On the target's pixels, smoothed.
-    target
-        As it is.
-    valid
-        Pixels that count.
-    smoothing_px
-        Width of the Gaussian for the target.
-    """
+    """Fit the curve and the kernel together; None where levels do not tell one."""
     first = _by_medians(source, smoothed(target, smoothing_px), target, valid)
     if first is None:
         return None

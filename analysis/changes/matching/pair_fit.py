@@ -40,14 +40,8 @@ from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 class PairModel:
     """Light and kernel between a source and a target.
 
-    Parameters
-    ----------
-    gain, offset_dn
-        Of the light, before the kernel.
-    target_share
-        Weight of the target in the mean of both.
-    kernel
-        What it adds.
+    ``gain, offset_dn``: of the light, before the kernel. ``target_share``: weight of the target in
+    the mean of both.
     """
 
     gain: float
@@ -134,14 +128,8 @@ chance in one pair of a thousand, and what compression and clipping bend is more
 class PairFit:
     """What takes the source to the target, and what the remaining difference scatters by.
 
-    Parameters
-    ----------
-    model
-        Light and kernel.
-    sizes
-        Of the terms of the variance.
-    is_curved
-        Whether the levels of the two are not in proportion, beyond what chance does.
+    ``sizes``: of the terms of the variance. ``is_curved``: whether the levels of the two are not in
+    proportion, beyond what chance does.
     """
 
     model: PairModel
@@ -153,16 +141,10 @@ class PairFit:
 class FitRules:
     """How a pair is fitted.
 
-    Parameters
-    ----------
-    smoothing_px
-        Width of the Gaussian that makes neighbours alike.
-    target_share
-        Share of the source's noise in both, in the target's light: see `PairModel`.
-    sample_px
-        Pixels that the fit is made to.
-    is_one_view
-        Whether the photographs are of one view, for which simple models may do.
+    ``smoothing_px``: width of the Gaussian that makes neighbours alike. ``target_share``: share of
+    the source's noise in both, in the target's light: see `PairModel`. ``sample_px``: pixels that
+    the fit is made to. ``is_one_view``: whether the photographs are of one view, for which simple
+    models may do.
     """
 
     smoothing_px: float
@@ -181,18 +163,9 @@ def fit_pair(
 ) -> PairFit:
     """Fit model and variance to a sample of the pixels.
 
-    Parameters
-    ----------
-    source, target
-        Smoothed, shape ``(rows, cols)``, finite.
-    terms
-        Of the variance.
-    valid
-        Pixels that count, the kernel's radius away from the border.
-    floor_dn2
-        Variance that the difference has at least, by a noise model or the files' steps.
-    rules
-        How.
+    ``source, target``: smoothed, shape ``(rows, cols)``, finite. ``valid``: pixels that count, the
+    kernel's radius away from the border. ``floor_dn2``: variance that the difference has at least,
+    by a noise model or the files' steps.
     """
     rows, cols = sampled(valid, rules.sample_px)
     sample = _Sample(
@@ -350,21 +323,13 @@ _SAMPLE_PX = 25_000
 class FittedScatter:
     """Noise of a difference, and the shares of its variance that are none.
 
-    Parameters
-    ----------
-    gains
-        Of white noise in either photograph.
-    noise_dn2
-        Mean variance by noise.
-    white_dn2
-        The part of it that the noise of single pixels explains. Compression and resampling take the
-        finest noise away, and what they leave is alike in neighbours.
-    structure_share
-        Share of the variance by positions, blur and the finest detail.
-    displaced
-        Variance by positions that are wrong over the variance that was fitted: that of the
-        gradient, and what the kernel leaves of a displacement that varies over the frame. Only
-        roughly so where it is large.
+    ``gains``: of white noise in either photograph. ``noise_dn2``: mean variance by noise.
+    ``white_dn2``: the part of it that the noise of single pixels explains. Compression and
+    resampling take the finest noise away, and what they leave is alike in neighbours.
+    ``structure_share``: share of the variance by positions, blur and the finest detail.
+    ``displaced``: variance by positions that are wrong over the variance that was fitted: that of
+    the gradient, and what the kernel leaves of a displacement that varies over the frame. Only
+    roughly so where it is large.
     """
 
     gains: WhiteNoiseGain

@@ -70,20 +70,11 @@ this much, so that the noise of the sharper one is not all that is smoothed."""
 class RelativeBlur:
     """How a target differs from its source, and standard errors.
 
-    Parameters
-    ----------
-    value_px2, err_px2
-        Variance by which it is blurrier, in its own pixels. Without any detail the error is
-        infinite.
-    gain, gain_err
-        Mean gain of light.
-    displacement_px, displacement_covariance_px2
-        Of the frame's middle and its change from one side to the other: ``(y, x)``, by y, by x;
-        shapes (6,) and (6, 6).
-    unlike
-        Mean square of what is left over that of the detail.
-    noises_dn
-        Standard deviations of the noise of single pixels of source and target.
+    ``value_px2, err_px2``: variance by which it is blurrier, in its own pixels. Without any detail
+    the error is infinite. ``displacement_px, displacement_covariance_px2``: of the frame's middle
+    and its change from one side to the other: ``(y, x)``, by y, by x; shapes (6,) and (6, 6).
+    ``unlike``: mean square of what is left over that of the detail. ``noises_dn``: standard
+    deviations of the noise of single pixels of source and target.
     """
 
     value_px2: float
@@ -144,18 +135,7 @@ def relative_blur(
 ) -> RelativeBlur:
     """Measure the variance by which ``target`` is blurrier than ``source``.
 
-    Parameters
-    ----------
-    source, target
-        The two photographs.
-    positions
-        Where the target's pixels lie in the source.
-    valid
-        Pixels of the target that count.
-    expected_px2
-        Where the search begins.
-    steps_dn2
-        Variance of the pixels of both by the steps of their files; the errors hold it.
+    ``steps_dn2``: variance of the pixels of both by the steps of their files; the errors hold it.
     """
     zoom = positions.zoom
     noises = _noises_dn(source, target, positions, valid)
@@ -272,12 +252,8 @@ class _Sides:
     ) -> RelativeBlur:
         """Regress the difference on the mean, both with their derivatives.
 
-        Parameters
-        ----------
-        noise_dn2, steps_dn2
-            Variance of the smoothed source and target by noise, and by the steps of their files.
-        widths
-            Of the Gaussians that smooth them.
+        ``noise_dn2, steps_dn2``: variance of the smoothed source and target by noise, and by the
+        steps of their files.
         """
         nothing = RelativeBlur(value_px2=0.0, err_px2=inf)
         count = self.place.shape[1]
@@ -450,19 +426,8 @@ def calibrated_blur_px2(
 ) -> float:
     """Variance by which one camera's target is blurrier than its source, in the target's pixels.
 
-    Parameters
-    ----------
-    psf
-        Total PSF of the camera that took both; a field is taken where both show the middle of what
-        they share.
-    seen
-        The source on the target's pixels, smoothed.
-    valid
-        Pixels that count.
-    smoothing
-        Of the two photographs.
-    positions
-        Where the target's pixels lie in the source.
+    ``psf``: total PSF of the camera that took both; a field is taken where both show the middle of
+    what they share.
     """
     rows, cols = np.nonzero(valid)
     row, col = float(rows.mean()), float(cols.mean())

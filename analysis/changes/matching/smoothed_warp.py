@@ -94,11 +94,7 @@ def rounding_variance(image_dn: Float32Array) -> Float32Array | None:
     """Twelfth of the squared step between the levels around each pixel's; None if it is unknown.
 
     Decoded from a tone curve, the steps of a file's integers differ from level to level.
-
-    Parameters
-    ----------
-    image_dn
-        Shape ``(rows, cols)``.
+    ``image_dn``: shape ``(rows, cols)``.
     """
     stride = max(round((image_dn.size / _SAMPLE_PX) ** 0.5), 1)
     levels = np.unique(image_dn[::stride, ::stride])
@@ -150,15 +146,10 @@ def spline_coefficients(image: Float32Array, sigma_px: float) -> Float32Array:
 class PixelPositions:
     """Where the pixels of a grid lie in another photograph.
 
-    Parameters
-    ----------
-    shape, source_shape
-        ``(rows, cols)`` of the grid and of the other photograph.
-    nodes_y, nodes_x
-        Positions of a coarse grid of pixels, whose first node is one step before the first pixel.
-    whole_shift
-        ``(rows, cols)`` by which each pixel lies further on in the other photograph, where all are
-        such numbers of pixels: then nothing is interpolated.
+    ``shape, source_shape``: ``(rows, cols)`` of the grid and of the other photograph. ``nodes_y,
+    nodes_x``: positions of a coarse grid of pixels, whose first node is one step before the first
+    pixel. ``whole_shift``: ``(rows, cols)`` by which each pixel lies further on in the other
+    photograph, where all are such numbers of pixels: then nothing is interpolated.
     """
 
     shape: tuple[int, int]

@@ -55,14 +55,9 @@ _DARKEST, _BRIGHTEST = 0.1, 99.9
 class VarianceTerms:
     """Images of the terms, shape ``(rows, cols)`` each.
 
-    Parameters
-    ----------
-    level
-        From 0 at the darkest to 1 at the brightest. The first size is the variance at 0, the
-        second that at 1.
-    others
-        Squared gradient, squared Laplacian, the finest detail of target and source, and, if the
-        target was given another tone curve, its squared slope.
+    ``level``: from 0 at the darkest to 1 at the brightest. The first size is the variance at 0, the
+    second that at 1. ``others``: squared gradient, squared Laplacian, the finest detail of target
+    and source, and, if the target was given another tone curve, its squared slope.
     """
 
     level: Float32Array
@@ -79,17 +74,8 @@ class VarianceTerms:
     ) -> Self:
         """Compute the terms.
 
-        Parameters
-        ----------
-        seen
-            The source, smoothed, on the target's pixels.
-        source, target
-            The photographs as they are.
-        positions
-            Where the target's pixels lie in the source.
-        tone_slope
-            Slope of the tone curve that was applied to the target, if one was: its noise is that
-            many times as large.
+        ``tone_slope``: slope of the tone curve that was applied to the target, if one was: its
+        noise is that many times as large.
         """
         source_detail = positions.seen(_finest_detail(source))
         source_detail[np.isnan(source_detail)] = 0
@@ -177,14 +163,8 @@ def fit_sizes(
 ) -> FloatArray:
     """Sizes of the terms, none negative, shape ``(terms,)``.
 
-    Parameters
-    ----------
-    difference_dn
-        At a sample of pixels, shape ``(n,)``.
-    terms
-        Shape ``(terms, n)``.
-    floor_dn2
-        Variance that a noise model gives the pixels, which the sum does not go below.
+    ``difference_dn``: at a sample of pixels, shape ``(n,)``. ``terms``: shape ``(terms, n)``.
+    ``floor_dn2``: variance that a noise model gives the pixels, which the sum does not go below.
     """
     squares = difference_dn**2
     scale = np.maximum(np.mean(terms, axis=1), 1e-30)
@@ -233,10 +213,7 @@ _ROUNDS = 4
 class VarianceCalibration:
     """Factors of the standard deviation by the logarithm of the predicted variance.
 
-    Parameters
-    ----------
-    log_variance, log_factor
-        Shape ``(bins,)``, the first rising.
+    ``log_variance, log_factor``: shape ``(bins,)``, the first rising.
     """
 
     log_variance: FloatArray
@@ -279,14 +256,9 @@ def calibrate_variance(
 ) -> VarianceCalibration:
     """Compare differences with their predicted variance.
 
-    Parameters
-    ----------
-    difference_dn, variance_dn2
-        Of a sample of pixels without a change, shape ``(n,)``.
-    noise_dn2
-        The part of the variance that is noise.
-    alike
-        Pixels of the sample to one that is independent of the others; None leaves the tails out.
+    ``difference_dn, variance_dn2``: of a sample of pixels without a change, shape ``(n,)``.
+    ``alike``: pixels of the sample to one that is independent of the others; None leaves the tails
+    out.
     """
     ratio = np.abs(difference_dn) / np.sqrt(variance_dn2)
     log_variance = np.log(variance_dn2)
@@ -332,17 +304,9 @@ def calibrated_factor(
 ) -> Float32Array:
     """Factor of the predicted standard deviation at every pixel, changes left out.
 
-    Parameters
-    ----------
-    difference_dn, variance_dn2, noise_dn2
-        Difference, its predicted variance and the part of it that is noise, shape
-        ``(rows, cols)``.
-    valid
-        Pixels that count.
-    smoothing_px
-        Width of the Gaussian that makes neighbours alike.
-    sample_px
-        Pixels that tell it.
+    ``difference_dn, variance_dn2, noise_dn2``: difference, its predicted variance and the part of
+    it that is noise, shape ``(rows, cols)``. ``smoothing_px``: width of the Gaussian that makes
+    neighbours alike.
     """
     # Smoothed images are known from every other pixel.
     seen = np.s_[::_STEP, ::_STEP] if valid.size > _LARGE_PX else np.s_[:, :]

@@ -44,17 +44,10 @@ class ColourPair:
 class ComparedPictures:
     """Pictures of one size, which may be smaller than the follow-up, as bytes of files.
 
-    Parameters
-    ----------
-    before, after, difference
-        JPEG: the reference brought onto the follow-up's pixels and into its light, the follow-up,
-        and what is left of their difference.
-    masks
-        PNG with opacity: pixels that were not compared, by reason.
-    reach_dn
-        Difference at the ends of the colour scale.
-    is_colour
-        Whether the photographs are shown in colour.
+    ``before, after, difference``: JPEG: the reference brought onto the follow-up's pixels and into
+    its light, the follow-up, and what is left of their difference. ``masks``: PNG with opacity:
+    pixels that were not compared, by reason. ``reach_dn``: difference at the ends of the colour
+    scale. ``is_colour``: whether the photographs are shown in colour.
     """
 
     before: bytes
@@ -76,18 +69,9 @@ def compared_pictures(
     Grey levels are stretched between their ends, and those of the reference get the follow-up's
     mean and contrast. Colours are only made brighter or darker, by one factor for all channels,
     which leaves hues as they are: the follow-up's by what makes its brightest pixels white, the
-    reference's by what gives it the follow-up's mean level.
-
-    Parameters
-    ----------
-    reference_dn
-        The reference in grey, shape ``(rows, cols)``.
-    found
-        What the comparison found.
-    left_out
-        Follow-up pixels that the operator left out, if any.
-    colours
-        Both photographs in colour; None if one of them is grey.
+    reference's by what gives it the follow-up's mean level. ``reference_dn``: the reference in
+    grey, shape ``(rows, cols)``. ``left_out``: follow-up pixels that the operator left out, if any.
+    ``colours``: both photographs in colour; None if one of them is grey.
     """
     before, after = (
         _grey_pictures(reference_dn, found) if colours is None else _colour_pictures(colours, found)

@@ -45,16 +45,7 @@ def render_changes_report(
 ) -> str:
     """Return the report of a comparison as one HTML document.
 
-    Parameters
-    ----------
-    summary
-        What the comparison found.
-    views
-        Both photographs and their difference.
-    limit_map
-        The detection limit over the follow-up.
-    facts
-        Names and values to add to the front page, such as when the photographs were taken.
+    ``facts``: names and values to add to the front page, such as when the photographs were taken.
     """
     return render_report(
         Report(

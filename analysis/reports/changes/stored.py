@@ -21,15 +21,7 @@ _FIGURE_WIDTH_IN = 7.0
 def stored_changes_section(
     name: str, summary: ChangeSummary, figure_png: bytes | None
 ) -> ReportSection:
-    """Show a stored changes.json, and its figure if it is there.
-
-    Parameters
-    ----------
-    name
-        Of the folder of the results.
-    summary, figure_png
-        Its changes.json and its changes-figure.png.
-    """
+    """Show a stored changes.json, and its figure if it is there."""
     text = [
         f"{summary.followup} against {summary.reference}: {count_text(len(summary.changes))}. "
         f"{comparison_sentence(summary)}."

@@ -51,17 +51,9 @@ def render_series_report(
 ) -> str:
     """Return the report of several follow-ups as one HTML document.
 
-    Parameters
-    ----------
-    series
-        Their summary.
-    followups
-        Its lines.
-    time_line
-        Of the changes; None for pairs, or for very many follow-ups.
-    reference_dn
-        The reference, for a map of the tracks: shape ``(rows, cols)``, or ``(rows, cols, 3)`` in
-        colour, linear in light.
+    ``time_line``: of the changes; None for pairs, or for very many follow-ups. ``reference_dn``:
+    the reference, for a map of the tracks: shape ``(rows, cols)``, or ``(rows, cols, 3)`` in
+    colour, linear in light.
     """
     sections = [] if time_line is None else [_time_line_section(time_line, reference_dn)]
     return render_report(

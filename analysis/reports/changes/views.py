@@ -26,16 +26,8 @@ def view_figures(
 ) -> tuple[ReportFigure, ...]:
     """Return the views before, after and difference; the page's script links and blinks them.
 
-    Parameters
-    ----------
-    pictures
-        Of the frame.
-    changes
-        Numbered from 1 in this order.
-    size
-        ``(width, height)`` of the follow-up, in whose pixels changes are placed.
-    moved
-        Movements, which get dashed rings without numbers.
+    ``changes``: numbered from 1 in this order. ``size``: ``(width, height)`` of the follow-up, in
+    whose pixels changes are placed. ``moved``: movements, which get dashed rings without numbers.
     """
     marks = "".join(_moved_mark(change, size[0]) for change in moved[:_MOST_MARKED])
     marks += "".join(

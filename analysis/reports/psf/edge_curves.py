@@ -82,13 +82,7 @@ def _in_reading_order(edges: Sequence[EdgeMeasurement]) -> list[EdgeMeasurement]
 
 @in_report_style
 def plot_curves_of_edges(edges: Sequence[EdgeMeasurement], *, has_image: bool) -> Figure:
-    """Draw a row of ESF, LSF and SFR for each edge.
-
-    Raises
-    ------
-    ValueError
-        If an edge has no e-SFR.
-    """
+    """Draw a row of ESF, LSF and SFR for each edge."""
     rows = len(edges)
     figure = new_figure(_WIDTH_IN, _SINGLE_ROW_IN if rows == 1 else _ROW_IN * rows)
     rooms = figure.subfigures(rows, 1, squeeze=False)[:, 0]

@@ -29,17 +29,7 @@ class EdgeLabel:
 def placed_labels(
     edges: Sequence[EdgeMeasurement], width_px: int, height_px: int, px_per_in: float
 ) -> list[EdgeLabel]:
-    """Label edges with their MTF50 in cy/px: the softest and the sharpest first, then long ones.
-
-    Parameters
-    ----------
-    edges
-        That count; the others get no label.
-    width_px, height_px
-        Of the photograph, which no label leaves.
-    px_per_in
-        Scale of the drawing.
-    """
+    """Label edges with their MTF50 in cy/px: the softest and the sharpest first, then long ones."""
     if not edges:
         return []
     ranked = sorted(edges, key=lambda edge: reported_mtf50(edge).cy_per_px)

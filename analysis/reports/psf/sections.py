@@ -101,15 +101,9 @@ def calibration_sections(
 ) -> tuple[ReportSection, ...]:
     """Return the sections on a PSF, except the list of edges.
 
-    Parameters
-    ----------
-    psf
-        What psf.json holds.
-    load_image
-        Gives the linear image that an edge was measured on, shape ``(rows, cols)``.
-    images
-        Names of the photographs that are at hand, None for all. Edges of others are in the
-        widths and tables, but cannot be drawn; the report says so.
+    ``load_image``: gives the linear image that an edge was measured on, shape ``(rows, cols)``.
+    ``images``: names of the photographs that are at hand, None for all. Edges of others are in the
+    widths and tables, but cannot be drawn; the report says so.
     """
     drawn = [edge for edge in psf.edges if images is None or edge.image in images]
     curves = curves_section(psf)
