@@ -20,7 +20,7 @@ from analysis.pose.limits import (
     worst_zoom,
 )
 from analysis.pose.quality import judge_pose
-from analysis.reports.results import plot_limits, plot_pose
+from analysis.reports.evaluation import plot_limits, plot_pose
 from simulation import SamplingGrid
 from tests.analysis.detectability.test_curves import curve
 

@@ -4,7 +4,12 @@ import pytest
 
 from acquisition.session.reader import Session
 from analysis.reports.page import CONVENTION
-from analysis.reports.session import SessionNotes, render_session_report, versions, with_curves
+from analysis.reports.session import (
+    SessionNotes,
+    render_session_report,
+    versions,
+    with_curves,
+)
 from analysis.validation.document import ExcludedCapture, Validation
 from calibration.psf.document import PsfCalibration
 from calibration.sharpness import SharpnessLimits

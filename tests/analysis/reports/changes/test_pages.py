@@ -20,10 +20,14 @@ from analysis.changes.document import Change, ChangeSummary, describe_focus
 from analysis.changes.filter import ChangeMasks, ChangeResult
 from analysis.changes.plot import changes_figure
 from analysis.changes.significance import FilterWidth
-from analysis.reports.changes.pictures import LONGEST_SIDE_PX, ColourPair, compared_pictures
-from analysis.reports.changes.sections import q_text, render_changes_report
-from analysis.reports.changes.time_line import plot_track_map, render_series_report
-from analysis.reports.changes.views import view_figures
+from analysis.reports.change_pictures import (
+    LONGEST_SIDE_PX,
+    ColourPair,
+    compared_pictures,
+    view_figures,
+)
+from analysis.reports.change_series import plot_track_map, render_series_report
+from analysis.reports.changes import q_text, render_changes_report
 from analysis.screen import on_screen, white_level_dn
 from calibration.registration.distorted_pose import DistortedPose
 from simulation.arrays import BoolArray, FloatArray

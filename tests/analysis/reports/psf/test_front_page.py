@@ -1,6 +1,6 @@
 import pytest
 
-from analysis.reports.psf.front_page import calibration_front, verdict_section
+from analysis.reports.psf import calibration_front, verdict_section
 from calibration.provenance import Provenance
 from calibration.psf.document import CameraIdentity, PsfCalibration
 from calibration.sharpness.limits import SharpnessLimits

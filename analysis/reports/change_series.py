@@ -15,6 +15,7 @@ from analysis.change_series import (
     ComparedFollowup,
     TimeLineFollowup,
 )
+from analysis.reports.bench import versions
 from analysis.reports.page import (
     Report,
     ReportFigure,
@@ -27,7 +28,6 @@ from analysis.reports.page import (
     new_figure,
     render_report,
 )
-from analysis.reports.session import versions
 from analysis.screen import on_screen, white_level_dn
 from simulation.arrays import AnyArray
 

@@ -1,13 +1,26 @@
-"""The pictures of a comparison, all on the follow-up's pixels, as a screen shows them."""
+"""The pictures of a comparison, all on the follow-up's pixels, as a screen shows them.
 
+The map of what a comparison would have found.
+
+The views of a comparison as SVG: pictures, masks and numbered changes in one frame.
+"""
+
+from base64 import b64encode
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import pi, sqrt
 
 import cv2
 import matplotlib as mpl
 import numpy as np
+from markupsafe import Markup
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import LogLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from analysis.changes import ChangeResult
+from analysis.changes import Change, ChangeResult
+from analysis.detection_limits import size_text
+from analysis.reports.page import ReportFigure, new_figure
 from analysis.screen import on_screen, white_level_dn
 from calibration.registration import DistortedPose
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
@@ -233,3 +246,148 @@ def _colour_jpeg(colours_dn: FloatImage, white_dn: float) -> bytes:
 
 def _png(picture: Bytes) -> bytes:
     return cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+
+
+_DRAWN_PX = 900
+_LIMIT_ENDS_PERCENT = (0.5, 99.5)
+_LEAST_RATIO = 1.5
+"""Of the ends of the scale: noise alone makes the limit vary by a few per cent."""
+
+
+def limit_figure(found: ChangeResult) -> ReportFigure | None:
+    """Draw the detection limit over the follow-up; None if nothing was compared."""
+    limit = found.summary.detection_limit
+    if limit is None or not found.valid.any():
+        return None
+    rows, cols = found.limit_dn.shape
+    step = -(-max(rows, cols) // _DRAWN_PX)
+    drawn = np.ma.masked_invalid(found.limit_dn[::step, ::step])
+    low, high = np.percentile(found.limit_dn[found.valid], _LIMIT_ENDS_PERCENT)
+    middle, ratio = np.sqrt(low * high), max(np.sqrt(high / low), _LEAST_RATIO**0.5)
+    width_in = 6.0
+    figure = new_figure(width_in, 0.3 + (width_in - 1.0) * rows / cols)
+    axes = figure.subplots()
+    axes.set_facecolor(NOT_COMPARED)
+    image = axes.imshow(
+        drawn,
+        cmap="cividis",
+        norm=LogNorm(middle / ratio, middle * ratio),
+        extent=(-0.5, cols - 0.5, rows - 0.5, -0.5),
+        interpolation="nearest",
+    )
+    axes.set(xticks=[], yticks=[])
+    axes.grid(visible=False)
+    bar = figure.colorbar(image, ax=axes, label="limit / DN", shrink=0.9)
+    bar.ax.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
+    bar.ax.yaxis.set_major_formatter(ScalarFormatter())
+    bar.ax.yaxis.set_minor_locator(LogLocator(subs=()))
+    caption = (
+        f"Amplitude at which a spot of {size_text(limit.mapped, limit)} is found "
+        f"{100 * limit.power:.0f} times of 100. Grey: not compared."
+    )
+    return ReportFigure.of(figure, caption, form="png")
+
+
+BRIGHTER, DARKER, MOVED = "#d55e00", "#0072b2", "#009e73"
+
+_PRINTED_WIDTH_IN = 2.38  # three side by side on A4
+_RING_SHARE = 1 / 70  # of the frame's width: the least radius of a ring that is seen
+_TEXT_SHARE = 1 / 36
+_MOST_MARKED = 200
+
+
+def view_figures(
+    pictures: ComparedPictures,
+    changes: Sequence[Change],
+    size: tuple[int, int],
+    moved: Sequence[Change] = (),
+) -> tuple[ReportFigure, ...]:
+    """Return the views before, after and difference; the page's script links and blinks them.
+
+    ``changes``: numbered from 1 in this order. ``size``: ``(width, height)`` of the follow-up, in
+    whose pixels changes are placed. ``moved``: movements, which get dashed rings without numbers.
+    """
+    marks = "".join(_moved_mark(change, size[0]) for change in moved[:_MOST_MARKED])
+    marks += "".join(
+        _mark(number, change, size[0]) for number, change in enumerate(changes[:_MOST_MARKED], 1)
+    )
+    light = (
+        "as bright as the follow-up; its hues are its own"
+        if pictures.is_colour
+        else "in the follow-up's light"
+    )
+    captions = {
+        "before": f"Before: the reference on the follow-up's pixels, {light}.",
+        "after": "After: the follow-up. Rings and numbers are the changes of the list: "
+        "orange brighter, blue darker than before" + ("; dashed green: moved." if moved else "."),
+        "difference": "After minus before, less what pose, light and blur explain: red is "
+        f"brighter, blue darker, full colour at {pictures.reach_dn:.3g} DN.",
+    }
+    shown = {
+        "before": pictures.before,
+        "after": pictures.after,
+        "difference": pictures.difference,
+    }
+    return tuple(
+        ReportFigure(
+            markup=_view(name, picture, pictures.masks, marks, size),
+            caption=captions[name],
+            width_in=_PRINTED_WIDTH_IN,
+        )
+        for name, picture in shown.items()
+    )
+
+
+def _view(name: str, picture: bytes, masks: bytes, marks: str, size: tuple[int, int]) -> Markup:
+    width, height = size
+    frame = f'x="-0.5" y="-0.5" width="{width}" height="{height}" preserveAspectRatio="none"'
+    return Markup(  # noqa: S704 - numbers and base64 of our own
+        f'<svg data-view="{name}" viewBox="-0.5 -0.5 {width} {height}" role="img" '
+        f'aria-label="{name}" xmlns="http://www.w3.org/2000/svg">'
+        f'<image class="picture" {frame} href="{_url(picture, "jpeg")}"/>'
+        f'<image class="masks" {frame} href="{_url(masks, "png")}"/>'
+        f'<g class="marks">{marks}</g></svg>'
+    )
+
+
+def _moved_mark(change: Change, width: int) -> str:
+    return (
+        f"<circle {_ring(change, _radius_px(change, width))} "
+        f'stroke="{MOVED}" stroke-width="{width / 350:.2f}" stroke-dasharray="{width / 90:.2f}"/>'
+    )
+
+
+def _mark(number: int, change: Change, width: int) -> str:
+    radius = _radius_px(change, width)
+    text_px = width * _TEXT_SHARE
+    colour = BRIGHTER if change.amplitude_dn > 0 else DARKER
+    # Above the ring, or below it where the frame ends.
+    rise = radius + 0.25 * text_px
+    text_y = change.y_px + (-rise if change.y_px > 2 * rise else rise + 0.7 * text_px)
+    ring = _ring(change, radius)
+    letters = (
+        f'x="{change.x_px:.2f}" y="{text_y:.2f}" text-anchor="middle" '
+        f'font-size="{text_px:.2f}" font-family="sans-serif" font-weight="bold"'
+    )
+    return (
+        f'<g data-change="{number}" data-x="{change.x_px:.3f}" data-y="{change.y_px:.3f}" '
+        f'data-radius="{radius:.2f}">'
+        f'<circle {ring} stroke="#fff" stroke-width="{width / 200:.2f}" stroke-opacity="0.7"/>'
+        f'<circle {ring} stroke="{colour}" stroke-width="{width / 350:.2f}"/>'
+        f'<text {letters} fill="#fff" stroke="#fff" stroke-width="{text_px / 6:.2f}">{number}'
+        f'</text><text {letters} fill="{colour}">{number}</text></g>'
+    )
+
+
+def _url(picture: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{b64encode(picture).decode('ascii')}"
+
+
+def _radius_px(change: Change, width: int) -> float:
+    """Radius of a ring around a change, in a frame of this width."""
+    return max(1.7 * sqrt(change.area_px / pi), width * _RING_SHARE)
+
+
+def _ring(change: Change, radius_px: float) -> str:
+    """Attributes of a circle around a change."""
+    return f'cx="{change.x_px:.2f}" cy="{change.y_px:.2f}" r="{radius_px:.2f}" fill="none"'
