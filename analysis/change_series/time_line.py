@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-TIME_LINE_SCHEMA: Final = "standoff.changes-series/1"
+_TIME_LINE_SCHEMA: Final = "standoff.changes-series/1"
 
-Sighting = Literal["seen", "not seen", "not compared"]
+_Sighting = Literal["seen", "not seen", "not compared"]
 
 
 class TimeLineFollowup(StoredValues):
@@ -61,7 +61,7 @@ class TrackPoint(StoredValues):
         Where it is not seen, the amplitude in its direction that is excluded at 95 %.
     """
 
-    sighting: Sighting
+    sighting: _Sighting
     x_px: float | None = None
     y_px: float | None = None
     amplitude_dn: float | None = None
@@ -112,7 +112,7 @@ class ChangeTimeLine(ResultsDocument):
     """
 
     schema_name: Literal["standoff.changes-series/1"] = Field(
-        default=TIME_LINE_SCHEMA, alias="schema"
+        default=_TIME_LINE_SCHEMA, alias="schema"
     )
     reference: str
     order: Literal["time", "path"]
@@ -150,7 +150,7 @@ def read_time_line(path: FilePath) -> ChangeTimeLine:
     return read_document(path, ChangeTimeLine, ResultsFileError, remedy)
 
 
-CHANGES_SERIES_SCHEMA: Final = "standoff.changes-summary/1"
+_CHANGES_SERIES_SCHEMA: Final = "standoff.changes-summary/1"
 
 
 class ComparedFollowup(StoredValues):
@@ -221,7 +221,7 @@ class ChangesSeries(ResultsDocument):
     """
 
     schema_name: Literal["standoff.changes-summary/1"] = Field(
-        default=CHANGES_SERIES_SCHEMA, alias="schema"
+        default=_CHANGES_SERIES_SCHEMA, alias="schema"
     )
     reference: str
     compared: int

@@ -57,7 +57,7 @@ def list_changes(
     y, x = np.array([(spot.y_px, spot.x_px) for spot in spots]).T
     area_px = np.array([spot.area_px for spot in spots])
     sigma_px = np.array([spot.sigma_px for spot in spots])
-    followup, reference = places_in_both(compared, pose, y, x)
+    followup, reference = _places_in_both(compared, pose, y, x)
     if not compared.is_on_followup:
         scale = _followup_px_by_pixel(pose, y, x)
         area_px, sigma_px = area_px * scale, sigma_px * np.sqrt(scale)
@@ -86,7 +86,7 @@ def list_changes(
     )
 
 
-def places_in_both(
+def _places_in_both(
     compared: Comparison, pose: DistortedPose, y: FloatArray, x: FloatArray
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
     """Places ``(y, x)`` of the grid's pixels in the follow-up, and in the reference."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-CHANGES_SCHEMA: Final = "standoff.changes/1"
+_CHANGES_SCHEMA: Final = "standoff.changes/1"
 
 KernelOrigin = Literal["calibrated", "pair", "both"]
 """Where the blur between two photographs is known from: psf.json, themselves, or both."""
@@ -148,7 +148,7 @@ class ChangeSummary(ResultsDocument):
         Sentences on what makes the changes doubtful.
     """
 
-    schema_name: Literal["standoff.changes/1"] = Field(default=CHANGES_SCHEMA, alias="schema")
+    schema_name: Literal["standoff.changes/1"] = Field(default=_CHANGES_SCHEMA, alias="schema")
     reference: str = ""
     followup: str = ""
     homography: tuple[_Row3, _Row3, _Row3]

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FollowupGrid:
+class _FollowupGrid:
     """Brings images of a comparison to the follow-up's pixels.
 
     ``positions``: of the follow-up's pixels on the comparison's grid; None if they are the same.
@@ -64,7 +64,7 @@ class FollowupGrid:
     followup_px: float
 
     @classmethod
-    def of(cls, compared: Comparison, pose: DistortedPose) -> "FollowupGrid":
+    def of(cls, compared: Comparison, pose: DistortedPose) -> "_FollowupGrid":
         """Find where the pixels of both lie."""
         if compared.is_on_followup:
             return cls(positions=None, valid=compared.valid, followup_px=1.0)
@@ -328,7 +328,7 @@ def find_changes(
     aligned = _aligned(reference, followup, psf, options)
     pose, options = aligned.pose, replace(options, colours=aligned.given.colours)
     compared = compare(*aligned.given.photographs, psf, pose, options, aligned.blur)
-    grid = FollowupGrid.of(compared, pose)
+    grid = _FollowupGrid.of(compared, pose)
     detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
         grid.brought, (compared.difference_dn, compared.plain_difference_dn, compared.sd_dn)
@@ -446,7 +446,7 @@ class _Detected:
 
     @classmethod
     def of(
-        cls, compared: Comparison, grid: FollowupGrid, pose: DistortedPose, options: ChangeOptions
+        cls, compared: Comparison, grid: _FollowupGrid, pose: DistortedPose, options: ChangeOptions
     ) -> "_Detected":
         """Look for changes at all widths."""
         compared_px = int(np.count_nonzero(grid.valid))

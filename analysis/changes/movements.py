@@ -120,7 +120,7 @@ _TRIMMED, _LEAST_TRIMMED = 0.7, 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointShift:
+class _JointShift:
     """One shift, and which of the changes it explains."""
 
     shift: Shift
@@ -148,10 +148,10 @@ class _Chi2:
         return np.where(self.values > 0, share, -1.0)
 
 
-class JointTrial(Trial):
+class _JointTrial(Trial):
     """Several changes, the strongest first."""
 
-    def joint_shift(self, ways: IntArray, member: IntArray) -> "JointShift | None":
+    def joint_shift(self, ways: IntArray, member: IntArray) -> "_JointShift | None":
         """Find one shift of several changes; each pixel came from a changed place or went to one.
 
         ``member`` numbers the change of each pixel that was given.
@@ -180,7 +180,7 @@ class JointTrial(Trial):
         if gain <= 0 or share < LEAST_SHARES[2]:
             return None
         shift = self.explained(replace(fit, share=share, gain=gain))
-        return JointShift(shift=shift, members=np.flatnonzero(kept))
+        return _JointShift(shift=shift, members=np.flatnonzero(kept))
 
     def even_shift(self, ways: IntArray, member: IntArray) -> Shift | None:
         """Find the shift of an even thing, which arrived at one change and has left the other.
@@ -319,7 +319,7 @@ _CHANGED_TOO, _LEAST_CHANGED = 0.3, 6
 _MARGIN_PX = 12
 
 
-def is_seen_twice(
+def _is_seen_twice(
     images: Images,
     changed: BoolArray,
     places: tuple[IntArray, IntArray],
@@ -451,7 +451,7 @@ def find_movements(images: Images, regions: Sequence[ChangedRegion]) -> tuple[Mo
     found = {
         index: shift
         for index, shift in found.items()
-        if is_seen_twice(
+        if _is_seen_twice(
             images, changed, (regions[index].rows, regions[index].cols), shift.displacement_px
         )
     }
@@ -509,7 +509,7 @@ def _add_joint(
         rows = np.concatenate([regions[one].rows for one in group])
         cols = np.concatenate([regions[one].cols for one in group])
         member = np.repeat(np.arange(len(group)), [len(regions[one].rows) for one in group])
-        joint = JointTrial(images, rows, cols, _FAR_PX).joint_shift(ways, member)
+        joint = _JointTrial(images, rows, cols, _FAR_PX).joint_shift(ways, member)
         if joint is not None:
             groups.append([group[one] for one in joint.members.tolist()])
             found |= dict.fromkeys(groups[-1], joint.shift)
@@ -539,7 +539,7 @@ def _add_even(
             its = regions[other]
             rows, cols = np.append(region.rows, its.rows), np.append(region.cols, its.cols)
             member = np.repeat([0, 1], [len(region.rows), len(its.rows)])
-            shift = JointTrial(images, rows, cols, _FAR_PX).even_shift(ways, member)
+            shift = _JointTrial(images, rows, cols, _FAR_PX).even_shift(ways, member)
             if shift is not None:
                 found |= {index: shift, other: shift}
                 pairs.append((index, other))
@@ -636,7 +636,7 @@ def _movement(
     rows = np.concatenate([regions[one].rows for one in members])
     cols = np.concatenate([regions[one].cols for one in members])
     reach = float(np.linalg.norm(shift.displacement_px)) + 1
-    refined = JointTrial(images, rows, cols, reach).refined(shift.displacement_px)
+    refined = _JointTrial(images, rows, cols, reach).refined(shift.displacement_px)
     best = shift if refined is None else refined
     y, x = best.displacement_px.tolist()
     return Movement(

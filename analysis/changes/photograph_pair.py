@@ -56,10 +56,10 @@ def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
     ``image_dn``: shape ``(rows, cols)``. ``white_level_dn``: level at which the photograph is
     clipped, if it is known; a plateau counts anyway.
     """
-    return clipped_at_white(image_dn, white_level_dn) | clipped_at_black(image_dn)
+    return clipped_at_white(image_dn, white_level_dn) | _clipped_at_black(image_dn)
 
 
-def clipped_at_black(image_dn: FloatImage) -> BoolArray:
+def _clipped_at_black(image_dn: FloatImage) -> BoolArray:
     """Mark pixels on a plateau at the lowest level, or at 0.
 
     Of those whose light is missing no more than noise where they are single, only the ones amid
@@ -199,7 +199,7 @@ class PhotographPair:
             images.append(levels)
             variances.append(known)
             usable.append(finite)
-            ends.append((clipped_at_black(levels), clipped))
+            ends.append((_clipped_at_black(levels), clipped))
         for own, left_out in zip(
             usable, (options.reference_left_out, options.left_out), strict=True
         ):
@@ -249,7 +249,7 @@ class PhotographPair:
             levels = np.where(np.isfinite(levels), levels, np.float32(0))
             images.append(levels)
             ends.append(
-                (_mostly(clipped_at_black(levels)), _mostly(clipped_at_white(levels, white)))
+                (_mostly(_clipped_at_black(levels)), _mostly(clipped_at_white(levels, white)))
             )
             step_dn2 = rounding_variance(levels) if known is None else known[..., number]
             steps.append(_drawn_variance(levels) if self.is_drawn else step_dn2)
@@ -447,7 +447,7 @@ def _mostly(mask: BoolArray) -> BoolArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OneView:
+class _OneView:
     """The pose of two photographs of one view, and how much blurrier one is."""
 
     pose: DistortedPose
@@ -475,7 +475,7 @@ def one_view(
     followup: AnyArray,
     options: ChangeOptions,
     shift_px: tuple[int, int] = (0, 0),
-) -> OneView | None:
+) -> _OneView | None:
     """Return the pose of one view, if the photographs are such; None if they are to be aligned.
 
     A camera that stood still is not to be aligned: the errors of that would be the only ones.
@@ -492,12 +492,12 @@ def one_view(
         return None
     if not apart_px <= max(_MOST_PX, _SURELY * err_px):
         return None
-    return OneView(pose=pose, blur=found)
+    return _OneView(pose=pose, blur=found)
 
 
 def view_rather(
     reference: AnyArray, followup: AnyArray, options: ChangeOptions, pose: DistortedPose
-) -> OneView | None:
+) -> _OneView | None:
     """Return the pose of one view, if the photographs agree better at it than as registered.
 
     Where next to nothing is seen, registration may be far off. A drawing of which each line was
@@ -514,7 +514,7 @@ def view_rather(
             continue
         blur = _blur_at(reference, followup, options, shifted)
         if blur is not None:
-            return OneView(pose=shifted, blur=blur)
+            return _OneView(pose=shifted, blur=blur)
     return None
 
 

@@ -292,7 +292,7 @@ through a lens of f/8), in four times the time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Unexplained:
+class _Unexplained:
     """The difference that remains without any noise.
 
     ``difference_dn``: behind the narrowest filter, on the part of the follow-up that was compared;
@@ -314,7 +314,7 @@ class Unexplained:
 
 def unexplained(
     reference_dn: FloatArray, followup_dn: FloatArray, matrix: FloatArray, smoothing: Smoothing
-) -> Unexplained:
+) -> _Unexplained:
     """Match two photographs of one scene as a comparison does, and return what is left.
 
     ``reference_dn, followup_dn``: without noise, shape ``(rows, cols)``; the follow-up is the
@@ -341,7 +341,7 @@ def unexplained(
     fit = fit_pair(seen, target, terms, told, None, FitRules(smoothing_px=smoothing.target_px))
     difference = np.where(valid, fit.model.difference(seen, target), 0.0)
     rows, cols = (np.flatnonzero(valid.any(axis=axis)) for axis in (1, 0))
-    return Unexplained(
+    return _Unexplained(
         difference_dn=difference[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1],
         typical_dn2=float(np.median(terms.variance(fit.sizes)[valid])),
     )

@@ -107,7 +107,7 @@ def _of_sign(significance: FloatImage, threshold_sd: float, sign: float) -> list
     return regions
 
 
-def connected_colours(
+def _connected_colours(
     vectors: Float32Array, significance: FloatImage, threshold_sd: float
 ) -> list[Region]:
     """Find the connected regions of one change of colour beyond a threshold.
@@ -196,7 +196,7 @@ class _Standing:
     def regions(self, threshold_sd: float) -> list[Region]:
         if self.vectors is None:
             return connected_regions(self.significance, threshold_sd)
-        return connected_colours(self.vectors, self.significance, threshold_sd)
+        return _connected_colours(self.vectors, self.significance, threshold_sd)
 
     def height_of(self, found: "LinkedRegion", place: tuple[int, int]) -> float:
         """Significance there in the direction of a change."""

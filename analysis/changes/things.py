@@ -119,7 +119,7 @@ def moved_apart(
         )
         for region in regions[:_MOST_TRIED]
     ]
-    movements = find_movements(images_of(compared), tried) if tried else ()
+    movements = find_movements(_images_of(compared), tried) if tried else ()
     explained = {index for movement in movements for index in movement.regions}
     moved = [
         Entry(
@@ -138,7 +138,7 @@ def moved_apart(
     )
 
 
-def images_of(compared: Comparison) -> Images:
+def _images_of(compared: Comparison) -> Images:
     """Both photographs in the levels that were matched."""
     scale = compared.matched_scale
     difference, sd = (
@@ -239,7 +239,7 @@ def as_things(
     entries = [*apart.shifted, *apart.found]
     if not entries:
         return apart
-    images = images_of(compared)
+    images = _images_of(compared)
     view = _View.of(images)
     in_colour = None
     if colours is not None and compared.colours is not None:

@@ -231,7 +231,7 @@ def _spot(pixels: FloatArray, shape: FloatArray, slopes: FloatArray) -> None:
 
 
 @compiled()
-def fit_spot_cost(pixels: FloatArray, shape: FloatArray) -> float:
+def _fit_spot_cost(pixels: FloatArray, shape: FloatArray) -> float:
     """Sum of squares that the best elliptic Gaussian leaves of the difference.
 
     ``shape``: height, centre and the Cholesky root of the inverse covariance to start from,
@@ -417,7 +417,7 @@ class Trial:
         yy, xx, yx = weight @ (y * y) + pixel, weight @ (x * x) + pixel, weight @ (y * x)
         root = np.linalg.cholesky(np.linalg.inv(np.array([[yy, yx], [yx, xx]])))
         start = np.array([1.0, centre_y, centre_x, root[0, 0], root[1, 0], root[1, 1]])
-        return self._norm * float(fit_spot_cost(pixels, start))
+        return self._norm * float(_fit_spot_cost(pixels, start))
 
     def shift(self, ways: IntArray, starts: int) -> Shift | None:
         """Find the shift that explains the change best, from the best of whole ways.

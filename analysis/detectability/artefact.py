@@ -286,7 +286,7 @@ def _correlated(around: FloatArray, inside: FloatArray, size: int) -> FloatArray
     return np.asarray(irfft2(spectrum, shape)[:size, :size])
 
 
-CHANNELS = 6
+_CHANNELS = 6
 """Laguerre-Gauss channels; Gallas and Barrett 2003 find 5 to 10 enough for Gaussian signals."""
 
 
@@ -317,7 +317,7 @@ def observer_templates(
             case "hotelling":
                 templates[observer] = covariance.solved(signal)
             case "cho":
-                channels = laguerre_gauss_channels(signal, CHANNELS)
+                channels = _laguerre_gauss_channels(signal, _CHANNELS)
                 spread = covariance.times(channels.T.reshape(-1, *signal.shape))
                 inner = channels.T @ spread.reshape(channels.shape[1], -1).T
                 through = np.linalg.solve(inner, channels.T @ signal.ravel())
@@ -327,7 +327,7 @@ def observer_templates(
     return templates
 
 
-def laguerre_gauss_channels(signal: FloatArray, count: int) -> FloatArray:
+def _laguerre_gauss_channels(signal: FloatArray, count: int) -> FloatArray:
     """Rotationally symmetric channels around a signal's centre, as wide as it, orthonormal.
 
     ``signal``: shape (n, n). Centre and width are the moments of its squared levels. Returns

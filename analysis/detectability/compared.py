@@ -55,7 +55,7 @@ _OFF_PX2 = 1 / 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SeenSpot:
+class _SeenSpot:
     """A change as a photograph shows it: the Gaussian spot that stands as high behind filters.
 
     ``sigma_px`` is in the photograph's pixels, ``peak`` that of a change of contrast 1.
@@ -75,7 +75,7 @@ class ComparedChange:
 
     filters: ExpectedFilters
     heights: tuple[float, ...]
-    spot: SeenSpot | None
+    spot: _SeenSpot | None
 
 
 def scene_residual(
@@ -199,7 +199,7 @@ def _slopes(
 
 
 def _spot_height(
-    filters: ExpectedFilters, width: FilterWidth, spot: SeenSpot, more_px2: float = 0.0
+    filters: ExpectedFilters, width: FilterWidth, spot: _SeenSpot, more_px2: float = 0.0
 ) -> float:
     """Height behind a filter of a spot whose variance a blur has raised."""
     sigma_px2 = spot.sigma_px**2 + more_px2
@@ -261,7 +261,7 @@ class _Frame:
         scene = signal.image(self.side_px, offset_px)
         return np.asarray(self.pair.followup.apply(scene), dtype=np.float64)
 
-    def spot(self, image: FloatArray, total_zoom: float) -> SeenSpot:
+    def spot(self, image: FloatArray, total_zoom: float) -> _SeenSpot:
         """The spot ``peak sigma^2 / (sigma^2 + w^2)`` high behind widths w, as an image's middle.
 
         ``total_zoom`` is that from c to the image.
@@ -276,7 +276,7 @@ class _Frame:
         (first, second), (narrow, wide) = inverse, _PROBES_PX
         slope = (second - first) / (wide**2 - narrow**2)
         start = first - slope * narrow**2
-        return SeenSpot(sigma_px=sqrt(max(start / slope, _LEAST_PX2)), peak=1 / start)
+        return _SeenSpot(sigma_px=sqrt(max(start / slope, _LEAST_PX2)), peak=1 / start)
 
 
 def _smoothed(image: FloatArray, width_px: float) -> FloatArray:

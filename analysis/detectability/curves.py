@@ -164,7 +164,7 @@ class CurveUncertainty(StoredValues):
             variances["psf"] = (slopes.psf_per_px2 * known.whole_psf_err_px2) ** 2
         if known.noise_relative_err is not None:
             variances["noise"] = (slopes.noise * known.noise_relative_err) ** 2
-        spreads: dict[Source, Spread] = {}
+        spreads: dict[Source, _Spread] = {}
         if known.widened_scatter_px2:
             spreads["focus"] = focus_spread(slopes, known.widened_scatter_px2)
         if known.registration_err_px:
@@ -181,7 +181,7 @@ class BudgetShare(StoredValues):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Spread:
+class _Spread:
     """A distribution of additions to ln d', as values and their probabilities, shape (n,)."""
 
     values: FloatArray
@@ -193,14 +193,14 @@ class Spread:
         mean = float(self.weights @ self.values)
         return max(float(self.weights @ (self.values - mean) ** 2), 0.0)
 
-    def plus(self, other: "Spread") -> "Spread":
+    def plus(self, other: "_Spread") -> "_Spread":
         """Sum of two independent additions."""
-        return Spread(
+        return _Spread(
             values=np.add.outer(self.values, other.values).ravel(),
             weights=np.outer(self.weights, other.weights).ravel(),
         ).compressed()
 
-    def compressed(self) -> "Spread":
+    def compressed(self) -> "_Spread":
         """The same distribution as the means of few parts of equal probability."""
         if len(self.values) <= _PARTS:
             return self
@@ -210,7 +210,7 @@ class Spread:
         shares = np.bincount(part, weights, minlength=_PARTS)
         sums = np.bincount(part, weights * self.values[order], minlength=_PARTS)
         is_met = shares > 0
-        return Spread(
+        return _Spread(
             values=np.asarray(sums[is_met] / shares[is_met], np.float64),
             weights=np.asarray(shares[is_met], np.float64),
         )
@@ -221,7 +221,7 @@ class DPrimeErrors:
     """Errors of ln d': variances of those that are normal, and distributions of the others."""
 
     variances: dict[Source, float]
-    spreads: dict[Source, Spread] = field(default_factory=dict)
+    spreads: dict[Source, _Spread] = field(default_factory=dict)
 
     @classmethod
     def of_interval(cls, low: float, d_prime: float, high: float) -> Self:
@@ -279,9 +279,9 @@ class DPrimeErrors:
         return sqrt(sum(self.variances.values()))
 
     @property
-    def _spread(self) -> Spread:
+    def _spread(self) -> _Spread:
         return reduce(
-            Spread.plus, self.spreads.values(), Spread(values=np.zeros(1), weights=np.ones(1))
+            _Spread.plus, self.spreads.values(), _Spread(values=np.zeros(1), weights=np.ones(1))
         )
 
     def _below(self, addition: float) -> float:
@@ -292,7 +292,7 @@ class DPrimeErrors:
         return float(spread.weights @ ndtr((addition - spread.values) / err))
 
 
-def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> Spread:
+def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> _Spread:
     """What two photographs, each with a focus of its own, make of ln d'.
 
     ``scatter_px2``: standard deviation of the variance that focus adds, from capture to capture.
@@ -307,20 +307,22 @@ def focus_spread(slopes: DPrimeSlopes, scatter_px2: float) -> Spread:
         + 2 * slopes.both_per_px4 * f * r
     )
     values = slopes.signal_per_px2 * f - 0.5 * np.log(np.maximum(power, _LEAST_POWER))
-    return Spread(values=values.ravel(), weights=np.full(values.size, 1 / values.size)).compressed()
+    return _Spread(
+        values=values.ravel(), weights=np.full(values.size, 1 / values.size)
+    ).compressed()
 
 
-def registration_spread(share: float) -> Spread:
+def registration_spread(share: float) -> _Spread:
     """What a registration error makes of ln d'.
 
     ``share`` is what its mean square adds to the variance of the decision, over that. Half the sum
     of the squares along both axes is exponentially distributed.
     """
     values = -0.5 * np.log1p(max(share, 0.0) * _EXPONENTIAL)
-    return Spread(values=values, weights=np.full(values.size, 1 / values.size))
+    return _Spread(values=values, weights=np.full(values.size, 1 / values.size))
 
 
-CURVES_SCHEMA: Final = "standoff.detectability/1"
+_CURVES_SCHEMA: Final = "standoff.detectability/1"
 
 _ENOUGH = 0.1
 """Half of an interval of d', over d', that is narrow enough."""
@@ -540,7 +542,7 @@ class DetectabilityCurves(ResultsDocument):
     less than 10 % (95 %), None where those there are do.
     """
 
-    schema_name: Literal["standoff.detectability/1"] = Field(default=CURVES_SCHEMA, alias="schema")
+    schema_name: Literal["standoff.detectability/1"] = Field(default=_CURVES_SCHEMA, alias="schema")
     note: str = _NOTE
     images: int | None = None
     reference_zoom: float | None = None

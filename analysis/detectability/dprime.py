@@ -56,7 +56,7 @@ _FOCUS_STEP_PX2 = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ArtefactResponse:
+class _ArtefactResponse:
     """Lagged products of the artefact with what errors add to it, shape (2 n - 1, 2 n - 1) each.
 
     ``own``: of the artefact a with itself. ``with_psf, with_followup, with_reference``: of a with
@@ -78,7 +78,7 @@ class ArtefactResponse:
     pixels: float
 
     @classmethod
-    def joined(cls, parts: Sequence["ArtefactResponse"]) -> Self:
+    def joined(cls, parts: Sequence["_ArtefactResponse"]) -> Self:
         """Sum over photographs."""
         return cls(
             **{
@@ -98,7 +98,7 @@ class ArtefactResponse:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class SignalResponse:
+class _SignalResponse:
     """Change of a signal per px^2 of variance, in the window: of the PSF, of the follow-up's focus.
 
     Shape (n, n) each; the reference does not show the signal.
@@ -132,11 +132,11 @@ class DPrimeSlopes:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class CaptureResponse:
+class _CaptureResponse:
     """What errors do at one zoom: to the artefact, and to the signal at each of its positions."""
 
-    artefact: ArtefactResponse
-    signals: tuple[SignalResponse, ...]
+    artefact: _ArtefactResponse
+    signals: tuple[_SignalResponse, ...]
 
     def slopes(
         self, template: FloatArray, place: int, change: LocalChange, noise_dn2: float, whole: float
@@ -170,7 +170,7 @@ class CaptureResponse:
         )
 
 
-def mean_slopes(slopes: Sequence[DPrimeSlopes]) -> DPrimeSlopes:
+def _mean_slopes(slopes: Sequence[DPrimeSlopes]) -> DPrimeSlopes:
     """Mean over positions of the signal."""
     return DPrimeSlopes(
         **{
@@ -186,13 +186,13 @@ def capture_response(
     scenario: Scenario,
     model: Model,
     zoom: float,
-) -> CaptureResponse:
+) -> _CaptureResponse:
     """Measure what errors do to the artefact of a few photographs, and to a signal."""
     scenario = replace(scenario, psf=gaussian_psf(scenario.psf))
     own = [_artefact_response(scene, scenario, model, zoom) for scene in scenes_dn]
     placed = placed_signal(signal, scenario, model, zoom)
-    return CaptureResponse(
-        artefact=ArtefactResponse.joined(own),
+    return _CaptureResponse(
+        artefact=_ArtefactResponse.joined(own),
         signals=_signal_responses(placed, scenario, model, zoom),
     )
 
@@ -208,7 +208,7 @@ def response_scenes(scenes_dn: Sequence[FloatArray]) -> list[FloatArray]:
 
 def _artefact_response(
     scene_dn: FloatArray, scenario: Scenario, model: Model, zoom: float
-) -> ArtefactResponse:
+) -> _ArtefactResponse:
     shape = scene_dn.shape[0], scene_dn.shape[1]
     pair = compared_pair(shape, scenario.psf, model, zoom, scenario.reference_zoom)
     reference = pair.reference_of(scene_dn)
@@ -226,7 +226,7 @@ def _artefact_response(
     def products(first: FloatArray, second: FloatArray) -> FloatArray:
         return lagged_products(first, second, window_px)
 
-    return ArtefactResponse(
+    return _ArtefactResponse(
         own=products(own, own),
         with_psf=products(own, by_psf),
         with_followup=products(own, by_followup),
@@ -241,7 +241,7 @@ def _artefact_response(
 
 def _signal_responses(
     placed: PlacedSignal, scenario: Scenario, model: Model, zoom: float
-) -> tuple[SignalResponse, ...]:
+) -> tuple[_SignalResponse, ...]:
     softer, pair = softer_psf(scenario.psf), placed.pair
     changed = pair
     if softer is not None:
@@ -250,7 +250,7 @@ def _signal_responses(
     for scene, window in placed.scenes():
         by_psf = (changed.aligned_of(scene) - pair.aligned_of(scene)) / PSF_STEP_PX2
         found.append(
-            SignalResponse(
+            _SignalResponse(
                 by_psf=by_psf[window], by_followup=_blurred_followup(pair, scene)[window]
             )
         )
@@ -331,7 +331,7 @@ def d_primes(
     observers: tuple[Observer, ...] = OBSERVERS,
     *,
     seed: int = 0,
-    response: CaptureResponse | None = None,
+    response: _CaptureResponse | None = None,
 ) -> dict[Observer, DPrime]:
     """Detectability index of a signal of contrast 1, analytic in the noise.
 
@@ -370,7 +370,7 @@ def d_primes(
             low=low,
             high=high,
             scene_err=scene_error(replicated[name], len(artefact.pixels)),
-            slopes=mean_slopes(slopes[name]) if slopes[name] else None,
+            slopes=_mean_slopes(slopes[name]) if slopes[name] else None,
         )
     return found
 

@@ -24,14 +24,14 @@ MODEL_COLOURS: dict[str, str] = {
 }
 """From Okabe and Ito's palette, which colour-blind readers can distinguish."""
 
-OBSERVER_NAMES = {
+_OBSERVER_NAMES = {
     "npw": "non-prewhitening",
     "hotelling": "Hotelling",
     "cho": "channelised Hotelling",
     "changes": "comparison (standoff changes)",
     "detector": "your own detector",
 }
-_OBSERVERS = tuple(OBSERVER_NAMES)
+_OBSERVERS = tuple(_OBSERVER_NAMES)
 _STYLES: Final[tuple[Literal["-", "--", ":", "-."], ...]] = ("-", "--", ":", "-.")
 _WIDTHS = {"paper": 3.2, "lmmse": 2.2}
 """Models whose curves nearly coincide with that of ``matched`` show beneath it."""
@@ -115,7 +115,7 @@ def curves_figure(
             style = _STYLES[values.index(float(getattr(curve, varied))) % len(_STYLES)]
             line = draw_curve(axes, curve, colour)
             line.set(linestyle=style, linewidth=width, zorder=3 - width / 4)
-        axes.set(title=OBSERVER_NAMES[observer], xlabel="zoom-out z (ratio of the distances)")
+        axes.set(title=_OBSERVER_NAMES[observer], xlabel="zoom-out z (ratio of the distances)")
         axes.set_ylim(bottom=0)
     panels[0].set_ylabel("detectability d′ (upper bound)")
     handles = [

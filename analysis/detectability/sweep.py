@@ -249,7 +249,7 @@ def sums_bytes(sums: SummedPhotographs, kept: KeptPhotographs) -> bytes:
     return _digest(whole) + whole
 
 
-def joined_files(files: Sequence[SumsFile]) -> bytes:
+def _joined_files(files: Sequence[SumsFile]) -> bytes:
     """Return the file of several files of one group together."""
     sums, kept = SummedPhotographs(), [file.photographs() for file in files]
     for file in files:
@@ -385,7 +385,7 @@ class ArtefactWork(ShardWork):
 
     def finder(self, manifest: Manifest) -> Finder:
         """See `ShardWork.finder`: whatever files of sums hold, however they were cut."""
-        kept = KeptSums(manifest, self.folder, self.key_hash)
+        kept = _KeptSums(manifest, self.folder, self.key_hash)
 
         def find(shard: Shard) -> tuple[ShardDone | None, Shard | None]:
             done, left = kept.of(shard)
@@ -440,7 +440,7 @@ class ArtefactWork(ShardWork):
             joined(self.folder, [file for file in files if file is not None])
 
     def _file(self, key: str) -> Path:
-        return sums_path(self.folder, key)
+        return _sums_path(self.folder, key)
 
 
 _IMAGES_MOST = 1024
@@ -450,7 +450,7 @@ _SUFFIX = ".sums"
 _KEY_LETTERS = 32
 
 
-def sums_path(folder: Path, key: str) -> Path:
+def _sums_path(folder: Path, key: str) -> Path:
     """Path of the file of sums with this key."""
     return folder / (key[:_KEY_LETTERS] + _SUFFIX)
 
@@ -458,8 +458,8 @@ def sums_path(folder: Path, key: str) -> Path:
 def joined(folder: Path, files: Sequence[SumsFile]) -> SumsFile:
     """Replace files of one group by one."""
     names = sorted(file.path.name for file in files)
-    path = sums_path(folder, shard_key((), "\n".join(names)))
-    commit_file(path, joined_files(files))
+    path = _sums_path(folder, shard_key((), "\n".join(names)))
+    commit_file(path, _joined_files(files))
     for file in files:
         file.path.unlink(missing_ok=True)
     found = SumsFile.found(path)
@@ -468,7 +468,7 @@ def joined(folder: Path, files: Sequence[SumsFile]) -> SumsFile:
     return found
 
 
-class KeptSums:
+class _KeptSums:
     """The files of sums that a sweep can use, and the photographs in them.
 
     ``manifest``: the photographs of the sweep. ``folder, work``: folder of the files, and hash of
@@ -518,7 +518,7 @@ class SweepSums:
     """The sums of a finished sweep: tiles of each of few photographs, 64 groups of many."""
 
     def __init__(self, manifest: Manifest, work: "ArtefactWork") -> None:
-        kept = KeptSums(manifest, work.folder, work.key_hash)
+        kept = _KeptSums(manifest, work.folder, work.key_hash)
         if len(kept) < len(manifest):
             raise AnalysisError(
                 f"sums in {work.folder} vanished or were damaged; run the same command again"

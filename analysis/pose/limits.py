@@ -66,7 +66,7 @@ def local_sampling(
     depth = projection_depth(h, x, y)
     if not (np.all(depth > 0) or np.all(depth < 0)):
         raise ValueError("the horizon of the plane is within the follow-up's frame")
-    ref_x, ref_y, worst, best = sampled_places(h, x, y)
+    ref_x, ref_y, worst, best = _sampled_places(h, x, y)
     inside = (
         (ref_x >= -0.5)
         & (ref_x <= reference_size[0] - 0.5)
@@ -80,7 +80,7 @@ def local_sampling(
     )
 
 
-def sampled_places(
+def _sampled_places(
     matrix: FloatArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Reference coordinates of follow-up points, and the zoom there: worst and best direction.
@@ -305,7 +305,9 @@ def _worst_zooms(matrices: FloatArray, size: tuple[int, int]) -> FloatArray:
     # Parallel borders cross nowhere, and a place may lie in the reference camera's own plane.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         places = places / places[..., 2:]
-        seen_x, seen_y, zooms, _ = sampled_places(matrices[:, None], places[..., 0], places[..., 1])
+        seen_x, seen_y, zooms, _ = _sampled_places(
+            matrices[:, None], places[..., 0], places[..., 1]
+        )
     seen = np.stack([seen_x, seen_y], axis=-1)
     is_corner = _is_within(places, followup) & _is_within(seen, reference)
     worst = np.where(is_corner, zooms, -np.inf).max(axis=1)

@@ -416,7 +416,7 @@ def read_pose(path: FilePath) -> PoseSummary:
         raise ResultsFileError(f"{error}; {what}", source=source, key=error.key) from error
 
 
-POSE_SERIES_SCHEMA: Final = "standoff.pose-summary/1"
+_POSE_SERIES_SCHEMA: Final = "standoff.pose-summary/1"
 
 
 class JudgedFollowup(StoredValues):
@@ -466,7 +466,7 @@ class PoseSeries(ResultsDocument):
     """
 
     schema_name: Literal["standoff.pose-summary/1"] = Field(
-        default=POSE_SERIES_SCHEMA, alias="schema"
+        default=_POSE_SERIES_SCHEMA, alias="schema"
     )
     reference: str
     criterion: Criterion

@@ -30,8 +30,8 @@ Bytes = NDArray[np.uint8]
 LONGEST_SIDE_PX = 1600
 """Of a picture in the page; larger photographs are averaged down. 12 MP would be 9 MB a page."""
 
-DIVERGING = "RdBu_r"
-NOT_COMPARED, CLIPPED, LEFT_OUT = "#6b7280", "#e69f00", "#8e44ad"
+_DIVERGING = "RdBu_r"
+_NOT_COMPARED, CLIPPED, _LEFT_OUT = "#6b7280", "#e69f00", "#8e44ad"
 
 _DISPLAY_GAMMA = 2.2
 _ENDS_PERCENT = (0.2, 99.8)
@@ -54,7 +54,7 @@ class ColourPair:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ComparedPictures:
+class _ComparedPictures:
     """Pictures of one size, which may be smaller than the follow-up, as bytes of files.
 
     ``before, after, difference``: JPEG: the reference brought onto the follow-up's pixels and into
@@ -76,7 +76,7 @@ def compared_pictures(
     found: ChangeResult,
     left_out: BoolArray | None,
     colours: ColourPair | None = None,
-) -> ComparedPictures:
+) -> _ComparedPictures:
     """Draw the pictures of a comparison.
 
     Grey levels are stretched between their ends, and those of the reference get the follow-up's
@@ -91,7 +91,7 @@ def compared_pictures(
     )
     reach_dn = _reach_dn(found)
     difference_dn = _smaller(np.where(found.valid, found.difference_dn, np.float32(0)))
-    return ComparedPictures(
+    return _ComparedPictures(
         before=before,
         after=after,
         difference=_jpeg(_coloured(0.5 + difference_dn / (2 * reach_dn))),
@@ -185,7 +185,7 @@ def _displayed(image_dn: FloatImage, low: float, high: float) -> Bytes:
 
 
 def _coloured(shade: FloatImage) -> Bytes:
-    rgb = np.asarray(mpl.colormaps[DIVERGING](np.clip(shade, 0.0, 1.0), bytes=True))[..., :3]
+    rgb = np.asarray(mpl.colormaps[_DIVERGING](np.clip(shade, 0.0, 1.0), bytes=True))[..., :3]
     return np.ascontiguousarray(rgb[..., ::-1], dtype=np.uint8)  # OpenCV's order
 
 
@@ -194,12 +194,12 @@ def _masks(found: ChangeResult, left_out: BoolArray | None) -> Bytes:
     rows, cols = found.valid.shape
     across = np.add.outer(np.arange(rows), np.arange(cols)) % _HATCH_PX < _HATCH_PX / 3
     picture = np.zeros((rows, cols, 4), dtype=np.uint8)
-    picture[~found.valid] = _rgba(NOT_COMPARED, 50)
-    picture[~found.valid & across] = _rgba(NOT_COMPARED, 150)
+    picture[~found.valid] = _rgba(_NOT_COMPARED, 50)
+    picture[~found.valid & across] = _rgba(_NOT_COMPARED, 150)
     picture[found.masks.clipped | found.masks.reference_clipped] = _rgba(CLIPPED, 190)
     if left_out is not None:
-        picture[left_out] = _rgba(LEFT_OUT, 120)
-        picture[left_out & across] = _rgba(LEFT_OUT, 200)
+        picture[left_out] = _rgba(_LEFT_OUT, 120)
+        picture[left_out & across] = _rgba(_LEFT_OUT, 200)
     step = _step(picture.shape)
     return np.ascontiguousarray(picture[::step, ::step][..., [2, 1, 0, 3]])
 
@@ -267,7 +267,7 @@ def limit_figure(found: ChangeResult) -> ReportFigure | None:
     width_in = 6.0
     figure = new_figure(width_in, 0.3 + (width_in - 1.0) * rows / cols)
     axes = figure.subplots()
-    axes.set_facecolor(NOT_COMPARED)
+    axes.set_facecolor(_NOT_COMPARED)
     image = axes.imshow(
         drawn,
         cmap="cividis",
@@ -288,7 +288,7 @@ def limit_figure(found: ChangeResult) -> ReportFigure | None:
     return ReportFigure.of(figure, caption, form="png")
 
 
-BRIGHTER, DARKER, MOVED = "#d55e00", "#0072b2", "#009e73"
+_BRIGHTER, _DARKER, MOVED = "#d55e00", "#0072b2", "#009e73"
 
 _PRINTED_WIDTH_IN = 2.38  # three side by side on A4
 _RING_SHARE = 1 / 70  # of the frame's width: the least radius of a ring that is seen
@@ -297,7 +297,7 @@ _MOST_MARKED = 200
 
 
 def view_figures(
-    pictures: ComparedPictures,
+    pictures: _ComparedPictures,
     changes: Sequence[Change],
     size: tuple[int, int],
     moved: Sequence[Change] = (),
@@ -360,7 +360,7 @@ def _moved_mark(change: Change, width: int) -> str:
 def _mark(number: int, change: Change, width: int) -> str:
     radius = _radius_px(change, width)
     text_px = width * _TEXT_SHARE
-    colour = BRIGHTER if change.amplitude_dn > 0 else DARKER
+    colour = _BRIGHTER if change.amplitude_dn > 0 else _DARKER
     # Above the ring, or below it where the frame ends.
     rise = radius + 0.25 * text_px
     text_y = change.y_px + (-rise if change.y_px > 2 * rise else rise + 0.7 * text_px)

@@ -145,12 +145,12 @@ def _time_line_section(line: ChangeTimeLine, reference_dn: AnyArray | None) -> R
         return ReportSection(title="Time line", text=("No follow-up has a change.",))
     figures = [
         ReportFigure.of(
-            plot_time_line(line),
+            _plot_time_line(line),
             f"Amplitude of the {min(len(line.tracks), _TRACKS_DRAWN)} tracks seen most often, "
             "with 95 % bars; triangles are limits where a track is not seen.",
         ),
         ReportFigure.of(
-            plot_sightings(line),
+            _plot_sightings(line),
             "Where each track was seen (orange), not seen (grey) or not compared (white).",
         ),
     ]
@@ -211,7 +211,7 @@ def _short(one: TimeLineFollowup) -> str:
 
 
 @in_report_style
-def plot_time_line(line: ChangeTimeLine) -> Figure:
+def _plot_time_line(line: ChangeTimeLine) -> Figure:
     """Draw the amplitudes of the first tracks over the follow-ups."""
     figure = new_figure(7.2, 4.0)
     axes = figure.subplots()
@@ -250,7 +250,7 @@ def _draw_track(axes: Axes, track: ChangeTrack, beside: float, colour: str, labe
 
 
 @in_report_style
-def plot_sightings(line: ChangeTimeLine) -> Figure:
+def _plot_sightings(line: ChangeTimeLine) -> Figure:
     """Draw a row for each track and a column for each follow-up."""
     drawn = line.tracks[:_TRACKS_ON_MAP]
     codes = {"seen": 0, "not seen": 1, "not compared": 2}

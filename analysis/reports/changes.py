@@ -96,14 +96,14 @@ def _front(summary: ChangeSummary, facts: Sequence[tuple[str, str]]) -> ReportFr
 
 
 def _front_sentence(summary: ChangeSummary) -> str:
-    said = f"{comparison_sentence(summary)}."
+    said = f"{_comparison_sentence(summary)}."
     for sentence in (describe_limit(summary), describe_prediction(summary)):
         if sentence is not None:
             said += f" {sentence[0].upper()}{sentence[1:]}."
     return said
 
 
-def comparison_sentence(summary: ChangeSummary) -> str:
+def _comparison_sentence(summary: ChangeSummary) -> str:
     """Say how many pixels differ, and how many or which share chance alone makes."""
     if summary.false_discovery_rate is not None:
         return (
@@ -160,14 +160,14 @@ def changes_section(summary: ChangeSummary, views: Sequence[ReportFigure]) -> Re
             f"The first {_LISTED} of {len(summary.changes)} changes are listed; changes.csv has "
             "all."
         )
-    tables = (list_table(summary.changes),) if summary.changes else ()
+    tables = (_list_table(summary.changes),) if summary.changes else ()
     small = describe_least(summary)
     if small is not None:
         text.append(f"{small}.")
     moved = describe_moved(summary)
     if moved is not None:
         text.append(f"{moved[0].upper()}{moved[1:]}.")
-        tables = (*tables, moved_table(summary.moved))
+        tables = (*tables, _moved_table(summary.moved))
     return ReportSection(
         title="Before and after", text=tuple(text), figures=tuple(views), tables=tables,
         has_views=True,
@@ -210,7 +210,7 @@ def limit_section(limit: DetectionLimit, limit_map: ReportFigure | None) -> Repo
     )
 
 
-def list_table(changes: Sequence[Change]) -> ReportTable:
+def _list_table(changes: Sequence[Change]) -> ReportTable:
     """Tabulate changes, numbered from 1."""
     return ReportTable(
         columns=(
@@ -253,7 +253,7 @@ def _what(change: Change) -> str:
     return f"{change.what or ''}{parts}"
 
 
-def moved_table(moved: Sequence[Change]) -> ReportTable:
+def _moved_table(moved: Sequence[Change]) -> ReportTable:
     """Tabulate movements, in their order."""
     return ReportTable(
         columns=("x / px", "y / px", "moved right / px", "moved down / px", "area / px",
@@ -339,7 +339,7 @@ def stored_changes_section(
     """Show a stored changes.json, and its figure if it is there."""
     text = [
         f"{summary.followup} against {summary.reference}: {count_text(len(summary.changes))}. "
-        f"{comparison_sentence(summary)}."
+        f"{_comparison_sentence(summary)}."
     ]
     said = (describe_limit(summary), describe_prediction(summary), describe_focus(summary))
     text += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in said if sentence is not None]
@@ -355,7 +355,7 @@ def stored_changes_section(
     return ReportSection(
         title=f"Changes: {name}",
         text=tuple(text),
-        tables=(list_table(summary.changes[:_STORED_LISTED]),) if summary.changes else (),
+        tables=(_list_table(summary.changes[:_STORED_LISTED]),) if summary.changes else (),
         figures=figures,
     )
 

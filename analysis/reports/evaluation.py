@@ -33,7 +33,7 @@ from analysis.reports.page import (
     render_report,
 )
 
-plot_scores = in_report_style(score_figure)
+_plot_scores = in_report_style(score_figure)
 
 _HEADLINES_SHOWN = 6
 
@@ -81,7 +81,7 @@ def _section(scores: BenchmarkScores, track: Track) -> ReportSection:
     groups = scores.groups(track)
     figures = [
         ReportFigure.of(
-            plot_scores(scores, track, measure, [main, *parts_of(groups, main)]),
+            _plot_scores(scores, track, measure, [main, *parts_of(groups, main)]),
             "Bars are 95 % intervals over scenes; an open triangle is a value beyond what was "
             "tried.",
         )
@@ -111,15 +111,15 @@ def _report_table(table: ScoreTable) -> ReportTable:
     )
 
 
-plot_auc = in_report_style(auc_figure)
-plot_roc = in_report_style(roc_figure)
+_plot_auc = in_report_style(auc_figure)
+_plot_roc = in_report_style(roc_figure)
 
 _FAILED_SHOWN = 20
 
 
 def evaluation_figures(evaluation: Evaluation) -> tuple[Figure, Figure, Figure, Figure]:
     """Return the figures beside an evaluation.json, each for a PNG and an SVG."""
-    areas, first = plot_auc(evaluation), plot_roc(evaluation.curves[0])
+    areas, first = _plot_auc(evaluation), _plot_roc(evaluation.curves[0])
     return areas, areas, first, first
 
 
@@ -177,7 +177,7 @@ def _areas(evaluation: Evaluation) -> ReportSection:
         ),
         figures=(
             ReportFigure.of(
-                plot_auc(evaluation),
+                _plot_auc(evaluation),
                 "Bars are 95 % intervals; dashed is Hotelling's observer with the same change.",
             ),
         ),
@@ -214,7 +214,7 @@ def _curve_section(curve: EvaluationCurve) -> ReportSection:
         ),
         figures=(
             ReportFigure.of(
-                plot_roc(curve),
+                _plot_roc(curve),
                 "Changed pairs found against unchanged pairs flagged"
                 + (", and changes that a mark lies on against false marks." if curve.froc else "."),
             ),

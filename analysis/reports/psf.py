@@ -40,7 +40,7 @@ from calibration.sharpness import (
 )
 from simulation.arrays import FloatImage
 
-ImageLoader = Callable[[EdgeMeasurement], FloatImage]
+_ImageLoader = Callable[[EdgeMeasurement], FloatImage]
 
 _IMAGES_SHOWN = 4
 _EDGES_WITH_CURVES_FIRST = 5  # they fill a page; those of more edges come last
@@ -110,7 +110,7 @@ def _mtf50_verdict(name: str, edge: EdgeMeasurement, pixel_pitch_um: float | Non
 
 
 def calibration_sections(
-    psf: PsfCalibration, load_image: ImageLoader, images: frozenset[str] | None = None
+    psf: PsfCalibration, load_image: _ImageLoader, images: frozenset[str] | None = None
 ) -> tuple[ReportSection, ...]:
     """Return the sections on a PSF, except the list of edges.
 
@@ -236,7 +236,7 @@ def _channels_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
 
 
 def _edges_section(
-    psf: PsfCalibration, found: list[EdgeMeasurement], load_image: ImageLoader
+    psf: PsfCalibration, found: list[EdgeMeasurement], load_image: _ImageLoader
 ) -> ReportSection:
     missing = len(psf.edges) - len(found)
     if not found:
@@ -272,7 +272,7 @@ def _directions(edges: list[EdgeMeasurement]) -> frozenset[int]:
     return frozenset(round(edge.angle_deg / _DIRECTION_STEP_DEG) for edge in edges)
 
 
-def _profiles_section(found: list[EdgeMeasurement], load_image: ImageLoader) -> ReportSection:
+def _profiles_section(found: list[EdgeMeasurement], load_image: _ImageLoader) -> ReportSection:
     figures = []
     for orientation in ("vertical", "horizontal", "diagonal"):
         edges = [

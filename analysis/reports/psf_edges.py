@@ -47,7 +47,7 @@ _POINTS_PER_IN = 72.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EdgeLabel:
+class _EdgeLabel:
     """A text and its middle in px of the photograph."""
 
     text: str
@@ -57,14 +57,14 @@ class EdgeLabel:
 
 def placed_labels(
     edges: Sequence[EdgeMeasurement], width_px: int, height_px: int, px_per_in: float
-) -> list[EdgeLabel]:
+) -> list[_EdgeLabel]:
     """Label edges with their MTF50 in cy/px: the softest and the sharpest first, then long ones."""
     if not edges:
         return []
     ranked = sorted(edges, key=lambda edge: reported_mtf50(edge).cy_per_px)
     extremes = [ranked[0], ranked[-1]]
     others = sorted(edges, key=lambda edge: -edge.length_px)
-    placed: list[EdgeLabel] = []
+    placed: list[_EdgeLabel] = []
     boxes = np.empty((0, 2))
     labelled: set[int] = set()
     for edge in [*extremes, *others]:
@@ -77,7 +77,7 @@ def placed_labels(
                 middle <= np.array([width_px, height_px]) - 0.5 * size
             )
             if is_inside and not np.any(np.all(np.abs(boxes - middle) < size, axis=1)):
-                placed.append(EdgeLabel(text=text, x_px=float(middle[0]), y_px=float(middle[1])))
+                placed.append(_EdgeLabel(text=text, x_px=float(middle[0]), y_px=float(middle[1])))
                 boxes = np.vstack([boxes, middle])
                 labelled.add(id(edge))
                 break
@@ -92,8 +92,8 @@ def _sides(edge: EdgeMeasurement, size: FloatArray) -> list[FloatArray]:
     return [middle + away * normal, middle - away * normal]
 
 
-REJECTED_COLOUR = "#CC79A7"
-SCENE_COLOUR = "#F0E442"
+_REJECTED_COLOUR = "#CC79A7"
+_SCENE_COLOUR = "#F0E442"
 _INK = "#1b1f24"
 _AXES_IN = 0.75  # of a figure's width: ticks and labels
 _LEGEND_IN = 0.85  # of its height: the legend, too
@@ -131,9 +131,9 @@ def plot_edges(
     for edge in edges:
         is_rejected = bool(rejected & set(edge.flags))
         label: str = "not used" if is_rejected else edge.orientation
-        colour = REJECTED_COLOUR if is_rejected else ORIENTATION_COLOURS[edge.orientation]
+        colour = _REJECTED_COLOUR if is_rejected else ORIENTATION_COLOURS[edge.orientation]
         if "beside_target" in edge.flags:
-            label, colour = "beside the target", SCENE_COLOUR
+            label, colour = "beside the target", _SCENE_COLOUR
         turn = np.deg2rad(edge.angle_deg)
         reach = 0.5 * edge.length_px * np.array([np.cos(turn), np.sin(turn)])
         axes.plot(

@@ -39,7 +39,7 @@ from calibration.sharpness import (
 from simulation.arrays import FloatArray
 from simulation.psf import PsfField
 
-FEWEST_DRAWN = 6
+_FEWEST_DRAWN = 6
 """Fewer edges are told by a table, and by their labels on the photograph."""
 
 _INK = "#1b1f24"
@@ -197,7 +197,7 @@ def widths_section(psf: PsfCalibration) -> ReportSection | None:
     None for few edges at one height: their widths stand in the table.
     """
     figures = []
-    if len(psf.edges_used) >= FEWEST_DRAWN:
+    if len(psf.edges_used) >= _FEWEST_DRAWN:
         caption = "Width across each edge with its 95 % bar."
         if psf.covariance_px2 is not None:
             caption += " The curves are the fitted covariances."
@@ -268,7 +268,7 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
     except PsfFileError as error:
         return ReportSection(title="From centre to corner", text=(f"Left out: {error}.",))
     if field is None:
-        if len(psf.edges_used) < FEWEST_DRAWN:
+        if len(psf.edges_used) < _FEWEST_DRAWN:
             return None
         return ReportSection(
             title="From centre to corner",
@@ -348,7 +348,7 @@ def field_map_section(psf: PsfCalibration) -> ReportSection | None:
         for edge in psf.edges_used
         if position_in_field(edge, width, height).direction is not None
     ]
-    if len(edges) < FEWEST_DRAWN:
+    if len(edges) < _FEWEST_DRAWN:
         return None
     return ReportSection(
         title="MTF50 over the field",
@@ -494,7 +494,7 @@ def lateral_colour_section(psf: PsfCalibration) -> ReportSection | None:
     most_red = max(edges, key=lambda edge: abs(edge.red_shift_px or 0.0))
     most_blue = max(edges, key=lambda edge: abs(edge.blue_shift_px or 0.0))
     shown = [most_red] if most_red is most_blue else [most_red, most_blue]
-    if len(edges) < FEWEST_DRAWN:
+    if len(edges) < _FEWEST_DRAWN:
         return ReportSection(
             title=_COLOUR_TITLE, text=text, tables=(_shifts_table(psf, edges, ""),)
         )

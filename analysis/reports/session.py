@@ -163,7 +163,7 @@ def render_session_report(
         shown = None
         if psf is not None:
             shown = furthest_pair(session, validation, psf.best_psf(validation.psf))
-        sections.append(agreement_section(validation, shown))
+        sections.append(_agreement_section(validation, shown))
         verdicts += _agreement_verdicts(validation)
     sections += notes.comparisons
     sections += [s for s in (noise_section(session, psf), stage_section(session)) if s]
@@ -230,7 +230,7 @@ def _agreement_verdicts(validation: Validation) -> tuple[Verdict, ...]:
     )
 
 
-def agreement_section(validation: Validation, furthest: ShownPair | None) -> ReportSection:
+def _agreement_section(validation: Validation, furthest: ShownPair | None) -> ReportSection:
     """Say how well each model predicts the captured follow-ups: Table II and its figures.
 
     ``furthest`` is drawn where the PSF to simulate it with is at hand.

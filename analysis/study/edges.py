@@ -66,11 +66,11 @@ class EdgeLevels:
 
 def sigma_err_px(sigma_px: float, length_px: float, levels: EdgeLevels, frames: int) -> float:
     """Return the least standard error of the total width of one edge (Cramer and Rao)."""
-    covariance = np.linalg.inv(edge_information(sigma_px, levels))
+    covariance = np.linalg.inv(_edge_information(sigma_px, levels))
     return sigma_px * sqrt(float(covariance[_LOG_SIGMA, _LOG_SIGMA]) / (length_px * frames))
 
 
-def edge_information(sigma_px: float, levels: EdgeLevels) -> FloatArray:
+def _edge_information(sigma_px: float, levels: EdgeLevels) -> FloatArray:
     """Return the Fisher information of one px of edge in one frame.
 
     Returns of offset, curvature (px at the ends), logarithm of sigma, low and high level. The turn

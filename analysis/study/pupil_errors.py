@@ -39,7 +39,7 @@ _STEP = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CornerWindow:
+class _CornerWindow:
     """The pixels that are fitted about a corner.
 
     ``side_px``: side of a square of the board. ``clear``: distance from an edge within which only
@@ -66,8 +66,8 @@ class CornerWindow:
         return np.asarray(offsets[from_edges.min(axis=1) < near])
 
 
-def corner_err_px(
-    window: CornerWindow, sigma_px: float, levels: EdgeLevels, frames: int
+def _corner_err_px(
+    window: _CornerWindow, sigma_px: float, levels: EdgeLevels, frames: int
 ) -> float | None:
     """Return the standard error of a corner's coordinate; None if squares are too small or soft.
 
@@ -185,15 +185,15 @@ class BoardSession:
                 is_seen &= np.all(np.abs(at_px) < half_frame_px, axis=1)
         return np.asarray((corners @ turn)[is_seen])
 
-    def corner_err_px(self, capture: BoardCapture) -> float | None:
+    def _corner_err_px(self, capture: BoardCapture) -> float | None:
         """Standard error of a corner's coordinate; None if the squares are too small."""
         board = self.board
-        window = CornerWindow(
+        window = _CornerWindow(
             side_px=board.square_mm * self.focal_length_px / self.distance_mm(capture),
             clear=(1 - board.marker_mm / board.square_mm) / 2,
             angle_deg=capture.orientation_deg,
         )
-        return corner_err_px(window, self.sigma_px, self.levels, self.frames)
+        return _corner_err_px(window, self.sigma_px, self.levels, self.frames)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -50,9 +50,9 @@ Source = Literal[
     "heights read back",
 ]
 
-Lever = Literal["frames", "edges", "runs", "photographs"]
+_Lever = Literal["frames", "edges", "runs", "photographs"]
 
-LEVERS: Mapping[Source, frozenset[Lever]] = {
+_LEVERS: Mapping[Source, frozenset[_Lever]] = {
     "pixel noise of the edges": frozenset({"frames", "edges", "runs"}),
     "focus from capture to capture": frozenset({"runs"}),
     "photographs of the scene": frozenset({"photographs"}),
@@ -297,7 +297,7 @@ UNITS: dict[WantName, str] = {
     "tilt": "deg",
 }
 
-SPOKEN: dict[WantName, str] = {
+_SPOKEN: dict[WantName, str] = {
     "sigma": "sigma",
     "transfer": "the transfer at half Nyquist",
     "pupil": "the pupil offset",
@@ -305,7 +305,7 @@ SPOKEN: dict[WantName, str] = {
     "tilt": "the tilt limit",
 }
 
-_MOST: dict[Lever, int] = {"frames": 1000, "edges": 100_000, "runs": 1000, "photographs": 100_000}
+_MOST: dict[_Lever, int] = {"frames": 1000, "edges": 100_000, "runs": 1000, "photographs": 100_000}
 _HARDLY = 0.05  # of the variance
 _PHOTOGRAPH_S = 60.0
 _SLACK = 1e-9
@@ -347,9 +347,9 @@ class PlanSize:
     run_s: float
     frame_s: float
 
-    def now(self, lever: Lever) -> int:
+    def now(self, lever: _Lever) -> int:
         """Present number."""
-        known: dict[Lever, int] = {
+        known: dict[_Lever, int] = {
             "frames": self.frames,
             "edges": self.edges,
             "runs": 1,
@@ -357,7 +357,7 @@ class PlanSize:
         }
         return known[lever]
 
-    def seconds(self, lever: Lever, wanted: int) -> float:
+    def seconds(self, lever: _Lever, wanted: int) -> float:
         """Time for as many as are wanted; infinite for edges, which need another target."""
         more = wanted - self.now(lever)
         rates = {"frames": self.frame_s, "runs": self.run_s, "photographs": _PHOTOGRAPH_S}
@@ -380,7 +380,7 @@ def studied_want(want: Want, predictions: Sequence[Prediction], size: PlanSize) 
             predicted=None,
             reached=False,
             needs=StudyNeeds(),
-            sentence=f"Nothing can be said of {SPOKEN[want.name]}: {why}.",
+            sentence=f"Nothing can be said of {_SPOKEN[want.name]}: {why}.",
         )
     worst = max(asked, key=lambda one: one.half_width_95 / _scale(one, want))
     predicted = worst.half_width_95 / _scale(worst, want)
@@ -432,12 +432,12 @@ def _wanted_variance(want: Want, prediction: Prediction) -> float:
     return (want.half_width * _scale(prediction, want) / prediction.half_width_factor) ** 2
 
 
-def _moved(prediction: Prediction, levers: frozenset[Lever]) -> float:
+def _moved(prediction: Prediction, levers: frozenset[_Lever]) -> float:
     """Variance that these levers divide."""
-    return sum(value for source, value in prediction.variances.items() if LEVERS[source] & levers)
+    return sum(value for source, value in prediction.variances.items() if _LEVERS[source] & levers)
 
 
-def _number(want: Want, prediction: Prediction, lever: Lever, size: PlanSize) -> int | None:
+def _number(want: Want, prediction: Prediction, lever: _Lever, size: PlanSize) -> int | None:
     """How many it takes if nothing else grows; None where that is not enough."""
     moved = _moved(prediction, frozenset({lever}))
     left = _wanted_variance(want, prediction) - (sum(prediction.variances.values()) - moved)
@@ -483,8 +483,8 @@ def _together(want: Want, prediction: Prediction, size: PlanSize) -> StudyNeeds:
     return StudyNeeds(session_runs=runs, photographs=photographs, is_together=True)
 
 
-def _offers(needs: StudyNeeds) -> Iterator[tuple[Lever, int]]:
-    numbers: dict[Lever, int | None] = {
+def _offers(needs: StudyNeeds) -> Iterator[tuple[_Lever, int]]:
+    numbers: dict[_Lever, int | None] = {
         "photographs": needs.photographs,
         "frames": needs.frames_per_capture,
         "runs": needs.session_runs,
@@ -496,7 +496,7 @@ def _offers(needs: StudyNeeds) -> Iterator[tuple[Lever, int]]:
 def _sentence(
     want: Want, prediction: Prediction, needs: StudyNeeds, size: PlanSize, *, reached: bool
 ) -> str:
-    name = SPOKEN[want.name]
+    name = _SPOKEN[want.name]
     wanted = want.text(want.half_width)
     predicted = want.text(prediction.half_width_95 / _scale(prediction, want))
     if reached:
@@ -516,7 +516,7 @@ def _sentence(
     return f"{_order(lever, offers[lever], size)}: {name} is then known to {wanted}{note}."
 
 
-def _order(lever: Lever, wanted: int, size: PlanSize) -> str:
+def _order(lever: _Lever, wanted: int, size: PlanSize) -> str:
     if lever == "photographs":
         more = wanted - size.photographs
         return f"Take {more} more photograph{'s' * (more > 1)} of the scene"
@@ -543,7 +543,7 @@ def _bounded(want: Want, prediction: Prediction, needs: StudyNeeds) -> str:
 
 def _bound(want: Want, prediction: Prediction) -> str:
     """What stays, whatever is done."""
-    stay = {source: v for source, v in prediction.variances.items() if not LEVERS[source]}
+    stay = {source: v for source, v in prediction.variances.items() if not _LEVERS[source]}
     if stay and sum(stay.values()) >= _wanted_variance(want, prediction):
         source = max(stay, key=lambda one: stay[one])
         left = prediction.half_width_factor * sqrt(stay[source]) / _scale(prediction, want)
@@ -553,9 +553,9 @@ def _bound(want: Want, prediction: Prediction) -> str:
 
 def _doubled(want: Want, prediction: Prediction, size: PlanSize) -> str:
     """What twice as much of what matters most brings."""
-    name, source = SPOKEN[want.name], prediction.largest
+    name, source = _SPOKEN[want.name], prediction.largest
     now = want.text(prediction.half_width_95 / _scale(prediction, want))
-    levers = LEVERS[source] if source is not None else frozenset[Lever]()
+    levers = _LEVERS[source] if source is not None else frozenset[_Lever]()
     if not levers:
         return f"Measure the {source} with more flats: it limits {name}, known to {now}."
     lever = min(levers, key=lambda one: size.seconds(one, 2 * size.now(one)))

@@ -84,7 +84,7 @@ class MeanRow(ModelMean, _Row):
     """A row of Table II."""
 
 
-class PaperRow(StoredValues):
+class _PaperRow(StoredValues):
     """One row of a table as printed; the attributes are named like those of ``ImageMetrics``."""
 
     correlation: float
@@ -94,17 +94,17 @@ class PaperRow(StoredValues):
     ssim: float
 
 
-PAPER_TABLE_1: dict[ValidationModel, PaperRow] = {
-    "bicubic": PaperRow(correlation=0.0059, mse_dn2=22863, nmi=0.0256, psnr_db=53.8, ssim=0.062),
-    "kernelgan": PaperRow(correlation=0.0017, mse_dn2=5598, nmi=0.0062, psnr_db=16.1, ssim=0.013),
-    "paper": PaperRow(correlation=0.0004, mse_dn2=2320, nmi=0.0052, psnr_db=9.7, ssim=0.005),
+PAPER_TABLE_1: dict[ValidationModel, _PaperRow] = {
+    "bicubic": _PaperRow(correlation=0.0059, mse_dn2=22863, nmi=0.0256, psnr_db=53.8, ssim=0.062),
+    "kernelgan": _PaperRow(correlation=0.0017, mse_dn2=5598, nmi=0.0062, psnr_db=16.1, ssim=0.013),
+    "paper": _PaperRow(correlation=0.0004, mse_dn2=2320, nmi=0.0052, psnr_db=9.7, ssim=0.005),
 }
 """Mean squared differences between the curves."""
 
-PAPER_TABLE_2: dict[ValidationModel, PaperRow] = {
-    "bicubic": PaperRow(correlation=0.953, mse_dn2=86, nmi=1.256, psnr_db=36.6, ssim=0.733),
-    "kernelgan": PaperRow(correlation=0.944, mse_dn2=104, nmi=1.213, psnr_db=34.8, ssim=0.677),
-    "paper": PaperRow(correlation=0.968, mse_dn2=64, nmi=1.275, psnr_db=37.8, ssim=0.760),
+PAPER_TABLE_2: dict[ValidationModel, _PaperRow] = {
+    "bicubic": _PaperRow(correlation=0.953, mse_dn2=86, nmi=1.256, psnr_db=36.6, ssim=0.733),
+    "kernelgan": _PaperRow(correlation=0.944, mse_dn2=104, nmi=1.213, psnr_db=34.8, ssim=0.677),
+    "paper": _PaperRow(correlation=0.968, mse_dn2=64, nmi=1.275, psnr_db=37.8, ssim=0.760),
 }
 """Means over pairs of captured and simulated follow-ups."""
 
@@ -220,8 +220,8 @@ class Validation(ResultsDocument):
     processing: Processing = Processing()
     table_1: tuple[CurveDifferenceRow, ...]
     table_2: tuple[MeanRow, ...]
-    paper_table_1: dict[ValidationModel, PaperRow] = PAPER_TABLE_1
-    paper_table_2: dict[ValidationModel, PaperRow] = PAPER_TABLE_2
+    paper_table_1: dict[ValidationModel, _PaperRow] = PAPER_TABLE_1
+    paper_table_2: dict[ValidationModel, _PaperRow] = PAPER_TABLE_2
     pairs: tuple[ValidatedPair, ...]
     excluded: tuple[ExcludedCapture, ...]
     remarks: tuple[str, ...]

@@ -41,7 +41,7 @@ from simulation.uncertainty import KnownErrors, SimulatedView, pixel_uncertainty
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ProcessedFollowup:
+class _ProcessedFollowup:
     """A model's processed follow-up.
 
     ``aligned``: brought onto the reference's pixels. ``followup, captured``: the two that Table II
@@ -97,7 +97,7 @@ class AlignedPair:
         made = simulate(SamplingGrid.centred(shape, zoom))
         return process_for_comparison(scaled_up(made, zoom, shape))
 
-    def on_followup_grid(self, inputs: ModelInputs, model: ValidationModel) -> ProcessedFollowup:
+    def on_followup_grid(self, inputs: ModelInputs, model: ValidationModel) -> _ProcessedFollowup:
         """Return a model's follow-up in our way: on the captured one's own pixels."""
         shape = self.reference.shape[0], self.reference.shape[1]
         window = self.window
@@ -105,7 +105,7 @@ class AlignedPair:
         made = simulate_at(simulate, shape, self.pose.zoom, window.y_px, window.x_px)
         back_y, back_x = self.places_px
         aligned = bicubic_at(made, back_y - window.rows.start, back_x - window.cols.start)
-        return ProcessedFollowup(
+        return _ProcessedFollowup(
             aligned=process_for_comparison(aligned),
             followup=process_for_comparison(made),
             captured=self.captured_in_window,
@@ -142,11 +142,13 @@ def compare_pair(pair: AlignedPair, feature_matrix: FloatArray, inputs: ModelInp
     levels: dict[ValidationModel, FloatArray] = {}
     for model in inputs.kernels:
         scaled = pair.scaled_up(inputs, model)
-        ways: dict[Procedure, ProcessedFollowup] = {
-            "as-in-paper": ProcessedFollowup(
+        ways: dict[Procedure, _ProcessedFollowup] = {
+            "as-in-paper": _ProcessedFollowup(
                 aligned=scaled, followup=scaled, captured=captured_by_features
             ),
-            "reference-grid": ProcessedFollowup(aligned=scaled, followup=scaled, captured=captured),
+            "reference-grid": _ProcessedFollowup(
+                aligned=scaled, followup=scaled, captured=captured
+            ),
             "followup-grid": pair.on_followup_grid(inputs, model),
         }
         found = ways["followup-grid"].levels

@@ -210,7 +210,7 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class VarianceCalibration:
+class _VarianceCalibration:
     """Factors of the standard deviation by the logarithm of the predicted variance.
 
     ``log_variance, log_factor``: shape ``(bins,)``, the first rising.
@@ -248,12 +248,12 @@ def _interpolated(
     return factor
 
 
-def calibrate_variance(
+def _calibrate_variance(
     difference_dn: FloatArray,
     variance_dn2: FloatArray,
     noise_dn2: FloatArray,
     alike: float | None,
-) -> VarianceCalibration:
+) -> _VarianceCalibration:
     """Compare differences with their predicted variance.
 
     ``difference_dn, variance_dn2``: of a sample of pixels without a change, shape ``(n,)``.
@@ -280,9 +280,9 @@ def calibrate_variance(
         spreads.append(spread)
         tails.append(tail)
     if not middles:
-        return VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
+        return _VarianceCalibration(log_variance=np.zeros(1), log_factor=np.zeros(1))
     factors = np.array(spreads) * np.array(tails)
-    return VarianceCalibration(log_variance=np.array(middles), log_factor=np.log(factors))
+    return _VarianceCalibration(log_variance=np.array(middles), log_factor=np.log(factors))
 
 
 def _apart(edges: list[float]) -> list[float]:
@@ -319,7 +319,7 @@ def calibrated_factor(
         rows, cols = sampled(kept, sample_px)
         # A change in the tail would hide itself: the spread alone finds it first.
         alike = None if number == 0 else len(rows) / independent + 1
-        calibration = calibrate_variance(
+        calibration = _calibrate_variance(
             difference[rows, cols].astype(np.float64),
             variance[rows, cols].astype(np.float64),
             noise[rows, cols].astype(np.float64),

@@ -3,11 +3,11 @@ from pathlib import Path
 import pytest
 
 from acquisition.session.reader import Session
+from analysis.reports.bench import versions
 from analysis.reports.page import CONVENTION
 from analysis.reports.session import (
     SessionNotes,
     render_session_report,
-    versions,
     with_curves,
 )
 from analysis.validation.document import ExcludedCapture, Validation
