@@ -24,7 +24,7 @@ class Group:
     names: tuple[str, ...]
 
 
-GROUPS = (
+_GROUPS = (
     Group(
         file="bench",
         title="The bench",
@@ -185,12 +185,13 @@ GROUPS = (
 
 TYPES = tuple(
     name
-    for name in standoff.__all__
-    if name[0].isupper() and not any(name in group.names for group in GROUPS)
+    for name in dir(standoff)
+    if name[0].isupper() and not any(name in group.names for group in _GROUPS)
 )
 """What calls take and return: shown where it is made."""
 
-GROUPS += (
+GROUPS = (
+    *_GROUPS,
     Group(
         file="types",
         title="Types of arguments and results",

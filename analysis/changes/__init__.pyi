@@ -1,14 +1,13 @@
 from .colour import PairColours as PairColours
-from .detection import (
-    FilterWidth as FilterWidth,
-    detection_power as detection_power,
-    height_for as height_for,
-    significance_threshold as significance_threshold,
-)
 from .document import (
     Change as Change,
     ChangeSummary as ChangeSummary,
     change_table as change_table,
+    describe_focus as describe_focus,
+    describe_least as describe_least,
+    describe_limit as describe_limit,
+    describe_moved as describe_moved,
+    describe_prediction as describe_prediction,
     read_changes as read_changes,
 )
 from .filter import (
@@ -23,10 +22,9 @@ from .prediction import (
     LimitCurve as LimitCurve,
     unexplained as unexplained,
 )
-from .sentences import (
-    describe_focus as describe_focus,
-    describe_least as describe_least,
-    describe_limit as describe_limit,
-    describe_moved as describe_moved,
-    describe_prediction as describe_prediction,
+from .significance import (
+    FilterWidth as FilterWidth,
+    detection_power as detection_power,
+    height_for as height_for,
+    significance_threshold as significance_threshold,
 )

@@ -1,4 +1,7 @@
-"""The list of changes, each with its place, amplitude and size."""
+"""The list of changes, each with its place, amplitude and size.
+
+Which changes are large enough to be listed.
+"""
 
 import math
 from collections.abc import Sequence
@@ -9,18 +12,15 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from analysis.changes.colour import to_luma_red_blue
+from analysis.changes.colour import Steps, to_luma_red_blue
 from analysis.changes.comparison import Comparison
-from analysis.changes.detection import (
-    DetectionLevel,
-    LevelColours,
-    LinkedRegion,
-    q_values,
-)
 from analysis.changes.document import Change
+from analysis.changes.levels import DetectionLevel, LevelColours
+from analysis.changes.options import ChangeOptions
+from analysis.changes.regions import LinkedRegion, q_values
 from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, SmoothedField, fit_spot
 from calibration.registration import DistortedPose
-from simulation.arrays import BoolArray, FloatArray, IntArray
+from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 _SURE = 2.0
 """Times the height of the strongest of many values of noise, by which a peak must be higher."""
@@ -46,16 +46,9 @@ def list_changes(
 ) -> tuple[Change, ...]:
     """Describe changes, in their order.
 
-    Parameters
-    ----------
-    regions
-        What stands out, the most significant first.
-    levels
-        The difference behind each width, the narrowest first.
-    compared
-        The difference itself.
-    pose
-        Of the follow-up in the reference: gives the places in the photograph that is not the grid.
+    ``regions``: what stands out, the most significant first. ``levels``: the difference behind each
+    width, the narrowest first. ``pose``: of the follow-up in the reference: gives the places in the
+    photograph that is not the grid.
     """
     if not regions:
         return ()
@@ -64,7 +57,7 @@ def list_changes(
     y, x = np.array([(spot.y_px, spot.x_px) for spot in spots]).T
     area_px = np.array([spot.area_px for spot in spots])
     sigma_px = np.array([spot.sigma_px for spot in spots])
-    followup, reference = places_in_both(compared, pose, y, x)
+    followup, reference = _places_in_both(compared, pose, y, x)
     if not compared.is_on_followup:
         scale = _followup_px_by_pixel(pose, y, x)
         area_px, sigma_px = area_px * scale, sigma_px * np.sqrt(scale)
@@ -93,7 +86,7 @@ def list_changes(
     )
 
 
-def places_in_both(
+def _places_in_both(
     compared: Comparison, pose: DistortedPose, y: FloatArray, x: FloatArray
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
     """Places ``(y, x)`` of the grid's pixels in the follow-up, and in the reference."""
@@ -275,18 +268,10 @@ class _ColourSpot(FittedSpot):
 class _RegionFields:
     """The fields around a region, along its direction.
 
-    Parameters
-    ----------
-    fields
-        The comparison and the levels, from ``origin`` on.
-    region
-        With its places from there on; positive.
-    origin
-        Row and column of the first pixel.
-    rgb
-        Red, green and blue of an amplitude of 1; the largest is 1.
-    luma_err
-        Standard error of the luma's amplitude over that of the amplitude.
+    ``fields``: the comparison and the levels, from ``origin`` on. ``region``: with its places from
+    there on; positive. ``origin``: row and column of the first pixel. ``rgb``: red, green and blue
+    of an amplitude of 1; the largest is 1. ``luma_err``: standard error of the luma's amplitude
+    over that of the amplitude.
     """
 
     fields: tuple[SmoothedField, ...]
@@ -410,3 +395,52 @@ def _colours_of(level: DetectionLevel) -> LevelColours:
     """Colours of a level that has them."""
     assert level.colours is not None, "photographs in colour"
     return level.colours
+
+
+def large_enough(changes: Sequence[Change], options: ChangeOptions, gain: float) -> BoolArray:
+    """Tell the changes whose amplitude is at least what was asked for, or the files' step there.
+
+    Of colours those of which any channel's is. ``gain``: of light, follow-up over reference:
+    amplitudes are in the follow-up's levels.
+    """
+    if options.colours is not None and any(one.amplitude_rgb_dn for one in changes):
+        steps = options.colours.step_dn
+        return np.array([_of_colour(change, options.least_dn, steps, gain) for change in changes])
+    amplitudes = np.abs([change.amplitude_dn for change in changes])
+    if options.least_dn is not None:
+        return np.asarray(amplitudes >= options.least_dn)
+    reference, followup = options.step_dn
+    least = [
+        max(
+            _step_at(followup, change.y_px, change.x_px),
+            gain * _step_at(reference, change.reference_y_px, change.reference_x_px),
+        )
+        for change in changes
+    ]
+    return np.asarray(amplitudes >= np.array(least))
+
+
+def _of_colour(change: Change, least_dn: float | None, steps_dn: Steps, gain: float) -> bool:
+    amplitudes = np.abs(change.amplitude_rgb_dn or (change.amplitude_dn,) * 3)
+    if least_dn is not None:
+        return bool((amplitudes >= least_dn).any())
+    reference, followup = (
+        (0.0, 0.0, 0.0)
+        if one is None
+        else [_step_at(one[..., number], y, x) for number in range(3)]
+        for one, y, x in zip(
+            steps_dn,
+            (change.reference_y_px, change.y_px),
+            (change.reference_x_px, change.x_px),
+            strict=True,
+        )
+    )
+    return bool((amplitudes >= np.maximum(followup, gain * np.array(reference))).any())
+
+
+def _step_at(step_dn: Float32Array | None, y_px: float, x_px: float) -> float:
+    if step_dn is None:
+        return 0.0
+    rows, cols = step_dn.shape
+    row, col = min(max(round(y_px), 0), rows - 1), min(max(round(x_px), 0), cols - 1)
+    return float(step_dn[row, col])

@@ -70,47 +70,24 @@ class Comparison:
     """What is left between two photographs once pose, blur and light are explained.
 
     Images are on the grid of the coarser photograph, shape ``(rows, cols)`` each; 0 where not
-    ``valid``.
-
-    Parameters
-    ----------
-    is_on_followup
-        Whether the grid is that of the follow-up's pixels; the reference's if not.
-    difference_dn
-        After minus before in the follow-up's levels, smoothed.
-    plain_difference_dn
-        The same with the nearer photograph merely resampled.
-    sd_dn
-        Standard deviation of the difference.
-    valid
-        Pixels that were compared.
-    smoothing_px
-        Width of the Gaussian that smoothed the photograph whose pixels the grid has.
-    smoothing
-        Of the photograph with the grid's pixels, the target, and of the other one.
-    target_dn
-        The photograph whose pixels the grid has, smoothed, in the levels that were matched: its
-        own, or those that a tone curve made of them.
-    matched_scale
-        What takes the target less the other photograph to ``difference_dn``: 1, or an image.
-    kernel
-        Where the blur between the photographs is known from.
-    extra_blur_px2, extra_blur_err_px2
-        Variance by which the follow-up is softer than the calibration says, or than the reference
-        where there is none, in follow-up pixels; and its standard error, infinite without detail.
-    gain, gain_err
-        Mean gain of light, follow-up over reference, and its standard error.
-    noise_factor
-        Fitted noise variance over that of the noise model; over 1 DN^2 where none was given.
-    registration_err_px, width_err_px2
-        Standard deviations of the registration along the gradient, and of the variance by which
-        the fitted blur is wrong.
-    scatter
-        Of what the difference consists.
-    warnings
-        Sentences on what makes the comparison doubtful.
-    colours
-        What the channels say together, of photographs in colour.
+    ``valid``. ``is_on_followup``: whether the grid is that of the follow-up's pixels; the
+    reference's if not. ``difference_dn``: after minus before in the follow-up's levels, smoothed.
+    ``plain_difference_dn``: the same with the nearer photograph merely resampled. ``sd_dn``:
+    standard deviation of the difference. ``valid``: pixels that were compared. ``smoothing_px``:
+    width of the Gaussian that smoothed the photograph whose pixels the grid has. ``smoothing``: of
+    the photograph with the grid's pixels, the target, and of the other one. ``target_dn``: the
+    photograph whose pixels the grid has, smoothed, in the levels that were matched: its own, or
+    those that a tone curve made of them. ``matched_scale``: what takes the target less the other
+    photograph to ``difference_dn``: 1, or an image. ``kernel``: where the blur between the
+    photographs is known from. ``extra_blur_px2, extra_blur_err_px2``: variance by which the
+    follow-up is softer than the calibration says, or than the reference where there is none, in
+    follow-up pixels; and its standard error, infinite without detail. ``gain, gain_err``: mean gain
+    of light, follow-up over reference, and its standard error. ``noise_factor``: fitted noise
+    variance over that of the noise model; over 1 DN^2 where none was given. ``registration_err_px,
+    width_err_px2``: standard deviations of the registration along the gradient, and of the variance
+    by which the fitted blur is wrong. ``scatter``: of what the difference consists. ``warnings``:
+    sentences on what makes the comparison doubtful. ``colours``: what the channels say together, of
+    photographs in colour.
     """
 
     is_on_followup: bool
@@ -156,25 +133,9 @@ def compare(
 ) -> Comparison:
     """Compare two aligned photographs.
 
-    Parameters
-    ----------
-    reference, followup
-        Grey, shape ``(rows, cols)``.
-    psf
-        Total PSF of the camera, if it is known.
-    pose
-        Of the follow-up in the reference.
-    options
-        Noise, masks and white levels; and the colours of both.
-    blur
-        How much blurrier the coarser one is, if that was measured.
-
-    Raises
-    ------
-    AnalysisError
-        If the noise leaves nothing to compare.
-    OverlapError
-        If the photographs share too little.
+    ``reference, followup``: grey, shape ``(rows, cols)``. ``options``: noise, masks and white
+    levels; and the colours of both. ``blur``: how much blurrier the coarser one is, if that was
+    measured.
     """
     pair = PhotographPair.of(reference, followup, pose, options)
     rough = pair.valid(smoothing_for(pair.guessed_blur_px2))
@@ -201,20 +162,9 @@ def compare(
 class _Matched:
     """A pair at one sharpness, with the kernel that was fitted to it.
 
-    Parameters
-    ----------
-    pair
-        The photographs.
-    blur, smoothing
-        How much blurrier the target is, and the Gaussians that make up for it.
-    valid
-        Pixels of the target that count.
-    seen, target
-        Source and target, smoothed, on the target's pixels.
-    terms, floor_dn2
-        Of the variance.
-    fit
-        Model and variance.
+    ``blur, smoothing``: how much blurrier the target is, and the Gaussians that make up for it.
+    ``valid``: pixels of the target that count. ``seen, target``: source and target, smoothed, on
+    the target's pixels.
     """
 
     pair: PhotographPair

@@ -1,34 +1,37 @@
-"""Changes between two photographs that pose, blur and light do not explain."""
+"""Images of a comparison on the follow-up's pixels.
 
+What makes changes doubtful, in sentences.
+
+Changes between two photographs that pose, blur and light do not explain.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+import cv2
 import numpy as np
 
-from analysis.changes.change_list import list_changes
+from analysis.changes.change_list import large_enough, list_changes
 from analysis.changes.comparison import Comparison, compare
-from analysis.changes.detection import (
-    FilterWidth,
+from analysis.changes.document import Change, ChangeSummary
+from analysis.changes.levels import LimitMaps, detection_levels, detection_limit
+from analysis.changes.matching import (
+    PixelPositions,
+    RelativeBlur,
+    spline_coefficients,
+)
+from analysis.changes.options import ChangeOptions, CodedAlike
+from analysis.changes.photograph_pair import clipped_at_white, nearest_shift, one_view, view_rather
+from analysis.changes.prediction import meet
+from analysis.changes.regions import (
     FoundChanges,
-    LimitMaps,
-    detection_levels,
-    detection_limit,
     discovery_threshold,
     link_levels,
     pixels_of,
-    significance_threshold,
 )
-from analysis.changes.document import ChangeSummary
-from analysis.changes.followup_grid import FollowupGrid
-from analysis.changes.least import large_enough
-from analysis.changes.matching import PixelPositions, RelativeBlur
-from analysis.changes.moved_changes import ToldApart, moved_apart
-from analysis.changes.one_view import nearest_shift, one_view, view_rather
-from analysis.changes.options import ChangeOptions, CodedAlike
-from analysis.changes.prediction import meet
-from analysis.changes.things import as_things
-from analysis.changes.unusable import clipped_at_white
-from analysis.changes.warning_sentences import ChangeMasks, change_warnings
+from analysis.changes.significance import FilterWidth, significance_threshold
+from analysis.changes.things import ToldApart, as_things, moved_apart
 from analysis.errors import AnalysisError
 from calibration.registration import (
     DistortedPose,
@@ -46,6 +49,197 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _FollowupGrid:
+    """Brings images of a comparison to the follow-up's pixels.
+
+    ``positions``: of the follow-up's pixels on the comparison's grid; None if they are the same.
+    ``valid``: follow-up pixels that were compared. ``followup_px``: follow-up pixels to one of the
+    grid, along a line.
+    """
+
+    positions: PixelPositions | None
+    valid: BoolArray
+    followup_px: float
+
+    @classmethod
+    def of(cls, compared: Comparison, pose: DistortedPose) -> "_FollowupGrid":
+        """Find where the pixels of both lie."""
+        if compared.is_on_followup:
+            return cls(positions=None, valid=compared.valid, followup_px=1.0)
+        positions = PixelPositions.of(
+            pose.to_reference_px, pose.followup_shape, pose.reference_shape
+        )
+        valid = positions.inside(compared.valid, 0.0)
+        return cls(positions=positions, valid=valid, followup_px=1 / positions.zoom)
+
+    def brought(self, image: FloatImage, outside: float = 0.0) -> FloatImage:
+        """Interpolate a smooth image; ``outside`` where it was not compared."""
+        if self.positions is None:
+            return np.where(self.valid, image, np.float32(outside))
+        known = np.isfinite(image)
+        # What is not known must not ring into what is.
+        whole = np.where(known, image, np.float32(np.median(image[known])) if known.any() else 0)
+        coefficients = spline_coefficients(np.asarray(whole, dtype=np.float32), 0.0)
+        seen = self.positions.seen(coefficients)
+        return np.where(self.valid & np.isfinite(seen), seen, np.float32(outside))
+
+    def marked(self, mask: BoolArray) -> BoolArray:
+        """Bring a mask."""
+        return mask if self.positions is None else self.positions.inside(mask, 0.0)
+
+
+_STRIP_PX: Final = 8
+"""Depth along the border of what was compared within which changes make a strip."""
+
+_STRIP_SHARE: Final = 0.5
+_STRIP_LENGTH: Final = 0.15
+"""Share of the side of the frame along which a strip's changes lie: a blob at the border has
+less."""
+
+_LEAST_STRIP_PX: Final = 30
+
+_GLOSS_REACH_PX: Final = 10
+"""Distance from a clipped pixel: its glare around it, the mask's own margin included."""
+
+_MOST_GLOSS_SHARE: Final = 0.01
+"""Share of the frame of a highlight; what is larger is no gloss but a wrong exposure."""
+
+_LEAST_GLOSS_PX: Final = 4
+_LEAST_OVERLAP: Final = 1 / 3
+_SIDES: Final = ("top", "left", "bottom", "right")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ChangeMasks:
+    """Masks on the follow-up's pixels, shape ``(rows, cols)`` each.
+
+    ``is_change``: pixels beyond the threshold. ``valid``: pixels that were compared. ``clipped``:
+    pixels at which the follow-up is clipped at white. ``reference_clipped``: pixels at which the
+    reference is, as the follow-up would see it.
+    """
+
+    is_change: BoolArray
+    valid: BoolArray
+    clipped: BoolArray
+    reference_clipped: BoolArray
+
+
+def change_warnings(changes: Sequence[Change], masks: ChangeMasks) -> tuple[str, ...]:
+    """Return a sentence each for flagged borders, likely gloss and a small overlap."""
+    said = (_strips(masks), _gloss(changes, masks), _overlap(masks))
+    return tuple(sentence for sentence in said if sentence)
+
+
+def _strips(masks: ChangeMasks) -> str:
+    """Changes along the border of the overlap, whose side is told."""
+    flagged = masks.is_change
+    if np.count_nonzero(flagged) < _LEAST_STRIP_PX:
+        return ""
+    # Holes that are masked inside the overlap are no border of it.
+    seen = _without_holes(masks.valid)
+    depth = cv2.distanceTransform(np.pad(seen, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    strip = flagged & (depth <= _STRIP_PX)
+    count = int(np.count_nonzero(strip))
+    if count < max(_LEAST_STRIP_PX, _STRIP_SHARE * np.count_nonzero(flagged)):
+        return ""
+    rows, cols = np.nonzero(seen)
+    ends = rows.min(), cols.min(), rows.max(), cols.max()
+    y, x = np.nonzero(strip)
+    distance = np.abs([y - ends[0], x - ends[1], y - ends[2], x - ends[3]])
+    side_of = np.argmin(distance, axis=0)
+    lined = []
+    for index, side in enumerate(_SIDES):
+        along = (x if index % 2 == 0 else y)[side_of == index]
+        length = flagged.shape[1 if index % 2 == 0 else 0]
+        if len(np.unique(along)) > _STRIP_LENGTH * length:
+            lined.append(side)
+    if not lined:
+        return ""
+    return (
+        f"{count} of {np.count_nonzero(flagged)} changed pixels line the {' and '.join(lined)} of "
+        "what both photographs show: a mount, a shadow or the lens may differ there; leave the "
+        "border out with --mask to see the rest"
+    )
+
+
+def _without_holes(mask: BoolArray) -> BoolArray:
+    outside = np.pad((~mask).astype(np.uint8), 1, constant_values=1)
+    cv2.floodFill(outside, None, (0, 0), 2)
+    return np.asarray(outside[1:-1, 1:-1] != 2)
+
+
+def _gloss(changes: Sequence[Change], masks: ChangeMasks) -> str:
+    """Compact highlights that only one photograph shows clipped, and bright changes around one."""
+    single = []
+    for name, own, other in (
+        ("follow-up", masks.clipped, masks.reference_clipped),
+        ("reference", masks.reference_clipped, masks.clipped),
+    ):
+        blobs = _compact_blobs(own, _within(other, _GLOSS_REACH_PX))
+        if blobs:
+            single.append(f"{blobs} in the {name} alone")
+    rims = _rims(changes, masks)
+    if not single and not rims:
+        return ""
+    found = ""
+    if single:
+        found = f"clipped highlights: {', '.join(single)}"
+    if rims:
+        beside = f"{rims} of {len(changes)} changes lie beside clipped pixels"
+        found = f"{found}; {beside}" if found else beside
+    return f"{found}: likely gloss, which moves with the light and the camera"
+
+
+def _compact_blobs(clipped: BoolArray, beside_other: BoolArray) -> int:
+    if not clipped.any():
+        return 0
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(clipped.astype(np.uint8))
+    area = stats[:, cv2.CC_STAT_AREA]
+    is_compact = (area >= _LEAST_GLOSS_PX) & (area <= _MOST_GLOSS_SHARE * clipped.size)
+    is_compact[0] = False
+    is_compact[np.unique(labels[beside_other])] = False
+    return int(np.count_nonzero(is_compact[:count]))
+
+
+def _rims(changes: Sequence[Change], masks: ChangeMasks) -> int:
+    """Changes beside pixels that one photograph alone shows clipped, of the highlight's sign."""
+    brighter, darker = (
+        _within(own & ~_within(other, _GLOSS_REACH_PX), _GLOSS_REACH_PX)
+        for own, other in (
+            (masks.clipped, masks.reference_clipped),
+            (masks.reference_clipped, masks.clipped),
+        )
+    )
+    count = 0
+    for change in changes:
+        row, col = (
+            min(max(round(at), 0), most - 1)
+            for at, most in zip((change.y_px, change.x_px), brighter.shape, strict=True)
+        )
+        count += bool((brighter if change.amplitude_dn > 0 else darker)[row, col])
+    return count
+
+
+def _within(mask: BoolArray, reach_px: int) -> BoolArray:
+    """Pixels so near to one of the mask."""
+    if not mask.any():
+        return np.zeros_like(mask)
+    distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
+    return np.asarray(distance <= reach_px)
+
+
+def _overlap(masks: ChangeMasks) -> str:
+    share = float(np.mean(masks.valid))
+    if share >= _LEAST_OVERLAP:
+        return ""
+    return (
+        f"only {100 * share:.0f} % of the follow-up were compared: look at compared.png whether "
+        "this is what both photographs show"
+    )
+
+
 _LISTED = ("x_px", "y_px", "area_px", "amplitude_dn", "significance", "q_value")
 
 
@@ -53,36 +247,17 @@ _LISTED = ("x_px", "y_px", "area_px", "amplitude_dn", "significance", "q_value")
 class ChangeResult(ByValue):
     """Images on the follow-up's pixels, shape ``(rows, cols)`` each; 0 where not ``valid``.
 
-    Parameters
-    ----------
-    summary
-        What the comparison found, in figures.
-    followup_dn
-        The follow-up itself.
-    difference_dn
-        After minus before, pose, blur and light explained, at the sharpness of the blurrier
-        photograph and in the follow-up's levels; smoothed, as are the others.
-    plain_difference_dn
-        The same with the nearer photograph merely resampled, in the same light.
-    pose_difference_dn
-        The part of the plain difference that the pose explains.
-    variance_dn2
-        Variance of the difference.
-    significance
-        Difference over its standard deviation, behind the width of filter at which it stands out
-        most.
-    limit_dn
-        Amplitude at which a spot would have been found; NaN where not compared.
-    is_change, is_moved
-        Pixels of the changes, and of what moved.
-    valid
-        Pixels that were compared.
-    pose
-        Position of every follow-up pixel in the reference.
-    masks
-        Changed, compared and clipped pixels.
-    filter_widths
-        Behind which changes were looked for, in pixels of the coarser photograph.
+    ``summary``: what the comparison found, in figures. ``followup_dn``: the follow-up itself.
+    ``difference_dn``: after minus before, pose, blur and light explained, at the sharpness of the
+    blurrier photograph and in the follow-up's levels; smoothed, as are the others.
+    ``plain_difference_dn``: the same with the nearer photograph merely resampled, in the same
+    light. ``pose_difference_dn``: the part of the plain difference that the pose explains.
+    ``variance_dn2``: variance of the difference. ``significance``: difference over its standard
+    deviation, behind the width of filter at which it stands out most. ``limit_dn``: amplitude at
+    which a spot would have been found; NaN where not compared. ``is_change, is_moved``: pixels of
+    the changes, and of what moved. ``valid``: pixels that were compared. ``pose``: position of
+    every follow-up pixel in the reference. ``masks``: changed, compared and clipped pixels.
+    ``filter_widths``: behind which changes were looked for, in pixels of the coarser photograph.
     """
 
     summary: ChangeSummary
@@ -153,7 +328,7 @@ def find_changes(
     aligned = _aligned(reference, followup, psf, options)
     pose, options = aligned.pose, replace(options, colours=aligned.given.colours)
     compared = compare(*aligned.given.photographs, psf, pose, options, aligned.blur)
-    grid = FollowupGrid.of(compared, pose)
+    grid = _FollowupGrid.of(compared, pose)
     detected = _Detected.of(compared, grid, pose, options)
     difference, plain, sd = map(
         grid.brought, (compared.difference_dn, compared.plain_difference_dn, compared.sd_dn)
@@ -253,18 +428,10 @@ def _found(given: CodedAlike, psf: GaussianPsf | None, options: ChangeOptions) -
 class _Detected:
     """What stands out of a comparison, and what would have.
 
-    Parameters
-    ----------
-    pose
-        Of the follow-up in the reference.
-    compared_px, frame_px
-        Follow-up pixels that were compared, and all.
-    widths, threshold_sd
-        Of the filters, and their common threshold.
-    found, apart, below_least
-        All that exceeds it; changes and movements in it; and how many are too small to be listed.
-    limits
-        Of detection.
+    ``pose``: of the follow-up in the reference. ``compared_px, frame_px``: follow-up pixels that
+    were compared, and all. ``widths, threshold_sd``: of the filters, and their common threshold.
+    ``found, apart, below_least``: all that exceeds it; changes and movements in it; and how many
+    are too small to be listed.
     """
 
     pose: DistortedPose
@@ -279,7 +446,7 @@ class _Detected:
 
     @classmethod
     def of(
-        cls, compared: Comparison, grid: FollowupGrid, pose: DistortedPose, options: ChangeOptions
+        cls, compared: Comparison, grid: _FollowupGrid, pose: DistortedPose, options: ChangeOptions
     ) -> "_Detected":
         """Look for changes at all widths."""
         compared_px = int(np.count_nonzero(grid.valid))

@@ -26,51 +26,28 @@ class CodedAlike:
 class ChangeOptions:
     """Options for comparing two photographs.
 
-    Parameters
-    ----------
-    pose
-        Pose of the follow-up in the reference; None registers them, with the lens's distortion.
-    hints
-        What is known of the pose where none is given.
-    noise
-        Noise of both captures; None fits it.
-    false_alarms
-        Follow-up pixels flagged by chance, expected in a frame.
-    false_discovery_rate
-        Share of false ones among the changes listed, which then decides instead; None for the
-        rate of false alarms.
-    spot_sigma_px
-        Width of the spots that the map of the detection limit is for, in follow-up pixels.
-    limit_contrast_dn
-        Amplitude for which the detection limit says where it would have been found.
-    expected
-        Limits that were predicted, to hold against the one that is shown.
-    left_out, reference_left_out
-        Pixels of the follow-up and of the reference that do not count, in their shapes.
-    white_level_dn
-        Levels at which the reference and the follow-up are clipped, where they are known; a
-        plateau at the top counts anyway.
-    variance_dn2
-        Variance of each pixel of the reference and the follow-up, where it is known, as of captures
-        merged from several exposures; it comes before ``noise``.
-    step_variance_dn2
-        Variance of each pixel of the reference and the follow-up by the steps of their files, where
-        those are known; otherwise they are looked for among the levels.
-    least_dn
-        Amplitude below which what is significant is counted and not listed; None for the step of
-        the files, at each place.
-    step_dn
-        Steps of the levels of reference and follow-up, at each pixel, where they are known.
-    coded_alike
-        Gives reference and follow-up as they would be in files that are coded alike, for
-        photographs whose pixels lie upon each other.
-    colours
-        Of photographs in colour; without them the levels are compared alone.
-    limit_rgb
-        Direction in linear levels of red, green and blue of the changes that the limit is for, the
-        largest of them 1; of photographs in colour.
-    count_moved
-        Whether what a shift explains is listed among the changes.
+    ``pose``: pose of the follow-up in the reference; None registers them, with the lens's
+    distortion. ``hints``: what is known of the pose where none is given. ``noise``: noise of both
+    captures; None fits it. ``false_alarms``: follow-up pixels flagged by chance, expected in a
+    frame. ``false_discovery_rate``: share of false ones among the changes listed, which then
+    decides instead; None for the rate of false alarms. ``spot_sigma_px``: width of the spots that
+    the map of the detection limit is for, in follow-up pixels. ``limit_contrast_dn``: amplitude for
+    which the detection limit says where it would have been found. ``expected``: limits that were
+    predicted, to hold against the one that is shown. ``left_out, reference_left_out``: pixels of
+    the follow-up and of the reference that do not count, in their shapes. ``white_level_dn``:
+    levels at which the reference and the follow-up are clipped, where they are known; a plateau at
+    the top counts anyway. ``variance_dn2``: variance of each pixel of the reference and the
+    follow-up, where it is known, as of captures merged from several exposures; it comes before
+    ``noise``. ``step_variance_dn2``: variance of each pixel of the reference and the follow-up by
+    the steps of their files, where those are known; otherwise they are looked for among the levels.
+    ``least_dn``: amplitude below which what is significant is counted and not listed; None for the
+    step of the files, at each place. ``step_dn``: steps of the levels of reference and follow-up,
+    at each pixel, where they are known. ``coded_alike``: gives reference and follow-up as they
+    would be in files that are coded alike, for photographs whose pixels lie upon each other.
+    ``colours``: of photographs in colour; without them the levels are compared alone.
+    ``limit_rgb``: direction in linear levels of red, green and blue of the changes that the limit
+    is for, the largest of them 1; of photographs in colour. ``count_moved``: whether what a shift
+    explains is listed among the changes.
     """
 
     pose: DistortedPose | None = None

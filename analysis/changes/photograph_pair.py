@@ -1,7 +1,13 @@
-"""Two photographs in the roles that their comparison gives them."""
+"""Pixels whose level says little of the light: clipped at white, or at black.
+
+Two photographs in the roles that their comparison gives them.
+
+Whether two photographs are of one view, so that each pixel lies upon its own in the other.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import cv2
 import numpy as np
@@ -17,11 +23,99 @@ from analysis.changes.matching import (
     relative_blur,
     rounding_variance,
     smoothed,
+    smoothing_for,
 )
 from analysis.changes.options import ChangeOptions
-from analysis.changes.unusable import clipped_at_black, clipped_at_white
 from calibration.registration import DistortedPose
-from simulation.arrays import AnyArray, BoolArray, Float32Array
+from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatImage
+
+_LEAST_CLIPPED_SHARE: Final = 1e-4
+"""Share of the frame at one end of the levels; fewer are noise, or a defect of a pixel or two."""
+
+_WHITE_DN: Final = 0.5
+_WHITE_RATIO: Final = 0.002
+"""Clipped levels may be this far below white; less where white is 1."""
+
+_LEVELS_BELOW: Final = 4
+_ABOVE_CHANCE: Final = 3.0
+"""A plateau holds more pixels than any of the four next levels, by this factor: levels thin out
+towards their end unless they are cut off there. Noise of 1.2 levels on a ramp into white piles up
+5 times as many."""
+
+
+_CLUSTER_PX: Final = 3
+"""Pixels of a 3 x 3 neighbourhood at an end of the file's levels: light that reached it. Two may be
+noise; fewer than a plateau's share of the frame, they still hold a false change of 12 px."""
+
+_FULL_SCALES: Final = (1.0, *(2.0**bits - 1 for bits in (8, 10, 12, 14, 16)))
+
+
+def unusable(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
+    """Mark pixels that are clipped, at either end.
+
+    ``image_dn``: shape ``(rows, cols)``. ``white_level_dn``: level at which the photograph is
+    clipped, if it is known; a plateau counts anyway.
+    """
+    return clipped_at_white(image_dn, white_level_dn) | _clipped_at_black(image_dn)
+
+
+def _clipped_at_black(image_dn: FloatImage) -> BoolArray:
+    """Mark pixels on a plateau at the lowest level, or at 0.
+
+    Of those whose light is missing no more than noise where they are single, only the ones amid
+    others.
+    """
+    lost: BoolArray = np.zeros(image_dn.shape, dtype=np.bool_)
+    if image_dn.min() == 0:
+        lost |= _clusters(np.asarray(image_dn == 0))
+    black = _plateau(-image_dn)
+    if black.any():
+        around = cv2.blur(black.astype(np.float32), (3, 3), borderType=cv2.BORDER_REFLECT_101)
+        lost |= black & (around > 0.5)
+    return lost
+
+
+def clipped_at_white(image_dn: FloatImage, white_level_dn: float | None) -> BoolArray:
+    """Mark pixels at the white level, or on a plateau at the highest."""
+    lost = _plateau(image_dn)
+    highest = float(image_dn.max())
+    if highest in _FULL_SCALES:
+        lost |= _clusters(np.asarray(image_dn == highest))
+    if white_level_dn is not None:
+        below = min(_WHITE_DN, _WHITE_RATIO * abs(white_level_dn))
+        at_white = image_dn >= white_level_dn - below
+        if np.count_nonzero(at_white) > _LEAST_CLIPPED_SHARE * image_dn.size:
+            lost |= at_white
+    return lost
+
+
+def _clusters(at_end: BoolArray) -> BoolArray:
+    """Pixels of a mask that are next to others of it."""
+    if not at_end.any():
+        return at_end
+    count = cv2.boxFilter(
+        at_end.astype(np.uint8), cv2.CV_8U, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(at_end & (count >= _CLUSTER_PX))
+
+
+def _plateau(image_dn: FloatImage) -> BoolArray:
+    """Pixels at exactly the highest level, if they are far too many for the end of a tail."""
+    highest = image_dn.max()
+    at_top: BoolArray = np.asarray(image_dn == highest)
+    count = np.count_nonzero(at_top)
+    if not _LEAST_CLIPPED_SHARE * image_dn.size < count < image_dn.size:
+        return np.zeros_like(at_top)
+    below = image_dn[~at_top]
+    for _ in range(_LEVELS_BELOW):
+        is_next = below == below.max()
+        if count < _ABOVE_CHANCE * np.count_nonzero(is_next):
+            return np.zeros_like(at_top)
+        below = below[~is_next]
+        if not below.size:
+            break
+    return at_top
+
 
 _COMMON_PSF_PX2 = 0.64
 """Variance of a common camera's PSF, for a first guess of how blurry one is against the other."""
@@ -59,30 +153,15 @@ _CLIPPED_SD, _CLIPPED_PX = 2.0, 3.0
 class PhotographPair:
     """The two photographs in the roles that the comparison gives them.
 
-    Parameters
-    ----------
-    is_on_followup
-        Whether the target is the follow-up.
-    source, target
-        The nearer photograph and the other one.
-    positions
-        Where the target's pixels lie in the source.
-    source_finite, target_finite
-        Pixels that count.
-    source_ends, target_ends
-        Those at black and those at white.
-    is_drawn
-        Whether both are drawings of two levels, each with outlines of its own: the ends of the
-        scale are the scene, and beside an outline the step of the levels is that between them.
-    tone_slope
-        Slope of the tone curve that took the target to the source's levels, at its pixels; None
-        if it is as it was.
-    tone_variance_dn2
-        Variance of that curve at the pixels.
-    source_variance_dn2, target_variance_dn2
-        Variance of their pixels, where it is known.
-    source_steps_dn2, target_steps_dn2
-        Their variance by the steps of their files, where it is known.
+    ``is_on_followup``: whether the target is the follow-up. ``source, target``: the nearer
+    photograph and the other one. ``positions``: where the target's pixels lie in the source.
+    ``source_ends, target_ends``: those at black and those at white. ``is_drawn``: whether both are
+    drawings of two levels, each with outlines of its own: the ends of the scale are the scene, and
+    beside an outline the step of the levels is that between them. ``tone_slope``: slope of the tone
+    curve that took the target to the source's levels, at its pixels; None if it is as it was.
+    ``tone_variance_dn2``: variance of that curve at the pixels. ``source_variance_dn2,
+    target_variance_dn2``: variance of their pixels, where it is known. ``source_steps_dn2,
+    target_steps_dn2``: their variance by the steps of their files, where it is known.
     """
 
     is_on_followup: bool
@@ -120,7 +199,7 @@ class PhotographPair:
             images.append(levels)
             variances.append(known)
             usable.append(finite)
-            ends.append((clipped_at_black(levels), clipped))
+            ends.append((_clipped_at_black(levels), clipped))
         for own, left_out in zip(
             usable, (options.reference_left_out, options.left_out), strict=True
         ):
@@ -170,7 +249,7 @@ class PhotographPair:
             levels = np.where(np.isfinite(levels), levels, np.float32(0))
             images.append(levels)
             ends.append(
-                (_mostly(clipped_at_black(levels)), _mostly(clipped_at_white(levels, white)))
+                (_mostly(_clipped_at_black(levels)), _mostly(clipped_at_white(levels, white)))
             )
             step_dn2 = rounding_variance(levels) if known is None else known[..., number]
             steps.append(_drawn_variance(levels) if self.is_drawn else step_dn2)
@@ -365,3 +444,157 @@ def _mostly(mask: BoolArray) -> BoolArray:
     if not mask.any():
         return mask
     return np.asarray(mask & (smoothed(mask.astype(np.float32), _AROUND_PX) > _MOSTLY))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _OneView:
+    """The pose of two photographs of one view, and how much blurrier one is."""
+
+    pose: DistortedPose
+    blur: RelativeBlur
+
+
+_LEAST_VIEW_PIXELS: Final = 1000
+_MOST_UNLIKE: Final = 0.25
+"""Mean square of what differs over that of the scene: 2 for two unrelated ones, 0.2 at a noise as
+large as the scene."""
+
+_NEAR_PX: Final = 0.5
+"""A pose so near to a shift by whole pixels may be one."""
+
+_NEARBY_PX: Final = 4.0
+"""A pose so near to one may be an error of the registration, where what differs is irregular."""
+
+_MOST_PX, _SURELY, _MOST_ERR_PX = 0.03, 3.0, 0.1
+"""Displacement at a corner that does not matter, the standard errors up to which it is none, and
+the error beyond which nothing is known of it. Registration is no better than 0.01 to 0.03 px."""
+
+
+def one_view(
+    reference: AnyArray,
+    followup: AnyArray,
+    options: ChangeOptions,
+    shift_px: tuple[int, int] = (0, 0),
+) -> _OneView | None:
+    """Return the pose of one view, if the photographs are such; None if they are to be aligned.
+
+    A camera that stood still is not to be aligned: the errors of that would be the only ones.
+    ``reference, followup``: grey, shape ``(rows, cols)`` each. ``shift_px``: ``(y, x)`` of the
+    follow-up's first pixel in the reference.
+    """
+    pose = _shifted(reference, followup, shift_px)
+    found = _blur_at(reference, followup, options, pose)
+    if found is None:
+        return None
+    apart_px, err_px = found.most_displaced
+    # Written so that NaN is no view.
+    if not (found.unlike < _MOST_UNLIKE and err_px < _MOST_ERR_PX):
+        return None
+    if not apart_px <= max(_MOST_PX, _SURELY * err_px):
+        return None
+    return _OneView(pose=pose, blur=found)
+
+
+def view_rather(
+    reference: AnyArray, followup: AnyArray, options: ChangeOptions, pose: DistortedPose
+) -> _OneView | None:
+    """Return the pose of one view, if the photographs agree better at it than as registered.
+
+    Where next to nothing is seen, registration may be far off. A drawing of which each line was
+    moved a little, by itself, has no pose: registration then follows some of the lines.
+    ``reference, followup``: grey, shape ``(rows, cols)`` each.
+    """
+    nearest = nearest_shift(pose, _NEARBY_PX) or (0, 0)
+    registered = _seen_from(reference, pose)
+    for shift_px in sorted({(0, 0), nearest}):
+        shifted = _shifted(reference, followup, shift_px)
+        # Interpolation makes noise less, smoothing what a line displaced by itself adds.
+        both = registered, _seen_from(reference, shifted)
+        if not any(_is_nearer(both, followup, options, smoothing_px) for smoothing_px in (0, 1)):
+            continue
+        blur = _blur_at(reference, followup, options, shifted)
+        if blur is not None:
+            return _OneView(pose=shifted, blur=blur)
+    return None
+
+
+def _blur_at(
+    reference: AnyArray, followup: AnyArray, options: ChangeOptions, pose: DistortedPose
+) -> RelativeBlur | None:
+    """How much blurrier one is at a pose; None where they share too little."""
+    pair = PhotographPair.of(reference, followup, pose, options)
+    valid = pair.valid(smoothing_for(0.0))
+    return None if np.count_nonzero(valid) < _LEAST_VIEW_PIXELS else pair.blur(valid, 0.0)
+
+
+def _seen_from(reference: AnyArray, pose: DistortedPose) -> Float32Array:
+    """The reference on the follow-up's pixels, NaN outside: for a mean, not for a comparison."""
+    levels = np.asarray(reference, dtype=np.float32)
+    rows, cols = pose.followup_shape
+    if pose.k1 == 0:
+        return np.asarray(
+            cv2.warpPerspective(
+                levels,
+                pose.matrix,
+                (cols, rows),
+                flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+                borderValue=(np.nan,) * 4,
+            ),
+            dtype=np.float32,
+        )
+    y, x = np.indices((rows, cols), dtype=np.float64)
+    to_y, to_x = (one.astype(np.float32) for one in pose.to_reference_px(y, x))
+    seen = cv2.remap(levels, to_x, to_y, cv2.INTER_CUBIC, borderValue=(np.nan,) * 4)
+    return np.asarray(seen, dtype=np.float32)
+
+
+def _is_nearer(
+    both: tuple[Float32Array, Float32Array],
+    followup: AnyArray,
+    options: ChangeOptions,
+    smoothing_px: float,
+) -> bool:
+    """Whether the second of two images differs less from the follow-up, in one light each."""
+    own = np.asarray(followup, dtype=np.float32)
+    if smoothing_px > 0:
+        both = smoothed(both[0], smoothing_px), smoothed(both[1], smoothing_px)
+        own = smoothed(own, smoothing_px)
+    valid = np.isfinite(both[0]) & np.isfinite(both[1]) & np.isfinite(own)
+    if options.left_out is not None:
+        valid &= ~options.left_out
+    if np.count_nonzero(valid) < _LEAST_VIEW_PIXELS:
+        return False
+    levels = own[valid]
+    levels -= np.median(levels)
+    apart = []
+    for image in both:
+        others = image[valid]
+        others -= np.median(others)
+        # Not the slope of a regression, which is less where they differ more.
+        gain = np.mean(np.abs(levels)) / max(float(np.mean(np.abs(others))), 1e-30)
+        apart.append(float(np.mean(np.abs(levels - np.float32(gain) * others))))
+    return apart[1] < apart[0]
+
+
+def _shifted(reference: AnyArray, followup: AnyArray, shift_px: tuple[int, int]) -> DistortedPose:
+    matrix = np.array([[1.0, 0.0, shift_px[1]], [0.0, 1.0, shift_px[0]], [0.0, 0.0, 1.0]])
+    shapes = [
+        (int(one.shape[0]), int(one.shape[1])) for one in map(np.asarray, (reference, followup))
+    ]
+    return DistortedPose(matrix=matrix, k1=0.0, reference_shape=shapes[0], followup_shape=shapes[1])
+
+
+def nearest_shift(pose: DistortedPose, near_px: float = _NEAR_PX) -> tuple[int, int] | None:
+    """Whole pixels ``(y, x)`` by which a pose moves the frame; None if it is no such shift.
+
+    ``near_px``: how far the corners may be from where the shift puts them.
+    """
+    rows, cols = pose.followup_shape
+    y, x = (
+        np.array([0.0, 0.0, rows - 1.0, rows - 1.0]),
+        np.array([0.0, cols - 1.0, 0.0, cols - 1.0]),
+    )
+    to_y, to_x = pose.to_reference_px(y, x)
+    shift_y, shift_x = round(float(np.mean(to_y - y))), round(float(np.mean(to_x - x)))
+    apart = np.hypot(to_y - y - shift_y, to_x - x - shift_x)
+    return (shift_y, shift_x) if float(apart.max()) < near_px else None

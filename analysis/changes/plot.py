@@ -25,14 +25,8 @@ def changes_figure(
 ) -> Figure:
     """Show the follow-up with its changes outlined, both differences and the significance.
 
-    Parameters
-    ----------
-    found
-        What the comparison found.
-    colours_dn
-        The follow-up in colour, shape ``(rows, cols, 3)``, linear in light; None shows it in grey.
-    ax
-        Draw the follow-up with its changes here, and no other panel.
+    ``colours_dn``: the follow-up in colour, shape ``(rows, cols, 3)``, linear in light; None shows
+    it in grey. ``ax``: draw the follow-up with its changes here, and no other panel.
     """
     if ax is not None:
         _draw_changes(ax, found, colours_dn)

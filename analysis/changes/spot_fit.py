@@ -15,9 +15,7 @@ from typing import Final, Self
 import numpy as np
 
 from analysis.changes.comparison import Comparison
-from analysis.changes.detection import (
-    DetectionLevel,
-)
+from analysis.changes.levels import DetectionLevel
 from simulation.arrays import BoolArray, FloatArray, FloatImage, IntArray
 
 _REACH = 7.0
@@ -91,16 +89,9 @@ class FittedSpot:
 class SmoothedField:
     """A difference behind a Gaussian, sampled about once a width of it.
 
-    Parameters
-    ----------
-    step_px
-        Pixels of the grid from one sample to the next; the first sample is the first pixel.
-    smoothing
-        Width of the Gaussian over the step.
-    difference_dn, sd_dn
-        At the samples, shape ``(rows, cols)``, with the plain standard deviation.
-    valid
-        Samples that count.
+    ``step_px``: pixels of the grid from one sample to the next; the first sample is the first
+    pixel. ``smoothing``: width of the Gaussian over the step. ``difference_dn, sd_dn``: at the
+    samples, shape ``(rows, cols)``, with the plain standard deviation.
     """
 
     step_px: int
@@ -142,14 +133,7 @@ class SmoothedField:
 def fit_spot(seen: SmoothedField, peak: tuple[int, int], others: IntArray) -> FittedSpot | None:
     """Fit the change whose strongest pixel is ``peak``; None where it is no such spot.
 
-    Parameters
-    ----------
-    seen
-        The smoothed difference.
-    peak
-        Row and column, in pixels of the grid.
-    others
-        Strongest pixels of the changes near it, nearest first, shape ``(n, 2)``.
+    ``others``: strongest pixels of the changes near it, nearest first, shape ``(n, 2)``.
     """
     last = np.subtract(seen.valid.shape, 1)
     at, beside = (

@@ -23,15 +23,22 @@ from analysis.changes import (
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.curves import DetectabilityCurve
 from analysis.detectability.dprime import (
+    PSF_STEP_PX2,
     DPrime,
+    DPrimeSlopes,
     drawn_shares,
     interval_of,
     scene_error,
 )
-from analysis.detectability.pair import ComparedPair, compared_pair, frame_size_px
-from analysis.detectability.scenario import Scenario
-from analysis.detectability.sensitivity import PSF_STEP_PX2, DPrimeSlopes
-from analysis.detectability.signal import ChangeSignal, GaussianSignal, signal_offsets_px
+from analysis.detectability.scenario import (
+    ChangeSignal,
+    ComparedPair,
+    GaussianSignal,
+    Scenario,
+    compared_pair,
+    frame_size_px,
+    signal_offsets_px,
+)
 from simulation import Model, SamplingGrid
 from simulation.arrays import FloatArray
 
@@ -48,7 +55,7 @@ _OFF_PX2 = 1 / 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SeenSpot:
+class _SeenSpot:
     """A change as a photograph shows it: the Gaussian spot that stands as high behind filters.
 
     ``sigma_px`` is in the photograph's pixels, ``peak`` that of a change of contrast 1.
@@ -62,19 +69,13 @@ class SeenSpot:
 class ComparedChange:
     """A change of contrast 1 in a comparison.
 
-    Parameters
-    ----------
-    filters
-        Of the comparison.
-    heights
-        Of the change behind each of their widths.
-    spot
-        The change as the follow-up shows it; None where it is no Gaussian.
+    ``heights``: of the change behind each of their widths. ``spot``: the change as the follow-up
+    shows it; None where it is no Gaussian.
     """
 
     filters: ExpectedFilters
     heights: tuple[float, ...]
-    spot: SeenSpot | None
+    spot: _SeenSpot | None
 
 
 def scene_residual(
@@ -82,19 +83,7 @@ def scene_residual(
 ) -> ArtefactTiles:
     """Measure what a comparison leaves of one scene image without noise, at its median place.
 
-    Parameters
-    ----------
-    scene_dn
-        The image c, grey, shape ``(rows, cols)``, finite.
-    scenario, model, zoom
-        How the two images come about.
-    tiles_per_side
-        Tiles are what the bootstrap draws.
-
-    Raises
-    ------
-    ValueError
-        If the image is too small for the zoom and the window.
+    ``scene_dn``: the image c, grey, shape ``(rows, cols)``, finite.
     """
     shape, zoom = (scene_dn.shape[0], scene_dn.shape[1]), max(zoom, _LEAST_ZOOM)
     pair = compared_pair(shape, scenario.psf, model, zoom, scenario.reference_zoom)
@@ -122,15 +111,7 @@ def comparison_filters(scenario: Scenario, model: Model, zoom: float) -> Expecte
 def compared_change(
     signal: ChangeSignal, scenario: Scenario, model: Model, zoom: float
 ) -> ComparedChange:
-    """Work out what a comparison's filters show of a change of contrast 1.
-
-    Parameters
-    ----------
-    signal
-        On the grid of c.
-    scenario, model, zoom
-        How the two images come about.
-    """
+    """Work out what a comparison's filters show of a change of contrast 1."""
     filters = comparison_filters(scenario, model, zoom)
     frame = _Frame.around(signal, scenario, model, zoom)
     total = scenario.reference_zoom * zoom
@@ -160,24 +141,9 @@ def comparison_d_prime(
 ) -> DPrime:
     """Return how many standard deviations a change of contrast 1 stands out at its median place.
 
-    Parameters
-    ----------
-    change
-        From `compared_change`.
-    residual
-        From `scene_residual`, of all scene images in a fixed order.
-    noise_dn
-        Standard deviation of the white noise in either image.
-    seed
-        For the bootstrap over tiles.
-    by_psf
-        For the slopes, the change with the Gaussian nearest to the PSF, and with one whose variance
-        is larger by ``PSF_STEP_PX2``.
-
-    Raises
-    ------
-    ValueError
-        If the noise is not positive.
+    ``residual``: from `scene_residual`, of all scene images in a fixed order. ``noise_dn``:
+    standard deviation of the white noise in either image. ``by_psf``: for the slopes, the change
+    with the Gaussian nearest to the PSF, and with one whose variance is larger by ``PSF_STEP_PX2``.
     """
     if not (noise_dn > 0 and np.isfinite(noise_dn)):
         raise ValueError(f"noise_dn must be positive, got {noise_dn}")
@@ -233,7 +199,7 @@ def _slopes(
 
 
 def _spot_height(
-    filters: ExpectedFilters, width: FilterWidth, spot: SeenSpot, more_px2: float = 0.0
+    filters: ExpectedFilters, width: FilterWidth, spot: _SeenSpot, more_px2: float = 0.0
 ) -> float:
     """Height behind a filter of a spot whose variance a blur has raised."""
     sigma_px2 = spot.sigma_px**2 + more_px2
@@ -242,13 +208,7 @@ def _spot_height(
 
 
 def expected_limits(curve: DetectabilityCurve) -> LimitCurve:
-    """Turn a curve of observer ``changes`` round: the limit that comparisons should have.
-
-    Raises
-    ------
-    ValueError
-        If the curve is of another observer, or its change has no width.
-    """
+    """Turn a curve of observer ``changes`` round: the limit that comparisons should have."""
     if curve.observer != "changes" or curve.seen_sigma_px is None or curve.seen_dn is None:
         raise ValueError(
             f"{curve.name}: not of observer changes and a Gaussian change; only those say what a "
@@ -301,7 +261,7 @@ class _Frame:
         scene = signal.image(self.side_px, offset_px)
         return np.asarray(self.pair.followup.apply(scene), dtype=np.float64)
 
-    def spot(self, image: FloatArray, total_zoom: float) -> SeenSpot:
+    def spot(self, image: FloatArray, total_zoom: float) -> _SeenSpot:
         """The spot ``peak sigma^2 / (sigma^2 + w^2)`` high behind widths w, as an image's middle.
 
         ``total_zoom`` is that from c to the image.
@@ -316,7 +276,7 @@ class _Frame:
         (first, second), (narrow, wide) = inverse, _PROBES_PX
         slope = (second - first) / (wide**2 - narrow**2)
         start = first - slope * narrow**2
-        return SeenSpot(sigma_px=sqrt(max(start / slope, _LEAST_PX2)), peak=1 / start)
+        return _SeenSpot(sigma_px=sqrt(max(start / slope, _LEAST_PX2)), peak=1 / start)
 
 
 def _smoothed(image: FloatArray, width_px: float) -> FloatArray:

@@ -24,14 +24,14 @@ MODEL_COLOURS: dict[str, str] = {
     "gaussian-kernelgan": SKY_BLUE,
 }
 
-OBSERVER_NAMES = {
+_OBSERVER_NAMES = {
     "npw": "non-prewhitening",
     "hotelling": "Hotelling",
     "cho": "channelised Hotelling",
     "changes": "comparison (standoff changes)",
     "detector": "your own detector",
 }
-_OBSERVERS = tuple(OBSERVER_NAMES)
+_OBSERVERS = tuple(_OBSERVER_NAMES)
 _STYLES: Final[tuple[Literal["-", "--", ":", "-."], ...]] = ("-", "--", ":", "-.")
 _WIDTHS = {"paper": 3.2, "lmmse": 2.2}
 """Models whose curves nearly coincide with that of ``matched`` show beneath it."""
@@ -82,14 +82,9 @@ def curves_figure(
 ) -> Figure:
     """Plot d' against zoom: a panel for each observer, a colour for each model.
 
-    Parameters
-    ----------
-    curves
-        Equal in contrast if the noise is varied, and vice versa.
-    varied
-        What the line styles distinguish: ``noise_dn`` is Figure 4, ``contrast_dn`` Figure 5.
-    ax
-        Draw all observers here instead, each curve with its name.
+    ``curves``: equal in contrast if the noise is varied, and vice versa. ``varied``: what the line
+    styles distinguish: ``noise_dn`` is Figure 4, ``contrast_dn`` Figure 5. ``ax``: draw all
+    observers here instead, each curve with its name.
     """
     if ax is not None:
         for curve in curves:
@@ -120,7 +115,7 @@ def curves_figure(
             style = _STYLES[values.index(float(getattr(curve, varied))) % len(_STYLES)]
             line = draw_curve(axes, curve, colour)
             line.set(linestyle=style, linewidth=width, zorder=3 - width / 4)
-        axes.set(title=OBSERVER_NAMES[observer], xlabel="zoom-out z (ratio of the distances)")
+        axes.set(title=_OBSERVER_NAMES[observer], xlabel="zoom-out z (ratio of the distances)")
         axes.set_ylim(bottom=0)
     panels[0].set_ylabel("detectability d′ (upper bound)")
     handles = [

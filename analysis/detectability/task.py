@@ -6,21 +6,23 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.choices import OBSERVERS, REFERENCE_ZOOM, WINDOW_PX, Observer
-from analysis.detectability.artefact import ArtefactTiles
+from analysis.detectability.artefact import ArtefactTiles, auc_of
 from analysis.detectability.compared import compared_change, comparison_d_prime
-from analysis.detectability.curves import DetectabilityCurve, DetectabilityCurves
-from analysis.detectability.dprime import DPrime, d_primes
-from analysis.detectability.error_sources import CurveUncertainty, ErrorSources
-from analysis.detectability.local import local_changes
-from analysis.detectability.observers import auc_of
-from analysis.detectability.scenario import Scenario
-from analysis.detectability.sensitivity import (
+from analysis.detectability.curves import (
+    CurveUncertainty,
+    DetectabilityCurve,
+    DetectabilityCurves,
+    ErrorSources,
+)
+from analysis.detectability.dprime import (
+    DPrime,
     capture_response,
+    d_primes,
     gaussian_psf,
     response_scenes,
     softer_psf,
 )
-from analysis.detectability.signal import ChangeSignal, GaussianSignal
+from analysis.detectability.scenario import ChangeSignal, GaussianSignal, Scenario, local_changes
 from analysis.detectability.sweep import SweepPlan, scene_sums, tiles_per_side
 from simulation import Model, Psf
 from simulation.arguments import ArgumentError, check_fields
@@ -164,27 +166,11 @@ def curves_of(
 ) -> DetectabilityCurves:
     """Compute the curves from the artefact of measured images.
 
-    Parameters
-    ----------
-    artefacts
-        Artefact of the plan's model with this index at each of its zooms, in a fixed order;
-        after those of all models come the residuals of their comparisons.
-    images
-        Number of images that the artefact is of.
-    plan
-        What was measured on them; its models and zooms count.
-    task
-        What is asked for.
-    progress
-        Called with the number of models done.
-    some
-        A few of the images, on which is measured what errors of the capture do; without them the
-        intervals hold the choice of images alone.
-
-    Raises
-    ------
-    ValueError
-        If the change is wider than the window, or a noise is not positive.
+    ``artefacts``: artefact of the plan's model with this index at each of its zooms, in a fixed
+    order; after those of all models come the residuals of their comparisons. ``plan``: what was
+    measured on them; its models and zooms count. ``some``: a few of the images, on which is
+    measured what errors of the capture do; without them the intervals hold the choice of images
+    alone.
     """
     curves: list[DetectabilityCurve] = []
     psf, scenes = plan.scenario.psf, response_scenes(some)

@@ -1,29 +1,29 @@
-from .decision import (
-    CONFIDENCE as CONFIDENCE,
-    PoseDecision as PoseDecision,
-    Verdict as Verdict,
-    decide as decide,
-    verdict_of as verdict_of,
-)
 from .limits import (
+    FollowupPose as FollowupPose,
     PoseLimits as PoseLimits,
+    ViewingCamera as ViewingCamera,
     contrast_found_at as contrast_found_at,
     pose_limits as pose_limits,
 )
 from .plot import limits_figure as limits_figure, pose_figure as pose_figure
-from .pose_sentence import describe_pose as describe_pose
 from .quality import (
+    CONFIDENCE as CONFIDENCE,
     QUANTILE as QUANTILE,
+    JudgedFollowup as JudgedFollowup,
+    PoseDecision as PoseDecision,
     PoseQuality as PoseQuality,
+    PoseSeries as PoseSeries,
     PoseSummary as PoseSummary,
+    Verdict as Verdict,
+    decide as decide,
+    describe_pose as describe_pose,
     judge_pose as judge_pose,
     read_pose as read_pose,
-)
-from .series import (
-    JudgedFollowup as JudgedFollowup,
-    PoseSeries as PoseSeries,
     read_pose_series as read_pose_series,
+    verdict_of as verdict_of,
 )
-from .stream import StreamSummary as StreamSummary
-from .tracker import PoseTracker as PoseTracker, PoseVerdict as PoseVerdict
-from .viewing_camera import FollowupPose as FollowupPose, ViewingCamera as ViewingCamera
+from .tracker import (
+    PoseTracker as PoseTracker,
+    PoseVerdict as PoseVerdict,
+    StreamSummary as StreamSummary,
+)

@@ -1,4 +1,9 @@
-"""Allowed movement: how far away, how tilted and how far aside a follow-up may be taken."""
+"""How densely a follow-up samples its reference at each point, from the homography alone.
+
+A camera that looks at a plane, and the homography between two of its poses.
+
+Allowed movement: how far away, how tilted and how far aside a follow-up may be taken.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,18 +11,215 @@ from math import atan2, degrees
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import BeyondCurveError, NotDetectableError
-from analysis.pose.local_sampling import local_sampling, sampled_places
-from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
 from simulation.arrays import BoolArray, FloatArray
 from simulation.notebook import html_table
+from simulation.pose import project, projection_depth, projection_slopes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LocalSampling:
+    """Reference pixels per follow-up pixel at points of the follow-up, shape (rows, cols) each.
+
+    ``worst_zoom, best_zoom``: along the direction that is sampled most coarsely, and most densely.
+    ``inside``: whether the point is within the reference.
+    """
+
+    worst_zoom: FloatArray
+    best_zoom: FloatArray
+    inside: BoolArray
+
+    @property
+    def anisotropy(self) -> FloatArray:
+        """Worst over best zoom, at least 1."""
+        return self.worst_zoom / self.best_zoom
+
+    @property
+    def overlap(self) -> float:
+        """Share of the follow-up that the reference covers."""
+        return float(self.inside.mean())
+
+
+def local_sampling(
+    matrix: FloatArray,
+    followup_size: tuple[int, int],
+    reference_size: tuple[int, int],
+    step_px: int = 4,
+) -> LocalSampling:
+    """Work out the sampling at every ``step_px``-th pixel of a follow-up, its border included.
+
+    ``matrix``: shape (3, 3): follow-up pixel centres ``(x, y, 1)`` to reference pixel centres.
+    ``followup_size, reference_size``: ``(width, height)``. ``step_px``: distance between the
+    points; the outermost pixels are always among them.
+    """
+    width, height = followup_size
+    x, y = np.meshgrid(_places(width, step_px), _places(height, step_px))
+    h = np.asarray(matrix, dtype=np.float64)
+    depth = projection_depth(h, x, y)
+    if not (np.all(depth > 0) or np.all(depth < 0)):
+        raise ValueError("the horizon of the plane is within the follow-up's frame")
+    ref_x, ref_y, worst, best = _sampled_places(h, x, y)
+    inside = (
+        (ref_x >= -0.5)
+        & (ref_x <= reference_size[0] - 0.5)
+        & (ref_y >= -0.5)
+        & (ref_y <= reference_size[1] - 0.5)
+    )
+    return LocalSampling(
+        worst_zoom=worst,
+        best_zoom=best,
+        inside=inside,
+    )
+
+
+def _sampled_places(
+    matrix: FloatArray, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Reference coordinates of follow-up points, and the zoom there: worst and best direction.
+
+    ``matrix``: shape (..., 3, 3): follow-up pixel centres to reference pixel centres. ``x, y``:
+    follow-up pixels, of a shape that broadcasts against the leading axes.
+    """
+    h = np.moveaxis(matrix, (-2, -1), (0, 1))
+    ref_x, ref_y = project(h, x, y)
+    # A = d p / d u, as in docs/theory-pose.md.
+    a, b, c, d = projection_slopes(h, x, y)
+    # Singular values of a 2 x 2 matrix: half the sum and half the difference of two lengths.
+    turning, shearing = np.hypot(a + d, c - b), np.hypot(a - d, c + b)
+    return ref_x, ref_y, (turning + shearing) / 2, np.abs(turning - shearing) / 2
+
+
+def _places(size: int, step_px: int) -> FloatArray:
+    count = max(round((size - 1) / step_px), 1) + 1
+    return np.linspace(0, size - 1, count)
+
+
+LARGEST_SIDE_PX = 1_000_000
+"""No sensor has more; squares of larger numbers leave too few digits for an angle."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowupPose:
+    """Where a follow-up is taken from; its reference looks at the plane's origin.
+
+    ``zoom``: ratio of its distance to the reference's, each along its optical axis. ``tilt_deg,
+    reference_tilt_deg``: angles between the optical axis and the plane's normal; the reference
+    leans along x. ``direction_deg``: where the follow-up leans, from the reference's lean; None for
+    the worst direction. ``aim_px``: pixel ``(x, y)`` of the reference that the middle of the
+    follow-up shows; by default the reference's own middle.
+    """
+
+    zoom: float = 1.0
+    tilt_deg: float = 0.0
+    reference_tilt_deg: float = 0.0
+    direction_deg: float | None = None
+    aim_px: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewingCamera:
+    """A camera without distortion that looks at a plane."""
+
+    focal_length_px: float
+    width_px: int
+    height_px: int
+
+    def __post_init__(self) -> None:
+        if not (self.focal_length_px > 0 and np.isfinite(self.focal_length_px)):
+            raise ValueError(f"focal_length_px must be positive, got {self.focal_length_px}")
+        if not all(16 <= side_px <= LARGEST_SIDE_PX for side_px in self.size):
+            raise ValueError(
+                f"a frame of 16 to {LARGEST_SIDE_PX:,} px a side is needed, got {self.width_px} x "
+                f"{self.height_px}"
+            )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """``(width, height)`` in px."""
+        return self.width_px, self.height_px
+
+    def plane_to_px(
+        self, distance: float, tilt_deg: float, direction_deg: ArrayLike = 0.0
+    ) -> FloatArray:
+        """Homography from the plane to pixels; the camera looks at the plane's origin.
+
+        ``distance``: from the origin, in any unit; the plane's coordinates have the same.
+        ``tilt_deg``: angle between the axis and the plane's normal. ``direction_deg``: where the
+        axis leans, from the rows' x towards the columns' y; one angle, or many. Returns shape (...,
+        3, 3), the leading axes those of ``direction_deg``.
+        """
+        t, b = np.radians(tilt_deg), np.radians(np.asarray(direction_deg, dtype=np.float64))
+        about = np.zeros((*b.shape, 3, 3))
+        about[..., 0, 0] = about[..., 1, 1] = np.cos(b)
+        about[..., 1, 0] = np.sin(b)
+        about[..., 0, 1] = -about[..., 1, 0]
+        about[..., 2, 2] = 1.0
+        leaning = np.array(
+            [[np.cos(t), 0.0, np.sin(t)], [0.0, 1.0, 0.0], [-np.sin(t), 0.0, np.cos(t)]]
+        )
+        # Columns: the plane's axes and its origin, seen from the camera.
+        seen = about @ leaning.T @ np.swapaxes(about, -1, -2)
+        seen[..., :, 2] = (0.0, 0.0, distance)
+        camera = np.array(
+            [
+                [self.focal_length_px, 0.0, (self.width_px - 1) / 2],
+                [0.0, self.focal_length_px, (self.height_px - 1) / 2],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        return np.asarray(camera @ seen)
+
+    @property
+    def middle_px(self) -> tuple[float, float]:
+        """Middle of the frame, ``(x, y)``: pixel centres are at integers."""
+        return (self.width_px - 1) / 2, (self.height_px - 1) / 2
+
+    def aimed_at(
+        self, aim_px: tuple[float, float], reference_tilt_deg: float = 0.0
+    ) -> tuple[float, float]:
+        """Point of the plane that a pixel of the reference shows, in the reference's distances."""
+        x, y = aim_px
+        if not (-0.5 <= x <= self.width_px - 0.5 and -0.5 <= y <= self.height_px - 0.5):
+            raise ValueError(
+                f"the point to aim at must lie in the reference of {self.width_px} x "
+                f"{self.height_px} px, got {x:g},{y:g}"
+            )
+        near = self.plane_to_px(1.0, reference_tilt_deg)
+        place = np.linalg.solve(near, np.array([x, y, 1.0]))
+        # The plane's origin has a positive third component; so has all on this side of the horizon.
+        if not place[2] > 0:
+            raise ValueError(f"the reference looks past the plane's horizon at {x:g},{y:g} px")
+        return float(place[0] / place[2]), float(place[1] / place[2])
+
+    def followup_to_reference(
+        self,
+        zoom: float,
+        tilt_deg: float,
+        reference_tilt_deg: float = 0.0,
+        direction_deg: ArrayLike = 0.0,
+        aim_px: tuple[float, float] | None = None,
+    ) -> FloatArray:
+        """Homography of a follow-up from ``zoom`` times the reference's distance.
+
+        The reference leans along x, the follow-up in ``direction_deg`` from there; its middle shows
+        ``aim_px`` of the reference, or the reference's own middle. Shape (..., 3, 3), the leading
+        axes those of ``direction_deg``.
+        """
+        near = self.plane_to_px(1.0, reference_tilt_deg)
+        far = self.plane_to_px(zoom, tilt_deg, direction_deg)
+        if aim_px is not None:
+            x, y = self.aimed_at(aim_px, reference_tilt_deg)
+            far = far @ np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
+        matrix = near @ np.linalg.inv(far)
+        return np.asarray(matrix / matrix[..., 2:, 2:])
 
 
 _DIRECTIONS = 13
@@ -40,11 +242,6 @@ def worst_zoom(
     ``direction_deg`` is where the follow-up leans, from the reference's lean (x where that is
     upright); None for the worst direction, to 1e-4 of its zoom. ``aim_px`` is the pixel of the
     reference that the follow-up's middle shows; None for the reference's own middle.
-
-    Raises
-    ------
-    ValueError
-        If the follow-up is aimed at a point that the reference does not show.
     """
     aim = None if aim_px == camera.middle_px else aim_px
 
@@ -108,7 +305,9 @@ def _worst_zooms(matrices: FloatArray, size: tuple[int, int]) -> FloatArray:
     # Parallel borders cross nowhere, and a place may lie in the reference camera's own plane.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         places = places / places[..., 2:]
-        seen_x, seen_y, zooms, _ = sampled_places(matrices[:, None], places[..., 0], places[..., 1])
+        seen_x, seen_y, zooms, _ = _sampled_places(
+            matrices[:, None], places[..., 0], places[..., 1]
+        )
     seen = np.stack([seen_x, seen_y], axis=-1)
     is_corner = _is_within(places, followup) & _is_within(seen, reference)
     worst = np.where(is_corner, zooms, -np.inf).max(axis=1)
@@ -144,31 +343,17 @@ _SHIFTS = (0.05, 0.1, 0.2, 0.3, 0.5)
 class PoseLimits:
     """Movement that keeps d' at the threshold or above, everywhere in the overlap.
 
-    Parameters
-    ----------
-    curve, min_d_prime
-        What was asked for.
-    zoom
-        Largest ratio of the distances for a straight move back, without any tilt.
-    is_zoom_beyond_curve
-        d' is above the threshold up to the curve's end: the true limit is larger.
-    zoom_interval_95
-        Of ``zoom``, from the interval of d'; its ends are None where the threshold is never
-        reached, or not left before the curve ends.
-    tilt_deg
-        Largest tilt at equal distances, up to 75 degrees, in the direction asked for or in
-        whichever is the worst; None if there is none.
-    tilt_interval_95_deg
-        Of ``tilt_deg``, likewise.
-    zoom_by_tilt
-        Tilt in degrees and the largest ratio of the distances with it, None if there is none.
-    overlap_by_shift
-        Sideways movement as a share of the field of view's width, and the share of the frame
-        that remains; the sampling does not change.
-    aim_px, aimed_overlap
-        Pixel of the reference that the middle of the follow-up shows, if it is another than the
-        middle; and how much of a follow-up from the same distance, leaning as the reference does,
-        the reference then covers.
+    ``zoom``: largest ratio of the distances for a straight move back, without any tilt.
+    ``is_zoom_beyond_curve``: d' is above the threshold up to the curve's end: the true limit is
+    larger. ``zoom_interval_95``: of ``zoom``, from the interval of d'; its ends are None where the
+    threshold is never reached, or not left before the curve ends. ``tilt_deg``: largest tilt at
+    equal distances, up to 75 degrees, in the direction asked for or in whichever is the worst; None
+    if there is none. ``tilt_interval_95_deg``: of ``tilt_deg``, likewise. ``zoom_by_tilt``: tilt in
+    degrees and the largest ratio of the distances with it, None if there is none.
+    ``overlap_by_shift``: sideways movement as a share of the field of view's width, and the share
+    of the frame that remains; the sampling does not change. ``aim_px, aimed_overlap``: pixel of the
+    reference that the middle of the follow-up shows, if it is another than the middle; and how much
+    of a follow-up from the same distance, leaning as the reference does, the reference then covers.
     """
 
     curve: DetectabilityCurve
@@ -315,15 +500,7 @@ def contrast_found_at(
     camera: ViewingCamera,
     pose: FollowupPose,
 ) -> float:
-    """Least contrast in DN that is still found at a pose, where it samples most coarsely.
-
-    Raises
-    ------
-    BeyondCurveError
-        If the pose's local zoom lies beyond the curve.
-    NotDetectableError
-        If d' is 0 there.
-    """
+    """Least contrast in DN that is still found at a pose, where it samples most coarsely."""
     local = worst_zoom(
         camera,
         pose.zoom,

@@ -29,17 +29,8 @@ def pose_figure(
     """Show d' over the follow-up, with the border of what is below the threshold.
 
     The map lies on grey levels: on colours, its own would be others. A follow-up in colour is shown
-    beside it with the same border.
-
-    Parameters
-    ----------
-    followup
-        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` in colour, linear in light; None shows the
-        map alone.
-    quality
-        Of its pose.
-    ax
-        Draw the map here, and nothing beside it.
+    beside it with the same border. ``followup``: shape ``(rows, cols)``, or ``(rows, cols, 3)`` in
+    colour, linear in light; None shows the map alone.
     """
     rows, cols = (quality.d_prime if followup is None else followup).shape[:2]
     panels = 2 if ax is None and followup is not None and followup.ndim == 3 else 1

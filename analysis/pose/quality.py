@@ -1,24 +1,191 @@
-"""Whether a follow-up's pose is good enough: a map of d' over the frame, and a verdict."""
+"""Go, no go or unsure: what the errors of d' make of a threshold.
 
-from dataclasses import dataclass
+Whether a follow-up's pose is good enough: a map of d' over the frame, and a verdict.
+
+The document summary.json of several follow-ups whose poses were judged.
+
+What is said of where a follow-up was taken from.
+"""
+
+from dataclasses import dataclass, replace
+from math import atan2, degrees, hypot
+from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
+from pydantic import Field
+from scipy.optimize import brentq
 
+from acquisition.dataframe import dataframe
 from acquisition.files import Provenance
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import parse_json
 from analysis.choices import Criterion
-from analysis.detectability import BudgetShare, CurveChoice, DetectabilityCurve, Source
+from analysis.detectability import (
+    SOURCE_WORDS,
+    BudgetShare,
+    CurveChoice,
+    DetectabilityCurve,
+    Source,
+    focus_spread,
+)
 from analysis.detection_limits import DetectionLimit
 from analysis.errors import AnalysisError, OverlapError, ResultsFileError
-from analysis.pose.decision import PoseDecision, Verdict, decide
-from analysis.pose.local_sampling import LocalSampling, local_sampling
-from analysis.results_file import StoredValues
-from calibration.documents import fitted
+from analysis.pose.limits import LocalSampling, local_sampling
+from analysis.results_file import ResultsDocument, StoredValues
+from calibration.documents import fitted, read_document
+from calibration.registration import DistortedPose
 from simulation.arguments import FilePath, checked, path_of
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+Verdict = Literal["go", "no go", "unsure"]
+
+CONFIDENCE: Final = 0.95
+"""Probability from which a verdict is given: go where d' reaches the threshold with it, no go where
+it falls short with it."""
+
+_MOST_SCATTER_PX2 = 1.0
+"""A focus that scatters more changes the PSF of most lenses beyond what slopes describe."""
+_TRIED_PX2 = np.geomspace(0.002, _MOST_SCATTER_PX2, 14).tolist()
+
+_REMEDIES: Final[dict[Source, str]] = {
+    "scene": "more photographs of the scene",
+    "psf": "more edges, frames and captures for the PSF",
+    "focus": "a focus that repeats better, or the mean of several captures",
+    "noise": "more frames for the noise",
+    "registration": "more texture, or points, to register by",
+}
+
+
+class PoseDecision(StoredValues):
+    """How sure a verdict on a pose is.
+
+    Parameters
+    ----------
+    verdict
+        ``go`` or ``no go`` where that is right with 95 %, else ``unsure``.
+    probability
+        That d' reaches the threshold.
+    dprime_interval_95
+        Of the decisive d'.
+    budget
+        Shares of the sources in the variance of ln d', the largest first.
+    unknown_sources
+        Sources of which nothing is known, and which neither interval nor verdict holds.
+    focus_turning_px2
+        Where the scatter of the focus is not known: the one from which on the verdict is another;
+        None where none up to 1 px^2 turns it.
+    """
+
+    verdict: Verdict
+    probability: float
+    dprime_interval_95: tuple[float, float]
+    budget: tuple[BudgetShare, ...]
+    unknown_sources: tuple[Source, ...] = ()
+    focus_turning_px2: float | None = None
+
+    @property
+    def sentence(self) -> str:
+        """The verdict's probability, what decides it, and what would make it surer."""
+        low, high = self.dprime_interval_95
+        said = f"{self.probability_text}; d' {low:.2f} to {high:.2f} (95 %)"
+        if not self.budget or self.budget[0].share == 0:
+            return f"{said}; nothing is known of its errors"
+        first = self.budget[0]
+        said += f", {100 * first.share:.0f} % of it from {SOURCE_WORDS[first.source]}"
+        if self.verdict == "unsure":
+            said += f"; {_REMEDIES[first.source]} would shrink it"
+        return said
+
+    @property
+    def probability_text(self) -> str:
+        """The probability in words, never as certain as a rounded 100 %."""
+        percent = 100 * self.probability
+        if percent > 99.9:
+            return "d' reaches the threshold with more than 99.9 %"
+        if percent < 0.1:
+            return "d' reaches the threshold with less than 0.1 %"
+        return f"d' reaches the threshold with {percent:.3g} %"
+
+    @property
+    def unknown_sentence(self) -> str | None:
+        """What the verdict does not hold; None where all sources are known."""
+        if not self.unknown_sources:
+            return None
+        named = " and ".join(SOURCE_WORDS[name] for name in self.unknown_sources)
+        said = f"not in it, as nothing is known of it: {named}"
+        if "focus" not in self.unknown_sources:
+            return said
+        if self.focus_turning_px2 is None:
+            return f"{said}; no scatter of the focus up to {_MOST_SCATTER_PX2:g} px^2 would turn it"
+        return (
+            f"{said}; with a focus that scatters by {self.focus_turning_px2:.2g} px^2 or more the "
+            f"verdict is {'no go' if self.verdict == 'unsure' else 'unsure'}"
+        )
+
+
+def decide(
+    curve: DetectabilityCurve, zoom: float, d_prime: float, min_d_prime: float
+) -> PoseDecision:
+    """Decide on a d' that was read off a curve.
+
+    ``d_prime``: as read; 0 beyond the curve.
+    """
+    errors = curve.errors_at(zoom)
+    probability = errors.probability_of(min_d_prime, d_prime)
+    verdict = verdict_of(probability)
+    unknown = () if curve.uncertainty is None else curve.uncertainty.sources.unknown
+    turning = None
+    if "focus" in unknown:
+        turning = _turning_scatter(curve, zoom, d_prime, min_d_prime, verdict)
+    return PoseDecision(
+        verdict=verdict,
+        probability=probability,
+        dprime_interval_95=errors.interval(d_prime),
+        budget=errors.budget,
+        unknown_sources=unknown,
+        focus_turning_px2=turning,
+    )
+
+
+def verdict_of(probability: float) -> Verdict:
+    """Return the verdict for the probability that d' reaches the threshold."""
+    if probability >= CONFIDENCE:
+        return "go"
+    return "no go" if probability <= 1 - CONFIDENCE else "unsure"
+
+
+def _turning_scatter(
+    curve: DetectabilityCurve, zoom: float, d_prime: float, min_d_prime: float, verdict: Verdict
+) -> float | None:
+    """Least scatter of the focus that turns a verdict; None for none, or beyond the curve."""
+    assert curve.uncertainty is not None
+    if d_prime <= 0:
+        return None
+    errors = curve.errors_at(zoom)
+    slopes = curve.uncertainty.slopes_at(curve.zoom, zoom)
+
+    def probability(scatter_px2: float) -> float:
+        focus = focus_spread(slopes, scatter_px2)
+        spreads = {**errors.spreads, "focus": focus}
+        return replace(errors, spreads=spreads).probability_of(min_d_prime, d_prime)
+
+    before, turned = 0.0, verdict
+    for scatter_px2 in _TRIED_PX2:
+        turned = verdict_of(probability(scatter_px2))
+        if turned != verdict:
+            break
+        before = scatter_px2
+    else:
+        return None
+    bound = CONFIDENCE if "go" in (verdict, turned) else 1 - CONFIDENCE
+    return float(brentq(lambda s: probability(s) - bound, before, scatter_px2, xtol=1e-4))
+
 
 _Row3 = tuple[float, float, float]
 
@@ -89,23 +256,12 @@ class PoseSummary(Shown, StoredValues):
 class PoseQuality(ByValue):
     """Verdict on a pose.
 
-    Parameters
-    ----------
-    matrix, curve
-        The pose and the curve it was judged by.
-    sampling
-        How densely the follow-up samples the reference, by position.
-    d_prime
-        Shape of the sampling's maps; an upper bound; 0 where the local zoom lies beyond the
-        curve, NaN outside the reference.
-    decisive_d_prime
-        What the criterion looks at: the least value, or the quantile.
-    min_d_prime, criterion
-        What was asked for.
-    beyond_curve
-        Share of the overlap whose local zoom the curve does not reach.
-    decision
-        How sure the verdict is.
+    ``matrix, curve``: the pose and the curve it was judged by. ``sampling``: how densely the
+    follow-up samples the reference, by position. ``d_prime``: shape of the sampling's maps; an
+    upper bound; 0 where the local zoom lies beyond the curve, NaN outside the reference.
+    ``decisive_d_prime``: what the criterion looks at: the least value, or the quantile.
+    ``beyond_curve``: share of the overlap whose local zoom the curve does not reach. ``decision``:
+    how sure the verdict is.
     """
 
     matrix: FloatArray
@@ -258,3 +414,133 @@ def read_pose(path: FilePath) -> PoseSummary:
         return fitted(document, PoseSummary, ResultsFileError, source)
     except ResultsFileError as error:
         raise ResultsFileError(f"{error}; {what}", source=source, key=error.key) from error
+
+
+_POSE_SERIES_SCHEMA: Final = "standoff.pose-summary/1"
+
+
+class JudgedFollowup(StoredValues):
+    """One follow-up: a line of poses.csv, which leaves out the homography.
+
+    Parameters
+    ----------
+    followup, sha256
+        The file, and the hash of its bytes if it could be read.
+    is_accepted, dprime_decisive, dprime_min, dprime_max, zoom_min, zoom_max, anisotropy_max,
+    overlap, beyond_curve, registration_correlation, homography, verdict, probability
+        As in `PoseSummary`; None if it could not be judged.
+    refused
+        Why it could not.
+    """
+
+    followup: str
+    sha256: str | None = None
+    is_accepted: bool | None = None
+    dprime_decisive: float | None = None
+    dprime_min: float | None = None
+    dprime_max: float | None = None
+    zoom_min: float | None = None
+    zoom_max: float | None = None
+    anisotropy_max: float | None = None
+    overlap: float | None = None
+    beyond_curve: float | None = None
+    registration_correlation: float | None = None
+    verdict: Verdict | None = None
+    probability: float | None = None
+    homography: tuple[_Row3, _Row3, _Row3] | None = None
+    refused: str | None = None
+
+    @classmethod
+    def of(cls, followup: str, sha256: str | None, judged: PoseSummary) -> Self:
+        """Take the verdict's own figures."""
+        own = judged.model_dump(include=set(cls.model_fields))
+        return cls(followup=followup, sha256=sha256, **own)
+
+
+class PoseSeries(ResultsDocument):
+    """Several follow-ups of one reference, in the order of their paths.
+
+    ``accepted``, ``rejected`` and ``refused`` are numbers of follow-ups; a refused one could not
+    be read or registered, and ``unsure`` counts those accepted or rejected without being sure. The
+    provenance lists what they share; each follow-up has its own hash.
+    """
+
+    schema_name: Literal["standoff.pose-summary/1"] = Field(
+        default=_POSE_SERIES_SCHEMA, alias="schema"
+    )
+    reference: str
+    criterion: Criterion
+    min_dprime: float
+    curve: CurveChoice
+    is_upper_bound: bool = True
+    accepted: int
+    rejected: int
+    refused: int
+    unsure: int | None = None
+    followups: tuple[JudgedFollowup, ...] = ()
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the follow-ups as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(one.model_dump() for one in self.followups)
+
+
+@checked
+def read_pose_series(path: FilePath) -> PoseSeries:
+    """Read the summary.json of ``standoff pose`` with several follow-ups.
+
+    Parameters
+    ----------
+    path
+        Of the file, in the folder of ``judge_poses``.
+
+    Returns
+    -------
+    PoseSeries
+        A verdict for each follow-up.
+
+    Raises
+    ------
+    ResultsFileError
+        If it cannot be read, is of another schema, or a value is missing or wrong.
+
+    Examples
+    --------
+    >>> judged = standoff.judge_poses("before.tif", "after", "poses", "curves.json", 2)
+    >>> standoff.read_pose_series(judged.summary).accepted
+    2
+    """
+    remedy = "write it with standoff pose and several follow-ups"
+    return read_document(path, PoseSeries, ResultsFileError, remedy)
+
+
+_SAME = 0.005  # relative; a zoom of half a per cent is not worth a word
+
+
+def describe_pose(pose: DistortedPose) -> str:
+    """Say where a follow-up was taken from, against its reference, in an operator's words."""
+    rows, cols = pose.followup_shape
+    middle_y, middle_x = (rows - 1) / 2, (cols - 1) / 2
+    y, x = pose.to_reference_px(
+        np.array([middle_y, middle_y]), np.array([middle_x - 0.5, middle_x + 0.5])
+    )
+    reference_rows, reference_cols = pose.reference_shape
+    aside_px = hypot(
+        float(x.mean()) - (reference_cols - 1) / 2, float(y.mean()) - (reference_rows - 1) / 2
+    )
+    turn_deg = degrees(atan2(float(y[1] - y[0]), float(x[1] - x[0])))
+    return (
+        f"{_distance_text(pose.zoom)}, turned by {turn_deg:.1f} degrees, aside by "
+        f"{aside_px:.0f} px ({100 * aside_px / reference_cols:.0f} % of the frame)"
+    )
+
+
+def _distance_text(zoom: float) -> str:
+    if abs(zoom - 1) < _SAME:
+        return f"the same distance (zoom {zoom:.3f})"
+    return f"{'further away' if zoom > 1 else 'nearer'} (zoom {zoom:.3f})"

@@ -3,17 +3,18 @@
 No files, no clock, no camera: an image goes in, a verdict comes out. The pose is followed from
 frame to frame against the reference itself; a full search of the frame (an *anchor*) happens at
 the first frame and whenever the pose was lost.
+
+The verdicts on a stream of frames, counted.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from analysis.choices import Criterion
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import AnalysisError
-from analysis.pose.decision import Verdict
-from analysis.pose.quality import PoseQuality, judge_pose
+from analysis.pose.quality import PoseQuality, Verdict, judge_pose
 from calibration.errors import RegistrationError
 from calibration.registration import TrackedPose, TrackingReference
 from simulation.arrays import AnyArray, FloatArray
@@ -76,25 +77,10 @@ class PoseVerdict:
 class PoseTracker:
     """Follows the camera's pose and judges it, frame by frame.
 
-    Not safe for several threads at once: one tracker belongs to one stream.
-
-    Parameters
-    ----------
-    reference
-        The earlier, nearer image: grey, shape ``(rows, cols)``, any dtype, finite.
-    curve
-        d' against zoom: one curve of a curves.json (``read_curves(path).chosen(...)``).
-    min_d_prime
-        Threshold.
-    criterion
-        ``min`` or ``quantile``, as in ``judge_pose``.
-
-    Raises
-    ------
-    RegistrationError
-        If the reference has too little texture to be followed.
-    ValueError
-        If the threshold is not positive, or the reference is not a grey image.
+    Not safe for several threads at once: one tracker belongs to one stream. ``reference``: the
+    earlier, nearer image: grey, shape ``(rows, cols)``, any dtype, finite. ``curve``: d' against
+    zoom: one curve of a curves.json (``read_curves(path).chosen(...)``). ``criterion``: ``min`` or
+    ``quantile``, as in ``judge_pose``.
 
     Examples
     --------
@@ -145,21 +131,9 @@ class PoseTracker:
     def update(self, image: AnyArray) -> PoseVerdict:
         """Judge the pose of the next frame.
 
-        Parameters
-        ----------
-        image
-            Grey, shape ``(rows, cols)``, finite; a frame of another size is searched as a whole.
-
-        Returns
-        -------
-        PoseVerdict
-            Rejected, with the reason, where the reference is not recognised; nothing is raised
-            then, as an operator on the way loses it all the time.
-
-        Raises
-        ------
-        ValueError
-            If it is not a grey image.
+        ``image``: grey, shape ``(rows, cols)``, finite; a frame of another size is searched as a
+        whole. Returns rejected, with the reason, where the reference is not recognised; nothing is
+        raised then, as an operator on the way loses it all the time.
         """
         self._frames += 1
         if image.shape != self._shape:
@@ -259,3 +233,34 @@ def _side(down: float, across: float) -> str:
     if down_word and across_word:
         return f"{down_word} {across_word}"
     return down_word or (f"on the {across_word}" if across_word else "in the middle")
+
+
+@dataclass(slots=True)
+class StreamSummary:
+    """What became of the frames; ``followed_s`` is the computing time between anchors."""
+
+    frames: int = 0
+    accepted: int = 0
+    unknown: int = 0
+    anchors: int = 0
+    followed_s: float = 0.0
+    last: PoseVerdict | None = None
+    verdicts: list[dict[str, object]] = field(default_factory=list)
+
+    def add(self, name: str, verdict: PoseVerdict, busy_s: float, *, is_kept: bool) -> None:
+        """Count a verdict, and keep it if ``is_kept``."""
+        self.frames += 1
+        self.accepted += verdict.accepted
+        self.unknown += verdict.dprime is None
+        self.anchors += verdict.anchored
+        if not verdict.anchored:
+            self.followed_s += busy_s
+        self.last = verdict
+        if is_kept:
+            self.verdicts.append({"frame": name, **verdict.to_json()})
+
+    @property
+    def frames_per_s(self) -> float | None:
+        """Frames per second between anchors, computing time only; None without any."""
+        followed = self.frames - self.anchors
+        return followed / self.followed_s if followed else None

@@ -1,12 +1,19 @@
-"""Report sections on the bench: captures, noise of the frames, heights of the stage."""
+"""Report sections on the bench: captures, noise of the frames, heights of the stage.
 
+Figure of a focus sweep.
+"""
+
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from acquisition.focus import FocusPeak
 from acquisition.session import CaptureRecord, Session
 from analysis.reports.page import (
     ReportFigure,
@@ -19,7 +26,9 @@ from calibration.edges import REJECTING_FLAGS
 from calibration.noise import LevelNoise, fit_level_noise
 from calibration.psf import PsfCalibration
 from calibration.sharpness import NORMAL_95
-from simulation.palette import BLUE, INK
+from simulation.arrays import FloatArray
+from simulation.figures import figure_of
+from simulation.palette import BLUE, INK, VERMILION
 
 _BINS = 40
 _FEWEST_IN_BIN = 30
@@ -140,13 +149,7 @@ def captures_section(session: Session) -> ReportSection:
 
 
 def noise_section(session: Session, psf: PsfCalibration | None) -> ReportSection | None:
-    """Show the noise of single frames and the gain from averaging; None if it is not known.
-
-    Raises
-    ------
-    SessionError
-        If a capture file is missing or changed.
-    """
+    """Show the noise of single frames and the gain from averaging; None if it is not known."""
     sample = _noise_sample(session)
     if sample is None:
         return None
@@ -259,3 +262,40 @@ def _standing(is_superseded: bool, excluded_because: str | None) -> str:
 def _snapshot(snapshot: Mapping[str, object]) -> str:
     parts = (snapshot.get(f"Device{key}") for key in ("VendorName", "ModelName", "SerialNumber"))
     return " ".join(str(part) for part in parts if part)
+
+
+def versions() -> tuple[tuple[str, str], ...]:
+    """Return the versions of the software that made the report."""
+    names = ("standoff", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image")
+    return (("Python", platform.python_version()), *((name, version(name)) for name in names))
+
+
+@in_report_style
+def plot_focus_sweep(
+    heights_mm: FloatArray,
+    values: FloatArray,
+    errs: FloatArray,
+    peak: FocusPeak | None,
+    measure: str,
+    ax: Axes | None = None,
+) -> Figure:
+    """Plot focus values by height, with the fitted curve and the peak where there is one."""
+    axes = new_figure(6.4, 3.4).subplots() if ax is None else ax
+    axes.errorbar(
+        heights_mm, values, yerr=errs, fmt="o", markersize=4, linewidth=0.9, color=BLUE,
+        label="measured",
+    )  # fmt: skip
+    if peak is not None:
+        line = np.linspace(heights_mm.min(), heights_mm.max(), 400)
+        axes.plot(line, peak.curve(line), color=INK, linewidth=1, label=f"fit, {peak.shape}")
+        half = NORMAL_95 * peak.err_mm
+        axes.axvspan(
+            peak.height_mm - half, peak.height_mm + half, color=VERMILION, alpha=0.25, linewidth=0,
+            label="peak, 95 %",
+        )  # fmt: skip
+        axes.axvline(peak.height_mm, color=VERMILION, linewidth=1)
+        axes.set(title=f"sharpest at {peak.height_mm:.3f} ± {half:.3f} mm (95 %)")
+    axes.set(xlabel="height / mm", ylabel=f"focus value ({measure})")
+    axes.margins(y=0.15)
+    axes.legend(loc="best", fontsize=8)
+    return figure_of(axes)

@@ -1,8 +1,28 @@
-"""The report of a detector's evaluation: AUC against pose, ROC, FROC, and what failed."""
+"""The report of programs on the public benchmark: their scores side by side.
+
+The report of a detector's evaluation: AUC against pose, ROC, FROC, and what failed.
+
+Figures of results in the style of reports.
+"""
 
 from matplotlib.figure import Figure
 
+from analysis.benchmark import (
+    CHOSEN,
+    LEGEND,
+    TITLES,
+    BenchmarkScores,
+    ScoreTable,
+    Track,
+    main_groups,
+    parts_of,
+    score_figure,
+    track_tables,
+)
+from analysis.changes import changes_figure
+from analysis.detectability import curves_figure
 from analysis.evaluation import Evaluation, EvaluationCurve, auc_figure, roc_figure
+from analysis.pose import limits_figure, pose_figure
 from analysis.reports.page import (
     Report,
     ReportFigure,
@@ -13,15 +33,93 @@ from analysis.reports.page import (
     render_report,
 )
 
-plot_auc = in_report_style(auc_figure)
-plot_roc = in_report_style(roc_figure)
+_plot_scores = in_report_style(score_figure)
+
+_HEADLINES_SHOWN = 6
+
+
+def render_benchmark_report(scores: BenchmarkScores) -> str:
+    """Return the report as one HTML page."""
+    names = ", ".join(one.name for one in scores.programs)
+    return render_report(
+        Report(
+            title="Benchmark",
+            subtitle=f"{names} on the {scores.data_size} set, seed {scores.data_seed}",
+            verdicts=_verdicts(scores),
+            sections=tuple(_section(scores, track) for track in scores.tracks),
+            provenance=(
+                ("data set", f"sha256 {scores.data_sha256}"),
+                *(
+                    (one.name, " ".join(part for part in (one.version, one.note) if part))
+                    for one in scores.programs
+                ),
+            ),
+            origin=scores.provenance,
+        )
+    )
+
+
+def _verdicts(scores: BenchmarkScores) -> tuple[Verdict, ...]:
+    """The best of each headline, and whose it is."""
+    found = []
+    for track in scores.tracks:
+        main = main_groups(scores.groups(track))[0]
+        titles = [one.label for one in scores.measures(track, main) if one.is_headline]
+        table = track_tables(scores, track)[0]
+        for row, cells in enumerate(table.rows):
+            if cells[0] not in titles:
+                continue
+            best = sorted(col for at, col in table.best if at == row)
+            shown = best[0] if best else next(col for col in range(1, len(cells)) if cells[col])
+            value = cells[shown].split(" (")[0].split(" [")[0]
+            remark = ", ".join(table.columns[col] for col in best)
+            found.append(Verdict(name=cells[0], value=value, remark=remark))
+    return tuple(found[:_HEADLINES_SHOWN])
+
+
+def _section(scores: BenchmarkScores, track: Track) -> ReportSection:
+    groups = scores.groups(track)
+    figures = [
+        ReportFigure.of(
+            _plot_scores(scores, track, measure, [main, *parts_of(groups, main)]),
+            "Bars are 95 % intervals over scenes; an open triangle is a value beyond what was "
+            "tried.",
+        )
+        for main in main_groups(groups)
+        for measure in scores.measures(track, main)
+        if measure.is_headline
+    ]
+    return ReportSection(
+        title=TITLES[track],
+        text=(f"{LEGEND}; a star marks the best value of a row. {CHOSEN}",),
+        tables=tuple(_report_table(one) for one in track_tables(scores, track)),
+        figures=tuple(figures),
+    )
+
+
+def _report_table(table: ScoreTable) -> ReportTable:
+    return ReportTable(
+        columns=table.columns,
+        rows=tuple(
+            tuple(
+                f"{cell} ★" if (at, column) in table.best else cell
+                for column, cell in enumerate(row)
+            )
+            for at, row in enumerate(table.rows)
+        ),
+        caption=table.title,
+    )
+
+
+_plot_auc = in_report_style(auc_figure)
+_plot_roc = in_report_style(roc_figure)
 
 _FAILED_SHOWN = 20
 
 
 def evaluation_figures(evaluation: Evaluation) -> tuple[Figure, Figure, Figure, Figure]:
     """Return the figures beside an evaluation.json, each for a PNG and an SVG."""
-    areas, first = plot_auc(evaluation), plot_roc(evaluation.curves[0])
+    areas, first = _plot_auc(evaluation), _plot_roc(evaluation.curves[0])
     return areas, areas, first, first
 
 
@@ -79,7 +177,7 @@ def _areas(evaluation: Evaluation) -> ReportSection:
         ),
         figures=(
             ReportFigure.of(
-                plot_auc(evaluation),
+                _plot_auc(evaluation),
                 "Bars are 95 % intervals; dashed is Hotelling's observer with the same change.",
             ),
         ),
@@ -116,7 +214,7 @@ def _curve_section(curve: EvaluationCurve) -> ReportSection:
         ),
         figures=(
             ReportFigure.of(
-                plot_roc(curve),
+                _plot_roc(curve),
                 "Changed pairs found against unchanged pairs flagged"
                 + (", and changes that a mark lies on against false marks." if curve.froc else "."),
             ),
@@ -144,3 +242,9 @@ def _failures(evaluation: Evaluation) -> tuple[ReportSection, ...]:
             ),
         ),
     )
+
+
+plot_changes = in_report_style(changes_figure)
+plot_detectability = in_report_style(curves_figure)
+plot_limits = in_report_style(limits_figure)
+plot_pose = in_report_style(pose_figure)

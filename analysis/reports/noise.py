@@ -25,7 +25,7 @@ from simulation.palette import BLUE, INK, VERMILION
 
 
 @in_report_style
-def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
+def _plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
     """Plot the variance of a frame against the light, the fit, and the residuals in percent."""
     black = transfer.dark.black_level_dn
     light = np.array([sample.mean_dn - black for sample in transfer.samples])
@@ -53,7 +53,7 @@ def plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
 
 
 @in_report_style
-def plot_linearity(linearity: Linearity) -> Figure:
+def _plot_linearity(linearity: Linearity) -> Figure:
     """Plot the deviation of each level from a line through the exposures, in percent."""
     figure = new_figure(6.4, 2.6)
     axes = figure.subplots()
@@ -67,7 +67,7 @@ def plot_linearity(linearity: Linearity) -> Figure:
 
 
 @in_report_style
-def plot_maps(maps: CorrectionMaps) -> Figure:
+def _plot_maps(maps: CorrectionMaps) -> Figure:
     """Show the dark and the flat map, with the defect pixels circled."""
     rows, cols = maps.dark_dn.shape
     figure = new_figure(7.2, 3.3 * rows / cols + 0.6)
@@ -167,7 +167,7 @@ def _transfer_section(noise: NoiseMeasurement) -> ReportSection:
         ),
         figures=(
             ReportFigure.of(
-                plot_photon_transfer(transfer),
+                _plot_photon_transfer(transfer),
                 "Mean of all good pixels of each capture. Below: deviation from the fit, with the "
                 "95 % interval that the number of pixels gives.",
             ),
@@ -192,7 +192,7 @@ def _linearity_section(noise: NoiseMeasurement) -> ReportSection | None:
             f"{100 * linearity.worst_deviation:.3f} %, between 5 and 95 % of saturation. {drift}",
         ),
         figures=(
-            ReportFigure.of(plot_linearity(linearity), "Deviation of the level from a line."),
+            ReportFigure.of(_plot_linearity(linearity), "Deviation of the level from a line."),
         ),
     )
 
@@ -218,7 +218,7 @@ def _maps_section(noise: NoiseMeasurement) -> ReportSection:
                 "and large structures removed.",
             ),
         ),
-        figures=(ReportFigure.of(plot_maps(noise.maps), "Defects are circled.", "png"),),
+        figures=(ReportFigure.of(_plot_maps(noise.maps), "Defects are circled.", "png"),),
     )
 
 

@@ -1,20 +1,25 @@
-"""The report of a capture session: captures, PSF, and how well the models predict them."""
+"""The reports on calibrations: of the PSF, of several over time, and of the geometry.
 
-import platform
-from collections.abc import Mapping
+The report of a capture session: captures, PSF, and how well the models predict them.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from acquisition.files import Provenance
-from acquisition.session import Session
+from acquisition.session import MANIFEST_NAME, Session, file_sha256
 from analysis.reports.bench import (
     captures_section,
     device_rows,
     noise_section,
     stage_section,
+    versions,
 )
+from analysis.reports.geometry import geometry_sections, geometry_verdicts
 from analysis.reports.page import (
     Report,
     ReportFigure,
@@ -27,13 +32,89 @@ from analysis.reports.psf import (
     calibration_front,
     calibration_sections,
     calibration_verdicts,
-    edge_table_section,
     verdict_section,
 )
-from analysis.reports.validation_plots import plot_curves, plot_furthest
+from analysis.reports.psf_edges import edge_table_section
+from analysis.reports.psf_history import HistoryEntry, history_sections
+from analysis.reports.validation import plot_curves, plot_furthest
 from analysis.validation import ShownPair, Validation, furthest_pair
 from calibration.edges import EdgeMeasurement, measure_edges
+from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration, capture_images
+
+
+def render_calibration_report(
+    psf: PsfCalibration,
+    load: Callable[[str], NDArray[np.floating[Any]]],
+    session: Session | None = None,
+) -> str:
+    """Return the report of a PSF calibration as one HTML document.
+
+    ``load``: returns a photograph by its name, shape ``(rows, cols)``, linear in light.
+    ``session``: where the photographs are from: captures, noise and stage are reported, too.
+    """
+    names = list(dict.fromkeys(edge.image for edge in psf.edges))
+    subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs"
+    before: list[ReportSection] = []
+    after: list[ReportSection] = []
+    if session is None:
+        rows: tuple[tuple[str, str], ...] = ()
+    else:
+        subtitle = f"Session {session.plan.name}: {subtitle}"
+        before = [captures_section(session)]
+        after = [s for s in (noise_section(session, psf), stage_section(session)) if s]
+        rows = (
+            ("session.json", f"sha256 {file_sha256(session.path / MANIFEST_NAME)}"),
+            *device_rows(session),
+        )
+    limits = verdict_section(psf)
+    return render_report(
+        Report(
+            title="PSF calibration",
+            subtitle=subtitle,
+            verdicts=calibration_verdicts(psf),
+            sections=(
+                *([] if limits is None else [limits]),
+                *before,
+                *calibration_sections(psf, lambda edge: load(edge.image)),
+                *after,
+                edge_table_section(psf),
+            ),
+            provenance=(("method", psf.method or ""), *rows, *versions()),
+            origin=psf.provenance,
+            front=calibration_front(psf, psf.notes),
+        )
+    )
+
+
+def render_history_report(calibrations: dict[str, list[HistoryEntry]], origin: Provenance) -> str:
+    """Return the report on several calibrations, by camera, as one HTML document."""
+    count = sum(map(len, calibrations.values()))
+    return render_report(
+        Report(
+            title="PSF history",
+            subtitle=f"Calibrations: {count}; cameras: {len(calibrations)}",
+            verdicts=(),
+            sections=history_sections(calibrations),
+            provenance=versions(),
+            origin=origin,
+        )
+    )
+
+
+def render_geometry_report(geometry: GeometryCalibration, subtitle: str) -> str:
+    """Return the report of a geometry calibration as one HTML document."""
+    return render_report(
+        Report(
+            title="Geometry",
+            subtitle=subtitle,
+            verdicts=geometry_verdicts(geometry),
+            sections=geometry_sections(geometry),
+            provenance=versions(),
+            origin=geometry.provenance,
+        )
+    )
+
 
 _SAME_MTF50 = 1e-3  # relative; the digits of a report
 
@@ -42,16 +123,9 @@ _SAME_MTF50 = 1e-3  # relative; the digits of a report
 class SessionNotes:
     """What a session's report says beside the session, its PSF and its validation.
 
-    Parameters
-    ----------
-    remarks
-        What the report leaves out, and why.
-    warnings
-        What the command noted; on the front page of a session with a PSF.
-    comparisons
-        Sections on changes and poses that are among the results.
-    origin
-        Provenance of the report.
+    ``remarks``: what the report leaves out, and why. ``warnings``: what the command noted; on the
+    front page of a session with a PSF. ``comparisons``: sections on changes and poses that are
+    among the results. ``origin``: provenance of the report.
     """
 
     remarks: tuple[str, ...] = ()
@@ -68,20 +142,8 @@ def render_session_report(
 ) -> str:
     """Return the report of a session as one HTML document.
 
-    Parameters
-    ----------
-    session
-        The session; its edge captures are read again for the figures.
-    psf, validation
-        What has been worked out from it so far; the furthest pair is simulated again for its
-        figure.
-    notes
-        What else it says.
-
-    Raises
-    ------
-    SessionError
-        If a capture file is missing or changed.
+    ``session``: the session; its edge captures are read again for the figures. ``psf, validation``:
+    what has been worked out from it so far; the furthest pair is simulated again for its figure.
     """
     verdicts: tuple[Verdict, ...] = ()
     sections = [captures_section(session)]
@@ -101,7 +163,7 @@ def render_session_report(
         shown = None
         if psf is not None:
             shown = furthest_pair(session, validation, psf.best_psf(validation.psf))
-        sections.append(agreement_section(validation, shown))
+        sections.append(_agreement_section(validation, shown))
         verdicts += _agreement_verdicts(validation)
     sections += notes.comparisons
     sections += [s for s in (noise_section(session, psf), stage_section(session)) if s]
@@ -126,13 +188,8 @@ def render_session_report(
 def with_curves(psf: PsfCalibration, session: Session) -> PsfCalibration:
     """Return the calibration with the curves of the edges of a session's captures.
 
-    psf.json does not keep them, so the captures are measured again. An edge that does not come
-    back with the same MTF50 (of a mosaic, or corrected by maps of the sensor) stays without.
-
-    Raises
-    ------
-    SessionError
-        If a capture file is missing or changed.
+    psf.json does not keep them, so the captures are measured again. An edge that does not come back
+    with the same MTF50 (of a mosaic, or corrected by maps of the sensor) stays without.
     """
     if psf.channels is not None:
         return psf
@@ -173,7 +230,7 @@ def _agreement_verdicts(validation: Validation) -> tuple[Verdict, ...]:
     )
 
 
-def agreement_section(validation: Validation, furthest: ShownPair | None) -> ReportSection:
+def _agreement_section(validation: Validation, furthest: ShownPair | None) -> ReportSection:
     """Say how well each model predicts the captured follow-ups: Table II and its figures.
 
     ``furthest`` is drawn where the PSF to simulate it with is at hand.
@@ -233,9 +290,3 @@ def _furthest_figure(furthest: ShownPair) -> ReportFigure:
         "captured, simulated by each model, and their differences.",
         form="png",
     )
-
-
-def versions() -> tuple[tuple[str, str], ...]:
-    """Return the versions of the software that made the report."""
-    names = ("standoff", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image")
-    return (("Python", platform.python_version()), *((name, version(name)) for name in names))

@@ -1,4 +1,9 @@
-from .change_errors import STUDIED_ZOOM as STUDIED_ZOOM, StudiedScene as StudiedScene
+from .change_errors import (
+    BUILT_IN as BUILT_IN,
+    STUDIED_ZOOM as STUDIED_ZOOM,
+    StudiedScene as StudiedScene,
+    built_in_scenes as built_in_scenes,
+)
 from .document import (
     NAMES as NAMES,
     STUDY_SCHEMA as STUDY_SCHEMA,
@@ -9,15 +14,19 @@ from .document import (
     StudyNeeds as StudyNeeds,
     read_study as read_study,
 )
-from .edge_information import (
+from .edges import (
     EdgeLevels as EdgeLevels,
-    sigma_err_px as sigma_err_px,
-    white_noise_sigma_err_px as white_noise_sigma_err_px,
-)
-from .planned_edges import (
     EdgeSession as EdgeSession,
+    KnownTransfer as KnownTransfer,
     PlannedEdge as PlannedEdge,
+    TransferErrors as TransferErrors,
+    TransferModel as TransferModel,
+    WidthErrors as WidthErrors,
     edges_of_captures as edges_of_captures,
+    sigma_err_px as sigma_err_px,
+    transfer_errors as transfer_errors,
+    white_noise_sigma_err_px as white_noise_sigma_err_px,
+    width_errors as width_errors,
 )
 from .pupil_errors import (
     BoardCapture as BoardCapture,
@@ -25,26 +34,16 @@ from .pupil_errors import (
     PupilErrors as PupilErrors,
     pupil_errors as pupil_errors,
 )
-from .scene_texture import BUILT_IN as BUILT_IN, built_in_scenes as built_in_scenes
-from .sources import Prediction as Prediction
 from .study import (
-    StudiedPlan as StudiedPlan,
-    StudyPredictions as StudyPredictions,
-    studied as studied,
-)
-from .transfer_errors import (
-    KnownTransfer as KnownTransfer,
-    TransferErrors as TransferErrors,
-    TransferModel as TransferModel,
-    transfer_errors as transfer_errors,
-)
-from .wants import (
     QUANTITIES as QUANTITIES,
     UNITS as UNITS,
     PlanSize as PlanSize,
+    Prediction as Prediction,
+    StudiedPlan as StudiedPlan,
+    StudyPredictions as StudyPredictions,
     Want as Want,
     WantName as WantName,
     next_step as next_step,
+    studied as studied,
     studied_want as studied_want,
 )
-from .width_errors import WidthErrors as WidthErrors, width_errors as width_errors

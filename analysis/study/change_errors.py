@@ -1,4 +1,14 @@
-"""What the errors of a study become in d' and in the allowed tilt.
+"""Scenes of a study without photographs: overlapping discs, which have the statistics of nature.
+
+Discs of all sizes that hide each other (the dead leaves model) have edges, an amplitude spectrum
+that falls about as 1/f, and areas of much and of little detail, as photographs do.
+
+References
+----------
+Lee, Mumford, Huang, "Occlusion models for natural images", Int. J. Computer Vision 41, 2001:
+radii by the inverse cube.
+
+What the errors of a study become in d' and in the allowed tilt.
 
 Both follow from the PSF, the noise and the photographs of the scene. Their slopes are finite
 differences of the curves that ``analysis.detectability`` computes; what the choice of photographs
@@ -16,6 +26,60 @@ from analysis.pose import ViewingCamera, pose_limits
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, Psf
 
+BUILT_IN = "overlapping discs with radii by the inverse cube, 16 pictures of 192 px, seeded"
+
+_PICTURES = 16
+_SIDE_PX = 192
+_OVERSAMPLING = 2
+_RADII_PX = (1.0, 80.0)
+_DISCS = 1500
+_SEED = 20010101
+
+
+def built_in_scenes(low_dn: float, high_dn: float, psf: GaussianPsf) -> tuple[FloatArray, ...]:
+    """Return the pictures, seen through a PSF.
+
+    ``low_dn, high_dn``: levels of black and white paper; the discs are evenly between them.
+    """
+    transfer = _transfer(_SIDE_PX * _OVERSAMPLING, psf)
+    return tuple(
+        low_dn + (high_dn - low_dn) * _seen(_discs(np.random.default_rng([_SEED, n])), transfer)
+        for n in range(_PICTURES)
+    )
+
+
+def _discs(rng: np.random.Generator) -> FloatArray:
+    """Reflectances from 0 to 1, on the finer grid."""
+    side = _SIDE_PX * _OVERSAMPLING
+    picture = np.full((side, side), 0.5)
+    least, most = (radius**-2.0 for radius in _RADII_PX)
+    radii = _OVERSAMPLING * (most + (least - most) * rng.random(_DISCS)) ** -0.5
+    places = rng.uniform(0, side, (_DISCS, 2))
+    greys = rng.random(_DISCS)
+    for radius, (row, col), grey in zip(
+        radii.tolist(), places.tolist(), greys.tolist(), strict=True
+    ):
+        top, left = max(int(row - radius), 0), max(int(col - radius), 0)
+        part = picture[top : int(row + radius) + 2, left : int(col + radius) + 2]
+        y, x = np.ogrid[: part.shape[0], : part.shape[1]]
+        part[(y + top - row) ** 2 + (x + left - col) ** 2 < radius**2] = grey
+    return picture
+
+
+def _transfer(side: int, psf: GaussianPsf) -> FloatArray:
+    """Transfer at the frequencies of the finer grid."""
+    fy = np.fft.fftfreq(side)[:, None] * _OVERSAMPLING
+    fx = np.fft.rfftfreq(side) * _OVERSAMPLING
+    (xx, xy), (_, yy) = psf.covariance_px2.tolist()
+    power = xx * fx**2 + 2 * xy * fx * fy + yy * fy**2
+    return np.asarray(np.exp(-2 * np.pi**2 * power))
+
+
+def _seen(picture: FloatArray, transfer: FloatArray) -> FloatArray:
+    blurred = np.fft.irfft2(np.fft.rfft2(picture) * transfer, picture.shape)
+    return np.asarray(blurred[::_OVERSAMPLING, ::_OVERSAMPLING])
+
+
 STUDIED_ZOOM = 1.5
 """Zoom of the d' that a study states."""
 
@@ -32,20 +96,11 @@ _INTERVAL_SIGMAS = 3.92
 class StudiedScene:
     """Scene, change and camera of the d' that is asked for.
 
-    Parameters
-    ----------
-    photographs
-        Levels, shape ``(rows, cols)`` each.
-    planned_count
-        Number of photographs of the scene that will be taken.
-    noise_dn, noise_relative_err
-        Noise of a pixel of either photograph, and how well it is known.
-    contrast_dn, signal_sigma_px
-        Peak and width of the change.
-    min_d_prime
-        Threshold of the allowed tilt.
-    camera
-        The camera; None where its frame is not known.
+    ``photographs``: levels, shape ``(rows, cols)`` each. ``planned_count``: number of photographs
+    of the scene that will be taken. ``noise_dn, noise_relative_err``: noise of a pixel of either
+    photograph, and how well it is known. ``contrast_dn, signal_sigma_px``: peak and width of the
+    change. ``min_d_prime``: threshold of the allowed tilt. ``camera``: the camera; None where its
+    frame is not known.
     """
 
     photographs: tuple[FloatArray, ...]
@@ -138,17 +193,7 @@ class ChangeSensitivities:
 def change_sensitivities(
     scene: StudiedScene, psf: Psf, gaussian: GaussianPsf
 ) -> ChangeSensitivities:
-    """Compute the sensitivities.
-
-    Parameters
-    ----------
-    scene
-        The scene and the change.
-    psf
-        Total PSF as measured, for the values.
-    gaussian
-        The Gaussian nearest to it, for the slopes.
-    """
+    """Compute the sensitivities."""
     curve = scene.curve(psf)
     value = curve.dprime[_AT]
     allowed = curve.largest_zoom(scene.min_d_prime)

@@ -1,17 +1,27 @@
-from .alignment import Procedure as Procedure, scaled_up as scaled_up
 from .document import (
     METRICS as METRICS,
+    TABLE_NOTES as TABLE_NOTES,
+    ResultTable as ResultTable,
     ValidatedPair as ValidatedPair,
     Validation as Validation,
+    both_tables as both_tables,
+    curves_csv as curves_csv,
     read_validation as read_validation,
 )
-from .kernel_cache import KernelCache as KernelCache, default_cache_folder as default_cache_folder
-from .kernels import KernelBook as KernelBook, trainings_needed as trainings_needed
-from .metrics import ImageMetrics as ImageMetrics, compare_images as compare_images
-from .models import is_learned as is_learned
-from .processing import (
+from .kernels import (
+    KernelBook as KernelBook,
+    KernelCache as KernelCache,
+    default_cache_folder as default_cache_folder,
+    is_learned as is_learned,
+    trainings_needed as trainings_needed,
+)
+from .metrics import (
     FULL_SCALE_DN as FULL_SCALE_DN,
+    ImageMetrics as ImageMetrics,
+    Procedure as Procedure,
+    compare_images as compare_images,
     process_for_comparison as process_for_comparison,
+    scaled_up as scaled_up,
 )
 from .screening import (
     NothingToCompareError as NothingToCompareError,
@@ -19,19 +29,11 @@ from .screening import (
     screen as screen,
 )
 from .session import (
-    ValidationSettings as ValidationSettings,
-    mean_metrics as mean_metrics,
-    validate as validate,
-)
-from .shown import (
     ShownPair as ShownPair,
+    ValidationSettings as ValidationSettings,
     drawn_procedure as drawn_procedure,
     furthest_pair as furthest_pair,
+    mean_metrics as mean_metrics,
     shown_pairs as shown_pairs,
-)
-from .tables import (
-    TABLE_NOTES as TABLE_NOTES,
-    ResultTable as ResultTable,
-    both_tables as both_tables,
-    curves_csv as curves_csv,
+    validate as validate,
 )

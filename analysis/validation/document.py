@@ -1,6 +1,15 @@
-"""The document validation.json: the results of a validation."""
+"""The document validation.json: the results of a validation.
 
+Where the models do not fit the captures of a session, in sentences.
+
+Tables I and II as text, CSV and LaTeX.
+"""
+
+import csv
 import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from io import StringIO
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -11,18 +20,17 @@ from acquisition.session import CaptureRecord
 from analysis.choices import ValidationModel
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
-from analysis.validation.alignment import Procedure
-from analysis.validation.metrics import ImageMetrics
-from analysis.validation.processing import BACKGROUND_SIGMA_PX, FULL_SCALE_DN
+from analysis.validation.metrics import BACKGROUND_SIGMA_PX, FULL_SCALE_DN, ImageMetrics, Procedure
 from calibration.documents import read_document
 from calibration.registration import DistortedPose
 from simulation import Psf
 from simulation.arguments import FilePath, checked
-from simulation.choices import PsfForm
+from simulation.choices import POSE_MODELS, PsfForm
 from simulation.notebook import html_table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
 
 VALIDATION_SCHEMA: Final = "standoff.validation/1"
 
@@ -76,7 +84,7 @@ class MeanRow(ModelMean, _Row):
     """A row of Table II."""
 
 
-class PaperRow(StoredValues):
+class _PaperRow(StoredValues):
     """One row of a table as printed; the attributes are named like those of ``ImageMetrics``."""
 
     correlation: float
@@ -86,17 +94,17 @@ class PaperRow(StoredValues):
     ssim: float
 
 
-PAPER_TABLE_1: dict[ValidationModel, PaperRow] = {
-    "bicubic": PaperRow(correlation=0.0059, mse_dn2=22863, nmi=0.0256, psnr_db=53.8, ssim=0.062),
-    "kernelgan": PaperRow(correlation=0.0017, mse_dn2=5598, nmi=0.0062, psnr_db=16.1, ssim=0.013),
-    "paper": PaperRow(correlation=0.0004, mse_dn2=2320, nmi=0.0052, psnr_db=9.7, ssim=0.005),
+PAPER_TABLE_1: dict[ValidationModel, _PaperRow] = {
+    "bicubic": _PaperRow(correlation=0.0059, mse_dn2=22863, nmi=0.0256, psnr_db=53.8, ssim=0.062),
+    "kernelgan": _PaperRow(correlation=0.0017, mse_dn2=5598, nmi=0.0062, psnr_db=16.1, ssim=0.013),
+    "paper": _PaperRow(correlation=0.0004, mse_dn2=2320, nmi=0.0052, psnr_db=9.7, ssim=0.005),
 }
 """Mean squared differences between the curves."""
 
-PAPER_TABLE_2: dict[ValidationModel, PaperRow] = {
-    "bicubic": PaperRow(correlation=0.953, mse_dn2=86, nmi=1.256, psnr_db=36.6, ssim=0.733),
-    "kernelgan": PaperRow(correlation=0.944, mse_dn2=104, nmi=1.213, psnr_db=34.8, ssim=0.677),
-    "paper": PaperRow(correlation=0.968, mse_dn2=64, nmi=1.275, psnr_db=37.8, ssim=0.760),
+PAPER_TABLE_2: dict[ValidationModel, _PaperRow] = {
+    "bicubic": _PaperRow(correlation=0.953, mse_dn2=86, nmi=1.256, psnr_db=36.6, ssim=0.733),
+    "kernelgan": _PaperRow(correlation=0.944, mse_dn2=104, nmi=1.213, psnr_db=34.8, ssim=0.677),
+    "paper": _PaperRow(correlation=0.968, mse_dn2=64, nmi=1.275, psnr_db=37.8, ssim=0.760),
 }
 """Means over pairs of captured and simulated follow-ups."""
 
@@ -212,8 +220,8 @@ class Validation(ResultsDocument):
     processing: Processing = Processing()
     table_1: tuple[CurveDifferenceRow, ...]
     table_2: tuple[MeanRow, ...]
-    paper_table_1: dict[ValidationModel, PaperRow] = PAPER_TABLE_1
-    paper_table_2: dict[ValidationModel, PaperRow] = PAPER_TABLE_2
+    paper_table_1: dict[ValidationModel, _PaperRow] = PAPER_TABLE_1
+    paper_table_2: dict[ValidationModel, _PaperRow] = PAPER_TABLE_2
     pairs: tuple[ValidatedPair, ...]
     excluded: tuple[ExcludedCapture, ...]
     remarks: tuple[str, ...]
@@ -300,3 +308,221 @@ def read_validation(path: FilePath) -> Validation:
     True
     """
     return read_document(path, Validation, ResultsFileError, "write it with standoff validate")
+
+
+_FITS = 2.0
+"""Reduced chi-squared up to which a model fits: what it states of its own error is an average."""
+
+_NAMED = 3
+
+
+def fit_remarks(pairs: Sequence[ValidatedPair], models: Sequence[ValidationModel]) -> Iterator[str]:
+    """Say of the better of ``matched`` and ``lmmse`` in which pairs it does not fit.
+
+    The other models leave more than physics needs, and say nothing of the captures.
+    """
+    physical = [model for model in models if model in POSE_MODELS]
+    if not physical:
+        return
+    known = [pair for pair in pairs if pair.chi2_reduced]
+    if not known:
+        return
+    if len(known) < len(pairs):
+        yield (
+            f"{len(pairs) - len(known)} of {len(pairs)} pairs have captures of a single frame: "
+            "without their noise, how well the models fit is not known"
+        )
+    model = min(physical, key=lambda one: sum(pair.chi2_reduced[one] for pair in known))
+    worst = sorted(known, key=lambda pair: -pair.chi2_reduced[model])
+    beyond = [pair for pair in worst if pair.chi2_reduced[model] > _FITS]
+    if not beyond:
+        return
+    named = ", ".join(
+        f"{pair.target} {pair.reference_height_mm:g} to {pair.followup_height_mm:g} mm "
+        f"({pair.chi2_reduced[model]:.1f})"
+        for pair in beyond[:_NAMED]
+    )
+    more = "" if len(beyond) <= _NAMED else ", ..."
+    yield (
+        f"model {model} does not fit {len(beyond)} of {len(known)} pairs: more is left than noise, "
+        "PSF, alignment and the model's own error explain, worst (reduced chi-squared) "
+        f"{named}{more}; check whether the PSF is that of this lens, and focus and light"
+    )
+
+
+_HEADINGS = ("correlation", "MSE", "NMI", "PSNR / dB", "SSIM")
+_PAIR_NAMES = (
+    "target",
+    "orientation_deg",
+    "reference_height_mm",
+    "followup_height_mm",
+    "zoom",
+)
+_DIGITS_1 = (6, 1, 6, 3, 5)
+_DIGITS_2 = (4, 2, 4, 2, 4)
+
+TABLE_NOTES = (
+    "Processing: aligned, normalised to 0 to 255, a Gaussian of sigma 10 px subtracted, centre "
+    "half. Correlation: Pearson's. MSE in squared levels of 255. NMI: (H(a) + H(b)) / H(a, b), in "
+    "[1, 2], 100 bins. PSNR: data range 255, mean over pairs; beside it the PSNR of the mean MSE. "
+    "SSIM: data range 255, 7 x 7 uniform window.",
+    "as-in-paper: follow-ups are scaled up onto the reference's pixels by bicubic interpolation, "
+    "captured ones by the homography of their features, simulated ones simply by the zoom. "
+    "reference-grid: the same, but captured ones lie where features, pixels and the lens's "
+    "distortion put them. followup-grid: simulated on the captured follow-up's own pixels.",
+)
+"""Explanation of the tables, for readers without the documentation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResultTable:
+    """One table, ready to be written in any form.
+
+    ``rows`` are the alignment, the model and the figures as text; ``values`` the same figures in
+    full, ``keys`` the alignment, the model and its training steps by themselves. ``paper`` are the
+    paper's own rows.
+    """
+
+    name: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    keys: tuple[tuple[str, str, int | None], ...]
+    values: tuple[tuple[float, ...], ...]
+    value_names: tuple[str, ...]
+    paper: tuple[tuple[str, ...], ...]
+
+    def text(self) -> str:
+        """Plain text, the paper's rows at the end."""
+        lines = [self.columns, *self.rows, *self.paper]
+        widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
+        printed = [
+            "  ".join(
+                cell.ljust(width) if column < 2 else cell.rjust(width)
+                for column, (cell, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
+            for line in lines
+        ]
+        rule = "-" * max(map(len, printed))
+        printed.insert(1, rule)
+        printed.insert(2 + len(self.rows), rule)
+        return "\n".join([self.title, "", *printed, "", *TABLE_NOTES]) + "\n"
+
+    def csv(self) -> str:
+        """Comma-separated figures in full; ours only."""
+        buffer = StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow(["alignment", "model", *self.value_names, "training_steps"])
+        for (alignment, model, steps), values in zip(self.keys, self.values, strict=True):
+            writer.writerow([alignment, model, *(repr(value) for value in values), steps])
+        return buffer.getvalue()
+
+    def latex(self) -> str:
+        """A ``tabular`` with booktabs rules."""
+        head = " & ".join(_escaped(column) for column in self.columns)
+        blocks = [
+            "\n".join(" & ".join(_escaped(cell) for cell in row) + r" \\" for row in rows)
+            for rows in (self.rows, self.paper)
+            if rows
+        ]
+        body = "\n\\midrule\n".join(blocks)
+        alignment = "ll" + "r" * (len(self.columns) - 2)
+        return (
+            f"% {self.title}\n\\begin{{tabular}}{{{alignment}}}\n\\toprule\n{head} \\\\\n"
+            f"\\midrule\n{body}\n\\bottomrule\n\\end{{tabular}}\n"
+        )
+
+
+def both_tables(validation: Validation) -> tuple[ResultTable, ResultTable]:
+    """Tables I and II of a validation, the paper's rows below ours."""
+    pairs = len(validation.pairs)
+    return (
+        ResultTable(
+            name="table_1",
+            title=(
+                "Table I: mean squared difference between the captured and the simulated metric "
+                f"curves, {pairs} pairs"
+            ),
+            columns=("alignment", "model", *_HEADINGS),
+            rows=tuple(
+                (row.alignment, row.label, *_cells(row, _DIGITS_1)) for row in validation.table_1
+            ),
+            keys=_keys(validation.table_1),
+            values=tuple(_values(row) for row in validation.table_1),
+            value_names=METRICS,
+            paper=tuple(
+                ("the paper's own", model, *_cells(row, _DIGITS_1))
+                for model, row in validation.paper_table_1.items()
+            ),
+        ),
+        ResultTable(
+            name="table_2",
+            title=(
+                f"Table II: agreement of captured and simulated follow-ups, mean over {pairs} pairs"
+            ),
+            columns=("alignment", "model", *_HEADINGS, "PSNR of mean MSE / dB"),
+            rows=tuple(
+                (
+                    row.alignment,
+                    row.label,
+                    *_cells(row, _DIGITS_2),
+                    f"{row.psnr_of_mean_db:.2f}",
+                )
+                for row in validation.table_2
+            ),
+            keys=_keys(validation.table_2),
+            values=tuple((*_values(row), row.psnr_of_mean_db) for row in validation.table_2),
+            value_names=(*METRICS, "psnr_of_mean_db"),
+            paper=tuple(
+                ("the paper's own", model, *_cells(row, _DIGITS_2), "")
+                for model, row in validation.paper_table_2.items()
+            ),
+        ),
+    )
+
+
+def curves_csv(validation: Validation) -> str:
+    """The points of Figure 3: one line for every pair and curve."""
+    buffer = StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow([*_PAIR_NAMES, "alignment", "model", *METRICS])
+    for pair in validation.pairs:
+        about = [
+            pair.target,
+            pair.orientation_deg,
+            pair.reference_height_mm,
+            pair.followup_height_mm,
+            repr(pair.zoom),
+        ]
+        curves = {
+            (str(alignment), "captured"): curve for alignment, curve in pair.captured_curves.items()
+        }
+        curves |= {(str(one.alignment), str(one.model)): one.curve for one in pair.models}
+        for row, curve in curves.items():
+            writer.writerow([*about, *row, *(repr(value) for value in _values(curve))])
+    return buffer.getvalue()
+
+
+def _keys(
+    rows: Iterable[CurveDifferenceRow | MeanRow],
+) -> tuple[tuple[str, str, int | None], ...]:
+    return tuple((row.alignment, row.model, row.training_steps) for row in rows)
+
+
+def _values(row: object) -> tuple[float, ...]:
+    return tuple(float(getattr(row, name)) for name in METRICS)
+
+
+def _cells(row: object, digits: tuple[int, ...]) -> tuple[str, ...]:
+    return tuple(_figure(value, count) for value, count in zip(_values(row), digits, strict=True))
+
+
+def _figure(value: float, digits: int) -> str:
+    """Fixed digits; small values keep three figures."""
+    if value != 0 and abs(value) < 10 ** (2 - digits):
+        return f"{value:.3g}"
+    return f"{value:.{digits}f}"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "").replace("_", r"\_").replace("%", r"\%").replace("&", r"\&")

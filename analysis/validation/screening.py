@@ -93,23 +93,8 @@ def screen(
 ) -> Screening:
     """Choose the nearest good captures of every target as references, and align the others.
 
-    Parameters
-    ----------
-    session
-        With captures of kind texture or chart at two heights or more.
-    psf
-        Total PSF of the camera.
-    references
-        Reference poses of every target.
-    progress
-        Called with the number of pairs aligned so far.
-
-    Raises
-    ------
-    NothingToCompareError
-        If no pair is left; the message says why.
-    SessionError
-        If a capture file is missing or changed.
+    ``session``: with captures of kind texture or chart at two heights or more. ``progress``: called
+    with the number of pairs aligned so far.
     """
     series = series_of(session)
     if not series:

@@ -1,11 +1,13 @@
-"""How well models predict captured follow-ups: Tables I and II of a whole session.
+"""The processed images that figures show, recomputed from the captures of a validation.
+
+How well models predict captured follow-ups: Tables I and II of a whole session.
 
 Table I compares curves: how a metric between the reference and the follow-up falls with the
 distance, once for the captured and once for the simulated follow-ups. Table II compares the
 follow-ups themselves. ``docs/validation.md`` holds the definitions.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from math import inf, log10
@@ -14,7 +16,6 @@ import numpy as np
 
 from acquisition.session import Session
 from analysis.choices import PAPER_TRAINING_STEPS, ValidationModel
-from analysis.validation.alignment import PROCEDURES
 from analysis.validation.document import (
     METRICS,
     CurveDifference,
@@ -23,18 +24,102 @@ from analysis.validation.document import (
     ModelMean,
     ValidatedPair,
     Validation,
+    fit_remarks,
     psf_sha256,
 )
-from analysis.validation.explained import Expectation, PairErrors, noise_variance
-from analysis.validation.fit_remarks import fit_remarks
-from analysis.validation.kernel_cache import default_cache_folder
-from analysis.validation.kernels import KernelBook
-from analysis.validation.metrics import ImageMetrics
-from analysis.validation.models import is_learned
-from analysis.validation.pair import AlignedPair, compare_pair
+from analysis.validation.kernels import KernelBook, ModelInputs, default_cache_folder, is_learned
+from analysis.validation.metrics import PROCEDURES, ImageMetrics, Procedure
+from analysis.validation.pair import (
+    AlignedPair,
+    Expectation,
+    PairErrors,
+    compare_pair,
+    noise_variance,
+)
 from analysis.validation.screening import RegisteredPair, Screening, screen
 from calibration.psf import PsfCalibration
 from simulation import MODELS, Psf
+from simulation.arrays import FloatArray
+
+_SHOWN_ZOOM = 2.0
+"""Figure 2 shows the follow-up that is nearest to it."""
+
+_OURS = ("matched", "lmmse")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ShownPair:
+    """Processed images of a pair on common pixels: captured, and as the models simulate them."""
+
+    pair: ValidatedPair
+    reference: FloatArray
+    captured: FloatArray
+    simulated: Mapping[ValidationModel, FloatArray]
+
+
+def drawn_procedure(model: ValidationModel) -> Procedure:
+    """Procedure by which figures show a model: ours on the grid that they are made for."""
+    return "followup-grid" if model in _OURS else "reference-grid"
+
+
+def shown_pairs(
+    session: Session, validation: Validation, psf: Psf, book: KernelBook
+) -> list[ShownPair]:
+    """Images for Figure 2, all on the reference's pixels: one pair of every target."""
+    shown = []
+    for pair in _typical_pairs(validation.pairs):
+        images = _aligned(session, pair)
+        inputs = book.inputs(images.reference, validation.models, pair.zoom, psf)
+        shown.append(
+            ShownPair(
+                pair=pair,
+                reference=images.processed_reference(),
+                captured=images.captured_on_reference(),
+                simulated={model: _on_reference(images, inputs, model) for model in inputs.kernels},
+            )
+        )
+    return shown
+
+
+def furthest_pair(session: Session, validation: Validation, psf: Psf) -> ShownPair:
+    """Images of the pair with the largest zoom, on the follow-up's pixels.
+
+    Simulated by every model that needs no training.
+    """
+    pair = max(validation.pairs, key=lambda pair: pair.zoom)
+    images = _aligned(session, pair)
+    inputs = ModelInputs(psf=psf, kernels=dict.fromkeys(MODELS))
+    made = {model: images.on_followup_grid(inputs, model) for model in MODELS}
+    return ShownPair(
+        pair=pair,
+        reference=images.processed_reference(),
+        captured=made[MODELS[0]].captured,
+        simulated={model: one.followup for model, one in made.items()},
+    )
+
+
+def _aligned(session: Session, pair: ValidatedPair) -> AlignedPair:
+    records = {record.index: record for record in session.records}
+    near, far = (session.load(records[index]).mean_dn for index in (pair.reference, pair.followup))
+    shapes = [(image.shape[0], image.shape[1]) for image in (near, far)]
+    return AlignedPair(reference=near, followup=far, pose=pair.pose(*shapes))
+
+
+def _on_reference(images: AlignedPair, inputs: ModelInputs, model: ValidationModel) -> FloatArray:
+    if drawn_procedure(model) == "followup-grid":
+        return images.on_followup_grid(inputs, model).aligned
+    return images.scaled_up(inputs, model)
+
+
+def _typical_pairs(pairs: tuple[ValidatedPair, ...]) -> list[ValidatedPair]:
+    """One pair of every target: the first reference's, about twice as far away."""
+    best: dict[tuple[str, float], ValidatedPair] = {}
+    for pair in pairs:
+        kept = best.setdefault((pair.target, pair.orientation_deg), pair)
+        is_nearer = abs(pair.zoom - _SHOWN_ZOOM) < abs(kept.zoom - _SHOWN_ZOOM)
+        if pair.reference == kept.reference and is_nearer:
+            best[pair.target, pair.orientation_deg] = pair
+    return list(best.values())
 
 
 def _default_kernels() -> KernelBook:
@@ -45,18 +130,10 @@ def _default_kernels() -> KernelBook:
 class ValidationSettings:
     """How a validation is made.
 
-    Parameters
-    ----------
-    models
-        The models to try; by default those that need no training.
-    kernels
-        Kernels of the learned ones; what is missing is trained.
-    references
-        Reference poses of every target, from the nearest.
-    workers
-        Processes that train kernels.
-    calibration
-        The calibration of the PSF, which states its errors; None if there is none.
+    ``models``: the models to try; by default those that need no training. ``kernels``: kernels of
+    the learned ones; what is missing is trained. ``references``: reference poses of every target,
+    from the nearest. ``workers``: processes that train kernels. ``calibration``: the calibration of
+    the PSF, which states its errors; None if there is none.
     """
 
     models: tuple[ValidationModel, ...] = MODELS
@@ -215,11 +292,6 @@ def curve_differences(points: Iterable[tuple[ImageMetrics, ImageMetrics]]) -> Cu
     """Mean squared difference of two curves, given as pairs of points.
 
     A PSNR that is infinite on both curves does not differ.
-
-    Raises
-    ------
-    ValueError
-        If there is no point.
     """
     pairs = list(points)
     if not pairs:
@@ -233,13 +305,7 @@ def curve_differences(points: Iterable[tuple[ImageMetrics, ImageMetrics]]) -> Cu
 
 
 def mean_metrics(metrics: Sequence[ImageMetrics]) -> ModelMean:
-    """Average the metrics of several pairs of equal data range.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """Average the metrics of several pairs of equal data range."""
     if not metrics:
         raise ValueError("no pairs to average")
     means = {name: float(np.mean([getattr(m, name) for m in metrics])) for name in METRICS}

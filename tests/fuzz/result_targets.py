@@ -12,7 +12,7 @@ import tifffile
 from analysis.change_series.time_line import read_time_line
 from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
-from analysis.detectability.sums import (
+from analysis.detectability.sweep import (
     ArtefactSums,
     KeptPhotographs,
     SummedPhotographs,
@@ -23,7 +23,7 @@ from analysis.errors import ResultsFileError
 from analysis.pose.quality import read_pose
 from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from analysis.validation.document import read_validation
-from analysis.validation.kernel_cache import KernelCache
+from analysis.validation.kernels import KernelCache
 from calibration.documents import json_object
 from calibration.errors import (
     GeometryFileError,

@@ -34,7 +34,7 @@ WRITERS = {
     "acquisition/session_export/ome_zarr.py": "in the folder that export.py puts in place",
     "acquisition/stages/wire_log.py": "appends to a log",
     "analysis/design_cache.py": "in the cache",
-    "analysis/detectability/kept_sums.py": "in a temporary folder",
+    "analysis/detectability/sweep.py": "in a temporary folder",
     "analysis/detectors/command_host.py": "in a temporary folder",
     "analysis/sr_dataset/listing.py": "in a data set, begun with a whole_file",
     "analysis/sr_dataset/pair_files.py": "in a data set, begun with a whole_file",

@@ -1,26 +1,107 @@
-"""Light, kernel and scatter fitted to two smoothed photographs, as simple as the pair allows.
+"""What takes one smoothed photograph to the other: light, and a kernel about the mean of both.
+
+With ``L`` the source in the target's light and ``M = s L + t T`` the mean of both, weighted so that
+its noise is not correlated with that of their difference, ``T - L`` is explained as a kernel on M.
+The noise of the source then pulls neither the kernel towards nothing, nor the gain below what it
+is; and before against after is minus after against before.
+
+Light, kernel and scatter fitted to two smoothed photographs, as simple as the pair allows.
 
 Parts of the frame that a model was not fitted to decide how much it needs: gain and offset, light
 that changes over the frame, a kernel, one that changes. Kernel and scatter are fitted in turns.
+
+Of what the difference of a matched pair consists: noise, displacement, and other structure.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import pi
+from typing import Self
 
 import numpy as np
 
 from analysis.changes.matching.matching_kernel import (
     CENTRE_TAP,
     LADDER,
+    NO_KERNEL,
     MatchingKernel,
     NormalEquations,
+    WhiteNoiseGain,
     biweight,
     design_matrix,
+    white_noise_gain,
 )
-from analysis.changes.matching.pair_model import PairModel
-from analysis.changes.matching.pixels import light_at_first, sampled
-from analysis.changes.matching.residual_variance import VarianceTerms, fit_sizes
+from analysis.changes.matching.relative_blur import Smoothing
+from analysis.changes.matching.smoothed_warp import light_at_first, pixel_noise_dn, sampled
+from analysis.changes.matching.variance import GRADIENT, LAPLACIAN, VarianceTerms, fit_sizes
 from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PairModel:
+    """Light and kernel between a source and a target.
+
+    ``gain, offset_dn``: of the light, before the kernel. ``target_share``: weight of the target in
+    the mean of both.
+    """
+
+    gain: float
+    offset_dn: float
+    target_share: float = 0.5
+    kernel: MatchingKernel = field(default=NO_KERNEL, repr=False)
+
+    def brought(self, source: Float32Array) -> Float32Array:
+        """The source in the target's light."""
+        return np.asarray(source * np.float32(self.gain) + np.float32(self.offset_dn))
+
+    def middle(self, source: Float32Array, target: Float32Array) -> Float32Array:
+        """Mean of both."""
+        share = np.float32(self.target_share)
+        own = self.brought(source)
+        own *= 1 - share
+        own += share * target
+        return own
+
+    def difference(self, source: Float32Array, target: Float32Array) -> Float32Array:
+        """Target less what the source and the model make of it."""
+        apart = target - self.brought(source)
+        apart -= self.kernel.of(self.middle(source, target))
+        # A level that only the target has is partly in the kernel's mean.
+        grown, _ = self.kernel.light((target.shape[0], target.shape[1]))
+        apart /= 1 - np.float32(self.target_share) * grown
+        return np.asarray(apart)
+
+    def difference_at(
+        self,
+        source: Float32Array,
+        target: Float32Array,
+        middle: Float32Array,
+        rows: IntArray,
+        cols: IntArray,
+    ) -> FloatArray:
+        """The same, up to the share of the target in the mean, at pixels away from the border."""
+        own = target[rows, cols].astype(np.float64)
+        apart = own - (self.gain * source[rows, cols] + self.offset_dn)
+        return apart - self.kernel.at(middle, rows, cols)
+
+    def light(self, shape: tuple[int, int]) -> tuple[Float32Array, Float32Array]:
+        """Gain and offset that take the source to the target, at every pixel."""
+        grown, added = self.kernel.light(shape)
+        added -= grown * np.float32(self.kernel.level_dn)
+        more = 1 + np.float32(1 - self.target_share) * grown
+        added += np.float32(self.offset_dn) * more
+        less = 1 - np.float32(self.target_share) * grown
+        return np.float32(self.gain) * more / less, added / less
+
+    def noise_gain(self, smoothing: Smoothing, zoom: float) -> WhiteNoiseGain:
+        """What smoothing and model leave of white noise of variance 1 in either photograph."""
+        taps = self.kernel.taps
+        none = np.zeros_like(taps)
+        none.flat[CENTRE_TAP] = 1.0
+        left = 1 - self.target_share * float(taps.sum())
+        source = self.gain * (none + (1 - self.target_share) * taps) / left
+        target = (none - self.target_share * taps) / left
+        return white_noise_gain(source, smoothing, zoom, target)
+
 
 SAMPLE_PX = 25_000
 _ROUNDS = 3
@@ -47,14 +128,8 @@ chance in one pair of a thousand, and what compression and clipping bend is more
 class PairFit:
     """What takes the source to the target, and what the remaining difference scatters by.
 
-    Parameters
-    ----------
-    model
-        Light and kernel.
-    sizes
-        Of the terms of the variance.
-    is_curved
-        Whether the levels of the two are not in proportion, beyond what chance does.
+    ``sizes``: of the terms of the variance. ``is_curved``: whether the levels of the two are not in
+    proportion, beyond what chance does.
     """
 
     model: PairModel
@@ -66,16 +141,10 @@ class PairFit:
 class FitRules:
     """How a pair is fitted.
 
-    Parameters
-    ----------
-    smoothing_px
-        Width of the Gaussian that makes neighbours alike.
-    target_share
-        Share of the source's noise in both, in the target's light: see `PairModel`.
-    sample_px
-        Pixels that the fit is made to.
-    is_one_view
-        Whether the photographs are of one view, for which simple models may do.
+    ``smoothing_px``: width of the Gaussian that makes neighbours alike. ``target_share``: share of
+    the source's noise in both, in the target's light: see `PairModel`. ``sample_px``: pixels that
+    the fit is made to. ``is_one_view``: whether the photographs are of one view, for which simple
+    models may do.
     """
 
     smoothing_px: float
@@ -94,18 +163,9 @@ def fit_pair(
 ) -> PairFit:
     """Fit model and variance to a sample of the pixels.
 
-    Parameters
-    ----------
-    source, target
-        Smoothed, shape ``(rows, cols)``, finite.
-    terms
-        Of the variance.
-    valid
-        Pixels that count, the kernel's radius away from the border.
-    floor_dn2
-        Variance that the difference has at least, by a noise model or the files' steps.
-    rules
-        How.
+    ``source, target``: smoothed, shape ``(rows, cols)``, finite. ``valid``: pixels that count, the
+    kernel's radius away from the border. ``floor_dn2``: variance that the difference has at least,
+    by a noise model or the files' steps.
     """
     rows, cols = sampled(valid, rules.sample_px)
     sample = _Sample(
@@ -254,3 +314,73 @@ def _curvature_chi2(design: FloatArray, residual: FloatArray, weight: FloatArray
     powers -= rooted @ np.linalg.lstsq(rooted.T @ rooted, rooted.T @ powers, rcond=1e-12)[0]
     share = powers.T @ (residual * root)
     return float(share @ np.linalg.lstsq(powers.T @ powers, share, rcond=1e-12)[0])
+
+
+_SAMPLE_PX = 25_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedScatter:
+    """Noise of a difference, and the shares of its variance that are none.
+
+    ``gains``: of white noise in either photograph. ``noise_dn2``: mean variance by noise.
+    ``white_dn2``: the part of it that the noise of single pixels explains. Compression and
+    resampling take the finest noise away, and what they leave is alike in neighbours.
+    ``structure_share``: share of the variance by positions, blur and the finest detail.
+    ``displaced``: variance by positions that are wrong over the variance that was fitted: that of
+    the gradient, and what the kernel leaves of a displacement that varies over the frame. Only
+    roughly so where it is large.
+    """
+
+    gains: WhiteNoiseGain
+    noise_dn2: float
+    white_dn2: float
+    structure_share: float
+    displaced: float
+
+    @classmethod
+    def of(
+        cls,
+        fit: PairFit,
+        terms: VarianceTerms,
+        floor_dn2: Float32Array | None,
+        valid: BoolArray,
+        gains: WhiteNoiseGain,
+        images: tuple[Float32Array, Float32Array],
+    ) -> Self:
+        """Read it off a fit, on a sample of the pixels ``valid``; ``images`` are the pair's."""
+        rows, cols = sampled(valid, _SAMPLE_PX)
+        at = terms.at(rows, cols)
+        parts = fit.sizes[:, None] * at
+        floor = 1e-12 if floor_dn2 is None else floor_dn2[rows, cols].astype(np.float64)
+        whole = np.maximum(parts.sum(axis=0), floor)
+        shares = np.mean(parts / whole, axis=1)
+        # What varies of a displacement is in the kernel to first order; its square is left as blur.
+        bent = fit.model.kernel.varying_shift_px2**2 * float(np.mean(at[LAPLACIAN] / whole))
+        noise_dn2 = float(np.mean(np.maximum(parts[:GRADIENT].sum(axis=0), floor)))
+        source_dn = pixel_noise_dn(images[0])
+        target_dn = pixel_noise_dn(images[1], valid)
+        white_dn2 = gains.source * source_dn**2 + gains.target * target_dn**2
+        return cls(
+            gains=gains,
+            noise_dn2=noise_dn2,
+            white_dn2=min(white_dn2, noise_dn2),
+            structure_share=float(shares[GRADIENT : LAPLACIAN + 3].sum()),
+            displaced=float(shares[GRADIENT]) + bent,
+        )
+
+    @property
+    def unexplained_share(self) -> float:
+        """Share of the variance that is not white noise."""
+        correlated = 1 - self.white_dn2 / max(self.noise_dn2, 1e-30)
+        return self.structure_share + (1 - self.structure_share) * correlated
+
+    @property
+    def displaced_share(self) -> float:
+        """The part of it by positions that are wrong."""
+        return min(self.displaced, self.unexplained_share)
+
+    @property
+    def unlike_share(self) -> float:
+        """The part of it by what is not alike in both photographs: aliasing, compression, blur."""
+        return self.unexplained_share - self.displaced_share

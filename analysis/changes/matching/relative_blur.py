@@ -10,6 +10,11 @@ known from the difference.
 References
 ----------
 W. A. Fuller, Measurement Error Models (1987), section 2.3.
+
+The relative blur that a calibrated camera would show, as `relative_blur` would measure it.
+
+Two transfer functions that are not Gaussian do not differ by a variance. So their ratio is held
+against a Gaussian's over the spectrum of the photograph itself, as the measurement does.
 """
 
 from collections.abc import Iterator
@@ -19,9 +24,16 @@ from math import expm1, hypot, inf, pi, sqrt
 import cv2
 import numpy as np
 
-from analysis.changes.matching.pixels import finest_detail, light_at_first, pixel_noise_dn
-from analysis.changes.matching.smoothed_warp import PixelPositions, Window, smoothed
+from analysis.changes.matching.smoothed_warp import (
+    PixelPositions,
+    Window,
+    finest_detail,
+    light_at_first,
+    pixel_noise_dn,
+    smoothed,
+)
 from calibration.robust import robust_sigma
+from simulation import Psf, PsfField
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 _BLOCK_PX = 24
@@ -58,20 +70,11 @@ this much, so that the noise of the sharper one is not all that is smoothed."""
 class RelativeBlur:
     """How a target differs from its source, and standard errors.
 
-    Parameters
-    ----------
-    value_px2, err_px2
-        Variance by which it is blurrier, in its own pixels. Without any detail the error is
-        infinite.
-    gain, gain_err
-        Mean gain of light.
-    displacement_px, displacement_covariance_px2
-        Of the frame's middle and its change from one side to the other: ``(y, x)``, by y, by x;
-        shapes (6,) and (6, 6).
-    unlike
-        Mean square of what is left over that of the detail.
-    noises_dn
-        Standard deviations of the noise of single pixels of source and target.
+    ``value_px2, err_px2``: variance by which it is blurrier, in its own pixels. Without any detail
+    the error is infinite. ``displacement_px, displacement_covariance_px2``: of the frame's middle
+    and its change from one side to the other: ``(y, x)``, by y, by x; shapes (6,) and (6, 6).
+    ``unlike``: mean square of what is left over that of the detail. ``noises_dn``: standard
+    deviations of the noise of single pixels of source and target.
     """
 
     value_px2: float
@@ -132,18 +135,7 @@ def relative_blur(
 ) -> RelativeBlur:
     """Measure the variance by which ``target`` is blurrier than ``source``.
 
-    Parameters
-    ----------
-    source, target
-        The two photographs.
-    positions
-        Where the target's pixels lie in the source.
-    valid
-        Pixels of the target that count.
-    expected_px2
-        Where the search begins.
-    steps_dn2
-        Variance of the pixels of both by the steps of their files; the errors hold it.
+    ``steps_dn2``: variance of the pixels of both by the steps of their files; the errors hold it.
     """
     zoom = positions.zoom
     noises = _noises_dn(source, target, positions, valid)
@@ -260,12 +252,8 @@ class _Sides:
     ) -> RelativeBlur:
         """Regress the difference on the mean, both with their derivatives.
 
-        Parameters
-        ----------
-        noise_dn2, steps_dn2
-            Variance of the smoothed source and target by noise, and by the steps of their files.
-        widths
-            Of the Gaussians that smooth them.
+        ``noise_dn2, steps_dn2``: variance of the smoothed source and target by noise, and by the
+        steps of their files.
         """
         nothing = RelativeBlur(value_px2=0.0, err_px2=inf)
         count = self.place.shape[1]
@@ -422,3 +410,64 @@ def _derivatives(image: Float32Array, kept: BoolArray) -> FloatArray:
 
 def _laplacian(image: Float32Array) -> Float32Array:
     return np.asarray(cv2.Laplacian(image, cv2.CV_32F, ksize=1, borderType=cv2.BORDER_REFLECT_101))
+
+
+_SIDE_PX = 256
+_LEAST_TRANSFER = 1e-3
+_HIGHEST_CY_PER_PX = 0.45
+
+
+def calibrated_blur_px2(
+    psf: Psf | PsfField,
+    seen: Float32Array,
+    valid: BoolArray,
+    smoothing: Smoothing,
+    positions: PixelPositions,
+) -> float:
+    """Variance by which one camera's target is blurrier than its source, in the target's pixels.
+
+    ``psf``: total PSF of the camera that took both; a field is taken where both show the middle of
+    what they share.
+    """
+    rows, cols = np.nonzero(valid)
+    row, col = float(rows.mean()), float(cols.mean())
+    side = min(_SIDE_PX, *seen.shape)
+    top, left = (
+        int(np.clip(at - side / 2, 0, n - side))
+        for at, n in zip((row, col), seen.shape, strict=True)
+    )
+    part = (slice(top, top + side), slice(left, left + side))
+    level = np.where(valid[part], seen[part] - seen[part][valid[part]].mean(), np.float32(0))
+    window = cv2.createHanningWindow((side, side), cv2.CV_32F)
+    power = np.abs(np.fft.rfft2(level * window)) ** 2
+    fy: FloatArray = np.fft.fftfreq(side)[:, None].astype(np.float64)
+    fx: FloatArray = np.fft.rfftfreq(side)[None].astype(np.float64)
+    source_row, source_col, slopes = positions.near(row, col)
+    # A wave of frequency f in the target has the frequency A^-T f in the source.
+    (xx, xy), (yx, yy) = np.linalg.inv(slopes).T.tolist()
+    source_psf, target_psf = (
+        of.at(x, y) if isinstance(of, PsfField) else of
+        for of, x, y in ((psf, source_col, source_row), (psf, col, row))
+    )
+    source_fx, source_fy = xx * fx + xy * fy, yx * fx + yy * fy
+    square = (2 * np.pi) ** 2 * (fx * fx + fy * fy)
+    own = target_psf.otf(fx, fy)
+    other = source_psf.otf(source_fx, source_fy)
+    source_square = (2 * np.pi * positions.zoom) ** 2 * (source_fx**2 + source_fy**2)
+    told = (other > _LEAST_TRANSFER) & (np.hypot(fx, fy) < _HIGHEST_CY_PER_PX)
+    # Gain and Laplacian, as they are fitted to the photographs.
+    columns = np.stack([np.ones_like(square), -square / 2])
+    blur_px2 = 0.0
+    for _ in range(_ROUNDS):
+        made = smoothing_for(blur_px2)
+        own_px2, other_px2 = made.target_px**2, made.source_px**2
+        ratio = np.divide(own, other, out=np.ones_like(own), where=told)
+        ratio *= np.exp((source_square * other_px2 - square * own_px2) / 2)
+        # The spectrum is that of the source behind another Gaussian.
+        seen_px2 = smoothing.source_px**2
+        weight = np.where(told, power * np.exp(source_square * (seen_px2 - other_px2)), 0.0)
+        normal = np.einsum("iyx,jyx,yx->ij", columns, columns, weight)
+        share = np.einsum("iyx,yx->i", columns, ratio * weight)
+        gain, step = np.linalg.lstsq(normal, share, rcond=None)[0].tolist()
+        blur_px2 = other_px2 - own_px2 + step / gain
+    return blur_px2

@@ -1,4 +1,8 @@
-"""A photograph smoothed by a Gaussian, as the pixels of another one see it.
+"""Masks and samples of pixels, and the noise that single pixels show.
+
+The variance that rounding to the levels of a file adds, where those still show.
+
+A photograph smoothed by a Gaussian, as the pixels of another one see it.
 
 Smoothing and the prefilter of the quintic B-spline are one separable filter on the photograph's own
 pixels; the spline is then evaluated where the pose puts the pixels of the other photograph. Their
@@ -12,9 +16,99 @@ from typing import Self
 
 import cv2
 import numpy as np
+from scipy.ndimage import median_filter
 
-from simulation.arrays import BoolArray, Float32Array, FloatArray
+from calibration.robust import robust_sigma
+from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from simulation.compiled import compiled, compiled_part
+
+_SEED = 20
+"""The same pixels every time: a comparison has the same result whenever it is made."""
+
+_FINEST = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32) / 6
+"""Passes the finest detail, along both axes at once, of which a lens leaves little; white noise
+keeps its variance.
+
+J. Immerkaer, "Fast noise variance estimation", Computer Vision and Image Understanding 64 (1996).
+"""
+
+_STEP = 2
+"""Pixels from one to the next of those that the noise is told by."""
+
+
+def away_from(mask: BoolArray, distance_px: float) -> BoolArray:
+    """Pixels further than this from all of a mask."""
+    if not mask.any():
+        return np.ones(mask.shape, dtype=np.bool_)
+    apart = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    return np.asarray(apart > distance_px)
+
+
+def sampled(mask: BoolArray, count: int) -> tuple[IntArray, IntArray]:
+    """Rows and columns of a mask's pixels: of all, or of about so many at random."""
+    total = int(np.count_nonzero(mask))
+    if total <= count:
+        rows, cols = np.nonzero(mask)
+        return rows, cols
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.integers(0, mask.size, round(count * mask.size / total))
+    drawn = drawn[mask.ravel()[drawn]]
+    rows, cols = np.divmod(drawn, mask.shape[1])
+    return rows, cols
+
+
+def pixel_noise_dn(image: Float32Array, counts: BoolArray | None = None) -> float:
+    """Standard deviation of the noise that single pixels show, of those that count."""
+    finest = finest_detail(image)[::_STEP, ::_STEP]
+    if counts is None:
+        return robust_sigma(finest)
+    kept = counts[::_STEP, ::_STEP]
+    return robust_sigma(finest[kept]) if kept.any() else 0.0
+
+
+def finest_detail(image: Float32Array) -> Float32Array:
+    """What both axes show at once of the finest detail; white noise keeps its variance."""
+    return np.asarray(cv2.filter2D(image, -1, _FINEST), dtype=np.float32)
+
+
+def light_at_first(source: FloatArray, target: FloatArray) -> tuple[float, float]:
+    """Gain and offset that give levels the quartiles of others, for a robust fit to begin with."""
+    (low, middle, high), (own_low, own_middle, own_high) = (
+        np.percentile(levels, [25, 50, 75]).tolist() for levels in (source, target)
+    )
+    gain = (own_high - own_low) / (high - low) if high > low and own_high > own_low else 1.0
+    return gain, own_middle - gain * middle
+
+
+_LEAST_LEVELS, _MOST_LEVELS = 32, 1024
+"""Distinct levels of a photograph that was stored in 8 bits or so; a chart without noise has fewer,
+one from colours or means of frames more."""
+
+_NEIGHBOURS = 5
+"""Steps between levels of which the median counts: one of two that no pixel has does not matter."""
+
+_SAMPLE_PX = 250_000
+
+
+def rounding_variance(image_dn: Float32Array) -> Float32Array | None:
+    """Twelfth of the squared step between the levels around each pixel's; None if it is unknown.
+
+    Decoded from a tone curve, the steps of a file's integers differ from level to level.
+    ``image_dn``: shape ``(rows, cols)``.
+    """
+    stride = max(round((image_dn.size / _SAMPLE_PX) ** 0.5), 1)
+    levels = np.unique(image_dn[::stride, ::stride])
+    if not _LEAST_LEVELS <= len(levels) <= _MOST_LEVELS:
+        return None
+    steps = median_filter(np.diff(levels), _NEIGHBOURS, mode="nearest")
+    middles = (levels[1:] + levels[:-1]) / 2
+    # A table, since interpolation in levels of uneven steps is slow for every pixel.
+    table = np.linspace(float(levels[0]), float(levels[-1]), 8 * _MOST_LEVELS)
+    variance = (np.interp(table, middles, steps) ** 2 / 12).astype(np.float32)
+    scale = np.float32((len(table) - 1) / (table[-1] - table[0]))
+    index = np.clip((image_dn - np.float32(table[0])) * scale, 0, len(table) - 1)
+    return np.asarray(variance[np.rint(index).astype(np.int32)])
+
 
 Window = tuple[slice, slice]
 """Rows and columns of a part of the grid."""
@@ -52,15 +146,10 @@ def spline_coefficients(image: Float32Array, sigma_px: float) -> Float32Array:
 class PixelPositions:
     """Where the pixels of a grid lie in another photograph.
 
-    Parameters
-    ----------
-    shape, source_shape
-        ``(rows, cols)`` of the grid and of the other photograph.
-    nodes_y, nodes_x
-        Positions of a coarse grid of pixels, whose first node is one step before the first pixel.
-    whole_shift
-        ``(rows, cols)`` by which each pixel lies further on in the other photograph, where all are
-        such numbers of pixels: then nothing is interpolated.
+    ``shape, source_shape``: ``(rows, cols)`` of the grid and of the other photograph. ``nodes_y,
+    nodes_x``: positions of a coarse grid of pixels, whose first node is one step before the first
+    pixel. ``whole_shift``: ``(rows, cols)`` by which each pixel lies further on in the other
+    photograph, where all are such numbers of pixels: then nothing is interpolated.
     """
 
     shape: tuple[int, int]

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.special import ndtr
 
-from analysis.changes.detection.chance import FilterWidth, significance_threshold
+from analysis.changes.significance import FilterWidth, significance_threshold
 from benchmarks.change_roc import plot_change_roc, roc_of
 
 

@@ -11,8 +11,13 @@ from scipy.stats import chi2, norm
 from acquisition.photographs import luma_plane
 from analysis.changes import ChangeOptions, ChangeResult, PairColours, find_changes
 from analysis.changes.colour import SeenDifference, to_luma_red_blue, to_rgb
-from analysis.changes.detection import FilterWidth, significance_threshold
-from analysis.changes.detection.joint_significance import as_significance, joint_share, norm_at
+from analysis.changes.significance import (
+    FilterWidth,
+    as_significance,
+    joint_share,
+    norm_at,
+    significance_threshold,
+)
 
 ByteImage = NDArray[np.uint8]
 NOISE_DN = 3.0

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from analysis.changes.comparison import Comparison, compare
-from analysis.changes.detection.chance import FilterWidth, significance_threshold
 from analysis.changes.filter import find_changes
 from analysis.changes.options import ChangeOptions
+from analysis.changes.significance import FilterWidth, significance_threshold
 from benchmarks.lens_optics import f_number, gaussian
 from benchmarks.pair_photographs import Development, Pair, PairPose, pair_of, seen_spot
 from benchmarks.pair_scenes import scene

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.changes.detection.chance import FilterWidth
-from analysis.changes.detection.levels import detection_levels
-from analysis.changes.detection.limit_maps import LimitMaps, detection_limit
-from analysis.changes.detection.linked_regions import link_levels
-from analysis.changes.detection.power import detection_power, height_for, response
+from analysis.changes.levels import LimitMaps, detection_levels, detection_limit
+from analysis.changes.regions import link_levels
+from analysis.changes.significance import FilterWidth, detection_power, height_for, response
 from tests.analysis.changes.compared_fields import comparison, smoothed_noise, smoothed_spot
 
 SHAPE = (192, 192)

@@ -5,11 +5,9 @@ from math import exp, pi
 import numpy as np
 import pytest
 
-from analysis.changes.detection.chance import FilterWidth, expected_peaks
-from analysis.changes.detection.false_discovery import discovery_threshold, q_values
-from analysis.changes.detection.levels import detection_levels
-from analysis.changes.detection.linked_regions import link_levels
-from analysis.changes.detection.peaks import connected_regions
+from analysis.changes.levels import detection_levels
+from analysis.changes.regions import connected_regions, discovery_threshold, link_levels, q_values
+from analysis.changes.significance import FilterWidth, expected_peaks
 from tests.analysis.changes.compared_fields import comparison, smoothed_noise, smoothed_spot
 
 
@@ -45,9 +43,7 @@ def test_wide_smoothing_leaves_the_euler_characteristic() -> None:
 
 def test_q_values_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     by_chance = np.array([0.001, 0.03, 0.02, 0.4, 9.0])
-    monkeypatch.setattr(
-        "analysis.changes.detection.false_discovery.expected_peaks", lambda *_: by_chance
-    )
+    monkeypatch.setattr("analysis.changes.regions.expected_peaks", lambda *_: by_chance)
     # Over ranks: .001, .015, .00667, .1, 1.8; each the least from it on, and at most 1.
     found = q_values(np.zeros(5), 1000, ())
     assert found == pytest.approx([0.001, 0.02 / 3, 0.02 / 3, 0.1, 1.0])

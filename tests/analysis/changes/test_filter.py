@@ -10,12 +10,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
-from analysis.changes.detection.chance import FilterWidth, significance_threshold
 from analysis.changes.document import read_changes
 from analysis.changes.filter import ChangeResult, find_changes
 from analysis.changes.options import ChangeOptions
+from analysis.changes.significance import FilterWidth, significance_threshold
 from analysis.errors import AnalysisError, OverlapError
-from analysis.reports.results import plot_changes
+from analysis.reports.evaluation import plot_changes
 from analysis.results_file import write_results
 from benchmarks.change_roc import roc_of
 from calibration.registration.distorted_pose import DistortedPose

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from analysis.changes.detection.chance import (
+from analysis.changes.levels import DetectionLevel, detection_levels
+from analysis.changes.regions import link_levels, pixels_of
+from analysis.changes.significance import (
     FilterWidth,
     equally_strict,
     exceeded_share,
     significance_threshold,
 )
-from analysis.changes.detection.levels import DetectionLevel, detection_levels
-from analysis.changes.detection.linked_regions import link_levels, pixels_of
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import (

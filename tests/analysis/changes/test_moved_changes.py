@@ -7,7 +7,7 @@ import pytest
 
 from analysis.changes import ChangeOptions, find_changes
 from analysis.changes.comparison import Comparison
-from analysis.changes.moved_changes import moved_apart
+from analysis.changes.things import moved_apart
 from calibration.registration import DistortedPose
 from tests.analysis.changes.compared_fields import comparison, regions_and_changes
 from tests.analysis.changes.test_movement import SD_DN, SHAPE, compared, moved_thing, waves

@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from analysis.changes import ChangeOptions, find_changes
-from analysis.changes.one_view import nearest_shift, one_view
+from analysis.changes.photograph_pair import nearest_shift, one_view
 from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import FloatArray
 from tests.shipped import shipped

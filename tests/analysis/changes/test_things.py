@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from analysis.changes import ChangeOptions, change_table, describe_least, find_changes
+from analysis.changes.change_list import large_enough
 from analysis.changes.document import Change, ChangeSummary
-from analysis.changes.least import large_enough
 from simulation.arrays import FloatArray
 from tests.shipped import shipped
 

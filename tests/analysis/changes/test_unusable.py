@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from analysis.changes.unusable import clipped_at_white, unusable
+from analysis.changes.photograph_pair import clipped_at_white, unusable
 from simulation.arrays import FloatArray
 
 SHAPE = (120, 160)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.changes.document import Change
-from analysis.changes.warning_sentences import ChangeMasks, change_warnings
+from analysis.changes.filter import ChangeMasks, change_warnings
 from analysis.detection_limits import level_text
 from simulation.arrays import BoolArray
 

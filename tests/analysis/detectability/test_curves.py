@@ -23,8 +23,8 @@ from analysis.detectability.scenario import Scenario
 from analysis.detectability.sweep import scene_sums
 from analysis.detectability.task import DetectionTask, curves_of
 from analysis.errors import NotDetectableError, ResultsFileError
+from analysis.reports.evaluation import plot_detectability
 from analysis.reports.page import png_bytes, svg_bytes
-from analysis.reports.results import plot_detectability
 from analysis.results_file import write_results
 from calibration.documents import json_object
 from simulation import GaussianPsf, Model

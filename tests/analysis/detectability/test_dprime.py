@@ -15,14 +15,24 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage import data
 
 from analysis.choices import OBSERVERS
-from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
-from analysis.detectability.covariance import DenseCovariance, WindowCovariance
+from analysis.detectability.artefact import (
+    ArtefactTiles,
+    DenseCovariance,
+    WindowCovariance,
+    artefact_tiles,
+    auc_of,
+    observer_templates,
+)
 from analysis.detectability.dprime import d_primes, scene_artefact
-from analysis.detectability.local import LocalChange, local_changes
-from analysis.detectability.observers import auc_of, observer_templates
-from analysis.detectability.pair import compared_pair
-from analysis.detectability.scenario import Scenario
-from analysis.detectability.signal import GaussianSignal, PatchSignal, signal_offsets_px
+from analysis.detectability.scenario import (
+    GaussianSignal,
+    LocalChange,
+    PatchSignal,
+    Scenario,
+    compared_pair,
+    local_changes,
+    signal_offsets_px,
+)
 from analysis.detectability.task import DetectionTask, d_prime_curves
 from simulation import GaussianPsf, Model
 from simulation.arrays import FloatArray

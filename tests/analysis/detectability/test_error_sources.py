@@ -17,7 +17,7 @@ from analysis.detectability import (
     ErrorSources,
     d_prime_curves,
 )
-from analysis.detectability.error_sources import focus_spread, registration_spread
+from analysis.detectability.curves import focus_spread, registration_spread
 from benchmarks.gaussian_scenes import GaussianScene, true_d_prime
 from simulation import GaussianPsf
 

@@ -9,23 +9,19 @@ import pytest
 
 from analysis.detectability.artefact import ArtefactTiles
 from analysis.detectability.dprime import d_primes, scene_artefact
-from analysis.detectability.kept_sums import SweepSums
-from analysis.detectability.local import local_changes
-from analysis.detectability.scenario import Scenario
-from analysis.detectability.signal import GaussianSignal
-from analysis.detectability.sums import (
+from analysis.detectability.scenario import GaussianSignal, Scenario, local_changes
+from analysis.detectability.sweep import (
     ArtefactSums,
+    ArtefactWork,
     KeptPhotographs,
     MeasuredPhotograph,
+    SceneImage,
     SummedPhotographs,
     SumsFile,
-    sums_bytes,
-)
-from analysis.detectability.sweep import (
-    ArtefactWork,
-    SceneImage,
     SweepPlan,
+    SweepSums,
     scene_sums,
+    sums_bytes,
     tiles_per_side,
 )
 from analysis.errors import AnalysisError, RefusedPhotographError, ResultsFileError

@@ -4,7 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from analysis.change_series.summary import ChangesSeries, ComparedFollowup, read_changes_series
+from analysis.change_series.time_line import (
+    ChangesSeries,
+    ComparedFollowup,
+    read_changes_series,
+)
 from analysis.errors import ResultsFileError
 from analysis.followup_series.tables import write_csv, write_summary
 from calibration.documents import json_object

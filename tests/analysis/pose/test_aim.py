@@ -8,8 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from analysis.detectability import DetectabilityCurve
 from analysis.pose import ViewingCamera, pose_limits
-from analysis.pose.limits import worst_zoom
-from analysis.pose.local_sampling import local_sampling
+from analysis.pose.limits import local_sampling, worst_zoom
 
 CAMERA = ViewingCamera(focal_length_px=800.0, width_px=640, height_px=480)
 MIDDLE = np.array([319.5, 239.5])

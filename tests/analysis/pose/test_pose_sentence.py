@@ -3,7 +3,7 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 
-from analysis.pose.pose_sentence import describe_pose
+from analysis.pose.quality import describe_pose
 from calibration.registration.distorted_pose import DistortedPose
 
 

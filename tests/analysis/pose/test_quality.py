@@ -10,11 +10,17 @@ from analysis.errors import (
     NotDetectableError,
     OverlapError,
 )
-from analysis.pose.limits import contrast_found_at, pose_limits, shift_overlap, worst_zoom
-from analysis.pose.local_sampling import local_sampling
+from analysis.pose.limits import (
+    FollowupPose,
+    ViewingCamera,
+    contrast_found_at,
+    local_sampling,
+    pose_limits,
+    shift_overlap,
+    worst_zoom,
+)
 from analysis.pose.quality import judge_pose
-from analysis.pose.viewing_camera import FollowupPose, ViewingCamera
-from analysis.reports.results import plot_limits, plot_pose
+from analysis.reports.evaluation import plot_limits, plot_pose
 from simulation import SamplingGrid
 from tests.analysis.detectability.test_curves import curve
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from analysis.pose.limits import worst_zoom
-from analysis.pose.local_sampling import local_sampling
-from analysis.pose.viewing_camera import ViewingCamera
+from analysis.pose.limits import ViewingCamera, local_sampling, worst_zoom
 
 CAMERA = ViewingCamera(focal_length_px=800.0, width_px=640, height_px=480)
 

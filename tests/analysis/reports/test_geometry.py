@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from analysis.reports.geometry import geometry_sections, geometry_verdicts
-from analysis.reports.geometry_plots import (
+from analysis.reports.geometry import (
+    geometry_sections,
+    geometry_verdicts,
     plot_distortion,
     plot_scale_by_height,
     plot_squareness,

@@ -4,9 +4,9 @@ import pytest
 from acquisition.session.reader import Session
 from analysis.choices import VALIDATION_MODELS
 from analysis.detectability.plot import MODEL_COLOURS
-from analysis.reports.validation_plots import plot_curves, plot_furthest
+from analysis.reports.validation import plot_curves, plot_furthest
 from analysis.validation.document import METRICS, Validation
-from analysis.validation.shown import ShownPair, drawn_procedure, furthest_pair
+from analysis.validation.session import ShownPair, drawn_procedure, furthest_pair
 from simulation import MODELS
 from tests.analysis.bench_session import PSF
 

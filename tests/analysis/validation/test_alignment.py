@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from analysis.errors import OverlapError
-from analysis.validation.alignment import bicubic_at, scaled_up, shared_window
+from analysis.validation.metrics import bicubic_at, scaled_up, shared_window
 from calibration.registration.distorted_pose import DistortedPose
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.validation.explained import Expectation, PairErrors
-from analysis.validation.pair import AlignedPair
+from analysis.validation.pair import AlignedPair, Expectation, PairErrors
 from calibration.registration import DistortedPose
 from simulation import GaussianPsf, zoom_out_on_grid
 from simulation.arrays import FloatArray

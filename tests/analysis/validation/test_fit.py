@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from analysis.choices import ValidationModel
-from analysis.validation.fit_remarks import fit_remarks
+from analysis.validation.document import fit_remarks
 from analysis.validation.session import ValidationSettings, validate
 from calibration.psf import PsfCalibration
 from simulation import GaussianPsf

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.validation.metrics import compare_images, correlation, mean_squared_error
+from analysis.validation.metrics import (
+    compare_images,
+    correlation,
+    mean_squared_error,
+)
 
 
 def textures() -> tuple[np.ndarray, np.ndarray]:

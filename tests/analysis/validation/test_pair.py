@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from analysis.choices import ValidationModel
+from analysis.validation.kernels import ModelInputs
 from analysis.validation.metrics import ImageMetrics
-from analysis.validation.models import ModelInputs
 from analysis.validation.pair import AlignedPair, PairMetrics, compare_pair
 from analysis.validation.session import mean_metrics
 from calibration.registration.pair import Registration, register

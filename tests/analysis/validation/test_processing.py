@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from analysis.validation.processing import (
+from analysis.validation.metrics import (
     crop_centre_half,
     normalise,
     process_for_comparison,

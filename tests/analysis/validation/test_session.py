@@ -11,29 +11,29 @@ from hypothesis import given, strategies as st
 from acquisition.session.reader import Session
 from analysis.choices import ValidationModel
 from analysis.reports.page import png_bytes
-from analysis.reports.validation import render_validation
-from analysis.reports.validation_plots import plot_curves, plot_images
+from analysis.reports.validation import plot_curves, plot_images, render_validation
 from analysis.results_file import write_results
-from analysis.validation.alignment import PROCEDURES
 from analysis.validation.document import (
     METRICS,
     PAPER_TABLE_1,
     PAPER_TABLE_2,
     VALIDATION_SCHEMA,
     Validation,
+    both_tables,
+    curves_csv,
     read_validation,
 )
 from analysis.validation.kernels import KernelBook, trainings_needed
-from analysis.validation.metrics import ImageMetrics
+from analysis.validation.metrics import PROCEDURES, ImageMetrics
 from analysis.validation.screening import screen
 from analysis.validation.session import (
+    ShownPair,
     ValidationSettings,
     curve_differences,
     mean_metrics,
+    shown_pairs,
     validate,
 )
-from analysis.validation.shown import ShownPair, shown_pairs
-from analysis.validation.tables import both_tables, curves_csv
 from tests.analysis.height_series import LARGE_SHAPE, PSF, height_series
 
 MODELS: tuple[ValidationModel, ...] = ("bicubic", "paper", "matched")

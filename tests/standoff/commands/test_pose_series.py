@@ -12,7 +12,7 @@ import tifffile
 
 from acquisition.photographs.reader import read_image
 from analysis.detectability.curves import DetectabilityCurves
-from analysis.pose.series import read_pose_series
+from analysis.pose.quality import read_pose_series
 from analysis.results_file import write_results
 from calibration.registration.pair import Registration, register
 from simulation.arrays import FloatArray

@@ -116,7 +116,7 @@ SOUND: dict[str, dict[str, object]] = {
     "verify_session": {"session": GONE},
     "watch_focus": {"bench": GONE},
     **MADE_BY_HAND,
-    **{name: {"path": GONE} for name in standoff.__all__ if name.startswith(("read_", "load_"))},
+    **{name: {"path": GONE} for name in dir(standoff) if name.startswith(("read_", "load_"))},
     "read_change_pairs": {"folder": GONE},
     "read_image": {"path": "before.tif"},
     "read_psf": {"path": "psf.json"},

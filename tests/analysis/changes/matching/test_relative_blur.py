@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from analysis.changes.matching.calibrated_blur import calibrated_blur_px2
-from analysis.changes.matching.relative_blur import RelativeBlur, relative_blur, smoothing_for
+from analysis.changes.matching.relative_blur import (
+    RelativeBlur,
+    calibrated_blur_px2,
+    relative_blur,
+    smoothing_for,
+)
 from analysis.changes.matching.smoothed_warp import (
     PixelPositions,
     smoothed,

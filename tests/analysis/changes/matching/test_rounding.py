@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.changes.matching.rounding import rounding_variance
+from analysis.changes.matching.smoothed_warp import rounding_variance
 
 SHAPE = (90, 120)
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from analysis.changes.matching.residual_variance import GRADIENT, VarianceTerms, fit_sizes
+from analysis.changes.matching.matching_kernel import fit_tone_curve
 from analysis.changes.matching.smoothed_warp import PixelPositions
-from analysis.changes.matching.tone_curve import fit_tone_curve
-from analysis.changes.matching.variance_calibration import calibrated_factor
+from analysis.changes.matching.variance import GRADIENT, VarianceTerms, calibrated_factor, fit_sizes
 from simulation.arrays import Float32Array, FloatArray
 
 SHAPE = (300, 320)

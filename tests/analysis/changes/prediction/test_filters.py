@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.changes.detection import FilterWidth
-from analysis.changes.matching import KERNEL_RADIUS_PX, Smoothing, smoothing_for, white_noise_gain
+from analysis.changes.matching import (
+    KERNEL_RADIUS_PX,
+    Smoothing,
+    smoothing_for,
+    white_noise_gain,
+)
 from analysis.changes.prediction import ExpectedFilters
+from analysis.changes.significance import FilterWidth
 
 ZOOMS = st.floats(1.0, 4.0)
 BLURS = st.floats(-1.5, 1.5)

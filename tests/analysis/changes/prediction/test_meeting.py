@@ -14,7 +14,7 @@ from analysis.changes import (
     find_changes,
 )
 from analysis.changes.comparison import Comparison
-from analysis.changes.detection import LimitMaps, detection_levels
+from analysis.changes.levels import LimitMaps, detection_levels
 from analysis.changes.matching import Smoothing, WhiteNoiseGain, smoothing_for
 from analysis.changes.prediction import ExpectedFilters, meet
 from analysis.detectability import (

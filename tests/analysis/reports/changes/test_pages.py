@@ -9,23 +9,26 @@ import numpy as np
 import pytest
 
 from acquisition.photographs import on_screen, white_level_dn
-from analysis.change_series.summary import ChangesSeries, ComparedFollowup
 from analysis.change_series.time_line import (
+    ChangesSeries,
     ChangeTimeLine,
     ChangeTrack,
+    ComparedFollowup,
     TimeLineFollowup,
     TrackPoint,
 )
-from analysis.changes.detection.chance import FilterWidth
-from analysis.changes.document import Change, ChangeSummary
-from analysis.changes.filter import ChangeResult
+from analysis.changes.document import Change, ChangeSummary, describe_focus
+from analysis.changes.filter import ChangeMasks, ChangeResult
 from analysis.changes.plot import changes_figure
-from analysis.changes.sentences import describe_focus
-from analysis.changes.warning_sentences import ChangeMasks
-from analysis.reports.changes.pictures import LONGEST_SIDE_PX, ColourPair, compared_pictures
-from analysis.reports.changes.sections import q_text, render_changes_report
-from analysis.reports.changes.time_line import plot_track_map, render_series_report
-from analysis.reports.changes.views import view_figures
+from analysis.changes.significance import FilterWidth
+from analysis.reports.change_pictures import (
+    LONGEST_SIDE_PX,
+    ColourPair,
+    compared_pictures,
+    view_figures,
+)
+from analysis.reports.change_series import plot_track_map, render_series_report
+from analysis.reports.changes import q_text, render_changes_report
 from calibration.registration.distorted_pose import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 from tests.analysis.html_page import Page

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from analysis.reports.psf.edge_curves import curves_section, plot_curves_of_edges
+from analysis.reports.psf_edges import curves_section, plot_curves_of_edges
 from calibration.edge_fit.model import edge_profile
 from calibration.edges.image import EdgeImage
 from calibration.edges.measurement import EdgeMeasurement, measure_edges
@@ -78,7 +78,7 @@ def test_the_softest_and_the_sharpest_edge_are_always_among_those_shown(
         shown.extend(edges)
         return plot_curves_of_edges(edges[:1], has_image=has_image)
 
-    monkeypatch.setattr("analysis.reports.psf.edge_curves.plot_curves_of_edges", keep)
+    monkeypatch.setattr("analysis.reports.psf_edges.plot_curves_of_edges", keep)
     rng = np.random.default_rng(3)
     edges = [
         edge.model_copy(update={"x_px": x, "y_px": y, "esfr_mtf50_cy_per_px": mtf50})

@@ -1,8 +1,7 @@
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from analysis.reports.psf.edge_labels import LABEL_POINTS, placed_labels
-from analysis.reports.psf.edge_plots import plot_edges
+from analysis.reports.psf_edges import LABEL_POINTS, placed_labels, plot_edges
 from tests.calibration.sharpness.edges import edge_of
 
 WIDTH_PX, HEIGHT_PX, PX_PER_IN = 640, 480, 100.0

@@ -1,7 +1,7 @@
 import pytest
 
 from acquisition.files import Provenance
-from analysis.reports.psf.front_page import calibration_front, verdict_section
+from analysis.reports.psf import calibration_front, verdict_section
 from calibration.psf.document import CameraIdentity, PsfCalibration
 from calibration.sharpness.limits import SharpnessLimits
 from tests.calibration.sharpness.edges import edge_of

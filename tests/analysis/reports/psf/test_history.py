@@ -1,4 +1,4 @@
-from analysis.reports.psf.history import (
+from analysis.reports.psf_history import (
     history_document,
     history_sections,
     ordered_history,

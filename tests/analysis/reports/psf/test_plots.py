@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from analysis.reports.psf.plots import plot_field, plot_heights, plot_mtf, plot_transfer_2d
+from analysis.reports.psf_field import (
+    plot_field,
+    plot_heights,
+    plot_mtf,
+    plot_transfer_2d,
+)
 from calibration.edges.axis_transfer import AxisTransfer, MeasuredTransfer
 from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
 from calibration.psf.document import PsfCalibration

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from acquisition.session.reader import Session
-from analysis.reports.psf.edge_table import edge_table_section
-from analysis.reports.psf.plots import field_section, widths_section
-from analysis.reports.psf.sections import calibration_sections, calibration_verdicts
+from analysis.reports.psf import calibration_sections, calibration_verdicts
+from analysis.reports.psf_edges import edge_table_section
+from analysis.reports.psf_field import field_section, widths_section
 from calibration.edges.measurement import EdgeMeasurement
 from calibration.psf.document import PsfCalibration
 from calibration.psf.field import FieldFit

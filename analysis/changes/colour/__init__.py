@@ -1,5 +1,0 @@
-"""Photographs in colour: what their channels say beside the luma, and colour differences."""
-
-import lazy_loader as lazy
-
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
