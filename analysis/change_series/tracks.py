@@ -297,10 +297,7 @@ def time_line_of(
 def _stored(out: Path, row: ComparedFollowup, shape: tuple[int, int]) -> _StoredComparison:
     folder = out / (row.folder or "")
     return _StoredComparison(
-        row=row,
-        summary=read_changes(folder / "changes.json"),
-        folder=folder,
-        reference_shape=shape,
+        row=row, summary=read_changes(folder / "changes.json"), folder=folder, reference_shape=shape
     )
 
 

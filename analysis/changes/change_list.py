@@ -333,10 +333,7 @@ class _ColourFields:
         assert planes is not None, "photographs in colour"
         own = _colours_of(levels[0])
         whole = replace(
-            own,
-            difference_dn=planes.difference_dn,
-            sd_dn=planes.sd_dn,
-            by_others=planes.by_others,
+            own, difference_dn=planes.difference_dn, sd_dn=planes.sd_dn, by_others=planes.by_others
         )
         fields = [
             _Places(colours=whole, valid=compared.valid, step_px=1, smoothing=compared.smoothing_px)

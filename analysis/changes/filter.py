@@ -16,20 +16,11 @@ from analysis.changes.change_list import large_enough, list_changes
 from analysis.changes.comparison import Comparison, compare
 from analysis.changes.document import Change, ChangeSummary
 from analysis.changes.levels import LimitMaps, detection_levels, detection_limit
-from analysis.changes.matching import (
-    PixelPositions,
-    RelativeBlur,
-    spline_coefficients,
-)
+from analysis.changes.matching import PixelPositions, RelativeBlur, spline_coefficients
 from analysis.changes.options import ChangeOptions, CodedAlike
 from analysis.changes.photograph_pair import clipped_at_white, nearest_shift, one_view, view_rather
 from analysis.changes.prediction import meet
-from analysis.changes.regions import (
-    FoundChanges,
-    discovery_threshold,
-    link_levels,
-    pixels_of,
-)
+from analysis.changes.regions import FoundChanges, discovery_threshold, link_levels, pixels_of
 from analysis.changes.significance import FilterWidth, significance_threshold
 from analysis.changes.things import ToldApart, as_things, moved_apart
 from analysis.errors import AnalysisError

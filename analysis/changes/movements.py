@@ -491,10 +491,7 @@ def _pixels_of(regions: Sequence[ChangedRegion], chosen: Sequence[int]) -> IntAr
 
 
 def _add_joint(
-    images: Images,
-    regions: Sequence[ChangedRegion],
-    found: dict[int, Shift],
-    near: list[list[int]],
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift], near: list[list[int]]
 ) -> list[list[int]]:
     """Things that moved over what is behind them: what appeared is what vanished elsewhere.
 
@@ -517,10 +514,7 @@ def _add_joint(
 
 
 def _add_even(
-    images: Images,
-    regions: Sequence[ChangedRegion],
-    found: dict[int, Shift],
-    far: list[list[int]],
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift], far: list[list[int]]
 ) -> list[tuple[int, int]]:
     """Even things, of which only what they covered and uncovered has changed.
 
@@ -567,10 +561,7 @@ def _neighbours(regions: Sequence[ChangedRegion], reach: float) -> list[list[int
 
 
 def _add_followers(
-    images: Images,
-    regions: Sequence[ChangedRegion],
-    found: dict[int, Shift],
-    near: list[list[int]],
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift], near: list[list[int]]
 ) -> None:
     """Changes that are explained by the shift of a neighbour."""
     queue = sorted(found, key=lambda index: -found[index].gain)
@@ -588,10 +579,7 @@ def _add_followers(
 
 
 def _joined(
-    images: Images,
-    regions: Sequence[ChangedRegion],
-    found: dict[int, Shift],
-    near: list[list[int]],
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift], near: list[list[int]]
 ) -> tuple[Movement, ...]:
     """Neighbours with one shift are one movement."""
     movements = []

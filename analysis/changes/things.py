@@ -22,13 +22,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from analysis.changes.colour import (
-    ColourPlanes,
-    PairColours,
-    SeenDifference,
-    to_channels,
-    to_rgb,
-)
+from analysis.changes.colour import ColourPlanes, PairColours, SeenDifference, to_channels, to_rgb
 from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change, Happened
 from analysis.changes.movements import ChangedRegion, Movement, Surroundings, find_movements
@@ -228,9 +222,7 @@ _MOST_LEFT: Final = 1.0
 
 
 def as_things(
-    apart: ToldApart,
-    compared: Comparison,
-    colours: PairColours | None = None,
+    apart: ToldApart, compared: Comparison, colours: PairColours | None = None
 ) -> ToldApart:
     """Join changes and movements to things, and order them.
 

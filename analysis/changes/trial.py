@@ -61,11 +61,7 @@ def _solve(normal: FloatArray, right: FloatArray, count: int) -> None:
 
 @compiled()
 def shift_residuals(
-    pixels: FloatArray,
-    moving: FloatArray,
-    valid: BoolArray,
-    shift: FloatArray,
-    slopes: FloatArray,
+    pixels: FloatArray, moving: FloatArray, valid: BoolArray, shift: FloatArray, slopes: FloatArray
 ) -> FloatArray:
     """What a shift leaves, in standard deviations, shape ``(n,)``.
 
@@ -117,11 +113,7 @@ def shift_residuals(
 
 @compiled()
 def fit_shift(
-    pixels: FloatArray,
-    moving: FloatArray,
-    valid: BoolArray,
-    start: FloatArray,
-    prior: FloatArray,
+    pixels: FloatArray, moving: FloatArray, valid: BoolArray, start: FloatArray, prior: FloatArray
 ) -> FloatArray:
     """Shift that leaves least, shape (6,), from ``start``.
 

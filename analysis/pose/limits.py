@@ -73,11 +73,7 @@ def local_sampling(
         & (ref_y >= -0.5)
         & (ref_y <= reference_size[1] - 0.5)
     )
-    return LocalSampling(
-        worst_zoom=worst,
-        best_zoom=best,
-        inside=inside,
-    )
+    return LocalSampling(worst_zoom=worst, best_zoom=best, inside=inside)
 
 
 def _sampled_places(
@@ -295,11 +291,7 @@ def _worst_zooms(matrices: FloatArray, size: tuple[int, int]) -> FloatArray:
     borders = np.einsum("dji,nj->dni", matrices, _sides(reference))
     crossings = np.cross(_sides(followup)[:, None], borders[:, None])
     places = np.concatenate(
-        [
-            np.broadcast_to(followup, mapped.shape),
-            mapped,
-            crossings.reshape(len(matrices), -1, 3),
-        ],
+        [np.broadcast_to(followup, mapped.shape), mapped, crossings.reshape(len(matrices), -1, 3)],
         axis=1,
     )
     # Parallel borders cross nowhere, and a place may lie in the reference camera's own plane.
@@ -495,19 +487,11 @@ def shift_overlap(share: float) -> float:
 
 
 def contrast_found_at(
-    curve: DetectabilityCurve,
-    min_d_prime: float,
-    camera: ViewingCamera,
-    pose: FollowupPose,
+    curve: DetectabilityCurve, min_d_prime: float, camera: ViewingCamera, pose: FollowupPose
 ) -> float:
     """Least contrast in DN that is still found at a pose, where it samples most coarsely."""
     local = worst_zoom(
-        camera,
-        pose.zoom,
-        pose.tilt_deg,
-        pose.reference_tilt_deg,
-        pose.direction_deg,
-        pose.aim_px,
+        camera, pose.zoom, pose.tilt_deg, pose.reference_tilt_deg, pose.direction_deg, pose.aim_px
     )
     if local > curve.zoom[-1] + 1e-9:
         raise BeyondCurveError(

@@ -323,11 +323,7 @@ def view_figures(
         "difference": "After minus before, less what pose, light and blur explain: red is "
         f"brighter, blue darker, full colour at {pictures.reach_dn:.3g} DN.",
     }
-    shown = {
-        "before": pictures.before,
-        "after": pictures.after,
-        "difference": pictures.difference,
-    }
+    shown = {"before": pictures.before, "after": pictures.after, "difference": pictures.difference}
     return tuple(
         ReportFigure(
             markup=_view(name, picture, pictures.masks, marks, size),

@@ -518,10 +518,7 @@ def _shifts_table(
 ) -> ReportTable:
     has_image = len({edge.image for edge in psf.edges}) > 1
     rows = tuple(
-        (
-            edge_name(edge, has_image=has_image),
-            *(_shift(edge, colour) for colour, _ in _COLOURS),
-        )
+        (edge_name(edge, has_image=has_image), *(_shift(edge, colour) for colour, _ in _COLOURS))
         for edge in edges
     )
     columns = ("edge", "red from green / px", "blue from green / px")
@@ -553,9 +550,7 @@ def plot_lateral_colour(edges: Sequence[EdgeMeasurement], width_px: int, height_
         )
     axes.axhline(0, color=_INK, linewidth=0.6)
     axes.set(
-        xlabel="distance from the centre along the normal / px",
-        ylabel="shift / px",
-        xlim=(0, None),
+        xlabel="distance from the centre along the normal / px", ylabel="shift / px", xlim=(0, None)
     )
     figure.legend(loc="outside upper center", ncols=2)
     return figure

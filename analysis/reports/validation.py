@@ -243,12 +243,7 @@ def _screening_section(validation: Validation) -> ReportSection:
             ReportTable(
                 columns=("capture", "target", "height / mm", "excluded because"),
                 rows=tuple(
-                    (
-                        str(one.capture),
-                        one.target,
-                        f"{one.height_mm:.3f}",
-                        one.reason,
-                    )
+                    (str(one.capture), one.target, f"{one.height_mm:.3f}", one.reason)
                     for one in validation.excluded
                 ),
             ),

@@ -180,9 +180,7 @@ def edges_of_captures(
     """
     return tuple(
         PlannedEdge(
-            capture=number,
-            angle_deg=(orientation_deg + angle_deg) % 180.0,
-            length_px=length_px,
+            capture=number, angle_deg=(orientation_deg + angle_deg) % 180.0, length_px=length_px
         )
         for number, orientation_deg in enumerate(orientations_deg)
         for angle_deg, length_px in template
@@ -272,11 +270,7 @@ def _slopes(covariance_px2: FloatArray) -> FloatArray:
     x, y = np.sqrt([xx, yy]).tolist()
     rho = xy / (x * y)
     return np.array(
-        [
-            [0.5 / x, 0.0, 0.0],
-            [0.0, 0.0, 0.5 / y],
-            [-0.5 * rho / xx, 1 / (x * y), -0.5 * rho / yy],
-        ]
+        [[0.5 / x, 0.0, 0.0], [0.0, 0.0, 0.5 / y], [-0.5 * rho / xx, 1 / (x * y), -0.5 * rho / yy]]
     )
 
 

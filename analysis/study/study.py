@@ -243,10 +243,7 @@ def _pupil(plan: StudiedPlan) -> Prediction:
     return Prediction(
         quantity="pupil_offset_mm",
         value=plan.pupil_offset_mm,
-        variances={
-            "pixel noise of the board": errors.pixels,
-            "heights read back": errors.heights,
-        },
+        variances={"pixel noise of the board": errors.pixels, "heights read back": errors.heights},
         half_width_factor=factor,
     )
 

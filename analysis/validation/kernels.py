@@ -196,11 +196,7 @@ class KernelBook:
         return _trained(image, settings, self.folder) if stored is None else stored
 
     def inputs(
-        self,
-        image: AnyArray,
-        models: Sequence[ValidationModel],
-        zoom: float,
-        psf: Psf,
+        self, image: AnyArray, models: Sequence[ValidationModel], zoom: float, psf: Psf
     ) -> ModelInputs:
         """Return what the models need to simulate a follow-up of a reference; see ``kernel``."""
         return ModelInputs(

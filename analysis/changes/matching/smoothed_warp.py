@@ -341,11 +341,7 @@ def _seen(
 
 @compiled(nogil=True)
 def _inside(
-    mask: BoolArray,
-    nodes_y: FloatArray,
-    nodes_x: FloatArray,
-    shape: FloatArray,
-    border_px: float,
+    mask: BoolArray, nodes_y: FloatArray, nodes_x: FloatArray, shape: FloatArray, border_px: float
 ) -> BoolArray:
     found = np.zeros((shape[0], shape[1]), dtype=np.bool_)
     rows, cols = mask.shape

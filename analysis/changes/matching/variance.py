@@ -249,10 +249,7 @@ def _interpolated(
 
 
 def _calibrate_variance(
-    difference_dn: FloatArray,
-    variance_dn2: FloatArray,
-    noise_dn2: FloatArray,
-    alike: float | None,
+    difference_dn: FloatArray, variance_dn2: FloatArray, noise_dn2: FloatArray, alike: float | None
 ) -> _VarianceCalibration:
     """Compare differences with their predicted variance.
 
