@@ -393,7 +393,7 @@ class Trial:
         return np.asarray(self._z**2)
 
     @cached_property
-    def spot_cost(self) -> float:
+    def _spot_cost(self) -> float:
         """Chi-squared that the best elliptic Gaussian leaves."""
         return self.spot_cost_on(self._pixels(1.0))
 
@@ -488,7 +488,7 @@ class Trial:
             return None
         if np.abs(fit.shift[2:]).max() > _MOST_SLOPE * self._radius_px:
             return None
-        gain = self.spot_cost - fit.cost
+        gain = self._spot_cost - fit.cost
         if not fit.is_whole and fit.count:
             pixels = self._pixels(fit.sense)[: self._own]
             if self._changed_elsewhere(pixels, fit.shift).mean() < _LEAST_LEFT:

@@ -142,7 +142,7 @@ class ViewingCamera:
         """``(width, height)`` in px."""
         return self.width_px, self.height_px
 
-    def plane_to_px(
+    def _plane_to_px(
         self, distance: float, tilt_deg: float, direction_deg: ArrayLike = 0.0
     ) -> FloatArray:
         """Homography from the plane to pixels; the camera looks at the plane's origin.
@@ -188,7 +188,7 @@ class ViewingCamera:
                 f"the point to aim at must lie in the reference of {self.width_px} x "
                 f"{self.height_px} px, got {x:g},{y:g}"
             )
-        near = self.plane_to_px(1.0, reference_tilt_deg)
+        near = self._plane_to_px(1.0, reference_tilt_deg)
         place = np.linalg.solve(near, np.array([x, y, 1.0]))
         # The plane's origin has a positive third component; so has all on this side of the horizon.
         if not place[2] > 0:
@@ -209,8 +209,8 @@ class ViewingCamera:
         ``aim_px`` of the reference, or the reference's own middle. Shape (..., 3, 3), the leading
         axes those of ``direction_deg``.
         """
-        near = self.plane_to_px(1.0, reference_tilt_deg)
-        far = self.plane_to_px(zoom, tilt_deg, direction_deg)
+        near = self._plane_to_px(1.0, reference_tilt_deg)
+        far = self._plane_to_px(zoom, tilt_deg, direction_deg)
         if aim_px is not None:
             x, y = self.aimed_at(aim_px, reference_tilt_deg)
             far = far @ np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])

@@ -185,7 +185,7 @@ class BoardSession:
                 is_seen &= np.all(np.abs(at_px) < half_frame_px, axis=1)
         return np.asarray((corners @ turn)[is_seen])
 
-    def _corner_err_px(self, capture: BoardCapture) -> float | None:
+    def corner_err_px(self, capture: BoardCapture) -> float | None:
         """Standard error of a corner's coordinate; None if the squares are too small."""
         board = self.board
         window = _CornerWindow(

@@ -78,7 +78,7 @@ class AlignedPair:
         return shared_window(self.pose)
 
     @cached_property
-    def captured_in_window(self) -> FloatArray:
+    def _captured_in_window(self) -> FloatArray:
         """The captured follow-up's part that the reference covers, processed."""
         return process_for_comparison(self.followup[self.window.rows, self.window.cols])
 
@@ -108,7 +108,7 @@ class AlignedPair:
         return _ProcessedFollowup(
             aligned=process_for_comparison(aligned),
             followup=process_for_comparison(made),
-            captured=self.captured_in_window,
+            captured=self._captured_in_window,
             levels=made,
         )
 

@@ -370,7 +370,7 @@ class FittedScatter:
         )
 
     @property
-    def unexplained_share(self) -> float:
+    def _unexplained_share(self) -> float:
         """Share of the variance that is not white noise."""
         correlated = 1 - self.white_dn2 / max(self.noise_dn2, 1e-30)
         return self.structure_share + (1 - self.structure_share) * correlated
@@ -378,9 +378,9 @@ class FittedScatter:
     @property
     def displaced_share(self) -> float:
         """The part of it by positions that are wrong."""
-        return min(self.displaced, self.unexplained_share)
+        return min(self.displaced, self._unexplained_share)
 
     @property
     def unlike_share(self) -> float:
         """The part of it by what is not alike in both photographs: aliasing, compression, blur."""
-        return self.unexplained_share - self.displaced_share
+        return self._unexplained_share - self.displaced_share
