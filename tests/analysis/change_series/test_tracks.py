@@ -7,8 +7,8 @@ from itertools import permutations
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.change_series.tracks import PlaceReading, track_changes
-from analysis.changes.document import Change
+from analysis.change_series import PlaceReading, track_changes
+from analysis.changes import Change
 
 ZOOM = 2.0
 

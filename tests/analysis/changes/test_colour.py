@@ -8,15 +8,16 @@ import skimage.data
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from analysis.changes import ChangeOptions, ChangeResult, PairColours, find_changes
-from analysis.changes.colour import SeenDifference, to_luma_red_blue, to_rgb
-from analysis.changes.significance import (
+from analysis.changes import (
+    ChangeOptions,
+    ChangeResult,
     FilterWidth,
-    as_significance,
-    joint_share,
-    norm_at,
+    PairColours,
+    find_changes,
     significance_threshold,
 )
+from analysis.changes.colour import SeenDifference, to_luma_red_blue, to_rgb
+from analysis.changes.significance import as_significance, joint_share, norm_at
 from calibration.psf import luma_plane
 
 ByteImage = NDArray[np.uint8]

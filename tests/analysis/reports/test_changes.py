@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from analysis.change_series.time_line import (
+from analysis.change_series import (
     ChangesSeries,
     ChangeTimeLine,
     ChangeTrack,
@@ -16,20 +16,27 @@ from analysis.change_series.time_line import (
     TimeLineFollowup,
     TrackPoint,
 )
-from analysis.changes.document import Change, ChangeSummary, describe_focus
-from analysis.changes.filter import ChangeMasks, ChangeResult
-from analysis.changes.plot import changes_figure
-from analysis.changes.significance import FilterWidth
-from analysis.reports.change_pictures import (
-    LONGEST_SIDE_PX,
+from analysis.changes import (
+    Change,
+    ChangeResult,
+    ChangeSummary,
+    FilterWidth,
+    changes_figure,
+    describe_focus,
+)
+from analysis.changes.filter import ChangeMasks
+from analysis.reports import (
     ColourPair,
     compared_pictures,
+    q_text,
+    render_changes_report,
+    render_series_report,
     view_figures,
 )
-from analysis.reports.change_series import plot_track_map, render_series_report
-from analysis.reports.changes import q_text, render_changes_report
+from analysis.reports.change_pictures import LONGEST_SIDE_PX
+from analysis.reports.change_series import plot_track_map
 from analysis.screen import on_screen, white_level_dn
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 from tests.analysis.html_page import Page
 
