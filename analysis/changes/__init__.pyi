@@ -12,7 +12,7 @@ from .document import (
 )
 from .filter import ChangeResult as ChangeResult, find_changes as find_changes
 from .matching import smoothing_for as smoothing_for
-from .options import ChangeOptions as ChangeOptions, CodedAlike as CodedAlike
+from .photograph_pair import ChangeOptions as ChangeOptions, CodedAlike as CodedAlike
 from .plot import changes_figure as changes_figure
 from .prediction import (
     ExpectedFilters as ExpectedFilters,

@@ -1,23 +1,15 @@
-"""A change among its surroundings, and how much it stands out from them.
+"""Changes that are movements: what a shift of a few pixels explains better than an added signal.
 
-Whether one shift explains several changes: what vanished here has appeared there.
-
-A thing covers what it moves to and uncovers what it was before, which no shift explains; what is
-seen of the thing itself either came from a place that has changed too, or went to one.
-
-Whether a thing is seen at both places, as it must be to have moved.
+What is seen somewhere after may be what was elsewhere before, and what was there before may be
+seen elsewhere after: a change is a movement if either holds, by the same shift, on nearly all that
+stands out, and if the thing itself is seen at both places. Parallax and things that moved are found
+so; what vanished and what appeared is one movement. A thing covers what it moves to and uncovers
+what it was before, which no shift explains.
 
 What is gone before a plain ground seems to have come from anywhere around it: the ground that was
 uncovered is found beside it. Where the other place has changed as well, what is there has come or
 gone; of the rest, of before and after the one decides that has structure in the change which its
 surroundings do not have: what is there must be found, at its other place, in the other photograph.
-
-Changes that are movements: what a shift of a few pixels explains better than an added signal.
-
-What is seen somewhere after may be what was elsewhere before, and what was there before may be
-seen elsewhere after: a change is a movement if either holds, by the same shift, on nearly all that
-stands out, and if the thing itself is seen at both places. Parallax and things that moved are found
-so; what vanished and what appeared is one movement.
 """
 
 from collections.abc import Sequence

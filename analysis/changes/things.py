@@ -1,6 +1,4 @@
-"""The listed changes that are movements, apart from those that are not.
-
-One entry for one thing: changes that touch or lie in one outline, in the order they are seen.
+"""One entry for one thing: changes that touch or lie in one outline, and movements apart.
 
 A thing that is gone leaves changes of both signs, wherever it was brighter and darker than what is
 behind it; a person lists the thing. Each says what happened to it, and the first is the one that

@@ -1,13 +1,10 @@
-"""The two explanations of a change on its own pixels: a shift of what was there, an added spot.
+"""Whether a shift explains one change better than an added spot does.
 
-Both are fitted by Levenberg and Marquardt's steps to residuals in standard deviations. Positions
-are ``(y, x)`` in a window; displacements are of what is seen, from before to after.
-
-Whether a shift explains one change better than an added spot does.
-
-Judged on the change's pixels and a ring around them. Chi-squared is the mean square in standard
-deviations times the number of independent values: errors with the correlation
-``exp(-d^2 / (4 s^2))`` have, by the variance of a sum of their squares, one to ``2 pi s^2`` pixels.
+Both are fitted by Levenberg and Marquardt's steps to residuals in standard deviations, on the
+change's pixels and a ring around them. Chi-squared is the mean square in standard deviations times
+the number of independent values: errors with the correlation ``exp(-d^2 / (4 s^2))`` have, by the
+variance of a sum of their squares, one to ``2 pi s^2`` pixels. Positions are ``(y, x)`` in a
+window; displacements are of what is seen, from before to after.
 """
 
 from dataclasses import dataclass, field, replace

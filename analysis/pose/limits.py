@@ -1,9 +1,4 @@
-"""How densely a follow-up samples its reference at each point, from the homography alone.
-
-A camera that looks at a plane, and the homography between two of its poses.
-
-Allowed movement: how far away, how tilted and how far aside a follow-up may be taken.
-"""
+"""Allowed movement: how far away, how tilted and how far aside a follow-up may be taken."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,9 +1,4 @@
-"""The pictures of a comparison, all on the follow-up's pixels, as a screen shows them.
-
-The map of what a comparison would have found.
-
-The views of a comparison as SVG: pictures, masks and numbered changes in one frame.
-"""
+"""The pictures and views of a comparison, all on the follow-up's pixels, as a screen shows them."""
 
 from base64 import b64encode
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""The sections of a comparison: verdict, views with the list of changes, and how it was made.
-
-Sections on comparisons and poses whose results are stored, for the report of a session.
-"""
+"""The sections of a comparison: verdict, views with the list of changes, and how it was made."""
 
 from base64 import b64encode
 from collections.abc import Sequence

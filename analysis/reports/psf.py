@@ -1,7 +1,4 @@
-"""Report sections on a PSF: headline figures, edges, profiles, widths, MTF.
-
-The first page of a PSF report: the verdict, what was measured with what, and the warnings.
-"""
+"""Report sections on a PSF: the first page, headline figures, edges, profiles, widths, MTF."""
 
 from collections.abc import Callable, Iterable
 from itertools import groupby

@@ -1,7 +1,4 @@
-"""Figures of a PSF: its transfer functions, its change over the frame and with height.
-
-MTF50 over the field of view, meridional and sagittal, and lateral colour over it.
-"""
+"""Figures of a PSF: its transfer functions, its change over the frame and with height."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,4 @@
-"""Figures 2 and 3, and one pair beside its simulations and their errors.
-
-The validation report: both tables beside the paper's, both figures, pairs and exclusions.
-"""
+"""The validation report: both tables beside the paper's, both figures, pairs and exclusions."""
 
 from collections.abc import Sequence
 

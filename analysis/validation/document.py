@@ -1,9 +1,4 @@
-"""The document validation.json: the results of a validation.
-
-Where the models do not fit the captures of a session, in sentences.
-
-Tables I and II as text, CSV and LaTeX.
-"""
+"""The document validation.json, its tables as text, CSV and LaTeX, and sentences on poor fits."""
 
 import csv
 import hashlib

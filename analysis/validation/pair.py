@@ -1,10 +1,9 @@
-"""Compare a captured follow-up with what every model simulates from its reference.
+"""A captured follow-up beside what every model simulates from its reference, and what is left.
 
-What is left between a captured and a simulated follow-up, over what is expected to be left.
-
-Expected are the noise of both captures, what the errors of PSF and focus change, what the model
-`lmmse` states of itself, and the error of the place to which the two were aligned. All models of a
-pair are measured by the same expectation, so that their figures compare.
+That is measured over what is expected to be left: the noise of both captures, what the errors of
+PSF and focus change, what the model `lmmse` states of itself, and the error of the place to which
+the two were aligned. All models of a pair are measured by the same expectation, so that their
+figures compare.
 """
 
 from collections.abc import Mapping

@@ -1,16 +1,12 @@
-"""What takes one smoothed photograph to the other: light, and a kernel about the mean of both.
+"""Light, kernel and scatter fitted to two smoothed photographs, as simple as the pair allows.
 
 With ``L`` the source in the target's light and ``M = s L + t T`` the mean of both, weighted so that
 its noise is not correlated with that of their difference, ``T - L`` is explained as a kernel on M.
 The noise of the source then pulls neither the kernel towards nothing, nor the gain below what it
 is; and before against after is minus after against before.
 
-Light, kernel and scatter fitted to two smoothed photographs, as simple as the pair allows.
-
 Parts of the frame that a model was not fitted to decide how much it needs: gain and offset, light
 that changes over the frame, a kernel, one that changes. Kernel and scatter are fitted in turns.
-
-Of what the difference of a matched pair consists: noise, displacement, and other structure.
 """
 
 from dataclasses import dataclass, field, replace

@@ -16,7 +16,12 @@ from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
 from analysis.changes import ChangeOptions, find_changes
-from analysis.changes.photograph_pair import clipped_at_white, nearest_shift, one_view, unusable
+from analysis.changes.photograph_pair import (
+    clipped_at_white,
+    nearest_shift,
+    one_view,
+    unusable,
+)
 from analysis.errors import OverlapError
 from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import FloatArray
