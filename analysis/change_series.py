@@ -303,7 +303,7 @@ class PlaceReading:
     sd_dn: float
 
 
-class TrackedFollowup(Protocol):
+class _TrackedFollowup(Protocol):
     """One follow-up of a series as the tracks need it."""
 
     @property
@@ -347,7 +347,7 @@ class _Track:
         return max(change.significance for change in self.seen.values())
 
 
-def track_changes(followups: Sequence[TrackedFollowup]) -> tuple[ChangeTrack, ...]:
+def track_changes(followups: Sequence[_TrackedFollowup]) -> tuple[ChangeTrack, ...]:
     """Link the changes of follow-ups, given in the order of the time line.
 
     A change continues the nearest track of its sign within reach; of several that could, nearer
@@ -363,7 +363,7 @@ def track_changes(followups: Sequence[TrackedFollowup]) -> tuple[ChangeTrack, ..
     return tuple(_told(track, followups) for track in tracks)
 
 
-def _linked(tracks: list[_Track], number: int, followup: TrackedFollowup) -> list[Change]:
+def _linked(tracks: list[_Track], number: int, followup: _TrackedFollowup) -> list[Change]:
     """Add changes to the tracks that they continue; return the others."""
     changes = list(followup.changes)
     if not tracks or not changes:
@@ -397,7 +397,7 @@ def _reach_px(change: Change, zoom: float) -> float:
     return max(scatter_px, zoom * sqrt(change.area_px / pi))
 
 
-def _told(track: _Track, followups: Sequence[TrackedFollowup]) -> ChangeTrack:
+def _told(track: _Track, followups: Sequence[_TrackedFollowup]) -> ChangeTrack:
     scale = _amplitude_over_reading(track, followups)
     x, y = track.place
     points = tuple(
@@ -415,7 +415,7 @@ def _told(track: _Track, followups: Sequence[TrackedFollowup]) -> ChangeTrack:
     )
 
 
-def _amplitude_over_reading(track: _Track, followups: Sequence[TrackedFollowup]) -> float:
+def _amplitude_over_reading(track: _Track, followups: Sequence[_TrackedFollowup]) -> float:
     """Amplitude of the change over the smoothed difference at its strongest place.
 
     It is the change's own, so that a limit is for a change of the same shape.
@@ -443,7 +443,7 @@ def _seen(change: Change) -> TrackPoint:
 
 
 def _not_seen(
-    followup: TrackedFollowup, place: tuple[float, float], sign: float, scale: float
+    followup: _TrackedFollowup, place: tuple[float, float], sign: float, scale: float
 ) -> TrackPoint:
     x_px, y_px = followup.place_of(*place)
     reading = followup.reading_at(x_px, y_px)
