@@ -1,7 +1,4 @@
-"""Changes on photographs of a scene known in closed form; the analysis resamples, these do not.
-
-What is said of doubtful changes, on masks drawn by hand.
-"""
+"""Changes on photographs of a scene known in closed form; the analysis resamples, these do not."""
 
 import json
 from dataclasses import dataclass

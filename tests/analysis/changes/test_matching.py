@@ -1,11 +1,4 @@
-"""The kernel between two smoothed photographs, against closed forms.
-
-Relative blur of two photographs, told from noise.
-
-The variance by rounding, against a twelfth of the squared step of known files.
-
-The scatter of a difference: its terms, its calibration.
-"""
+"""Blur, kernel, rounding and scatter between two photographs, against closed forms."""
 
 import numpy as np
 import pytest

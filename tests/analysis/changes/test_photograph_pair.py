@@ -1,11 +1,4 @@
-"""Clipped pixels of photographs whose light is known.
-
-Pixels at an end of the scale: what they show is at least what differs.
-
-Two photographs of one view: nothing is aligned, and noise is neither blur nor light nor change.
-
-The pictures are scikit-image's; the noise is drawn here.
-"""
+"""Pixels at an end of the scale, and two photographs of one view; the noise is drawn here."""
 
 from functools import lru_cache
 

@@ -1,7 +1,4 @@
-"""What the filters make of white noise and of spots, against closed forms.
-
-A limit that was predicted beside the one shown: each loss has its name.
-"""
+"""What filters make of noise and of spots, and a predicted limit beside the one shown."""
 
 from dataclasses import replace
 from math import pi, sqrt

@@ -1,7 +1,4 @@
-"""Movements in the list of changes: places and shifts in follow-up pixels.
-
-One entry for one thing, with what happened to it, in the order in which they are seen.
-"""
+"""One entry for one thing, with what happened to it, and movements apart."""
 
 import csv
 from dataclasses import replace

@@ -1,7 +1,4 @@
-"""How sure a d' is: closed forms of its errors, and a scene whose d' is known in closed form.
-
-The figures of d' against zoom.
-"""
+"""How sure a d' is: closed forms of its errors, and a scene whose d' is known in closed form."""
 
 import json
 from collections.abc import Callable

@@ -1,5 +1,3 @@
-""""""
-
 import hashlib
 import os
 import random
@@ -364,29 +362,26 @@ def shards(state: Path) -> set[str]:
 
 @pytest.mark.slow
 def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
-    tmp_path: Path,
+    many: list[Path], expected: list[bytes], tmp_path: Path
 ) -> None:
     """Five without workers, and five with two of them, which end with their client.
 
     One of each is killed soon after it begins, the others soon after a shard, whenever that is.
     """
-    paths = scenes(tmp_path / "photographs", 300)
-    (tmp_path / "expected").mkdir()
-    _, expected = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=tmp_path / "expected"))
     state, script = tmp_path / "state", tmp_path / "client.py"
     script.write_text(CLIENT)
     rng = random.Random(5)
     for kill in range(KILLS):
         before = shards(state)
-        client = begun(script, state, tmp_path / "photographs", 1 + kill % 2)
+        client = begun(script, state, many[0].parent, 1 + kill % 2)
         while kill % 5 and shards(state) == before and client.poll() is None:
             time.sleep(0.005)
         time.sleep(rng.uniform(0.0, 0.1))
         client.send_signal(signal.SIGKILL)
         client.communicate()
-    summary, found = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=state))
+    summary, found = swept(many, work_in(state))
     assert summary.found_done > 0
-    assert bits(found) == bits(expected)
+    assert bits(found) == expected
     found.tidy()
-    again, _ = swept(paths, ArtefactWork(plan=PLAN, load=never, folder=state))
+    again, _ = swept(many, work_in(state, never))
     assert again.found_done == 300

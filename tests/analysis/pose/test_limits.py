@@ -1,7 +1,4 @@
-"""Follow-ups that are aimed at another point than their reference, in closed form.
-
-The coarsest sampling in the overlap of two poses, and the direction of a lean that makes it.
-"""
+"""The coarsest sampling in the overlap of two poses, and follow-ups aimed elsewhere."""
 
 from math import cos, radians, sin, tan
 

@@ -1,5 +1,3 @@
-""""""
-
 import numpy as np
 import pytest
 
@@ -305,7 +303,9 @@ def test_how_it_was_measured_is_said(psf: PsfCalibration) -> None:
     assert [row[0] for row in table.rows] == ["red", "green"]
 
 
-def psf(sigma_x_px: float, captured_utc: str | None, serial: str | None = "A7") -> PsfCalibration:
+def calibrated(
+    sigma_x_px: float, captured_utc: str | None, serial: str | None = "A7"
+) -> PsfCalibration:
     return PsfCalibration.model_validate(
         {
             "sigma_x_px": sigma_x_px,
@@ -319,10 +319,10 @@ def psf(sigma_x_px: float, captured_utc: str | None, serial: str | None = "A7") 
 
 
 HISTORY = (
-    ("later.json", psf(0.85, "2025-05-02T08:00:00.000000Z")),
-    ("other.json", psf(0.60, "2025-03-01T08:00:00.000000Z", "B1")),
-    ("first.json", psf(0.80, "2025-03-04T08:00:00.000000Z")),
-    ("photo.json", psf(0.80, None, None)),
+    ("later.json", calibrated(0.85, "2025-05-02T08:00:00.000000Z")),
+    ("other.json", calibrated(0.60, "2025-03-01T08:00:00.000000Z", "B1")),
+    ("first.json", calibrated(0.80, "2025-03-04T08:00:00.000000Z")),
+    ("photo.json", calibrated(0.80, None, None)),
 )
 
 

@@ -1,11 +1,4 @@
-"""The error of an edge's width, against closed forms and against fits of rendered edges.
-
-Errors of the PSF's widths, against closed forms and against the calibration's own errors.
-
-Errors of the transfer at one frequency, against those of the widths of a Gaussian.
-
-Predicted errors are the scatter of sessions carried out, in small.
-"""
+"""Predicted errors of edges, against closed forms, and against fits and sessions carried out."""
 
 from dataclasses import replace
 from math import exp, pi, sqrt

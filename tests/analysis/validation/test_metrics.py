@@ -1,5 +1,3 @@
-""""""
-
 from math import inf, log10
 
 import numpy as np
