@@ -13,6 +13,7 @@ from benchmarks.pair_photographs import Development, Pair, PairPose, pair_of, se
 from benchmarks.pair_scenes import scene
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray, FloatImage
+from tests.analysis.changes.compared_fields import at_rest
 
 FRAME = (170, 220)
 NOISE = Development(noise_dn=1.2)
@@ -34,7 +35,7 @@ def photographed(
 
 
 def posed(pair: Pair) -> DistortedPose:
-    return DistortedPose(matrix=pair.matrix, k1=0.0, reference_shape=FRAME, followup_shape=FRAME)
+    return at_rest(FRAME, pair.matrix)
 
 
 def compared(reference: FloatArray, followup: FloatArray, pose: DistortedPose) -> Comparison:

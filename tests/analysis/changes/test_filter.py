@@ -32,6 +32,7 @@ from simulation.capture_noise import CaptureNoise
 from standoff.shipped_configs import shipped_config
 from tests.analysis.blob_scene import blobs, photograph, pose_matrix
 from tests.analysis.changed_scenes import bench_noise, bench_pair, bench_psf, far_pose
+from tests.analysis.changes.compared_fields import change_at
 from tests.analysis.changes.test_change_list import flat_thing
 from tests.analysis.random_poses import bench_truth
 
@@ -258,28 +259,11 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
     assert read_changes(path) == named
     assert list(json.loads(path.read_text())) == [
         *("schema", "reference", "followup", "homography", "distortion_k1", "distortion_k1_err"),
-        *(
-            "zoom",
-            "changed_px",
-            "compared_px",
-            "threshold_sd",
-            "false_alarms_px",
-            "gain",
-            "gain_err",
-        ),
-        *("extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
-        *(
-            "registration_err_px",
-            "width_err_px2",
-            "psf_form",
-            "changes",
-            "moved",
-            "moved_px",
-            "least_dn",
-            "below_least",
-            "false_discovery_rate",
-        ),
-        *("saturated_px", "kernel", "detection_limit", "frame_px", "warnings", "provenance"),
+        *("zoom", "changed_px", "compared_px", "threshold_sd", "false_alarms_px", "gain"),
+        *("gain_err", "extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
+        *("registration_err_px", "width_err_px2", "psf_form", "changes", "moved", "moved_px"),
+        *("least_dn", "below_least", "false_discovery_rate", "saturated_px", "kernel"),
+        *("detection_limit", "frame_px", "warnings", "provenance"),
     ]
     px = int(result.valid.sum())
     assert repr(result).startswith(f"<ChangeResult: 0 changes, 0 of {px} px beyond ")
@@ -324,17 +308,7 @@ def masks(
 
 
 def change(y_px: float, x_px: float, amplitude_dn: float) -> Change:
-    return Change(
-        x_px=x_px,
-        y_px=y_px,
-        reference_x_px=x_px,
-        reference_y_px=y_px,
-        area_px=20.0,
-        amplitude_dn=amplitude_dn,
-        amplitude_err_dn=1.0,
-        significance=20.0,
-        q_value=1e-9,
-    )
+    return change_at(x_px, y_px, amplitude_dn)
 
 
 def test_an_ordinary_change_is_not_doubted() -> None:

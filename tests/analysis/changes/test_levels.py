@@ -17,12 +17,17 @@ from analysis.changes.regions import (
     q_values,
 )
 from analysis.changes.significance import equally_strict, exceeded_share, expected_peaks, response
-from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
-from tests.analysis.changes.compared_fields import comparison, listed, smoothed_noise, smoothed_spot
+from tests.analysis.changes.compared_fields import (
+    at_rest,
+    comparison,
+    listed,
+    smoothed_noise,
+    smoothed_spot,
+)
 
 SHAPE = (200, 260)
-SAME = DistortedPose(matrix=np.eye(3), k1=0.0, reference_shape=SHAPE, followup_shape=SHAPE)
+SAME = at_rest(SHAPE)
 
 
 def levels_of(field: FloatArray, **how: object) -> tuple[DetectionLevel, ...]:

@@ -9,15 +9,11 @@ from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
 from analysis.changes import ChangeOptions, find_changes
-from analysis.changes.photograph_pair import (
-    clipped_at_white,
-    nearest_shift,
-    one_view,
-    unusable,
-)
+from analysis.changes.photograph_pair import clipped_at_white, nearest_shift, one_view, unusable
 from analysis.errors import OverlapError
 from calibration.registration import DistortedPose, RegistrationHints
 from simulation.arrays import FloatArray
+from tests.analysis.changes.compared_fields import at_rest
 from tests.shipped import shipped
 
 SHAPE = (120, 160)
@@ -173,10 +169,7 @@ def test_where_the_ends_leave_nothing_it_is_said() -> None:
     # Half a pixel aside every place is within reach of both ends.
     aside = np.eye(3)
     aside[:2, 2] = 0.5
-    pose = DistortedPose(
-        matrix=aside, k1=0.0, reference_shape=dots.shape, followup_shape=dots.shape
-    )
-    options = ChangeOptions(pose=pose, white_level_dn=(255.0, 255.0))
+    options = ChangeOptions(pose=at_rest((160, 160), aside), white_level_dn=(255.0, 255.0))
     with pytest.raises(OverlapError, match="at an end of the scale, or beside one"):
         find_changes(dots, dots, options=options)
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from analysis.changes import (
-    Change,
     ChangeOptions,
     ChangeSummary,
     change_table,
@@ -19,14 +18,17 @@ from analysis.changes.comparison import Comparison
 from analysis.changes.things import moved_apart
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
-from tests.analysis.changes.compared_fields import comparison, regions_and_changes
+from tests.analysis.changes.compared_fields import (
+    at_rest,
+    change_at,
+    comparison,
+    regions_and_changes,
+)
 from tests.analysis.changes.test_movement import SD_DN, SHAPE, compared, moved_thing, waves
 from tests.shipped import shipped
 
-SAME = DistortedPose(matrix=np.eye(3), k1=0.0, reference_shape=SHAPE, followup_shape=SHAPE)
-TWICE = DistortedPose(  # the follow-up twice as near
-    matrix=np.diag([0.5, 0.5, 1.0]), k1=0.0, reference_shape=SHAPE, followup_shape=SHAPE
-)
+SAME = at_rest(SHAPE)
+TWICE = at_rest(SHAPE, np.diag([0.5, 0.5, 1.0]))  # the follow-up twice as near
 SHIFT = (1.5, -2.0)
 
 
@@ -153,22 +155,8 @@ def test_what_is_smaller_than_asked_for_is_counted() -> None:
     assert said == "1 significant difference is smaller than 200 DN and not listed"
 
 
-def change(amplitude_dn: float) -> Change:
-    return Change(
-        x_px=5.0,
-        y_px=2.0,
-        reference_x_px=5.0,
-        reference_y_px=2.0,
-        area_px=9.0,
-        amplitude_dn=amplitude_dn,
-        amplitude_err_dn=0.1,
-        significance=9.0,
-        q_value=0.0,
-    )
-
-
 def test_the_files_step_is_the_least_by_default_in_the_follow_ups_light() -> None:
-    changes = [change(value) for value in (0.4, -0.9, 2.5)]
+    changes = [change_at(5.0, 2.0, value) for value in (0.4, -0.9, 2.5)]
     step = np.full((10, 10), np.float32(0.5))
     for gain, expected in ((1.0, [False, True, True]), (4.0, [False, False, True])):
         kept = large_enough(changes, ChangeOptions(step_dn=(step, step)), gain)
@@ -177,7 +165,7 @@ def test_the_files_step_is_the_least_by_default_in_the_follow_ups_light() -> Non
 
 
 def test_the_table_has_the_word_and_no_parts() -> None:
-    one = change(2.0).model_copy(update={"what": "gone", "parts": (change(1.0),)})
+    one = change_at(5.0, 2.0, 2.0, what="gone", parts=(change_at(5.0, 2.0, 1.0),))
     (row,) = csv.DictReader(change_table([one]).decode().splitlines())
     assert row["what"] == "gone"
     assert not any("parts" in column for column in row)

@@ -62,6 +62,18 @@ def curve(**values: Any) -> DetectabilityCurve:
     return DetectabilityCurve(**(about | values))
 
 
+def of_two_zooms(**values: Any) -> DetectabilityCurve:
+    about: dict[str, Any] = {
+        "observer": "hotelling",
+        "zoom": [1.0, 2.0],
+        "dprime": [4.0, 2.0],
+        "dprime_low": [3.0, 1.5],
+        "dprime_high": [5.0, 2.5],
+        "auc": [0.9, 0.8],
+    }
+    return curve(**(about | values))
+
+
 def on_zooms(zooms: list[float], d_primes: list[float]) -> DetectabilityCurve:
     names = ("dprime", "dprime_low", "dprime_high", "auc")
     return curve(zoom=zooms, **dict.fromkeys(names, d_primes))
@@ -396,32 +408,17 @@ def test_slopes_are_those_of_the_closed_form() -> None:
 
 
 def test_a_curve_of_before_is_judged_by_its_interval() -> None:
-    curve = DetectabilityCurve(
-        model="matched",
-        observer="hotelling",
-        noise_dn=2.0,
-        contrast_dn=12.0,
-        signal_sigma_px=2.0,
-        zoom=[1.0, 2.0],
-        dprime=[4.0, 2.0],
-        dprime_low=[4 * exp(-0.2), 2 * exp(-0.2)],
-        dprime_high=[4 * exp(0.2), 2 * exp(0.2)],
-        auc=[0.9, 0.8],
+    old = of_two_zooms(
+        dprime_low=[4 * exp(-0.2), 2 * exp(-0.2)], dprime_high=[4 * exp(0.2), 2 * exp(0.2)]
     )
-    errors = curve.errors_at(2.0)
-    assert errors.standard_error == pytest.approx(0.2 / 1.959964)
-    assert curve.with_sources(ErrorSources(focus_scatter_px2=1.0)) == curve
+    assert old.errors_at(2.0).standard_error == pytest.approx(0.2 / 1.959964)
+    assert old.with_sources(ErrorSources(focus_scatter_px2=1.0)) == old
 
 
 def test_too_few_photographs_are_told_how_many_would_do() -> None:
     def document(err: float, images: int) -> DetectabilityCurves:
         found = CurveUncertainty(scene=[err], slopes=[slopes()])
-        curve = DetectabilityCurve(
-            model="matched",
-            observer="hotelling",
-            noise_dn=2.0,
-            contrast_dn=12.0,
-            signal_sigma_px=2.0,
+        known = curve(
             zoom=[1.5],
             dprime=[2.0],
             dprime_low=[1.0],
@@ -429,7 +426,7 @@ def test_too_few_photographs_are_told_how_many_would_do() -> None:
             auc=[0.9],
             uncertainty=found,
         )
-        return DetectabilityCurves(images=images, curves=[curve]).with_need()
+        return DetectabilityCurves(images=images, curves=[known]).with_need()
 
     assert document(0.05, 4).photographs_needed is None  # 1.96 * .05 is below .1
     few = document(0.1, 4)
@@ -444,18 +441,7 @@ MODELS: tuple[Model, ...] = ("bicubic", "paper", "matched", "lmmse")
 def figure_of(observers: list[Observer], noises_dn: list[float]) -> Figure:
     return curves_figure(
         [
-            DetectabilityCurve(
-                model=model,
-                observer=observer,
-                noise_dn=noise_dn,
-                contrast_dn=12.0,
-                signal_sigma_px=2.0,
-                zoom=[1.0, 2.0],
-                dprime=[4.0, 2.0],
-                dprime_low=[3.9, 1.9],
-                dprime_high=[4.1, 2.1],
-                auc=[0.99, 0.9],
-            )
+            of_two_zooms(model=model, observer=observer, noise_dn=noise_dn)
             for model in MODELS
             for observer in observers
             for noise_dn in noises_dn

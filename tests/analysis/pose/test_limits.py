@@ -6,24 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from analysis.detectability import DetectabilityCurve
 from analysis.pose import ViewingCamera, pose_limits
 from analysis.pose.limits import local_sampling, worst_zoom
+from tests.analysis.detectability.test_curves import on_zooms
 
 CAMERA = ViewingCamera(focal_length_px=800.0, width_px=640, height_px=480)
 MIDDLE = np.array([319.5, 239.5])
-CURVE = DetectabilityCurve(
-    model="matched",
-    observer="hotelling",
-    noise_dn=1.0,
-    contrast_dn=10.0,
-    signal_sigma_px=2.0,
-    zoom=[1.0, 1.5, 2.0],
-    dprime=[6.0, 3.0, 1.0],
-    dprime_low=[6.0, 3.0, 1.0],
-    dprime_high=[6.0, 3.0, 1.0],
-    auc=[1.0, 0.98, 0.76],
-)
+CURVE = on_zooms([1.0, 1.5, 2.0], [6.0, 3.0, 1.0])
 
 places_px = st.tuples(st.floats(100, 540), st.floats(100, 380))
 

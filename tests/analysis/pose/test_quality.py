@@ -22,7 +22,7 @@ from analysis.pose.limits import local_sampling, shift_overlap, worst_zoom
 from analysis.reports import plot_limits, plot_pose
 from calibration.registration import DistortedPose
 from simulation import SamplingGrid
-from tests.analysis.detectability.test_curves import curve
+from tests.analysis.detectability.test_curves import curve, of_two_zooms
 
 CAMERA = ViewingCamera(focal_length_px=800.0, width_px=640, height_px=480)
 
@@ -208,19 +208,7 @@ def curve_knowing(sources: ErrorSources | None = None, **slopes: float) -> Detec
     uncertainty = CurveUncertainty(
         sources=sources or ErrorSources(), scene=[ERR] * 2, slopes=[stated] * 2
     )
-    return DetectabilityCurve(
-        model="matched",
-        observer="hotelling",
-        noise_dn=2.0,
-        contrast_dn=12.0,
-        signal_sigma_px=2.0,
-        zoom=[1.0, 2.0],
-        dprime=[4.0, 2.0],
-        dprime_low=[3.0, 1.5],
-        dprime_high=[5.0, 2.5],
-        auc=[0.9, 0.8],
-        uncertainty=uncertainty,
-    )
+    return of_two_zooms(uncertainty=uncertainty)
 
 
 @pytest.mark.parametrize(
