@@ -10,12 +10,9 @@ from .document import (
     describe_prediction as describe_prediction,
     read_changes as read_changes,
 )
-from .filter import (
-    ChangeResult as ChangeResult,
-    find_changes as find_changes,
-)
+from .filter import ChangeResult as ChangeResult, find_changes as find_changes
 from .matching import smoothing_for as smoothing_for
-from .options import ChangeOptions as ChangeOptions, CodedAlike as CodedAlike
+from .photograph_pair import ChangeOptions as ChangeOptions, CodedAlike as CodedAlike
 from .plot import changes_figure as changes_figure
 from .prediction import (
     ExpectedFilters as ExpectedFilters,

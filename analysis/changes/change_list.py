@@ -1,7 +1,4 @@
-"""The list of changes, each with its place, amplitude and size.
-
-Which changes are large enough to be listed.
-"""
+"""The list of changes, each with its place, amplitude and size, and what is too small for it."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +13,7 @@ from analysis.changes.colour import Steps, to_luma_red_blue
 from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change
 from analysis.changes.levels import DetectionLevel, LevelColours
-from analysis.changes.options import ChangeOptions
+from analysis.changes.photograph_pair import ChangeOptions
 from analysis.changes.regions import LinkedRegion, q_values
 from analysis.changes.spot_fit import NEIGHBOUR_REACH, FittedSpot, SmoothedField, fit_spot
 from calibration.registration import DistortedPose
@@ -333,10 +330,7 @@ class _ColourFields:
         assert planes is not None, "photographs in colour"
         own = _colours_of(levels[0])
         whole = replace(
-            own,
-            difference_dn=planes.difference_dn,
-            sd_dn=planes.sd_dn,
-            by_others=planes.by_others,
+            own, difference_dn=planes.difference_dn, sd_dn=planes.sd_dn, by_others=planes.by_others
         )
         fields = [
             _Places(colours=whole, valid=compared.valid, step_px=1, smoothing=compared.smoothing_px)

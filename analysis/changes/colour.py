@@ -1,14 +1,10 @@
-"""The colours of two photographs, and what is known of their channels.
-
-The luma, and what red and blue say beside it: planes that noise does not tie together.
+"""The luma, and what red and blue say beside it: planes that noise does not tie together.
 
 Noise of the channels goes together, by demosaicing, compression and the luma's own share of each;
 wrong positions and blur move all channels at once, along their own slopes. Both correlations are
 measured on the pair, apart; what the luma predicts of red, and both of blue, is taken off. What
 remains is a difference like any other, with a variance that is calibrated like any other. Where a
 channel says nothing, both photographs being at one end of its scale, it remains as predicted.
-
-How far apart two colours are as they are seen, and whether that is colour or lightness.
 
 References
 ----------

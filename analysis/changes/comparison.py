@@ -31,8 +31,7 @@ from analysis.changes.matching import (
     smoothed,
     smoothing_for,
 )
-from analysis.changes.options import ChangeOptions
-from analysis.changes.photograph_pair import PhotographPair
+from analysis.changes.photograph_pair import ChangeOptions, PhotographPair
 from analysis.errors import AnalysisError, OverlapError
 from calibration.registration import DistortedPose
 from simulation import Psf, PsfField

@@ -1,7 +1,4 @@
-"""The document changes.json: what a comparison of two photographs found, without its images.
-
-What a comparison found, in sentences.
-"""
+"""The document changes.json: what a comparison of two photographs found, and sentences on it."""
 
 import csv
 from collections.abc import Sequence

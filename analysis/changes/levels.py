@@ -1,12 +1,8 @@
-"""Luma and chroma behind one width, made independent of one another.
-
-The difference of two photographs seen through Gaussians of several widths.
+"""The difference of two photographs seen through Gaussians of several widths.
 
 A change is found best by a filter of its own width; each level is twice as wide as the one before.
 The noise of a level follows from that of the comparison, whose smoothing it was white behind: what
-else scatters there is measured.
-
-What a comparison would have found: the amplitude that a spot needs at every place.
+else scatters there is measured. So is the amplitude that a spot needs at every place to be found.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,23 +1,15 @@
-"""A change among its surroundings, and how much it stands out from them.
+"""Changes that are movements: what a shift of a few pixels explains better than an added signal.
 
-Whether one shift explains several changes: what vanished here has appeared there.
-
-A thing covers what it moves to and uncovers what it was before, which no shift explains; what is
-seen of the thing itself either came from a place that has changed too, or went to one.
-
-Whether a thing is seen at both places, as it must be to have moved.
+What is seen somewhere after may be what was elsewhere before, and what was there before may be
+seen elsewhere after: a change is a movement if either holds, by the same shift, on nearly all that
+stands out, and if the thing itself is seen at both places. Parallax and things that moved are found
+so; what vanished and what appeared is one movement. A thing covers what it moves to and uncovers
+what it was before, which no shift explains.
 
 What is gone before a plain ground seems to have come from anywhere around it: the ground that was
 uncovered is found beside it. Where the other place has changed as well, what is there has come or
 gone; of the rest, of before and after the one decides that has structure in the change which its
 surroundings do not have: what is there must be found, at its other place, in the other photograph.
-
-Changes that are movements: what a shift of a few pixels explains better than an added signal.
-
-What is seen somewhere after may be what was elsewhere before, and what was there before may be
-seen elsewhere after: a change is a movement if either holds, by the same shift, on nearly all that
-stands out, and if the thing itself is seen at both places. Parallax and things that moved are found
-so; what vanished and what appeared is one movement.
 """
 
 from collections.abc import Sequence
@@ -491,10 +483,7 @@ def _pixels_of(regions: Sequence[ChangedRegion], chosen: Sequence[int]) -> IntAr
 
 
 def _add_joint(
-    images: Images,
-    regions: Sequence[ChangedRegion],
-    found: dict[int, Shift],
-    near: list[list[int]],
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift], near: list[list[int]]
 ) -> list[list[int]]:
     """Things that moved over what is behind them: what appeared is what vanished elsewhere.
 
@@ -517,10 +506,7 @@ def _add_joint(
 
 
 def _add_even(
-    images: Images,
-    regions: Sequence[ChangedRegion],
-    found: dict[int, Shift],
-    far: list[list[int]],
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift], far: list[list[int]]
 ) -> list[tuple[int, int]]:
     """Even things, of which only what they covered and uncovered has changed.
 
@@ -567,10 +553,7 @@ def _neighbours(regions: Sequence[ChangedRegion], reach: float) -> list[list[int
 
 
 def _add_followers(
-    images: Images,
-    regions: Sequence[ChangedRegion],
-    found: dict[int, Shift],
-    near: list[list[int]],
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift], near: list[list[int]]
 ) -> None:
     """Changes that are explained by the shift of a neighbour."""
     queue = sorted(found, key=lambda index: -found[index].gain)
@@ -588,10 +571,7 @@ def _add_followers(
 
 
 def _joined(
-    images: Images,
-    regions: Sequence[ChangedRegion],
-    found: dict[int, Shift],
-    near: list[list[int]],
+    images: Images, regions: Sequence[ChangedRegion], found: dict[int, Shift], near: list[list[int]]
 ) -> tuple[Movement, ...]:
     """Neighbours with one shift are one movement."""
     movements = []

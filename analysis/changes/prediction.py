@@ -1,10 +1,7 @@
-"""What a comparison's filters make of white noise and of a spot, before there is a pair.
+"""The limit that is expected of a comparison before there is a pair, and the one that a pair shows.
 
-The limit that is expected of comparisons at any zoom, from curves of d'.
-
-The limit that was predicted beside the one that a pair shows, and what made the difference.
-
-What a comparison leaves of two photographs without noise: aliasing, and a kernel's limits.
+A comparison's filters make of white noise and of a spot what is known in closed form; what it
+leaves of two photographs without noise is aliasing, and a kernel's limits.
 """
 
 from dataclasses import dataclass
@@ -23,8 +20,7 @@ from analysis.changes.matching import (
     smoothed,
     smoothing_for,
 )
-from analysis.changes.options import ChangeOptions
-from analysis.changes.photograph_pair import PhotographPair
+from analysis.changes.photograph_pair import ChangeOptions, PhotographPair
 from analysis.changes.significance import POWER, FilterWidth, equally_strict, response
 from analysis.choices import FALSE_ALARMS
 from analysis.detection_limits import AGREEING_RATIO, PredictedLimit

@@ -1,19 +1,16 @@
-"""Connected places of one sign beyond a threshold, at one level.
-
-Changes out of the regions that each level finds: one entry a change, at the level that fits it.
+"""Changes out of the connected regions that each level finds: one entry for each change.
 
 From the narrowest level to the widest: a wide region takes the narrower ones of its sign in whose
 midst they lie, if it stands out further than they do together. The light of the others is taken
 out, or every strong change would be found again by all wider filters; what is then left beyond
 the threshold is a change of its own.
 
-The share of false ones among the changes that were found.
-
-Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", J. R. Statist. Soc. B 57
-(1995), 289-300, with the peaks of the frame as the hypotheses: their number times the probability
-of a height is the number of peaks that chance lifts so high. A. Schwartzman, Y. Gavrilov and
-R. J. Adler, "Multiple testing of local maxima for detection of peaks in 1D", Ann. Statist. 39
-(2011), 3290-3319, show that this controls the share of false peaks.
+The share of false ones among them is by Y. Benjamini and Y. Hochberg, "Controlling the false
+discovery rate", J. R. Statist. Soc. B 57 (1995), 289-300, with the peaks of the frame as the
+hypotheses: their number times the probability of a height is the number of peaks that chance lifts
+so high. A. Schwartzman, Y. Gavrilov and R. J. Adler, "Multiple testing of local maxima for
+detection of peaks in 1D", Ann. Statist. 39 (2011), 3290-3319, show that this controls the share of
+false peaks.
 """
 
 from collections.abc import Sequence

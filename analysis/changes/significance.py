@@ -1,12 +1,8 @@
-"""The significance of three planes together, as that of one.
+"""How often chance exceeds a significance, in pixels and in peaks, and how often a spot does.
 
-The square of the whitened vector is chi-squared with three degrees of freedom. Its significance is
-that of the normal value which chance exceeds as often, either way: one threshold means one rate of
-false pixels, in colour as in grey.
-
-How many pixels and how many peaks of a frame without change exceed a significance.
-
-How likely a spot is found, and the amplitude at which it is found as often as asked.
+Of three planes together the square of the whitened vector is chi-squared with three degrees of
+freedom. Its significance is that of the normal value which chance exceeds as often, either way: one
+threshold means one rate of false pixels, in colour as in grey.
 """
 
 from collections.abc import Sequence

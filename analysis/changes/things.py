@@ -1,6 +1,4 @@
-"""The listed changes that are movements, apart from those that are not.
-
-One entry for one thing: changes that touch or lie in one outline, in the order they are seen.
+"""One entry for one thing: changes that touch or lie in one outline, and movements apart.
 
 A thing that is gone leaves changes of both signs, wherever it was brighter and darker than what is
 behind it; a person lists the thing. Each says what happened to it, and the first is the one that
@@ -22,13 +20,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from analysis.changes.colour import (
-    ColourPlanes,
-    PairColours,
-    SeenDifference,
-    to_channels,
-    to_rgb,
-)
+from analysis.changes.colour import ColourPlanes, PairColours, SeenDifference, to_channels, to_rgb
 from analysis.changes.comparison import Comparison
 from analysis.changes.document import Change, Happened
 from analysis.changes.movements import ChangedRegion, Movement, Surroundings, find_movements
@@ -228,9 +220,7 @@ _MOST_LEFT: Final = 1.0
 
 
 def as_things(
-    apart: ToldApart,
-    compared: Comparison,
-    colours: PairColours | None = None,
+    apart: ToldApart, compared: Comparison, colours: PairColours | None = None
 ) -> ToldApart:
     """Join changes and movements to things, and order them.
 

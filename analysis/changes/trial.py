@@ -1,13 +1,10 @@
-"""The two explanations of a change on its own pixels: a shift of what was there, an added spot.
+"""Whether a shift explains one change better than an added spot does.
 
-Both are fitted by Levenberg and Marquardt's steps to residuals in standard deviations. Positions
-are ``(y, x)`` in a window; displacements are of what is seen, from before to after.
-
-Whether a shift explains one change better than an added spot does.
-
-Judged on the change's pixels and a ring around them. Chi-squared is the mean square in standard
-deviations times the number of independent values: errors with the correlation
-``exp(-d^2 / (4 s^2))`` have, by the variance of a sum of their squares, one to ``2 pi s^2`` pixels.
+Both are fitted by Levenberg and Marquardt's steps to residuals in standard deviations, on the
+change's pixels and a ring around them. Chi-squared is the mean square in standard deviations times
+the number of independent values: errors with the correlation ``exp(-d^2 / (4 s^2))`` have, by the
+variance of a sum of their squares, one to ``2 pi s^2`` pixels. Positions are ``(y, x)`` in a
+window; displacements are of what is seen, from before to after.
 """
 
 from dataclasses import dataclass, field, replace
@@ -61,11 +58,7 @@ def _solve(normal: FloatArray, right: FloatArray, count: int) -> None:
 
 @compiled()
 def shift_residuals(
-    pixels: FloatArray,
-    moving: FloatArray,
-    valid: BoolArray,
-    shift: FloatArray,
-    slopes: FloatArray,
+    pixels: FloatArray, moving: FloatArray, valid: BoolArray, shift: FloatArray, slopes: FloatArray
 ) -> FloatArray:
     """What a shift leaves, in standard deviations, shape ``(n,)``.
 
@@ -117,11 +110,7 @@ def shift_residuals(
 
 @compiled()
 def fit_shift(
-    pixels: FloatArray,
-    moving: FloatArray,
-    valid: BoolArray,
-    start: FloatArray,
-    prior: FloatArray,
+    pixels: FloatArray, moving: FloatArray, valid: BoolArray, start: FloatArray, prior: FloatArray
 ) -> FloatArray:
     """Shift that leaves least, shape (6,), from ``start``.
 
@@ -401,7 +390,7 @@ class Trial:
         return np.asarray(self._z**2)
 
     @cached_property
-    def spot_cost(self) -> float:
+    def _spot_cost(self) -> float:
         """Chi-squared that the best elliptic Gaussian leaves."""
         return self.spot_cost_on(self._pixels(1.0))
 
@@ -496,7 +485,7 @@ class Trial:
             return None
         if np.abs(fit.shift[2:]).max() > _MOST_SLOPE * self._radius_px:
             return None
-        gain = self.spot_cost - fit.cost
+        gain = self._spot_cost - fit.cost
         if not fit.is_whole and fit.count:
             pixels = self._pixels(fit.sense)[: self._own]
             if self._changed_elsewhere(pixels, fit.shift).mean() < _LEAST_LEFT:

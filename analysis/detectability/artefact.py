@@ -1,27 +1,18 @@
-"""Covariance of a window of the difference image: applied and inverted without being written out.
+"""Covariance of a window of the difference image, and how linear observers weigh its pixels.
 
 ``K = sigma^2 (I + U U^T) + K_artefact`` has n^4 elements, but ``U U^T`` is a product of one matrix
 for each axis, and ``K_artefact``, which depends on the distance of two pixels alone, is a
 convolution. Conjugate gradients with a circulant preconditioner solve ``K w = s`` some ten times as
-fast as a Cholesky factor; see ``benchmarks/bench_detectability.py``.
-
-References
-----------
-R. H. Chan, M. K. Ng, "Conjugate gradient methods for Toeplitz systems", SIAM Review 38, 1996.
-
-Covariance of the artefact over positions and images, as autocovariances of tiles of images.
-
-A window's covariance over all positions depends on the distance of two pixels alone, so that one
-array of lagged products holds it. It is additive: the covariance over many images is the sum of
-their arrays, and what a template makes of the artefact is one sum over lags.
-
-Linear observers: how a detector weighs the pixels of a difference image.
+fast as a Cholesky factor; see ``benchmarks/bench_detectability.py``. Over all positions of a window
+one array of lagged products holds the artefact's covariance; over many images the arrays add up,
+and what a template makes of the artefact is one sum over lags.
 
 Every observer is a template w; its decision is ``w . g`` and its detectability index
 ``d' = w . s / sqrt(w . K w)``, the distance of the two means over the standard deviation.
 
 References
 ----------
+R. H. Chan, M. K. Ng, "Conjugate gradient methods for Toeplitz systems", SIAM Review 38, 1996.
 H. H. Barrett, K. J. Myers, "Foundations of Image Science", 2004, chapter 13; B. D. Gallas,
 H. H. Barrett, "Validating the use of channels to estimate the ideal linear observer", 2003
 (Laguerre-Gauss channels).

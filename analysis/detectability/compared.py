@@ -13,13 +13,7 @@ from math import ceil, log, pi, sqrt
 import cv2
 import numpy as np
 
-from analysis.changes import (
-    ExpectedFilters,
-    FilterWidth,
-    LimitCurve,
-    smoothing_for,
-    unexplained,
-)
+from analysis.changes import ExpectedFilters, FilterWidth, LimitCurve, smoothing_for, unexplained
 from analysis.detectability.artefact import ArtefactTiles, artefact_tiles
 from analysis.detectability.curves import DetectabilityCurve
 from analysis.detectability.dprime import (
@@ -191,11 +185,7 @@ def _slopes(
             for more_px2 in (0.0, PSF_STEP_PX2)
         )
         by_followup = log(after / before) / PSF_STEP_PX2
-    return DPrimeSlopes(
-        psf_per_px2=psf_per_px2,
-        signal_per_px2=by_followup,
-        noise=-noise_share,
-    )
+    return DPrimeSlopes(psf_per_px2=psf_per_px2, signal_per_px2=by_followup, noise=-noise_share)
 
 
 def _spot_height(

@@ -1,8 +1,6 @@
-"""How sure a d' is: its standard error by source, its interval, and what a threshold makes of it.
+"""curves.json: curves of d' against zoom, how to select them, and how sure they are.
 
-Everything is in ln d', whose errors add up; ``docs/how-sure.md`` derives the sums.
-
-curves.json: curves of d' against zoom, how to interpolate and how to select them.
+Errors of d' are in ln d', where they add up; ``docs/how-sure.md`` derives the sums.
 """
 
 from collections.abc import Iterator
@@ -36,8 +34,6 @@ if TYPE_CHECKING:
 
 
 Source = Literal["scene", "psf", "focus", "noise", "registration"]
-
-SOURCES: Final[tuple[Source, ...]] = ("scene", "psf", "focus", "noise", "registration")
 
 SOURCE_WORDS: Final[dict[Source, str]] = {
     "scene": "the choice of photographs of the scene",
@@ -116,13 +112,13 @@ class ErrorSources(CheckedModel, StoredValues):
     @property
     def unknown(self) -> tuple[Source, ...]:
         """The sources of which nothing is known."""
-        known = {
+        known: dict[Source, float | None] = {
             "psf": self.psf_variance_err_px2,
             "focus": self.focus_scatter_px2,
             "noise": self.noise_relative_err,
             "registration": self.registration_err_px,
         }
-        return tuple(name for name in SOURCES if name in known and known[name] is None)
+        return tuple(name for name, value in known.items() if value is None)
 
 
 class CurveUncertainty(StoredValues):
@@ -653,7 +649,9 @@ class DetectabilityCurves(ResultsDocument):
             if len(values := tuple(sorted({getattr(curve, name) for curve in among}))) > 1
         }
         told = [
-            f"--{name.removesuffix('_dn')} ({', '.join(map(_shown, values))})"
+            f"--{name.removesuffix('_dn')} ("
+            + ", ".join(f"{one:g}" if isinstance(one, float) else str(one) for one in values)
+            + ")"
             for name, values in open_choices.items()
         ]
         remedy = (
@@ -700,7 +698,3 @@ def _agrees(value: object, wanted: object) -> bool:
     if isinstance(value, float) and isinstance(wanted, float):
         return abs(value - wanted) <= 1e-6 * max(abs(wanted), 1.0)
     return value == wanted
-
-
-def _shown(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,14 +1,13 @@
-"""What an error of the PSF, the focus or the registration does to d', to first order.
-
-Each error adds to the artefact an image of its own, measured on a few photographs with the Gaussian
-nearest to the PSF; a template's response to it is one sum over lags, as for the artefact.
-``docs/how-sure.md`` has the definitions.
-
-Detectability of a change between two photographs from different distances: d' at one zoom.
+"""Detectability of a change between two photographs from different distances: d' at one zoom.
 
 ``K = sigma^2 (I + U U^T) + K_artefact`` and ``s_z = U A_rz s`` give every observer's d' without
 any random number. Every d' is an upper bound: exposure, registration, gloss, parallax, defocus
 and motion are outside the model. ``docs/theory-detectability.md`` derives all of it.
+
+What an error of the PSF, the focus or the registration does to d' is known to first order: each
+adds to the artefact an image of its own, measured on a few photographs with the Gaussian nearest to
+the PSF; a template's response to it is one sum over lags, as for the artefact.
+``docs/how-sure.md`` has the definitions.
 """
 
 from collections.abc import Sequence

@@ -1,14 +1,8 @@
-"""The change to detect: a Gaussian spot or a patch of an image, on the grid of c, contrast 1.
-
-How the two images of a comparison are formed.
-
-The two images that a change detector compares, as linear operators on the scene image c.
+"""The change to detect, and how the two images that a detector compares are formed.
 
 ``c' = A_r c`` is the reference, ``c'' = A_rz c`` the follow-up from ``z`` times further away, both
 simulated from c by the model under test; ``U`` brings the follow-up onto the reference's pixels.
 ``docs/theory-detectability.md`` has the definitions.
-
-The difference image around a change: what is left of the signal, and the noise's covariance.
 """
 
 from collections.abc import Iterator

@@ -1,15 +1,10 @@
-"""Sums of the artefact over photographs: what a sweep keeps of them, and its files.
-
-A file holds the SHA-256 of all that follows, one line of JSON, the sums model by model as float64,
-and a line for each photograph. It is read one model at a time. Sums are exact: those of any files
-together are the same bits, however the photographs were shared out among them.
-
-Artefact statistics of very many photographs, as sums: one file a block of a thousand.
+"""Artefact statistics of very many photographs, as sums: one file a block of a thousand.
 
 A photograph draws no random number and sums are exact, so that the results are the same bits for
 any number of workers, after any interruption, and for photographs that came one after the other.
 
-Which files of sums a sweep of many photographs can use, and the sums of all.
+A file holds the SHA-256 of all that follows, one line of JSON, the sums model by model as float64,
+and a line for each photograph. It is read one model at a time.
 """
 
 import hashlib

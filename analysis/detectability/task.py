@@ -256,9 +256,7 @@ def _curves_of_model(
             uncertainty = None
             if len(slopes) == len(zooms):
                 uncertainty = CurveUncertainty(
-                    sources=task.sources,
-                    scene=[one.scene_err for one in results],
-                    slopes=slopes,
+                    sources=task.sources, scene=[one.scene_err for one in results], slopes=slopes
                 )
             for contrast_dn in task.contrasts_dn:
                 # The noise does not depend on the signal: d' is proportional to the contrast.

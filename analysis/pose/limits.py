@@ -1,9 +1,4 @@
-"""How densely a follow-up samples its reference at each point, from the homography alone.
-
-A camera that looks at a plane, and the homography between two of its poses.
-
-Allowed movement: how far away, how tilted and how far aside a follow-up may be taken.
-"""
+"""Allowed movement: how far away, how tilted and how far aside a follow-up may be taken."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -73,11 +68,7 @@ def local_sampling(
         & (ref_y >= -0.5)
         & (ref_y <= reference_size[1] - 0.5)
     )
-    return LocalSampling(
-        worst_zoom=worst,
-        best_zoom=best,
-        inside=inside,
-    )
+    return LocalSampling(worst_zoom=worst, best_zoom=best, inside=inside)
 
 
 def _sampled_places(
@@ -146,7 +137,7 @@ class ViewingCamera:
         """``(width, height)`` in px."""
         return self.width_px, self.height_px
 
-    def plane_to_px(
+    def _plane_to_px(
         self, distance: float, tilt_deg: float, direction_deg: ArrayLike = 0.0
     ) -> FloatArray:
         """Homography from the plane to pixels; the camera looks at the plane's origin.
@@ -192,7 +183,7 @@ class ViewingCamera:
                 f"the point to aim at must lie in the reference of {self.width_px} x "
                 f"{self.height_px} px, got {x:g},{y:g}"
             )
-        near = self.plane_to_px(1.0, reference_tilt_deg)
+        near = self._plane_to_px(1.0, reference_tilt_deg)
         place = np.linalg.solve(near, np.array([x, y, 1.0]))
         # The plane's origin has a positive third component; so has all on this side of the horizon.
         if not place[2] > 0:
@@ -213,8 +204,8 @@ class ViewingCamera:
         ``aim_px`` of the reference, or the reference's own middle. Shape (..., 3, 3), the leading
         axes those of ``direction_deg``.
         """
-        near = self.plane_to_px(1.0, reference_tilt_deg)
-        far = self.plane_to_px(zoom, tilt_deg, direction_deg)
+        near = self._plane_to_px(1.0, reference_tilt_deg)
+        far = self._plane_to_px(zoom, tilt_deg, direction_deg)
         if aim_px is not None:
             x, y = self.aimed_at(aim_px, reference_tilt_deg)
             far = far @ np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
@@ -295,11 +286,7 @@ def _worst_zooms(matrices: FloatArray, size: tuple[int, int]) -> FloatArray:
     borders = np.einsum("dji,nj->dni", matrices, _sides(reference))
     crossings = np.cross(_sides(followup)[:, None], borders[:, None])
     places = np.concatenate(
-        [
-            np.broadcast_to(followup, mapped.shape),
-            mapped,
-            crossings.reshape(len(matrices), -1, 3),
-        ],
+        [np.broadcast_to(followup, mapped.shape), mapped, crossings.reshape(len(matrices), -1, 3)],
         axis=1,
     )
     # Parallel borders cross nowhere, and a place may lie in the reference camera's own plane.
@@ -495,19 +482,11 @@ def shift_overlap(share: float) -> float:
 
 
 def contrast_found_at(
-    curve: DetectabilityCurve,
-    min_d_prime: float,
-    camera: ViewingCamera,
-    pose: FollowupPose,
+    curve: DetectabilityCurve, min_d_prime: float, camera: ViewingCamera, pose: FollowupPose
 ) -> float:
     """Least contrast in DN that is still found at a pose, where it samples most coarsely."""
     local = worst_zoom(
-        camera,
-        pose.zoom,
-        pose.tilt_deg,
-        pose.reference_tilt_deg,
-        pose.direction_deg,
-        pose.aim_px,
+        camera, pose.zoom, pose.tilt_deg, pose.reference_tilt_deg, pose.direction_deg, pose.aim_px
     )
     if local > curve.zoom[-1] + 1e-9:
         raise BeyondCurveError(

@@ -1,10 +1,6 @@
-"""Go, no go or unsure: what the errors of d' make of a threshold.
+"""Whether a follow-up's pose is good enough: a map of d' over the frame, and a verdict.
 
-Whether a follow-up's pose is good enough: a map of d' over the frame, and a verdict.
-
-The document summary.json of several follow-ups whose poses were judged.
-
-What is said of where a follow-up was taken from.
+Go, no go or unsure is what the errors of d' make of a threshold.
 """
 
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 No files, no clock, no camera: an image goes in, a verdict comes out. The pose is followed from
 frame to frame against the reference itself; a full search of the frame (an *anchor*) happens at
 the first frame and whenever the pose was lost.
-
-The verdicts on a stream of frames, counted.
 """
 
 from dataclasses import dataclass, field

@@ -1,7 +1,4 @@
-"""Report sections on the bench: captures, noise of the frames, heights of the stage.
-
-Figure of a focus sweep.
-"""
+"""Report sections on the bench: captures, noise of the frames, heights of the stage, focus."""
 
 import platform
 from collections.abc import Mapping, Sequence

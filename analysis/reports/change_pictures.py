@@ -1,9 +1,4 @@
-"""The pictures of a comparison, all on the follow-up's pixels, as a screen shows them.
-
-The map of what a comparison would have found.
-
-The views of a comparison as SVG: pictures, masks and numbered changes in one frame.
-"""
+"""The pictures and views of a comparison, all on the follow-up's pixels, as a screen shows them."""
 
 from base64 import b64encode
 from collections.abc import Sequence
@@ -324,11 +319,7 @@ def view_figures(
         "difference": "After minus before, less what pose, light and blur explain: red is "
         f"brighter, blue darker, full colour at {pictures.reach_dn:.3g} DN.",
     }
-    shown = {
-        "before": pictures.before,
-        "after": pictures.after,
-        "difference": pictures.difference,
-    }
+    shown = {"before": pictures.before, "after": pictures.after, "difference": pictures.difference}
     return tuple(
         ReportFigure(
             markup=_view(name, picture, pictures.masks, marks, size),

@@ -162,10 +162,7 @@ def _time_line_section(line: ChangeTimeLine, reference_dn: AnyArray | None) -> R
             ),
         )
     return ReportSection(
-        title="Time line",
-        text=tuple(text),
-        tables=(_tracks_table(line),),
-        figures=tuple(figures),
+        title="Time line", text=tuple(text), tables=(_tracks_table(line),), figures=tuple(figures)
     )
 
 

@@ -1,7 +1,4 @@
-"""The sections of a comparison: verdict, views with the list of changes, and how it was made.
-
-Sections on comparisons and poses whose results are stored, for the report of a session.
-"""
+"""The sections of a comparison: verdict, views with the list of changes, and how it was made."""
 
 from base64 import b64encode
 from collections.abc import Sequence
@@ -130,11 +127,7 @@ def _verdicts(summary: ChangeSummary) -> tuple[Verdict, ...]:
         Verdict(
             name="blur", value=_blur_value(summary), remark=_KERNELS.get(summary.kernel or "", "")
         ),
-        Verdict(
-            name="light",
-            value=f"x {summary.gain:.3f}",
-            remark="follow-up over reference",
-        ),
+        Verdict(name="light", value=f"x {summary.gain:.3f}", remark="follow-up over reference"),
     )
 
 
@@ -277,10 +270,7 @@ def _displacement(change: Change) -> tuple[str, str]:
     if change.displacement_px is None or change.displacement_err_px is None:
         return "", ""
     (x, y), (x_err, y_err) = change.displacement_px, change.displacement_err_px
-    return (
-        f"{x:+.1f} ± {_NORMAL_95 * x_err:.1f}",
-        f"{y:+.1f} ± {_NORMAL_95 * y_err:.1f}",
-    )
+    return (f"{x:+.1f} ± {_NORMAL_95 * x_err:.1f}", f"{y:+.1f} ± {_NORMAL_95 * y_err:.1f}")
 
 
 def q_text(q_value: float) -> str:

@@ -1,9 +1,4 @@
-"""The report of programs on the public benchmark: their scores side by side.
-
-The report of a detector's evaluation: AUC against pose, ROC, FROC, and what failed.
-
-Figures of results in the style of reports.
-"""
+"""The reports of a detector's evaluation and of programs on the public benchmark."""
 
 from matplotlib.figure import Figure
 

@@ -1,7 +1,4 @@
-"""Figures of a geometry calibration: scale against height, distortion, straightness of travel.
-
-Report sections on the geometry: headline figures, scales, zooms, distortion, squareness.
-"""
+"""Report sections on the geometry: headline figures, scales, zooms, distortion, squareness."""
 
 from pathlib import PurePath
 

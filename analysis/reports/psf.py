@@ -1,7 +1,4 @@
-"""Report sections on a PSF: headline figures, edges, profiles, widths, MTF.
-
-The first page of a PSF report: the verdict, what was measured with what, and the warnings.
-"""
+"""Report sections on a PSF: the first page, headline figures, edges, profiles, widths, MTF."""
 
 from collections.abc import Callable, Iterable
 from itertools import groupby
@@ -189,8 +186,7 @@ def _psf_section(psf: PsfCalibration) -> ReportSection:
         ),
         tables=(
             ReportTable(
-                columns=("", "total", "95 % interval", "optical", "95 % interval"),
-                rows=tuple(rows),
+                columns=("", "total", "95 % interval", "optical", "95 % interval"), rows=tuple(rows)
             ),
             *_channels_table(psf),
         ),
@@ -372,10 +368,7 @@ def _facts(psf: PsfCalibration) -> Iterable[tuple[str, str]]:
     width, height = psf.picture_width_px, psf.picture_height_px
     yield "picture", _UNSTATED if width is None else f"{width} x {height} px"
     pitch = psf.pixel_pitch_um
-    yield (
-        "pixel pitch",
-        "unknown" if pitch is None else f"{pitch:g} µm ({psf.pixel_pitch_from})",
-    )
+    yield ("pixel pitch", "unknown" if pitch is None else f"{pitch:g} µm ({psf.pixel_pitch_from})")
 
 
 def _moment(written: str) -> str:
@@ -408,9 +401,7 @@ def verdict_section(psf: PsfCalibration) -> ReportSection | None:
         ),
         tables=(
             ReportTable(
-                columns=VERDICT_COLUMNS,
-                rows=verdict_rows(psf.verdict),
-                ends_in_words=True,
+                columns=VERDICT_COLUMNS, rows=verdict_rows(psf.verdict), ends_in_words=True
             ),
         ),
     )

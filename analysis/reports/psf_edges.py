@@ -1,11 +1,4 @@
-"""Which edges of a photograph get a label, and where, so that no two labels overlap.
-
-Figures of measured edges: on their photograph, across each, and their widths by angle.
-
-ESF, LSF and SFR of single edges: a row of three panels for each, several rows a figure.
-
-Every edge of a calibration: as rows of a report's tables, and as CSV.
-"""
+"""Edges of a calibration: on their photograph, across each, by angle, and as rows of a table."""
 
 import csv
 from collections.abc import Sequence

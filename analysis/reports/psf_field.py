@@ -1,7 +1,4 @@
-"""Figures of a PSF: its transfer functions, its change over the frame and with height.
-
-MTF50 over the field of view, meridional and sagittal, and lateral colour over it.
-"""
+"""Figures of a PSF: its transfer functions, its change over the frame and with height."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -518,10 +515,7 @@ def _shifts_table(
 ) -> ReportTable:
     has_image = len({edge.image for edge in psf.edges}) > 1
     rows = tuple(
-        (
-            edge_name(edge, has_image=has_image),
-            *(_shift(edge, colour) for colour, _ in _COLOURS),
-        )
+        (edge_name(edge, has_image=has_image), *(_shift(edge, colour) for colour, _ in _COLOURS))
         for edge in edges
     )
     columns = ("edge", "red from green / px", "blue from green / px")
@@ -553,9 +547,7 @@ def plot_lateral_colour(edges: Sequence[EdgeMeasurement], width_px: int, height_
         )
     axes.axhline(0, color=INK, linewidth=0.6)
     axes.set(
-        xlabel="distance from the centre along the normal / px",
-        ylabel="shift / px",
-        xlim=(0, None),
+        xlabel="distance from the centre along the normal / px", ylabel="shift / px", xlim=(0, None)
     )
     figure.legend(loc="outside upper center", ncols=2)
     return figure

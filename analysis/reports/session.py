@@ -1,7 +1,4 @@
-"""The reports on calibrations: of the PSF, of several over time, and of the geometry.
-
-The report of a capture session: captures, PSF, and how well the models predict them.
-"""
+"""The reports of a capture session, and of calibrations of the PSF and the geometry."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

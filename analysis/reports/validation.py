@@ -1,7 +1,4 @@
-"""Figures 2 and 3, and one pair beside its simulations and their errors.
-
-The validation report: both tables beside the paper's, both figures, pairs and exclusions.
-"""
+"""The validation report: both tables beside the paper's, both figures, pairs and exclusions."""
 
 from collections.abc import Sequence
 
@@ -243,12 +240,7 @@ def _screening_section(validation: Validation) -> ReportSection:
             ReportTable(
                 columns=("capture", "target", "height / mm", "excluded because"),
                 rows=tuple(
-                    (
-                        str(one.capture),
-                        one.target,
-                        f"{one.height_mm:.3f}",
-                        one.reason,
-                    )
+                    (str(one.capture), one.target, f"{one.height_mm:.3f}", one.reason)
                     for one in validation.excluded
                 ),
             ),

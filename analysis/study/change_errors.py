@@ -1,18 +1,15 @@
-"""Scenes of a study without photographs: overlapping discs, which have the statistics of nature.
+"""What the errors of a study become in d' and in the allowed tilt.
 
-Discs of all sizes that hide each other (the dead leaves model) have edges, an amplitude spectrum
-that falls about as 1/f, and areas of much and of little detail, as photographs do.
+Both follow from the PSF, the noise and the photographs of the scene. Their slopes are finite
+differences of the curves that ``analysis.detectability`` computes; what the choice of photographs
+leaves is the interval of those curves, which shrinks with the root of their number. Without
+photographs the scene is overlapping discs of all sizes (the dead leaves model), which have edges,
+an amplitude spectrum that falls about as 1/f, and areas of much and of little detail.
 
 References
 ----------
 Lee, Mumford, Huang, "Occlusion models for natural images", Int. J. Computer Vision 41, 2001:
 radii by the inverse cube.
-
-What the errors of a study become in d' and in the allowed tilt.
-
-Both follow from the PSF, the noise and the photographs of the scene. Their slopes are finite
-differences of the curves that ``analysis.detectability`` computes; what the choice of photographs
-leaves is the interval of those curves, which shrinks with the root of their number.
 """
 
 from dataclasses import dataclass

@@ -1,16 +1,10 @@
-"""What the pixels of one straight edge tell about its width: Fisher information, before any frame.
+"""What the edges of a planned session will tell about the PSF, before any frame.
 
 The edge is the one that ``calibration.edge_fit`` fits: two levels, a Gaussian rise, an offset, a
 turn and a curvature, in a band of pixels on either side. The pixels of a slanted edge lie at all
 distances from it, so that sums over pixels are integrals over the band; what varies along the edge
 is a power of the place, whose means are known. For white noise and a wide band the error has a
 closed form.
-
-The edges of a planned session: where they lie, how long they are, in which capture.
-
-The errors of the PSF's widths that a planned session will have, by source.
-
-The error of the transfer function that a planned session will measure.
 
 The calibration fits one transfer function to the pixels of all edges at once. What an edge's pixels
 tell about a parameter of it follows from the edge spread function, ``1/2 + integral of H(f) sin(2
@@ -180,9 +174,7 @@ def edges_of_captures(
     """
     return tuple(
         PlannedEdge(
-            capture=number,
-            angle_deg=(orientation_deg + angle_deg) % 180.0,
-            length_px=length_px,
+            capture=number, angle_deg=(orientation_deg + angle_deg) % 180.0, length_px=length_px
         )
         for number, orientation_deg in enumerate(orientations_deg)
         for angle_deg, length_px in template
@@ -272,11 +264,7 @@ def _slopes(covariance_px2: FloatArray) -> FloatArray:
     x, y = np.sqrt([xx, yy]).tolist()
     rho = xy / (x * y)
     return np.array(
-        [
-            [0.5 / x, 0.0, 0.0],
-            [0.0, 0.0, 0.5 / y],
-            [-0.5 * rho / xx, 1 / (x * y), -0.5 * rho / yy],
-        ]
+        [[0.5 / x, 0.0, 0.0], [0.0, 0.0, 0.5 / y], [-0.5 * rho / xx, 1 / (x * y), -0.5 * rho / yy]]
     )
 
 

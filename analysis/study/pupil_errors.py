@@ -1,15 +1,13 @@
-"""How precisely a corner of a board is placed in a planned capture.
+"""The error of the entrance pupil's offset that planned captures of a board will leave.
+
+The corners of a board give each capture's distance, in a joint fit with the lens and the tilt;
+distances against heights give the offset. Both fits are linear about their solution, so that their
+errors need no frame.
 
 Where two dark and two bright squares meet, the image is the product of two blurred steps. The
 position is fitted, without weights, together with the directions of both edges, their blur, and the
 levels with a slope: ``calibration.geometry`` does so in a window about each corner. Its error
 follows from the derivatives of that image and the noise of its pixels.
-
-The error of the entrance pupil's offset that planned captures of a board will leave.
-
-The corners of a board give each capture's distance, in a joint fit with the lens and the tilt;
-distances against heights give the offset. Both fits are linear about their solution, so that their
-errors need no frame.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,4 @@
-"""A predicted error by its sources, and what of a plan makes each of them smaller.
-
-The predictions of a study: each quantity with the variances of its error by source.
-
-What it takes to know a quantity as well as is wanted, and the cheapest way to it.
+"""Each predicted quantity with its error by source, and the cheapest way to the error wanted.
 
 Each source of an error shrinks with the root of the number of something: frames, edges, runs of the
 plan, photographs of the scene. How many of one alone, or of several together, follows in closed
@@ -243,10 +239,7 @@ def _pupil(plan: StudiedPlan) -> Prediction:
     return Prediction(
         quantity="pupil_offset_mm",
         value=plan.pupil_offset_mm,
-        variances={
-            "pixel noise of the board": errors.pixels,
-            "heights read back": errors.heights,
-        },
+        variances={"pixel noise of the board": errors.pixels, "heights read back": errors.heights},
         half_width_factor=factor,
     )
 

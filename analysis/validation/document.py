@@ -1,9 +1,4 @@
-"""The document validation.json: the results of a validation.
-
-Where the models do not fit the captures of a session, in sentences.
-
-Tables I and II as text, CSV and LaTeX.
-"""
+"""The document validation.json, its tables as text, CSV and LaTeX, and sentences on poor fits."""
 
 import csv
 import hashlib
@@ -351,13 +346,7 @@ def fit_remarks(pairs: Sequence[ValidatedPair], models: Sequence[ValidationModel
 
 
 _HEADINGS = ("correlation", "MSE", "NMI", "PSNR / dB", "SSIM")
-_PAIR_NAMES = (
-    "target",
-    "orientation_deg",
-    "reference_height_mm",
-    "followup_height_mm",
-    "zoom",
-)
+_PAIR_NAMES = ("target", "orientation_deg", "reference_height_mm", "followup_height_mm", "zoom")
 _DIGITS_1 = (6, 1, 6, 3, 5)
 _DIGITS_2 = (4, 2, 4, 2, 4)
 
@@ -462,12 +451,7 @@ def both_tables(validation: Validation) -> tuple[ResultTable, ResultTable]:
             ),
             columns=("alignment", "model", *_HEADINGS, "PSNR of mean MSE / dB"),
             rows=tuple(
-                (
-                    row.alignment,
-                    row.label,
-                    *_cells(row, _DIGITS_2),
-                    f"{row.psnr_of_mean_db:.2f}",
-                )
+                (row.alignment, row.label, *_cells(row, _DIGITS_2), f"{row.psnr_of_mean_db:.2f}")
                 for row in validation.table_2
             ),
             keys=_keys(validation.table_2),
@@ -503,9 +487,7 @@ def curves_csv(validation: Validation) -> str:
     return buffer.getvalue()
 
 
-def _keys(
-    rows: Iterable[CurveDifferenceRow | MeanRow],
-) -> tuple[tuple[str, str, int | None], ...]:
+def _keys(rows: Iterable[CurveDifferenceRow | MeanRow]) -> tuple[tuple[str, str, int | None], ...]:
     return tuple((row.alignment, row.model, row.training_steps) for row in rows)
 
 

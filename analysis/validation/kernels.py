@@ -1,11 +1,7 @@
-"""The models that a validation compares, as functions from a grid to a follow-up.
+"""The models that a validation compares, and trained kernels: one for every reference and zoom-out.
 
-Trained kernels on disk, so that one image is trained on once for a zoom and its settings.
-
-Each is a ``.npy`` that every tool reads, and a picture of it beside. Both are replaced as a whole:
-a training that is interrupted leaves nothing.
-
-Trained kernels for a validation: one for every reference and zoom-out, as in the paper.
+On disk each is a ``.npy`` that every tool reads, and a picture of it beside. Both are replaced as a
+whole: a training that is interrupted leaves nothing.
 """
 
 import hashlib
@@ -196,11 +192,7 @@ class KernelBook:
         return _trained(image, settings, self.folder) if stored is None else stored
 
     def inputs(
-        self,
-        image: AnyArray,
-        models: Sequence[ValidationModel],
-        zoom: float,
-        psf: Psf,
+        self, image: AnyArray, models: Sequence[ValidationModel], zoom: float, psf: Psf
     ) -> ModelInputs:
         """Return what the models need to simulate a follow-up of a reference; see ``kernel``."""
         return ModelInputs(

@@ -1,8 +1,4 @@
-"""What the paper does to two aligned images before it compares them, step by step.
-
-How similar two images are: the metrics of the paper's tables.
-
-Three ways to bring a reference and a follow-up onto common pixels.
+"""What the paper does to two images before it compares them: common pixels, processing, metrics.
 
 ``as-in-paper``: every follow-up is scaled up by bicubic interpolation onto the reference's pixels,
 a captured one by the homography of its features, a simulated one simply by the zoom.

@@ -1,10 +1,9 @@
-"""Compare a captured follow-up with what every model simulates from its reference.
+"""A captured follow-up beside what every model simulates from its reference, and what is left.
 
-What is left between a captured and a simulated follow-up, over what is expected to be left.
-
-Expected are the noise of both captures, what the errors of PSF and focus change, what the model
-`lmmse` states of itself, and the error of the place to which the two were aligned. All models of a
-pair are measured by the same expectation, so that their figures compare.
+That is measured over what is expected to be left: the noise of both captures, what the errors of
+PSF and focus change, what the model `lmmse` states of itself, and the error of the place to which
+the two were aligned. All models of a pair are measured by the same expectation, so that their
+figures compare.
 """
 
 from collections.abc import Mapping
@@ -78,7 +77,7 @@ class AlignedPair:
         return shared_window(self.pose)
 
     @cached_property
-    def captured_in_window(self) -> FloatArray:
+    def _captured_in_window(self) -> FloatArray:
         """The captured follow-up's part that the reference covers, processed."""
         return process_for_comparison(self.followup[self.window.rows, self.window.cols])
 
@@ -108,7 +107,7 @@ class AlignedPair:
         return _ProcessedFollowup(
             aligned=process_for_comparison(aligned),
             followup=process_for_comparison(made),
-            captured=self.captured_in_window,
+            captured=self._captured_in_window,
             levels=made,
         )
 

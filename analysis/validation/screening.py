@@ -156,11 +156,7 @@ def _is_disqualifying(finding: QualityFinding) -> bool:
 
 
 def _screen_series(
-    session: Session,
-    records: list[CaptureRecord],
-    psf: Psf,
-    references: int,
-    done: _Done,
+    session: Session, records: list[CaptureRecord], psf: Psf, references: int, done: _Done
 ) -> Screening:
     pairs: list[RegisteredPair] = []
     failures: dict[int, list[str]] = {}
@@ -198,11 +194,7 @@ def _screen_series(
 
 
 def _aligned(
-    session: Session,
-    reference: CaptureRecord,
-    further: list[CaptureRecord],
-    psf: Psf,
-    done: _Done,
+    session: Session, reference: CaptureRecord, further: list[CaptureRecord], psf: Psf, done: _Done
 ) -> tuple[list[RegisteredPair], dict[int, str]]:
     near = RegistrationReference.of(session.load(reference).mean_dn)
     pairs, failed = [], {}

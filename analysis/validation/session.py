@@ -1,6 +1,4 @@
-"""The processed images that figures show, recomputed from the captures of a validation.
-
-How well models predict captured follow-ups: Tables I and II of a whole session.
+"""How well models predict captured follow-ups: Tables I and II of a whole session.
 
 Table I compares curves: how a metric between the reference and the follow-up falls with the
 distance, once for the captured and once for the simulated follow-ups. Table II compares the

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import tifffile
 
-from analysis.change_series.time_line import read_time_line
+from analysis.change_series import read_time_line
 from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
 from analysis.detectability.sweep import (

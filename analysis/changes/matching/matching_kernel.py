@@ -1,4 +1,4 @@
-"""The kernel that makes the difference of two smoothed photographs of their mean.
+"""The kernel that makes the difference of two smoothed photographs of their mean; the tone curve.
 
 ``D(p) = sum over q of (a_q + b_q x + c_q y) M(p + q)
         + M {x^2, x y, y^2} + {1, x, y, x^2, x y, y^2}``
@@ -6,16 +6,15 @@
 with x and y from -1 to 1 over the grid: a kernel that changes over the frame with the blur and
 the light, and an offset. The weights are robust: changes are outliers.
 
+Of a tone curve, medians of one photograph's levels against the other's where both are smooth give a
+first guess. It is then improved together with the kernel: splines of the target's levels, made
+before the smoothing because smoothing and a curve do not commute, are more columns of the same
+least squares.
+
 References
 ----------
 C. Alard and R. H. Lupton, "A method for optimal image subtraction", 1998, with the delta functions
 of D. M. Bramich, "A new algorithm for difference image analysis", 2008, for a basis.
-
-The tone curve between two photographs whose levels are not in proportion.
-
-Medians of one photograph's levels against the other's where both are smooth give a first curve. It
-is then improved together with the kernel: splines of the target's levels, made before the smoothing
-because smoothing and a curve do not commute, are more columns of the same least squares.
 """
 
 from dataclasses import dataclass

@@ -1,16 +1,12 @@
-"""What takes one smoothed photograph to the other: light, and a kernel about the mean of both.
+"""Light, kernel and scatter fitted to two smoothed photographs, as simple as the pair allows.
 
 With ``L`` the source in the target's light and ``M = s L + t T`` the mean of both, weighted so that
 its noise is not correlated with that of their difference, ``T - L`` is explained as a kernel on M.
 The noise of the source then pulls neither the kernel towards nothing, nor the gain below what it
 is; and before against after is minus after against before.
 
-Light, kernel and scatter fitted to two smoothed photographs, as simple as the pair allows.
-
 Parts of the frame that a model was not fitted to decide how much it needs: gain and offset, light
 that changes over the frame, a kernel, one that changes. Kernel and scatter are fitted in turns.
-
-Of what the difference of a matched pair consists: noise, displacement, and other structure.
 """
 
 from dataclasses import dataclass, field, replace
@@ -370,7 +366,7 @@ class FittedScatter:
         )
 
     @property
-    def unexplained_share(self) -> float:
+    def _unexplained_share(self) -> float:
         """Share of the variance that is not white noise."""
         correlated = 1 - self.white_dn2 / max(self.noise_dn2, 1e-30)
         return self.structure_share + (1 - self.structure_share) * correlated
@@ -378,9 +374,9 @@ class FittedScatter:
     @property
     def displaced_share(self) -> float:
         """The part of it by positions that are wrong."""
-        return min(self.displaced, self.unexplained_share)
+        return min(self.displaced, self._unexplained_share)
 
     @property
     def unlike_share(self) -> float:
         """The part of it by what is not alike in both photographs: aliasing, compression, blur."""
-        return self.unexplained_share - self.displaced_share
+        return self._unexplained_share - self.displaced_share

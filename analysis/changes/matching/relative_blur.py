@@ -7,14 +7,13 @@ correlated with that of the difference, so that neither passes for blur or for l
 noise of the mean adds to the squares of the columns, by which all coefficients would shrink, is
 known from the difference.
 
+Two transfer functions that are not Gaussian do not differ by a variance. So the ratio that a
+calibrated camera would show is held against a Gaussian's over the spectrum of the photograph
+itself, as the measurement does.
+
 References
 ----------
 W. A. Fuller, Measurement Error Models (1987), section 2.3.
-
-The relative blur that a calibrated camera would show, as `relative_blur` would measure it.
-
-Two transfer functions that are not Gaussian do not differ by a variance. So their ratio is held
-against a Gaussian's over the spectrum of the photograph itself, as the measurement does.
 """
 
 from collections.abc import Iterator

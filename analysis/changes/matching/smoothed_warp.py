@@ -1,8 +1,4 @@
-"""Masks and samples of pixels, and the noise that single pixels show.
-
-The variance that rounding to the levels of a file adds, where those still show.
-
-A photograph smoothed by a Gaussian, as the pixels of another one see it.
+"""A photograph smoothed by a Gaussian, as the pixels of another one see it; noise of pixels.
 
 Smoothing and the prefilter of the quintic B-spline are one separable filter on the photograph's own
 pixels; the spline is then evaluated where the pose puts the pixels of the other photograph. Their
@@ -341,11 +337,7 @@ def _seen(
 
 @compiled(nogil=True)
 def _inside(
-    mask: BoolArray,
-    nodes_y: FloatArray,
-    nodes_x: FloatArray,
-    shape: FloatArray,
-    border_px: float,
+    mask: BoolArray, nodes_y: FloatArray, nodes_x: FloatArray, shape: FloatArray, border_px: float
 ) -> BoolArray:
     found = np.zeros((shape[0], shape[1]), dtype=np.bool_)
     rows, cols = mask.shape

@@ -1,16 +1,13 @@
-"""What the difference of two matched photographs scatters by, as a sum of terms.
+"""What the difference of two matched photographs scatters by, as a sum of terms; its calibration.
 
 Each term is an image: the level between the darkest and the brightest, either way, for noise that
-may depend on it, half the squared gradient of
-the source for an alignment that is wrong by so much (a shift by ``e`` px makes ``e |gradient|``), a
-quarter of its squared Laplacian for a wrong blur, and the power of the finest detail of either
-photograph for aliasing, compression and sharpening. Their sizes are fitted to the squares of the
-difference, most of which holds no change.
+may depend on it, half the squared gradient of the source for an alignment that is wrong by so much
+(a shift by ``e`` px makes ``e |gradient|``), a quarter of its squared Laplacian for a wrong blur,
+and the power of the finest detail of either photograph for aliasing, compression and sharpening.
+Their sizes are fitted to the squares of the difference, most of which holds no change.
 
-What a predicted variance has to be multiplied by, from the differences themselves.
-
-Pixels are sorted into bins by their predicted variance. Where its terms do not hold, such as on the
-sharpest edges or with heavy tails, the differences in the bin tell.
+Pixels are then sorted into bins by their predicted variance. Where its terms do not hold, such as
+on the sharpest edges or with heavy tails, the differences in the bin tell.
 """
 
 from dataclasses import dataclass
@@ -249,10 +246,7 @@ def _interpolated(
 
 
 def _calibrate_variance(
-    difference_dn: FloatArray,
-    variance_dn2: FloatArray,
-    noise_dn2: FloatArray,
-    alike: float | None,
+    difference_dn: FloatArray, variance_dn2: FloatArray, noise_dn2: FloatArray, alike: float | None
 ) -> _VarianceCalibration:
     """Compare differences with their predicted variance.
 

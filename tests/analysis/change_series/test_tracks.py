@@ -7,24 +7,23 @@ from itertools import permutations
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.change_series.tracks import PlaceReading, track_changes
-from analysis.changes.document import Change
+from analysis.change_series import PlaceReading, track_changes
+from analysis.changes import Change
+from tests.analysis.changes.compared_fields import change_at
 
 ZOOM = 2.0
 
 
 def change(x: float, y: float, amplitude_dn: float, significance: float = 10.0) -> Change:
     """A change at a place of the reference, seen from twice as far."""
-    return Change(
-        x_px=x / ZOOM,
-        y_px=y / ZOOM,
+    return change_at(
+        x / ZOOM,
+        y / ZOOM,
+        amplitude_dn,
         reference_x_px=x,
         reference_y_px=y,
-        area_px=9.0,
-        amplitude_dn=amplitude_dn,
         amplitude_err_dn=abs(amplitude_dn) / significance,
         significance=significance,
-        q_value=1e-6,
     )
 
 

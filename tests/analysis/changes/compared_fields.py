@@ -1,5 +1,7 @@
 """Smoothed differences whose truth is known in closed form."""
 
+from typing import Any
+
 import numpy as np
 
 from analysis.changes import Change
@@ -19,6 +21,25 @@ WHITE = FittedScatter(
     displaced=0.0,
 )
 """Of a difference that is noise alone."""
+
+
+def change_at(x_px: float, y_px: float, amplitude_dn: float, **others: Any) -> Change:
+    """A change at the same place in both photographs."""
+    about: dict[str, Any] = {
+        "reference_x_px": x_px,
+        "reference_y_px": y_px,
+        "area_px": 9.0,
+        "amplitude_err_dn": 1.0,
+        "significance": abs(amplitude_dn),
+        "q_value": 1e-9,
+    }
+    return Change(x_px=x_px, y_px=y_px, amplitude_dn=amplitude_dn, **(about | others))
+
+
+def at_rest(shape: tuple[int, int], matrix: FloatArray | None = None) -> DistortedPose:
+    """The pose of a follow-up of the same shape, at rest unless a matrix is given."""
+    own = np.eye(3) if matrix is None else matrix
+    return DistortedPose(matrix=own, k1=0.0, reference_shape=shape, followup_shape=shape)
 
 
 def spot(

@@ -10,9 +10,9 @@ from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
 from analysis.changes.comparison import Comparison
-from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import (
+    at_rest,
     comparison,
     listed,
     smoothed_noise,
@@ -21,13 +21,9 @@ from tests.analysis.changes.compared_fields import (
 )
 
 SHAPE = (61, 83)
-SAME = DistortedPose(matrix=np.eye(3), k1=0.0, reference_shape=SHAPE, followup_shape=SHAPE)
-HALF = DistortedPose(  # the follow-up twice as far, its first pixel on the reference's (20, 10)
-    matrix=np.array([[2.0, 0.0, 20.0], [0.0, 2.0, 10.0], [0.0, 0.0, 1.0]]),
-    k1=0.0,
-    reference_shape=SHAPE,
-    followup_shape=SHAPE,
-)
+SAME = at_rest(SHAPE)
+HALF = at_rest(SHAPE, np.array([[2.0, 0.0, 20.0], [0.0, 2.0, 10.0], [0.0, 0.0, 1.0]]))
+"""The follow-up twice as far, its first pixel on the reference's (20, 10)."""
 
 
 @pytest.mark.parametrize("smoothing", [1.0, 1.5])

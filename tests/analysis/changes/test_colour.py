@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from acquisition.photographs import luma_plane
-from analysis.changes import ChangeOptions, ChangeResult, PairColours, find_changes
-from analysis.changes.colour import SeenDifference, to_luma_red_blue, to_rgb
-from analysis.changes.significance import (
+from analysis.changes import (
+    ChangeOptions,
+    ChangeResult,
     FilterWidth,
-    as_significance,
-    joint_share,
-    norm_at,
+    PairColours,
+    find_changes,
     significance_threshold,
 )
+from analysis.changes.colour import SeenDifference, to_luma_red_blue, to_rgb
+from analysis.changes.significance import as_significance, joint_share, norm_at
 
 ByteImage = NDArray[np.uint8]
 NOISE_DN = 3.0

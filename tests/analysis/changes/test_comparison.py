@@ -6,15 +6,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from analysis.changes import ChangeOptions, FilterWidth, find_changes, significance_threshold
 from analysis.changes.comparison import Comparison, compare
-from analysis.changes.filter import find_changes
-from analysis.changes.options import ChangeOptions
-from analysis.changes.significance import FilterWidth, significance_threshold
 from benchmarks.lens_optics import f_number, gaussian
 from benchmarks.pair_photographs import Development, Pair, PairPose, pair_of, seen_spot
 from benchmarks.pair_scenes import scene
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray, FloatImage
+from tests.analysis.changes.compared_fields import at_rest
 
 FRAME = (170, 220)
 NOISE = Development(noise_dn=1.2)
@@ -36,7 +35,7 @@ def photographed(
 
 
 def posed(pair: Pair) -> DistortedPose:
-    return DistortedPose(matrix=pair.matrix, k1=0.0, reference_shape=FRAME, followup_shape=FRAME)
+    return at_rest(FRAME, pair.matrix)
 
 
 def compared(reference: FloatArray, followup: FloatArray, pose: DistortedPose) -> Comparison:

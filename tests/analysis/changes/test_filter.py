@@ -10,21 +10,29 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from acquisition.bench import load_bench
-from analysis.changes.document import read_changes
-from analysis.changes.filter import ChangeResult, find_changes
-from analysis.changes.options import ChangeOptions
-from analysis.changes.significance import FilterWidth, significance_threshold
+from analysis.changes import (
+    Change,
+    ChangeOptions,
+    ChangeResult,
+    FilterWidth,
+    find_changes,
+    read_changes,
+    significance_threshold,
+)
+from analysis.changes.filter import ChangeMasks, change_warnings
+from analysis.detection_limits import level_text
 from analysis.errors import AnalysisError, OverlapError
-from analysis.reports.evaluation import plot_changes
+from analysis.reports import plot_changes
 from analysis.results_file import write_results
 from benchmarks.change_roc import roc_of
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 from simulation import GaussianPsf
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.shipped_configs import shipped_config
 from tests.analysis.blob_scene import blobs, photograph, pose_matrix
 from tests.analysis.changed_scenes import bench_noise, bench_pair, bench_psf, far_pose
+from tests.analysis.changes.compared_fields import change_at
 from tests.analysis.changes.test_change_list import flat_thing
 from tests.analysis.random_poses import bench_truth
 
@@ -251,28 +259,11 @@ def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Pat
     assert read_changes(path) == named
     assert list(json.loads(path.read_text())) == [
         *("schema", "reference", "followup", "homography", "distortion_k1", "distortion_k1_err"),
-        *(
-            "zoom",
-            "changed_px",
-            "compared_px",
-            "threshold_sd",
-            "false_alarms_px",
-            "gain",
-            "gain_err",
-        ),
-        *("extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
-        *(
-            "registration_err_px",
-            "width_err_px2",
-            "psf_form",
-            "changes",
-            "moved",
-            "moved_px",
-            "least_dn",
-            "below_least",
-            "false_discovery_rate",
-        ),
-        *("saturated_px", "kernel", "detection_limit", "frame_px", "warnings", "provenance"),
+        *("zoom", "changed_px", "compared_px", "threshold_sd", "false_alarms_px", "gain"),
+        *("gain_err", "extra_blur_px2", "extra_blur_err_px2", "noise_factor", "is_noise_known"),
+        *("registration_err_px", "width_err_px2", "psf_form", "changes", "moved", "moved_px"),
+        *("least_dn", "below_least", "false_discovery_rate", "saturated_px", "kernel"),
+        *("detection_limit", "frame_px", "warnings", "provenance"),
     ]
     px = int(result.valid.sum())
     assert repr(result).startswith(f"<ChangeResult: 0 changes, 0 of {px} px beyond ")
@@ -287,3 +278,95 @@ def test_a_rate_that_every_pixel_reaches_has_no_threshold() -> None:
     assert significance_threshold(1.0, own) == 0.0
     # Above the 1.96 of a spread that is known, as its own error widens the tails.
     assert 1.96 < significance_threshold(0.05, own) < 2.1
+
+
+SHAPE = (200, 300)
+NONE = np.zeros(SHAPE, dtype=np.bool_)
+
+
+def block(rows: slice, cols: slice) -> BoolArray:
+    mask = NONE.copy()
+    mask[rows, cols] = True
+    return mask
+
+
+INNER = block(slice(10, 190), slice(10, 290))
+
+
+def masks(
+    is_change: BoolArray = NONE,
+    valid: BoolArray = INNER,
+    clipped: BoolArray = NONE,
+    reference_clipped: BoolArray = NONE,
+) -> ChangeMasks:
+    return ChangeMasks(
+        is_change=is_change & valid,
+        valid=valid,
+        clipped=clipped,
+        reference_clipped=reference_clipped,
+    )
+
+
+def change(y_px: float, x_px: float, amplitude_dn: float) -> Change:
+    return change_at(x_px, y_px, amplitude_dn)
+
+
+def test_an_ordinary_change_is_not_doubted() -> None:
+    inside = block(slice(80, 90), slice(100, 112))
+    at_border = block(slice(11, 20), slice(100, 112))
+    for mask in (NONE, inside, at_border):
+        assert change_warnings([change(85, 106, 9.0)], masks(mask)) == ()
+
+
+def test_a_strip_along_a_border_is_named_with_its_side() -> None:
+    (left,) = change_warnings([], masks(block(slice(10, 190), slice(10, 13))))
+    assert "line the left of" in left
+    (two,) = change_warnings(
+        [], masks(block(slice(10, 14), slice(10, 290)) | block(slice(12, 188), slice(287, 290)))
+    )
+    assert "line the top and right of" in two
+
+
+def test_changes_beside_a_masked_hole_are_no_border() -> None:
+    hole = block(slice(60, 140), slice(80, 200))
+    ring = block(slice(57, 143), slice(77, 203)) & ~hole
+    assert change_warnings([], masks(ring, valid=INNER & ~hole)) == ()
+
+
+def test_a_highlight_in_one_photograph_alone_is_likely_gloss() -> None:
+    gloss = block(slice(50, 58), slice(60, 70))
+    hidden = INNER & ~block(slice(45, 63), slice(55, 75))
+    (said,) = change_warnings([], masks(valid=hidden, clipped=gloss))
+    assert "1 in the follow-up alone" in said
+    assert "gloss" in said
+    (said,) = change_warnings([], masks(valid=hidden, reference_clipped=gloss))
+    assert "1 in the reference alone" in said
+    # What both show clipped is part of the scene.
+    assert change_warnings([], masks(clipped=gloss, reference_clipped=np.roll(gloss, 2))) == ()
+
+
+def test_changes_on_the_rim_of_a_highlight_are_counted() -> None:
+    gloss = block(slice(50, 58), slice(60, 70))
+    changes = [change(54, 75, 9.0), change(54, 76, -9.0), change(150, 200, 9.0)]
+    (said,) = change_warnings(changes, masks(clipped=gloss))
+    assert "1 of 3 changes lie beside clipped pixels" in said
+
+
+def test_a_large_overexposed_part_is_no_gloss() -> None:
+    assert change_warnings([], masks(clipped=block(slice(0, 100), slice(0, 200)))) == ()
+
+
+def test_a_small_overlap_is_said_with_its_share() -> None:
+    (said,) = change_warnings([], masks(valid=block(slice(0, 100), slice(0, 120))))
+    assert "only 20 % of the follow-up" in said
+
+
+def test_no_overlap_at_all_has_a_sentence_too() -> None:
+    assert len(change_warnings([], masks(valid=NONE))) == 1
+
+
+@pytest.mark.parametrize(
+    ("level_dn", "text"), [(4.68, "4.7"), (102.4, "100"), (1380.0, "1400"), (0.034, "0.034")]
+)
+def test_levels_have_two_digits_and_no_exponent(level_dn: float, text: str) -> None:
+    assert level_text(level_dn) == text

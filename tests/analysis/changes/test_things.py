@@ -1,15 +1,78 @@
-"""One entry for one thing, with what happened to it, in the order in which they are seen."""
+"""One entry for one thing, with what happened to it, and movements apart."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from analysis.changes import ChangeOptions, change_table, describe_least, find_changes
+from analysis.changes import (
+    ChangeOptions,
+    ChangeSummary,
+    change_table,
+    describe_least,
+    find_changes,
+)
 from analysis.changes.change_list import large_enough
-from analysis.changes.document import Change, ChangeSummary
+from analysis.changes.comparison import Comparison
+from analysis.changes.things import moved_apart
+from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
+from tests.analysis.changes.compared_fields import (
+    at_rest,
+    change_at,
+    comparison,
+    regions_and_changes,
+)
+from tests.analysis.changes.test_movement import SD_DN, SHAPE, compared, moved_thing, waves
 from tests.shipped import shipped
+
+SAME = at_rest(SHAPE)
+TWICE = at_rest(SHAPE, np.diag([0.5, 0.5, 1.0]))  # the follow-up twice as near
+SHIFT = (1.5, -2.0)
+
+
+def thing(*, is_on_followup: bool) -> Comparison:
+    """A disc that moved by ``SHIFT`` on the grid, in levels that a tone curve halved."""
+    images = compared(*moved_thing(waves(5, 8.0), waves(6, 12.0), SHIFT))
+    difference = images.after_dn - images.before_dn
+    made = comparison(2 * difference, 2 * SD_DN, is_on_followup=is_on_followup)
+    return replace(
+        made,
+        target_dn=(images.after_dn if is_on_followup else images.before_dn).astype(np.float32),
+        matched_scale=2.0 if is_on_followup else -2.0,
+    )
+
+
+@pytest.mark.parametrize(("is_on_followup", "pose", "zoom"), [(True, SAME, 1), (False, TWICE, 2)])
+def test_the_shift_is_in_followup_pixels(
+    is_on_followup: bool, pose: DistortedPose, zoom: int
+) -> None:
+    made = thing(is_on_followup=is_on_followup)
+    regions, listed = regions_and_changes(made, pose, 5.0)
+    apart = moved_apart(made, pose, regions, listed)
+    assert len(listed) > 1
+    assert apart.changes == ()
+    (moved,) = apart.moved
+    assert moved.is_moved
+    assert moved.displacement_px == pytest.approx((zoom * SHIFT[1], zoom * SHIFT[0]), abs=0.3)
+    assert moved.displacement_err_px is not None
+    assert max(moved.displacement_err_px) < 0.3 * zoom
+    assert moved.area_px == pytest.approx(sum(change.area_px for change in listed))
+    assert moved.significance == listed[0].significance
+
+
+def test_moved_things_are_counted_only_if_asked_for() -> None:
+    rng = np.random.default_rng(4)
+    before, after = moved_thing(waves(5, 8.0), waves(6, 12.0), SHIFT)
+    before = 100 + before + 0.5 * rng.standard_normal(SHAPE)
+    after = 100 + after + 0.5 * rng.standard_normal(SHAPE)
+    apart = find_changes(before, after, None, ChangeOptions(pose=SAME)).summary
+    options = ChangeOptions(pose=SAME, count_moved=True)
+    counted = find_changes(before, after, None, options).summary
+    assert len(apart.moved) == 1
+    assert counted.moved == ()
+    assert set(counted.changes) == {*apart.changes, *apart.moved}
 
 
 def ground() -> FloatArray:
@@ -92,22 +155,8 @@ def test_what_is_smaller_than_asked_for_is_counted() -> None:
     assert said == "1 significant difference is smaller than 200 DN and not listed"
 
 
-def change(amplitude_dn: float) -> Change:
-    return Change(
-        x_px=5.0,
-        y_px=2.0,
-        reference_x_px=5.0,
-        reference_y_px=2.0,
-        area_px=9.0,
-        amplitude_dn=amplitude_dn,
-        amplitude_err_dn=0.1,
-        significance=9.0,
-        q_value=0.0,
-    )
-
-
 def test_the_files_step_is_the_least_by_default_in_the_follow_ups_light() -> None:
-    changes = [change(value) for value in (0.4, -0.9, 2.5)]
+    changes = [change_at(5.0, 2.0, value) for value in (0.4, -0.9, 2.5)]
     step = np.full((10, 10), np.float32(0.5))
     for gain, expected in ((1.0, [False, True, True]), (4.0, [False, False, True])):
         kept = large_enough(changes, ChangeOptions(step_dn=(step, step)), gain)
@@ -116,7 +165,7 @@ def test_the_files_step_is_the_least_by_default_in_the_follow_ups_light() -> Non
 
 
 def test_the_table_has_the_word_and_no_parts() -> None:
-    one = change(2.0).model_copy(update={"what": "gone", "parts": (change(1.0),)})
+    one = change_at(5.0, 2.0, 2.0, what="gone", parts=(change_at(5.0, 2.0, 1.0),))
     (row,) = csv.DictReader(change_table([one]).decode().splitlines())
     assert row["what"] == "gone"
     assert not any("parts" in column for column in row)

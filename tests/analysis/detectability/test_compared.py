@@ -15,9 +15,9 @@ from analysis.detectability import (
     d_prime_curves,
     expected_limits,
     scene_residual,
+    scene_sums,
 )
 from analysis.detectability.compared import comparison_filters
-from analysis.detectability.sweep import scene_sums
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 

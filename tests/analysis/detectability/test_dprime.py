@@ -15,25 +15,24 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage import data
 
 from analysis.choices import OBSERVERS
-from analysis.detectability.artefact import (
+from analysis.detectability import (
     ArtefactTiles,
-    DenseCovariance,
-    WindowCovariance,
-    artefact_tiles,
-    auc_of,
-    observer_templates,
-)
-from analysis.detectability.dprime import d_primes, scene_artefact
-from analysis.detectability.scenario import (
+    DetectionTask,
     GaussianSignal,
     LocalChange,
     PatchSignal,
     Scenario,
+    WindowCovariance,
+    auc_of,
     compared_pair,
+    d_prime_curves,
+    d_primes,
     local_changes,
-    signal_offsets_px,
+    observer_templates,
+    scene_artefact,
 )
-from analysis.detectability.task import DetectionTask, d_prime_curves
+from analysis.detectability.artefact import DenseCovariance, artefact_tiles
+from analysis.detectability.scenario import signal_offsets_px
 from simulation import GaussianPsf, Model
 from simulation.arrays import FloatArray
 from tests.analysis.detectability_trials import run_trials
@@ -172,9 +171,7 @@ NOWHERE = np.zeros((3, 1))
 
 @settings(max_examples=10)
 @given(
-    seed=st.integers(0, 1000),
-    noise_dn2=st.floats(0.01, 100.0),
-    correlation_px=st.floats(0.2, 4.0),
+    seed=st.integers(0, 1000), noise_dn2=st.floats(0.01, 100.0), correlation_px=st.floats(0.2, 4.0)
 )
 def test_the_covariance_is_inverted_as_the_matrix_written_out_is(
     seed: int, noise_dn2: float, correlation_px: float

@@ -1,5 +1,10 @@
 import hashlib
+import os
 import random
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -7,26 +12,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.detectability.artefact import ArtefactTiles
-from analysis.detectability.dprime import d_primes, scene_artefact
-from analysis.detectability.scenario import GaussianSignal, Scenario, local_changes
-from analysis.detectability.sweep import (
+from analysis.detectability import (
     ArtefactSums,
+    ArtefactTiles,
     ArtefactWork,
-    KeptPhotographs,
+    GaussianSignal,
     MeasuredPhotograph,
+    Scenario,
     SceneImage,
-    SummedPhotographs,
-    SumsFile,
     SweepPlan,
     SweepSums,
+    d_primes,
+    local_changes,
+    scene_artefact,
     scene_sums,
-    sums_bytes,
     tiles_per_side,
 )
+from analysis.detectability.sweep import KeptPhotographs, SummedPhotographs, SumsFile, sums_bytes
 from analysis.errors import AnalysisError, RefusedPhotographError, ResultsFileError
-from analysis.sweep import Manifest, SweepOptions, SweepSummary, run_sweep
-from analysis.sweep.shards import blocks_of
+from analysis.sweep import Manifest, SweepOptions, SweepSummary, blocks_of, run_sweep
 from simulation import GaussianPsf
 
 PLAN = SweepPlan(
@@ -313,3 +317,71 @@ def test_worker_processes_give_the_same_bits(
     summary, sums = swept(many, work_in(tmp_path / "state"), SweepOptions(workers=3))
     assert summary.images == 300
     assert bits(sums) == expected
+
+
+ROOT = Path(__file__).parents[3]
+KILLS = 10
+
+CLIENT = """
+import sys, time
+from pathlib import Path
+from analysis.detectability.sweep import ArtefactWork
+from analysis.sweep import Manifest, SweepOptions, run_sweep
+from tests.analysis.detectability.test_sweep import PLAN, load
+
+def slow_load(path):
+    time.sleep(0.003)
+    return load(path)
+
+if __name__ == "__main__":
+    state, photographs, workers = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+    work = ArtefactWork(plan=PLAN, load=slow_load, folder=state)
+    with Manifest(photographs.iterdir(), state) as manifest:
+        print("begins", flush=True)
+        run_sweep(manifest, work, SweepOptions(workers=workers))
+"""
+
+
+def begun(script: Path, state: Path, photographs: Path, workers: int) -> subprocess.Popen[str]:
+    """Start a sweep; return when it begins."""
+    client = subprocess.Popen(
+        [sys.executable, str(script), str(state), str(photographs), str(workers)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert client.stdout is not None
+    assert client.stdout.readline() == "begins\n"
+    return client
+
+
+def shards(state: Path) -> set[str]:
+    """Names of what is committed."""
+    return {path.name for path in state.glob("*.sums")}
+
+
+@pytest.mark.slow
+def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
+    many: list[Path], expected: list[bytes], tmp_path: Path
+) -> None:
+    """Five without workers, and five with two of them, which end with their client.
+
+    One of each is killed soon after it begins, the others soon after a shard, whenever that is.
+    """
+    state, script = tmp_path / "state", tmp_path / "client.py"
+    script.write_text(CLIENT)
+    rng = random.Random(5)
+    for kill in range(KILLS):
+        before = shards(state)
+        client = begun(script, state, many[0].parent, 1 + kill % 2)
+        while kill % 5 and shards(state) == before and client.poll() is None:
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0.0, 0.1))
+        client.send_signal(signal.SIGKILL)
+        client.communicate()
+    summary, found = swept(many, work_in(state))
+    assert summary.found_done > 0
+    assert bits(found) == expected
+    found.tidy()
+    again, _ = swept(many, work_in(state, never))
+    assert again.found_done == 300

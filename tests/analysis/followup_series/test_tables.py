@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.change_series.time_line import (
+from analysis.change_series import (
     ChangesSeries,
     ComparedFollowup,
     read_changes_series,

@@ -1,28 +1,28 @@
-from math import cos, radians
+"""Go, no go or unsure: right as often as stated, and what would turn a verdict."""
+
+from math import cos, exp, log, radians, sin
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.errors import (
-    AnalysisError,
-    BeyondCurveError,
-    NotDetectableError,
-    OverlapError,
-)
-from analysis.pose.limits import (
+from analysis.detectability import CurveUncertainty, DetectabilityCurve, DPrimeSlopes, ErrorSources
+from analysis.errors import AnalysisError, BeyondCurveError, NotDetectableError, OverlapError
+from analysis.pose import (
     FollowupPose,
     ViewingCamera,
     contrast_found_at,
-    local_sampling,
+    decide,
+    describe_pose,
+    judge_pose,
     pose_limits,
-    shift_overlap,
-    worst_zoom,
+    verdict_of,
 )
-from analysis.pose.quality import judge_pose
-from analysis.reports.evaluation import plot_limits, plot_pose
+from analysis.pose.limits import local_sampling, shift_overlap, worst_zoom
+from analysis.reports import plot_limits, plot_pose
+from calibration.registration import DistortedPose
 from simulation import SamplingGrid
-from tests.analysis.detectability.test_curves import curve
+from tests.analysis.detectability.test_curves import curve, of_two_zooms
 
 CAMERA = ViewingCamera(focal_length_px=800.0, width_px=640, height_px=480)
 
@@ -198,3 +198,96 @@ def test_a_camera_that_is_none_is_refused(values: dict[str, float]) -> None:
     about = {"focal_length_px": 800.0, "width_px": 640, "height_px": 480} | values
     with pytest.raises(ValueError):
         ViewingCamera(**about)  # type: ignore[arg-type]
+
+
+ERR = 0.05
+
+
+def curve_knowing(sources: ErrorSources | None = None, **slopes: float) -> DetectabilityCurve:
+    stated = DPrimeSlopes(**({"psf_per_px2": -1.0, "noise": -0.2} | slopes))
+    uncertainty = CurveUncertainty(
+        sources=sources or ErrorSources(), scene=[ERR] * 2, slopes=[stated] * 2
+    )
+    return of_two_zooms(uncertainty=uncertainty)
+
+
+@pytest.mark.parametrize(
+    ("d_prime", "verdict"),
+    [(2 * exp(1.65 * ERR), "go"), (2 * exp(-1.65 * ERR), "no go"), (2.0, "unsure"), (0.0, "no go")],
+)
+def test_a_verdict_is_given_from_95_percent_on(d_prime: float, verdict: str) -> None:
+    found = decide(curve_knowing(), 1.5, d_prime, 2.0)
+    assert found.verdict == verdict == verdict_of(found.probability)
+
+
+def test_go_and_no_go_are_wrong_as_rarely_as_stated() -> None:
+    # Where the true d' is the threshold itself, either verdict comes in 5 %; elsewhere, the wrong
+    # one comes more rarely.
+    rng = np.random.default_rng(8)
+    known = curve_knowing(ErrorSources(focus_scatter_px2=0.0))
+    seen = 2.0 * np.exp(ERR * rng.standard_normal(2000))
+    verdicts = [decide(known, 1.5, float(one), 2.0).verdict for one in seen]
+    # 2000 of 5 %: 999 of 1000 stay below 6.6 %.
+    assert verdicts.count("go") / 2000 < 0.066
+    assert verdicts.count("no go") / 2000 < 0.066
+
+
+def test_the_focus_that_would_turn_a_verdict_turns_it() -> None:
+    loose = curve_knowing(signal_per_px2=-2.0, followup_per_px4=4.0)
+    d_prime = 2 * exp(2.5 * ERR)
+    found = decide(loose, 1.5, d_prime, 2.0)
+    assert found.verdict == "go"
+    assert "focus" in found.unknown_sources
+    assert found.focus_turning_px2 is not None
+    for share, verdict in ((0.97, "go"), (1.03, "unsure")):
+        stated = loose.knowing(focus_scatter_px2=share * found.focus_turning_px2)
+        assert decide(stated, 1.5, d_prime, 2.0).verdict == verdict
+    assert f"{found.focus_turning_px2:.2g} px^2" in (found.unknown_sentence or "")
+
+
+def test_a_focus_that_turns_nothing_is_said_to() -> None:
+    found = decide(curve_knowing(), 1.5, 2 * exp(5 * ERR), 2.0)
+    assert found.focus_turning_px2 is None
+    assert "would turn it" in (found.unknown_sentence or "")
+
+
+def test_the_budget_names_what_decides_and_what_would_shrink_it() -> None:
+    sources = ErrorSources(focus_scatter_px2=0.1, psf_variance_err_px2=0.01)
+    found = decide(curve_knowing(sources, signal_per_px2=-2.0), 1.5, 2.0, 2.0)
+    assert [one.source for one in found.budget] == ["focus", "scene", "psf"]
+    expected = 0.2**2 / (0.2**2 + ERR**2 + 0.01**2)  # closed form
+    assert found.budget[0].share == pytest.approx(expected, rel=1e-3)
+    assert found.verdict == "unsure"
+    assert "a focus that repeats better" in found.sentence
+
+
+def test_exact_curves_are_certain() -> None:
+    exact = curve_knowing().model_copy(
+        update={"uncertainty": None, "dprime_low": [4.0, 2.0], "dprime_high": [4.0, 2.0]}
+    )
+    assert decide(exact, 2.0, 2.0, 2.0).probability == 1.0
+    assert decide(exact, 2.0, 1.999, 2.0).probability == 0.0
+    assert log(decide(exact, 2.0, 2.0, 2.0).dprime_interval_95[0] / 2.0) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("zoom", "turn_deg", "aside", "said"),
+    [
+        (1.0, 0.0, (0.0, 0.0), "the same distance (zoom 1.000), turned by 0.0 degrees"),
+        (1.25, 10.0, (30.0, 40.0), "further away (zoom 1.250), turned by 10.0 degrees, aside by"),
+        (0.8, -5.0, (0.0, 0.0), "nearer (zoom 0.800), turned by -5.0 degrees"),
+    ],
+)
+def test_a_pose_is_told_in_an_operators_words(
+    zoom: float, turn_deg: float, aside: tuple[float, float], said: str
+) -> None:
+    c, s = zoom * cos(radians(turn_deg)), zoom * sin(radians(turn_deg))
+    turn = np.array([[c, -s], [s, c]])
+    shift = np.array([199.5, 149.5]) + aside - turn @ [99.5, 74.5]
+    matrix = np.array([[*turn[0], shift[0]], [*turn[1], shift[1]], [0, 0, 1]])
+    pose = DistortedPose(
+        matrix=matrix, k1=0.0, reference_shape=(300, 400), followup_shape=(150, 200)
+    )
+    assert describe_pose(pose).startswith(said)
+    if any(aside):
+        assert describe_pose(pose).endswith("aside by 50 px (12 % of the frame)")

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from acquisition.bench import load_bench
-from analysis.pose.quality import judge_pose
-from analysis.pose.tracker import PoseTracker
+from analysis.pose import PoseTracker, judge_pose
 from standoff.shipped_configs import shipped_config
 from tests.analysis.detectability.test_curves import curve
 from tests.analysis.random_poses import bench_truth, posed_frames, reference_frame

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from analysis.reports import geometry_sections, geometry_verdicts, png_bytes
 from analysis.reports.geometry import (
-    geometry_sections,
-    geometry_verdicts,
     plot_distortion,
     plot_scale_by_height,
     plot_squareness,
     plot_travel,
 )
-from analysis.reports.page import png_bytes
 from calibration.geometry import CaptureGeometry, GeometryCalibration
 
 HEIGHTS = (100.0, 150.0, 200.0)

@@ -4,19 +4,15 @@ from dataclasses import replace
 import pytest
 from markupsafe import Markup
 
-from analysis.reports.page import (
-    CONVENTION,
+from analysis.reports import (
     Report,
-    ReportFigure,
-    ReportFront,
     ReportSection,
-    ReportTable,
-    Verdict,
     in_report_style,
     new_figure,
     png_bytes,
     render_report,
 )
+from analysis.reports.page import CONVENTION, ReportFigure, ReportFront, ReportTable, Verdict
 from tests.analysis.html_page import Page
 
 NASTY = '<script src="https://example.org/x.js">alert("µ & co")</script>'

@@ -2,16 +2,13 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.reader import Session
-from analysis.reports.bench import versions
+from acquisition.session import Session
+from analysis.reports import SessionNotes, render_session_report, versions
 from analysis.reports.page import CONVENTION
-from analysis.reports.session import (
-    SessionNotes,
-    render_session_report,
-    with_curves,
-)
-from analysis.validation.document import ExcludedCapture, Validation
-from calibration.psf.document import PsfCalibration
+from analysis.reports.session import with_curves
+from analysis.validation import Validation
+from analysis.validation.document import ExcludedCapture
+from calibration.psf import PsfCalibration
 from calibration.sharpness import SharpnessLimits
 from tests.acquisition.session_fixtures import whole_session
 from tests.analysis.html_page import Page

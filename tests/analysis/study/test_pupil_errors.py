@@ -48,8 +48,7 @@ def test_four_times_the_frames_halve_what_the_pixels_leave() -> None:
     # A corner is never known better than to 0.001 px, a height to 0.0005 mm.
     assert 1.0 < once.pixels / again.pixels < 4.0
     noisy = replace(
-        BOARD.levels,
-        frame_noise=LevelNoise(offset_dn2=6e3, slope_dn=200.0, floor_dn2=6e3),
+        BOARD.levels, frame_noise=LevelNoise(offset_dn2=6e3, slope_dn=200.0, floor_dn2=6e3)
     )
     first = pupil_errors(replace(BOARD, levels=noisy))
     second = pupil_errors(replace(BOARD, levels=noisy, frames=16))

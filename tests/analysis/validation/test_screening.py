@@ -2,14 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.reader import Session
-from analysis.validation.screening import (
-    NothingToCompareError,
-    Screening,
-    registrations_at_most,
-    screen,
-    series_of,
-)
+from acquisition.session import Session
+from analysis.validation import NothingToCompareError, registrations_at_most, screen
+from analysis.validation.screening import Screening, series_of
 from tests.acquisition.session_fixtures import whole_session
 from tests.analysis.bench_session import chart_session
 from tests.analysis.height_series import PSF, height_series

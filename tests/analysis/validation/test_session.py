@@ -1,3 +1,5 @@
+"""Reduced chi-squared of whole sessions, and the sentence where a model does not fit."""
+
 import csv
 import json
 from io import StringIO
@@ -8,32 +10,36 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.session.reader import Session
+from acquisition.session import Session
 from analysis.choices import ValidationModel
-from analysis.reports.page import png_bytes
-from analysis.reports.validation import plot_curves, plot_images, render_validation
+from analysis.reports import plot_curves, plot_images, png_bytes, render_validation
 from analysis.results_file import write_results
-from analysis.validation.document import (
+from analysis.validation import (
     METRICS,
+    ImageMetrics,
+    KernelBook,
+    ShownPair,
+    Validation,
+    ValidationSettings,
+    both_tables,
+    curves_csv,
+    mean_metrics,
+    read_validation,
+    screen,
+    shown_pairs,
+    trainings_needed,
+    validate,
+)
+from analysis.validation.document import (
     PAPER_TABLE_1,
     PAPER_TABLE_2,
     VALIDATION_SCHEMA,
-    Validation,
-    both_tables,
-    curves_csv,
-    read_validation,
+    fit_remarks,
 )
-from analysis.validation.kernels import KernelBook, trainings_needed
-from analysis.validation.metrics import PROCEDURES, ImageMetrics
-from analysis.validation.screening import screen
-from analysis.validation.session import (
-    ShownPair,
-    ValidationSettings,
-    curve_differences,
-    mean_metrics,
-    shown_pairs,
-    validate,
-)
+from analysis.validation.metrics import PROCEDURES
+from analysis.validation.session import curve_differences
+from calibration.psf import PsfCalibration
+from simulation import GaussianPsf
 from tests.analysis.height_series import LARGE_SHAPE, PSF, height_series
 
 MODELS: tuple[ValidationModel, ...] = ("bicubic", "paper", "matched")
@@ -215,3 +221,37 @@ def test_the_figures_and_the_report_show_every_model(
     page = render_validation(series, validation, shown)
     for words in ("Table I:", "Table II:", "as-in-paper", "the paper&#39;s own", "leaves"):
         assert words in page
+
+
+FIT_MODELS: tuple[ValidationModel, ...] = ("bicubic", "matched", "lmmse")
+CALIBRATION = PsfCalibration(
+    sigma_x_px=PSF.sigma_x_px, sigma_x_err_px=0.003, sigma_y_px=PSF.sigma_y_px, sigma_y_err_px=0.003
+)
+
+
+@pytest.mark.slow
+def test_only_a_psf_that_is_not_the_lens_s_is_named(tmp_path: Path) -> None:
+    series = height_series(tmp_path / "session", shape=LARGE_SHAPE)
+    settings = ValidationSettings(models=FIT_MODELS, calibration=CALIBRATION)
+    right = validate(series, PSF, settings)
+    for pair in right.pairs:
+        assert pair.chi2_reduced["matched"] == pytest.approx(1.0, abs=0.1)
+        assert pair.chi2_reduced["lmmse"] == pytest.approx(1.0, abs=0.1)
+        assert pair.chi2_reduced["bicubic"] > 1.5
+    assert not any("does not fit" in remark for remark in right.remarks)
+
+    wrong = validate(series, GaussianPsf(sigma_px=0.9), settings)
+    (sentence,) = [remark for remark in wrong.remarks if "does not fit" in remark]
+    worst = max(wrong.pairs, key=lambda pair: min(pair.chi2_reduced.values()))
+    first = f"{worst.target} {worst.reference_height_mm:g} to {worst.followup_height_mm:g} mm"
+    assert f"(reduced chi-squared) {first}" in sentence
+
+    # Models without physics say nothing of the captures, and captures of one frame no noise.
+    assert list(fit_remarks(wrong.pairs, ("bicubic", "paper"))) == []
+    silent = [pair.model_copy(update={"chi2_reduced": {}}) for pair in wrong.pairs]
+    assert list(fit_remarks(silent, FIT_MODELS)) == []
+    (note,) = fit_remarks([*right.pairs, silent[0]], FIT_MODELS)
+    assert "single frame" in note
+    table = right.to_dataframe()
+    chosen = table[(table.model == "matched") & (table.alignment == "followup-grid")]
+    assert chosen.chi2_reduced.tolist() == [pair.chi2_reduced["matched"] for pair in right.pairs]

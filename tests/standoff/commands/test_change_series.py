@@ -11,7 +11,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from analysis.change_series.time_line import read_changes_series, read_time_line
+from analysis.change_series import read_changes_series, read_time_line
 from analysis.changes.document import read_changes
 from standoff.cli import run
 from standoff.library.changes import compared as compare

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.change_series.time_line import read_time_line
+from analysis.change_series import read_time_line
 from tests.analysis.html_page import Page
 from tests.standoff.conftest import SMALL_BENCH, Command
 

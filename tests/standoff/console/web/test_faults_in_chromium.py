@@ -16,7 +16,7 @@ from acquisition.session import MANIFEST_NAME
 from hil_mocks.camera import CameraFaults, SimulatedCamera
 from hil_mocks.stage import SimulatedStage, StageFaults
 from standoff.console.bench_hub import BenchHub
-from tests.analysis.reports.changes.test_pages import page as changes_page
+from tests.analysis.reports.test_changes import page as changes_page
 from tests.standoff.console.console_rig import chromium_browser, text, wait_until
 from tests.standoff.console.hub_fixtures import idle_hub, running_hub
 from tests.standoff.console.web.live_page import live_page

@@ -14,7 +14,7 @@ from standoff.console.web.report_page import (
     has_foreign_script,
     report_response,
 )
-from tests.analysis.reports.changes.test_pages import page
+from tests.analysis.reports.test_changes import page
 
 OTHER = b"<body class=x><script>steal()</script></body>"
 

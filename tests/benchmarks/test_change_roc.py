@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from scipy.special import ndtr
 
-from analysis.changes.significance import FilterWidth, significance_threshold
 from benchmarks.change_roc import plot_change_roc, roc_of
 
 
@@ -25,15 +23,3 @@ def test_a_monotone_change_of_the_score_leaves_the_curve(seed: int, scale: float
 def test_scores_of_one_kind_only_are_refused() -> None:
     with pytest.raises(ValueError):
         roc_of(np.array([]), np.array([1.0]))
-
-
-@given(rate=st.floats(1e-9, 0.5))
-def test_the_threshold_allows_for_a_spread_that_is_not_known_exactly(rate: float) -> None:
-    threshold = significance_threshold(rate, (FilterWidth(width_px=1.0),))
-    # A tail is fuller where the spread is not known exactly.
-    nodes, weights = np.polynomial.hermite_e.hermegauss(15)
-    exact = 2 * ndtr(-threshold / (1 + 0.03 * nodes)) @ weights / weights.sum()
-    assert exact == pytest.approx(rate, rel=1e-6)
-    assert threshold > -1e-9
-    if rate < 1e-3:
-        assert 2 * ndtr(-threshold) < rate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from acquisition.photographs import on_screen, white_level_dn
-from analysis.change_series.time_line import (
+from analysis.change_series import (
     ChangesSeries,
     ChangeTimeLine,
     ChangeTrack,
@@ -17,36 +17,31 @@ from analysis.change_series.time_line import (
     TimeLineFollowup,
     TrackPoint,
 )
-from analysis.changes.document import Change, ChangeSummary, describe_focus
-from analysis.changes.filter import ChangeMasks, ChangeResult
-from analysis.changes.plot import changes_figure
-from analysis.changes.significance import FilterWidth
-from analysis.reports.change_pictures import (
-    LONGEST_SIDE_PX,
+from analysis.changes import (
+    ChangeResult,
+    ChangeSummary,
+    FilterWidth,
+    changes_figure,
+    describe_focus,
+)
+from analysis.changes.filter import ChangeMasks
+from analysis.reports import (
     ColourPair,
     compared_pictures,
+    q_text,
+    render_changes_report,
+    render_series_report,
     view_figures,
 )
-from analysis.reports.change_series import plot_track_map, render_series_report
-from analysis.reports.changes import q_text, render_changes_report
-from calibration.registration.distorted_pose import DistortedPose
+from analysis.reports.change_pictures import LONGEST_SIDE_PX
+from analysis.reports.change_series import plot_track_map
 from simulation.arrays import BoolArray, FloatArray
+from tests.analysis.changes.compared_fields import at_rest, change_at
 from tests.analysis.html_page import Page
 
 SHAPE = (60, 80)
 CHANGES = tuple(
-    Change(
-        x_px=x,
-        y_px=y,
-        reference_x_px=x,
-        reference_y_px=y,
-        area_px=9,
-        amplitude_dn=amplitude,
-        amplitude_err_dn=1.0,
-        significance=abs(amplitude),
-        q_value=1e-9,
-    )
-    for x, y, amplitude in ((20.0, 30.0, 12.0), (70.0, 2.0, -9.0))
+    change_at(x, y, amplitude) for x, y, amplitude in ((20.0, 30.0, 12.0), (70.0, 2.0, -9.0))
 )
 
 
@@ -76,7 +71,9 @@ def summary(**others: Any) -> ChangeSummary:
 
 
 def result(
-    after_dn: FloatArray, clipped: BoolArray, shift_px: tuple[float, float] = (0.0, 0.0)
+    after_dn: FloatArray,
+    clipped: BoolArray | None = None,
+    shift_px: tuple[float, float] = (0.0, 0.0),
 ) -> ChangeResult:
     """A comparison whose pose is a shift of ``(x, y)``."""
     valid = np.ones(after_dn.shape, np.bool_)
@@ -95,8 +92,13 @@ def result(
         is_change=~valid,
         is_moved=~valid,
         valid=valid,
-        pose=DistortedPose(matrix=matrix, k1=0.0, reference_shape=shape, followup_shape=shape),
-        masks=ChangeMasks(is_change=~valid, valid=valid, clipped=clipped, reference_clipped=~valid),
+        pose=at_rest(shape, matrix),
+        masks=ChangeMasks(
+            is_change=~valid,
+            valid=valid,
+            clipped=~valid if clipped is None else clipped,
+            reference_clipped=~valid,
+        ),
         filter_widths=(FilterWidth(width_px=1.0),),
     )
 
@@ -110,7 +112,7 @@ def test_both_photographs_lie_on_one_grid_in_one_light() -> None:
     before = 100 + 40 * np.sin(x / 6.0) * np.cos(y / 5.0)
     # The follow-up's pixel (x, y) shows the reference's (x + 4, y + 2), twice as bright.
     after = 2 * (100 + 40 * np.sin((x + 4) / 6.0) * np.cos((y + 2) / 5.0)) + 30
-    found = result(after, np.zeros(SHAPE, np.bool_), (4.0, 2.0))
+    found = result(after, shift_px=(4.0, 2.0))
     pictures = compared_pictures(before, found, None)
     shown = [decoded(one).astype(float) for one in (pictures.before, pictures.after)]
     inside = np.s_[2:-4, 2:-6]
@@ -132,7 +134,7 @@ def test_photographs_in_colour_keep_their_hues_whatever_their_light() -> None:
     distance = np.hypot(x - 40, y - 30)
     disc, away = distance < 6, np.abs(distance - 6) > 8  # an edge rings over a block of JPEG
     after[disc] = 0.5 * coloured(levels, (0.2, 1.0, 0.1))[disc]
-    found = result(after.mean(2), np.zeros(SHAPE, np.bool_))
+    found = result(after.mean(2))
     pair = ColourPair(reference_dn=before, followup_dn=after)
     pictures = compared_pictures(before.mean(2), found, None, pair)
     assert pictures.is_colour
@@ -155,19 +157,19 @@ def test_a_change_of_one_pixel_keeps_its_colour_in_the_page() -> None:
     before = coloured(np.full(SHAPE, 100.0), (1.0, 1.0, 1.0))
     after = before.copy()
     after[31, 41] = (20.0, 20.0, 100.0)
-    found = result(after.mean(2), np.zeros(SHAPE, np.bool_))
+    found = result(after.mean(2))
     pair = ColourPair(reference_dn=before, followup_dn=after)
     blue, _, red = decoded(compared_pictures(before.mean(2), found, None, pair).after)[31, 41]
     # sRGB of 0.2 and of 1 are 124 and 255; colours of half the resolution would mix four pixels.
     assert int(blue) - int(red) > 100
 
 
-def test_a_large_photograph_in_colour_is_averaged_down_for_the_page() -> None:
+@pytest.mark.parametrize("is_colour", [False, True])
+def test_a_large_photograph_is_averaged_down_for_the_page(is_colour: bool) -> None:
     levels = np.random.default_rng(0).normal(100, 10, (40, 2 * LONGEST_SIDE_PX + 5))
     after = coloured(levels, (1.0, 0.6, 0.3))
-    found = result(levels, np.zeros(levels.shape, np.bool_))
-    pair = ColourPair(reference_dn=after, followup_dn=after)
-    pictures = compared_pictures(levels, found, None, pair)
+    pair = ColourPair(reference_dn=after, followup_dn=after) if is_colour else None
+    pictures = compared_pictures(levels, result(levels), None, pair)
     sizes = {decoded(one).shape[1] for one in (pictures.before, pictures.after, pictures.masks)}
     assert sizes == {-(-levels.shape[1] // 3)}
 
@@ -175,7 +177,7 @@ def test_a_large_photograph_in_colour_is_averaged_down_for_the_page() -> None:
 def test_the_figure_shows_a_follow_up_in_colour_in_its_colours() -> None:
     y, x = np.indices(SHAPE)
     after = coloured(100 + 40 * np.sin(x / 6.0) * np.cos(y / 5.0), (1.0, 0.5, 0.1))
-    found = result(after.mean(2), np.zeros(SHAPE, np.bool_))
+    found = result(after.mean(2))
     for colours_dn, channels in ((None, 2), (after, 3)):
         drawn = np.asarray(changes_figure(found, colours_dn).axes[0].images[0].get_array())
         assert drawn.ndim == channels
@@ -192,16 +194,9 @@ def test_masks_are_drawn_where_they_are_and_nowhere_else() -> None:
     np.testing.assert_array_equal(opacity > 0, clipped | left_out)
 
 
-def test_a_large_photograph_is_averaged_down_for_the_page() -> None:
-    after = np.random.default_rng(0).normal(100, 10, (40, 2 * LONGEST_SIDE_PX + 5))
-    pictures = compared_pictures(after, result(after, np.zeros(after.shape, np.bool_)), None)
-    sizes = {decoded(one).shape[1] for one in (pictures.before, pictures.masks)}
-    assert sizes == {-(-after.shape[1] // 3)}
-
-
 def page(**others: Any) -> tuple[str, Page]:
     after = np.random.default_rng(0).normal(100, 10, SHAPE)
-    pictures = compared_pictures(after, result(after, np.zeros(SHAPE, np.bool_)), None)
+    pictures = compared_pictures(after, result(after), None)
     document = render_changes_report(
         summary(**others), view_figures(pictures, CHANGES, (SHAPE[1], SHAPE[0]))
     )
@@ -359,7 +354,7 @@ def test_what_moved_has_dashed_rings_and_rows_but_no_number() -> None:
     )
     found = summary(moved=(moved,), moved_px=9)
     after = np.random.default_rng(0).normal(100, 10, SHAPE)
-    pictures = compared_pictures(after, result(after, np.zeros(SHAPE, np.bool_)), None)
+    pictures = compared_pictures(after, result(after), None)
     views = view_figures(pictures, CHANGES, (SHAPE[1], SHAPE[0]), found.moved)
     for view in views:
         assert view.markup.count("stroke-dasharray") == 1

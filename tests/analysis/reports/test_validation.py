@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
 
-from acquisition.session.reader import Session
+from acquisition.session import Session
 from analysis.choices import VALIDATION_MODELS
-from analysis.detectability.plot import MODEL_COLOURS
-from analysis.reports.validation import plot_curves, plot_furthest
-from analysis.validation.document import METRICS, Validation
-from analysis.validation.session import ShownPair, drawn_procedure, furthest_pair
+from analysis.detectability import MODEL_COLOURS
+from analysis.reports import plot_curves, plot_furthest
+from analysis.validation import METRICS, ShownPair, Validation, drawn_procedure, furthest_pair
 from simulation import MODELS
 from tests.analysis.bench_session import PSF
 

@@ -1,16 +1,91 @@
 import numpy as np
 import pytest
 
-from acquisition.session.reader import Session
-from analysis.reports.psf import calibration_sections, calibration_verdicts
-from analysis.reports.psf_edges import edge_table_section
+from acquisition.files import Provenance
+from acquisition.session import Session
+from analysis.reports import (
+    calibration_front,
+    calibration_sections,
+    calibration_verdicts,
+    edge_table_section,
+    history_document,
+    history_sections,
+    ordered_history,
+    plot_history,
+    verdict_section,
+)
 from analysis.reports.psf_field import field_section, widths_section
-from calibration.edges.measurement import EdgeMeasurement
-from calibration.psf.document import PsfCalibration
-from calibration.psf.field import FieldFit
-from calibration.sharpness import reported_mtf50
+from calibration.edges import EdgeMeasurement
+from calibration.psf import CameraIdentity, FieldFit, PsfCalibration
+from calibration.sharpness import SharpnessLimits, reported_mtf50
 from simulation.arrays import Float32Array, FloatArray
 from tests.calibration.sharpness.edges import edge_of
+
+
+def test_the_front_states_what_the_photographs_were_taken_with() -> None:
+    psf = PsfCalibration(
+        photograph={
+            "camera": "Nikon Z 9",
+            "lens": "50 mm f/1.8",
+            "f_number": 4.0,
+            "exposure_s": 0.004,
+            "taken": "2026-11-22 10:00:00",
+        },
+        provenance=Provenance(
+            version="1", created="2026-11-22T12:00:00Z", command="c", encoding="srgb"
+        ),
+        picture_width_px=780,
+        picture_height_px=580,
+        pixel_pitch_um=4.35,
+        pixel_pitch_from="EXIF",
+    )
+    facts = dict(calibration_front(psf, ()).facts)
+    assert facts == {
+        "photographed": "2026-11-22 10:00",
+        "measured": "2026-11-22 12:00 UTC",
+        "camera": "Nikon Z 9",
+        "lens": "50 mm f/1.8",
+        "focal length": "not stated",
+        "f-number": "f/4",
+        "exposure": "1/250 s",
+        "ISO": "not stated",
+        "encoding": "srgb",
+        "picture": "780 x 580 px",
+        "pixel pitch": "4.35 µm (EXIF)",
+    }
+
+
+def test_the_camera_of_a_session_is_named_with_its_serial_number() -> None:
+    camera = CameraIdentity(vendor="AVT", model="Manta", serial="C1")
+    facts = dict(calibration_front(PsfCalibration(camera=camera), ()).facts)
+    assert facts["camera"] == "AVT Manta C1"
+    assert facts["pixel pitch"] == "unknown"
+
+
+def test_without_limits_there_is_no_verdict_and_no_table_of_limits() -> None:
+    front = calibration_front(PsfCalibration(), ("beware",))
+    assert (front.outcome, front.warnings) == ("none", ("beware",))
+    assert verdict_section(PsfCalibration()) is None
+
+
+@pytest.mark.parametrize(("bound", "outcome"), [(0.1, "pass"), (0.9, "fail")])
+def test_the_verdict_counts_its_limits_and_tabulates_each_with_its_figure(
+    bound: float, outcome: str
+) -> None:
+    limits = SharpnessLimits.model_validate(
+        {"mtf50": {"min_cy_per_px": bound}, "lateral_colour": {"max_px": 1.0}}
+    )
+    psf = PsfCalibration(edges=(edge_of(),)).judged(limits, "l.toml")
+    front = calibration_front(psf, ())
+    assert front.outcome == ("fail" if outcome == "fail" else "unsure")
+    words = {"pass": "1 passed, 1 unsure", "fail": "1 failed, 1 unsure"}
+    assert front.verdict == f"2 limits of l.toml: {words[outcome]}."
+    section = verdict_section(psf)
+    assert section is not None
+    mtf50, colour = section.tables[0].rows
+    assert mtf50[:3] == ("mtf50.min_cy_per_px", f"at least {bound:g} cy/px", "0.2700")
+    assert mtf50[4] == outcome
+    assert colour[2:5] == ("not measured", "", "unsure")
 
 
 def test_the_verdict_gives_widths_with_intervals_and_the_edges_that_count(
@@ -226,3 +301,70 @@ def test_how_it_was_measured_is_said(psf: PsfCalibration) -> None:
         0
     ].tables[1]
     assert [row[0] for row in table.rows] == ["red", "green"]
+
+
+def calibrated(
+    sigma_x_px: float, captured_utc: str | None, serial: str | None = "A7"
+) -> PsfCalibration:
+    return PsfCalibration.model_validate(
+        {
+            "sigma_x_px": sigma_x_px,
+            "sigma_x_err_px": 0.002,
+            "sigma_y_px": 0.7,
+            "sigma_y_err_px": 0.002,
+            "camera": {"serial": serial},
+            "captured_utc": captured_utc,
+        }
+    )
+
+
+HISTORY = (
+    ("later.json", calibrated(0.85, "2025-05-02T08:00:00.000000Z")),
+    ("other.json", calibrated(0.60, "2025-03-01T08:00:00.000000Z", "B1")),
+    ("first.json", calibrated(0.80, "2025-03-04T08:00:00.000000Z")),
+    ("photo.json", calibrated(0.80, None, None)),
+)
+
+
+def test_calibrations_stand_by_camera_and_time_each_against_the_first() -> None:
+    history = ordered_history(HISTORY)
+    assert list(history) == ["A7", "B1", "unknown"]
+    first, later = history["A7"]
+    assert (first.name, first.verdict) == ("first.json", "")
+    assert later.verdict.startswith("the PSF has changed: sigma_x_px by +6.25 %")
+    document = history_document(history)
+    assert document["cameras"][0]["calibrations"][1]["change"] == later.verdict
+
+
+def test_a_camera_has_a_table_and_from_two_times_on_a_figure() -> None:
+    known, lone, unknown = history_sections(ordered_history(HISTORY))
+    assert known.title == "Camera A7"
+    # 1.96 times the standard error of 0.002.
+    assert known.tables[0].rows[0][:3] == ("first.json", "2025-03-04 08:00:00", "0.8000 ± 0.0039")
+    assert len(known.figures) == 1
+    assert lone.figures == unknown.figures == ()
+    assert unknown.tables[0].rows[0][1] == "unknown"
+
+
+def test_widths_are_drawn_with_their_intervals() -> None:
+    figure = plot_history(ordered_history(HISTORY)["A7"])
+    assert figure is not None
+    assert len(figure.axes[0].containers) == 2
+    assert figure.axes[0].get_ylabel() == "total sigma / px"
+
+
+def test_what_cannot_be_compared_says_so() -> None:
+    bare = PsfCalibration.model_validate({"sigma_x_px": 0.8, "camera": {"serial": "A7"}})
+    [_, second] = ordered_history([("a", bare), ("b", bare)])["A7"]
+    assert second.verdict.startswith("not comparable: no width in common")
+
+
+def test_a_width_that_no_calibration_has_is_not_drawn() -> None:
+    lone = [
+        (name, one.model_copy(update={"sigma_y_px": None, "sigma_y_err_px": None}))
+        for name, one in (HISTORY[0], HISTORY[2])
+    ]
+    figure = plot_history(ordered_history(lone)["A7"])
+    assert figure is not None
+    [axes] = figure.axes
+    assert len(axes.containers) == 1
