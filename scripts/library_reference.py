@@ -24,7 +24,7 @@ class Group:
     names: tuple[str, ...]
 
 
-GROUPS = (
+GROUPS: tuple[Group, ...] = (
     Group(
         file="bench",
         title="The bench",

@@ -225,3 +225,4 @@ from .library.validation import (
 )
 
 __version__: str
+__all__: list[str]

@@ -28,6 +28,7 @@ from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.reports import render_series_report
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions
+from calibration.registration import RegistrationHints
 from simulation.arguments import checked
 from simulation.arrays import AnyArray
 from simulation.choices import PsfShape
@@ -47,7 +48,7 @@ from standoff.library.changes import comparison_rules
 from standoff.library.detectability import CurveLike, given_curve
 from standoff.library.limit_options import DetectionLimitOptions, limit_files
 from standoff.library.psf import psf_and_field
-from standoff.library.registration import AlignmentHints, RegistrationHints, hint_files
+from standoff.library.registration import AlignmentHints, hint_files
 from standoff.library.series.change_work import ChangeWork
 from standoff.library.series.pose_work import PoseDemand, PoseWork, registration_psf
 from standoff.library.series.references import OneReference, ReferenceFolder, pair_by_stem
