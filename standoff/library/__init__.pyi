@@ -47,10 +47,9 @@ from .call import (
     Call as Call,
     NoiseLike as NoiseLike,
     PsfLike as PsfLike,
-    called_as as called_as,
     camera_noise as camera_noise,
-    login_name as login_name,
 )
+from .caller import called_as as called_as, login_name as login_name
 from .changes import CHANGE_FILES as CHANGE_FILES, find_changes as find_changes
 from .detectability import (
     JudgedHomography as JudgedHomography,
