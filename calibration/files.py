@@ -1,5 +1,6 @@
 """Reading and writing psf.json, noise.json, geometry.json and H.json; no other module does it."""
 
+from acquisition.files import written_together
 from calibration.documents import read_document, write_document
 from calibration.errors import (
     GeometryFileError,
@@ -17,18 +18,32 @@ from calibration.noise import (
 )
 from calibration.psf import PsfCalibration
 from calibration.registration import Homography
-from simulation.arguments import FilePath, checked, path_of
+from simulation.arguments import FilePath, checked, output_path, path_of
 
 
-def write_psf(path: FilePath, calibration: PsfCalibration) -> None:
-    """Write psf.json, whole or not at all.
+@checked
+def write_psf(path: FilePath, psf: PsfCalibration) -> None:
+    """Write a psf.json, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    psf
+        As ``calibrate_psf`` returns it.
 
     Raises
     ------
+    TypeError
+        If the arguments are not a path and a calibration.
     PsfFileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> standoff.write_psf("edge-psf.json", standoff.calibrate_psf("vertical.tif"))
     """
-    write_document(path, calibration, PsfFileError)
+    write_document(output_path(path, "path", {".json"}), psf, PsfFileError)
 
 
 @checked
@@ -58,15 +73,27 @@ def read_psf(path: FilePath) -> PsfCalibration:
     return read_document(path, PsfCalibration, PsfFileError, "write it with standoff calibrate")
 
 
+@checked
 def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
-    """Write geometry.json, whole or not at all.
+    """Write a geometry.json, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    geometry
+        As ``calibrate_geometry`` returns it.
 
     Raises
     ------
     GeometryFileError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> standoff.write_geometry("board.json", standoff.calibrate_geometry("board"))
     """
-    write_document(path, geometry, GeometryFileError)
+    write_document(output_path(path, "path", {".json"}), geometry, GeometryFileError)
 
 
 @checked
@@ -177,14 +204,40 @@ def read_noise(path: FilePath) -> NoiseCalibration:
     return read_document(path, NoiseCalibration, NoiseFileError, "give a noise.json")
 
 
+@checked
 def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
-    """Write the maps, then noise.json, each whole or not at all; return the document written.
+    """Write noise.json and its maps beside it, all or none; return the document.
+
+    Parameters
+    ----------
+    path
+        Of noise.json.
+    noise
+        As ``measure_noise`` returns it.
+
+    Returns
+    -------
+    NoiseCalibration
+        The document, with the names of the maps.
 
     Raises
     ------
-    NoiseFileError
+    NoiseFileError, ApplicationError
         If a file cannot be written.
+
+    Examples
+    --------
+    >>> document = standoff.write_noise("flats.json", standoff.measure_noise("flats"))
+    >>> round(document.read_noise_e)
+    12
     """
+    out = output_path(path, "path", {".json"})
+    with written_together(out) as folder:
+        return write_noise_files(folder / out.name, noise)
+
+
+def write_noise_files(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
+    """Write the maps, then noise.json, each whole or not at all; return the document."""
     written = noise.calibration.model_copy(
         update={"maps": write_map_files(path_of(path, "path"), noise.maps)}
     )

@@ -24,7 +24,7 @@ class Group:
     names: tuple[str, ...]
 
 
-_GROUPS = (
+GROUPS: tuple[Group, ...] = (
     Group(
         file="bench",
         title="The bench",

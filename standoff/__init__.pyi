@@ -76,7 +76,10 @@ from calibration.files import (
     read_homography as read_homography,
     read_noise as read_noise,
     read_psf as read_psf,
+    write_geometry as write_geometry,
     write_homography as write_homography,
+    write_noise as write_noise,
+    write_psf as write_psf,
 )
 from calibration.geometry import (
     CharucoBoard as CharucoBoard,
@@ -134,7 +137,6 @@ from .library.detectability import (
 from .library.edges import (
     measure_edges as measure_edges,
     write_edge_table as write_edge_table,
-    write_psf as write_psf,
 )
 from .library.evaluation import (
     ChangePairs as ChangePairs,
@@ -153,14 +155,13 @@ from .library.evaluation import (
 )
 from .library.geometry import (
     calibrate_geometry as calibrate_geometry,
-    write_geometry as write_geometry,
 )
 from .library.limit_options import DetectionLimitOptions as DetectionLimitOptions
 from .library.measured_curves import (
     MeasuredCurves as MeasuredCurves,
     measure_curves as measure_curves,
 )
-from .library.noise import measure_noise as measure_noise, write_noise as write_noise
+from .library.noise import measure_noise as measure_noise
 from .library.photographs import (
     ExamplePhotographs as ExamplePhotographs,
     example_photographs as example_photographs,
@@ -224,3 +225,4 @@ from .library.validation import (
 )
 
 __version__: str
+__all__: list[str]

@@ -14,10 +14,7 @@ from .writing import (
     make_folder as make_folder,
     make_results_folder as make_results_folder,
     require_writable as require_writable,
-    tiff_bytes as tiff_bytes,
     write_file as write_file,
-    write_float_tiff as write_float_tiff,
-    write_mask as write_mask,
     write_page as write_page,
     written_together as written_together,
 )

@@ -7,16 +7,11 @@ import logging
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from os.path import lexists
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import cv2
-import numpy as np
-import tifffile
-
-from acquisition.errors import ApplicationError, ImageFileError
+from acquisition.errors import ApplicationError
 from acquisition.files.names import require_place, require_reachable
 from acquisition.remote_files import is_url, remote_status, url_of, write_remote
 from acquisition.session import (
@@ -27,7 +22,6 @@ from acquisition.session import (
     refuse_capture,
     write_shared,
 )
-from simulation.arrays import BoolArray, Float32Array
 
 RESULTS_FOLDER = "results"
 """Folder of a session for the results obtained from it."""
@@ -142,23 +136,6 @@ def _require_pdf() -> None:
         ) from error
 
 
-def write_float_tiff(path: Path, image: Float32Array, description: str) -> None:
-    """Write a float32 TIFF, whole or not at all."""
-    _write(path, tiff_bytes(image, description))
-
-
-def write_mask(path: Path, mask: BoolArray) -> None:
-    """Write a mask as a PNG of 0 and 255, whole or not at all."""
-    _write(path, cv2.imencode(".png", mask.astype(np.uint8) * np.uint8(255))[1].tobytes())
-
-
-def _write(path: Path, data: bytes) -> None:
-    try:
-        write_shared(path, data)
-    except OSError as error:
-        raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
-
-
 def write_page(path: Path, page: str) -> None:
     """Write one page: as PDF if the file's suffix says so, else as HTML."""
     is_pdf = path.suffix.lower() == ".pdf"
@@ -173,17 +150,3 @@ def _pdf_bytes(page: str) -> bytes:
     for name in ("weasyprint", "fontTools"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     return bytes(weasyprint.HTML(string=page).write_pdf())
-
-
-def tiff_bytes(image: Float32Array, description: str) -> bytes:
-    """Return a float32 TIFF, grey or RGB, as the bytes of its file."""
-    buffer = BytesIO()
-    tifffile.imwrite(
-        buffer,
-        np.ascontiguousarray(image, dtype=np.float32),
-        photometric="rgb" if image.ndim == 3 else "minisblack",
-        # TIFF has no other letters, though names of files do.
-        description=description.encode("ascii", "backslashreplace").decode("ascii"),
-        metadata=None,
-    )
-    return buffer.getvalue()

@@ -13,7 +13,12 @@ from .photograph import (
     FileSteps as FileSteps,
     Photograph as Photograph,
 )
-from .raster import marked_png as marked_png
+from .raster import (
+    marked_png as marked_png,
+    tiff_bytes as tiff_bytes,
+    write_float_tiff as write_float_tiff,
+    write_mask as write_mask,
+)
 from .reader import (
     IMAGE_SUFFIXES as IMAGE_SUFFIXES,
     Inputs as Inputs,

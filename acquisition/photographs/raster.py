@@ -1,4 +1,4 @@
-"""PNG, JPEG and the other formats that Pillow reads, OpenEXR and FITS.
+"""PNG, JPEG and the other formats that Pillow reads, OpenEXR and FITS; and images written.
 
 Each with the encoding that it states. Only formats without programs or scripts inside are tried: an
 EPS by another name stays unread. OpenEXR and FITS hold linear levels in floating point, and are
@@ -11,15 +11,18 @@ import zlib
 from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import cv2
 import imagecodecs
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 from PIL.JpegImagePlugin import JpegImageFile
 
+from acquisition.errors import ImageFileError
 from acquisition.photographs.decoding import (
     TOO_LARGE,
     DecodingError,
@@ -35,7 +38,8 @@ from acquisition.photographs.stored_image import (
     StoredImage,
     is_srgb,
 )
-from simulation.arrays import FloatArray
+from acquisition.session import write_shared
+from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 _FORMATS = ("PNG", "JPEG", "BMP", "DIB", "GIF", "PPM", "WEBP", "JPEG2000", "AVIF")
 _EXIF_IFD = 0x8769
@@ -405,3 +409,34 @@ def _linear(pages: NDArray[Any], name: str, facts: PhotographFacts | None = None
         unmarked=(LINEAR, name),
         facts=facts or PhotographFacts(),
     )
+
+
+def write_float_tiff(path: Path, image: Float32Array, description: str) -> None:
+    """Write a float32 TIFF, whole or not at all."""
+    _write_image(path, tiff_bytes(image, description))
+
+
+def write_mask(path: Path, mask: BoolArray) -> None:
+    """Write a mask as a PNG of 0 and 255, whole or not at all."""
+    _write_image(path, cv2.imencode(".png", mask.astype(np.uint8) * np.uint8(255))[1].tobytes())
+
+
+def _write_image(path: Path, data: bytes) -> None:
+    try:
+        write_shared(path, data)
+    except OSError as error:
+        raise ImageFileError(f"cannot write {path}: {error.strerror}") from error
+
+
+def tiff_bytes(image: Float32Array, description: str) -> bytes:
+    """Return a float32 TIFF, grey or RGB, as the bytes of its file."""
+    buffer = BytesIO()
+    tifffile.imwrite(
+        buffer,
+        np.ascontiguousarray(image, dtype=np.float32),
+        photometric="rgb" if image.ndim == 3 else "minisblack",
+        # TIFF has no other letters, though names of files do.
+        description=description.encode("ascii", "backslashreplace").decode("ascii"),
+        metadata=None,
+    )
+    return buffer.getvalue()

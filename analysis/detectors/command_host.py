@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.files import tiff_bytes
+from acquisition.photographs import tiff_bytes
 from acquisition.regular_files import read_regular_file
 from acquisition.untrusted import TiffDamageError, parse_json, read_tiff
 from analysis.detectors.answers import plain_answer, short_line

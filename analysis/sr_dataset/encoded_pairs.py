@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.files import tiff_bytes
+from acquisition.photographs import tiff_bytes
 from acquisition.printable import beginning_of
 from analysis.sr_dataset.photograph import PairPhotograph
 from analysis.sr_dataset.png_file import png_bytes

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from acquisition.files import tiff_bytes
+from acquisition.photographs import tiff_bytes
 from benchmarks.peers.program import (
     CONTRAST_FREQ_CY_PER_PX,
     AlignedPoints,

@@ -12,6 +12,11 @@ from analysis.choices import (
 )
 from analysis.detectability import CurveChoice as CurveChoice
 from analysis.followup_series import SeriesResult as SeriesResult
+from calibration.files import (
+    write_geometry as write_geometry,
+    write_noise as write_noise,
+    write_psf as write_psf,
+)
 from simulation.arguments import FilePath as FilePath, path_of as path_of
 
 from .bench import (
@@ -42,10 +47,9 @@ from .call import (
     Call as Call,
     NoiseLike as NoiseLike,
     PsfLike as PsfLike,
-    called_as as called_as,
     camera_noise as camera_noise,
-    login_name as login_name,
 )
+from .caller import called_as as called_as, login_name as login_name
 from .changes import CHANGE_FILES as CHANGE_FILES, find_changes as find_changes
 from .detectability import (
     JudgedHomography as JudgedHomography,
@@ -57,7 +61,6 @@ from .edges import (
     Reading as Reading,
     edge_image as edge_image,
     write_edge_table as write_edge_table,
-    write_psf as write_psf,
 )
 from .evaluation import (
     Spot as Spot,
@@ -67,7 +70,7 @@ from .evaluation import (
     evaluation_made_by as evaluation_made_by,
     patch_of as patch_of,
 )
-from .geometry import calibrate_geometry as calibrate_geometry, write_geometry as write_geometry
+from .geometry import calibrate_geometry as calibrate_geometry
 from .limit_options import DetectionLimitOptions as DetectionLimitOptions
 from .measured_curves import (
     curve_figure_paths as curve_figure_paths,
@@ -76,7 +79,7 @@ from .measured_curves import (
     measure_curves as measure_curves,
     state_of_curves as state_of_curves,
 )
-from .noise import measure_noise as measure_noise, write_noise as write_noise
+from .noise import measure_noise as measure_noise
 from .photographs import reading as reading
 from .pose_stream import NamedFrame as NamedFrame, PoseWatch as PoseWatch
 from .psf import opened_psf as opened_psf

@@ -1,10 +1,7 @@
 """One call of the library: its arguments, what it reads, what it has to say, and how far it is."""
 
-import getpass
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from contextvars import ContextVar
 from dataclasses import replace
 from itertools import chain, islice
 from numbers import Number
@@ -42,6 +39,7 @@ from simulation.arguments import (
 from simulation.arrays import AnyArray, FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.compile_notice import announce_compiling
+from standoff.library.caller import caller
 
 ImageLike: TypeAlias = NDArray[Any] | Photograph | BenchCapture | FilePath
 """Levels linear in light, ``(rows, cols)`` or ``(rows, cols, channels)``, or an image file.
@@ -150,32 +148,6 @@ def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
     if noise is None or isinstance(noise, CaptureNoise):
         return noise
     return read_noise(path_of(noise, "noise")).capture_noise
-
-
-_COMMAND_LINE: ContextVar[str | None] = ContextVar("_COMMAND_LINE", default=None)
-
-
-@contextmanager
-def called_as(command_line: str) -> Iterator[None]:
-    """Name a command line in the provenance of what the block makes."""
-    token = _COMMAND_LINE.set(command_line)
-    try:
-        yield
-    finally:
-        _COMMAND_LINE.reset(token)
-
-
-def caller(function: str) -> str:
-    """Return the command line that runs; for a script, the name of the public function."""
-    return _COMMAND_LINE.get() or f"standoff.{function}"
-
-
-def login_name() -> str:
-    """The login name of whoever works here, or the number of a user whom the system cannot name."""
-    try:
-        return getpass.getuser()
-    except (ImportError, KeyError, OSError):
-        return f"user {os.getuid()}" if hasattr(os, "getuid") else "unknown"
 
 
 class Progress(Protocol):

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from acquisition.files import (
-    PAGES,
-    make_folder,
-    write_file,
+from acquisition.files import PAGES, make_folder, write_file, write_page, written_together
+from acquisition.photographs import (
+    FileSteps,
+    Photograph,
+    ReadOptions,
+    luma_plane,
     write_float_tiff,
     write_mask,
-    write_page,
-    written_together,
 )
-from acquisition.photographs import FileSteps, Photograph, ReadOptions, luma_plane
 from analysis.changes import (
     ChangeOptions,
     ChangeResult,

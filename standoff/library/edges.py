@@ -27,7 +27,6 @@ from calibration.edges import (
     plane_places,
 )
 from calibration.errors import CalibrationError
-from calibration.files import read_psf as read_psf, write_psf as write_psf_file
 from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
 from calibration.psf import PsfCalibration, PsfOrigin, edge_images, edge_records, origin_of
 from calibration.sharpness import with_sharpness
@@ -307,31 +306,6 @@ def measure_edges(
         except ValueError as error:
             raise ArgumentError(str(error), argument="region") from error
     return tuple(with_sharpness(measured_edges(source, region, method), source))
-
-
-@checked
-def write_psf(path: FilePath, psf: PsfCalibration) -> None:
-    """Write a psf.json, whole or not at all.
-
-    Parameters
-    ----------
-    path
-        Of the file.
-    psf
-        As ``calibrate_psf`` returns it.
-
-    Raises
-    ------
-    TypeError
-        If the arguments are not a path and a calibration.
-    PsfFileError
-        If the file cannot be written.
-
-    Examples
-    --------
-    >>> standoff.write_psf("edge-psf.json", standoff.calibrate_psf("vertical.tif"))
-    """
-    write_psf_file(output_path(path, "path", {".json"}), psf)
 
 
 @checked

@@ -4,7 +4,6 @@ from acquisition.files import PAGES, write_page
 from acquisition.session import Session
 from analysis.reports import render_geometry_report
 from calibration.choices import DEFAULT_BOARD_TEXT
-from calibration.files import write_geometry as write_geometry_file
 from calibration.geometry import (
     CharucoBoard,
     GeometryCalibration,
@@ -89,26 +88,3 @@ def calibrate_geometry(
     if page is not None:
         write_page(page, render_geometry_report(found, str(opened.path)))
     return found
-
-
-@checked
-def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
-    """Write a geometry.json, whole or not at all.
-
-    Parameters
-    ----------
-    path
-        Of the file.
-    geometry
-        As ``calibrate_geometry`` returns it.
-
-    Raises
-    ------
-    GeometryFileError
-        If the file cannot be written.
-
-    Examples
-    --------
-    >>> standoff.write_geometry("board.json", standoff.calibrate_geometry("board"))
-    """
-    write_geometry_file(output_path(path, "path", {".json"}), geometry)

@@ -12,16 +12,14 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.files import PAGES, require_writable, write_page, written_together
+from acquisition.files import PAGES, require_writable, write_page
 from acquisition.photographs import IMAGE_SUFFIXES, Photograph, ReadOptions, frames_of
 from acquisition.printable import on_one_line
 from acquisition.session import Session
 from analysis.reports import render_noise_report
 from calibration.errors import NoiseError
-from calibration.files import write_noise as write_noise_file
 from calibration.noise import (
     FrameGroup,
-    NoiseCalibration,
     NoiseCaptures,
     NoiseKind,
     NoiseMeasurement,
@@ -507,35 +505,3 @@ def _refuse_beside_session(**given: object) -> None:
     for name, value in given.items():
         if value is not None:
             raise ArgumentError("a session has its own; it is for darks and flats", argument=name)
-
-
-@checked
-def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
-    """Write noise.json and its maps beside it, all or none; return the document.
-
-    Parameters
-    ----------
-    path
-        Of noise.json.
-    noise
-        As ``measure_noise`` returns it.
-
-    Returns
-    -------
-    NoiseCalibration
-        The document, with the names of the maps.
-
-    Raises
-    ------
-    NoiseFileError, ApplicationError
-        If a file cannot be written.
-
-    Examples
-    --------
-    >>> document = standoff.write_noise("flats.json", standoff.measure_noise("flats"))
-    >>> round(document.read_noise_e)
-    12
-    """
-    out = output_path(path, "path", {".json"})
-    with written_together(out) as folder:
-        return write_noise_file(folder / out.name, noise)

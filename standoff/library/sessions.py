@@ -46,15 +46,8 @@ from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked
 from simulation.notebook import Shown, html_table
 from standoff.errors import ApplicationError
-from standoff.library.call import (
-    Call,
-    FilePath,
-    Progress,
-    login_name,
-    opened_session,
-    output_path,
-    path_of,
-)
+from standoff.library.call import Call, FilePath, Progress, opened_session, output_path, path_of
+from standoff.library.caller import login_name
 
 if TYPE_CHECKING:
     from pandas import DataFrame

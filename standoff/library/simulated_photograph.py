@@ -9,8 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from acquisition.files import FLOAT_IMAGES, Provenance, write_float_tiff, write_mask
-from acquisition.photographs import Photograph, luma_plane, photograph_of
+from acquisition.files import FLOAT_IMAGES, Provenance
+from acquisition.photographs import (
+    Photograph,
+    luma_plane,
+    photograph_of,
+    write_float_tiff,
+    write_mask,
+)
 from analysis.validation import KernelCache, default_cache_folder
 from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
 from simulation.arguments import check_fields

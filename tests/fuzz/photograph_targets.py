@@ -13,11 +13,19 @@ from acquisition.photographs.encoding import ProfileError, read_profile
 from calibration.errors import CalibrationError
 from standoff.errors import ImageFileError
 from standoff.library import Reading, edge_image
-from tests.acquisition.photographs.dng import Dng
-from tests.acquisition.photographs.made import GREY_16, icc_chunk, pillow, png, tiff
-from tests.acquisition.photographs.profiles import DISPLAY_P3, curve_of, profile
-from tests.acquisition.photographs.test_exif import made_tiff, pillow_tags
+from tests.acquisition.photographs.made import (
+    DISPLAY_P3,
+    GREY_16,
+    Dng,
+    curve_of,
+    icc_chunk,
+    pillow,
+    png,
+    profile,
+    tiff,
+)
 from tests.acquisition.photographs.test_scientific import exr, fits
+from tests.acquisition.photographs.test_stored_image import made_tiff, pillow_tags
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget, from_file
 

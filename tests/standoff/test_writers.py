@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from acquisition.errors import ExportError, SessionError
-from acquisition.files import make_folder, write_file, write_float_tiff, written_together
+from acquisition.files import make_folder, write_file, written_together
+from acquisition.photographs import write_float_tiff
 from acquisition.session import (
     atomic_write,
     commit_file,

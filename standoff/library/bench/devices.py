@@ -22,7 +22,8 @@ from hil_mocks import SimulatedBench
 from simulation.arguments import checked
 from standoff.errors import ArgumentError
 from standoff.library.bench.plan_preview import bench_config
-from standoff.library.call import FilePath, login_name
+from standoff.library.call import FilePath
+from standoff.library.caller import login_name
 
 if TYPE_CHECKING:
     from acquisition.aravis import FoundCamera

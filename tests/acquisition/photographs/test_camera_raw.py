@@ -13,8 +13,7 @@ from acquisition.photographs.photograph import Photograph
 from acquisition.photographs.stored_image import PhotographFacts
 from acquisition.photographs.tiff import is_camera_raw, read_camera_raw
 from standoff.errors import ImageFileError
-from tests.acquisition.photographs.dng import CELLS, THUMBNAIL_LEVEL, Dng
-from tests.acquisition.photographs.made import read
+from tests.acquisition.photographs.made import CELLS, THUMBNAIL_LEVEL, Dng, read
 
 pytest.importorskip("rawpy", reason="camera raw is an extra")
 

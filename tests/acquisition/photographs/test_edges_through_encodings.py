@@ -16,9 +16,19 @@ from acquisition.photographs.photograph import Photograph
 from acquisition.photographs.reader import ReadOptions
 from calibration.edges import EdgeImage, measure_edges, plane_places
 from simulation.arrays import FloatArray
-from tests.acquisition.photographs.dng import CELLS, Dng
-from tests.acquisition.photographs.made import Pixels, icc_chunk, pillow, png, read, tiff
-from tests.acquisition.photographs.profiles import DISPLAY_P3, gamma_curve, profile
+from tests.acquisition.photographs.made import (
+    CELLS,
+    DISPLAY_P3,
+    Dng,
+    Pixels,
+    gamma_curve,
+    icc_chunk,
+    pillow,
+    png,
+    profile,
+    read,
+    tiff,
+)
 from tests.acquisition.photographs.test_scientific import exr, fits
 from tests.calibration.closed_form import edge_image
 

@@ -19,15 +19,17 @@ from standoff.errors import ImageFileError
 from tests.acquisition.photographs.made import (
     COLOUR,
     COLOUR_16,
+    DISPLAY_P3,
     GREY,
     GREY_16,
     Pixels,
+    curve_of,
     icc_chunk,
     pillow,
     png,
+    profile,
     read,
 )
-from tests.acquisition.photographs.profiles import DISPLAY_P3, curve_of, profile
 
 ADOBE = profile(curve_of(563), name="Adobe RGB (1998)")
 CICP_SRGB, CICP_LINEAR = ((b"cICP", bytes((1, number, 0, 1))) for number in (13, 8))

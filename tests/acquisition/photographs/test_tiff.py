@@ -22,17 +22,19 @@ from standoff.errors import ImageFileError
 from tests.acquisition.photographs.made import (
     COLOUR,
     COLOUR_16,
+    DISPLAY_P3,
     GREY,
     GREY_16,
+    curve_of,
     directory,
     grey_tags,
     long_tag,
     pillow,
+    profile,
     read,
     short_tag,
     tiff,
 )
-from tests.acquisition.photographs.profiles import DISPLAY_P3, curve_of, profile
 from tests.acquisition.records import RECORD, capture_bytes
 
 STACK = np.random.default_rng(5).integers(0, 65536, (5, 30, 40)).astype(np.uint16)

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from acquisition.session import Session
-from tests.acquisition.photographs.dng import CELLS, Dng
+from tests.acquisition.photographs.made import CELLS, Dng
 from tests.calibration.closed_form import edge_image
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance

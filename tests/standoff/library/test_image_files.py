@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.files import write_float_tiff, write_mask
+from acquisition.photographs import write_float_tiff, write_mask
 from standoff.errors import ImageFileError
 
 
