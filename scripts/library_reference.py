@@ -24,7 +24,7 @@ class Group:
     names: tuple[str, ...]
 
 
-GROUPS: tuple[Group, ...] = (
+_GROUPS = (
     Group(
         file="bench",
         title="The bench",
