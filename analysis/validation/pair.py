@@ -21,7 +21,7 @@ from analysis.validation.processing import FULL_SCALE_DN, process_for_comparison
 from calibration.registration import DistortedPose
 from simulation import SamplingGrid
 from simulation.arrays import FloatArray, FloatImage
-from simulation.resampling import simulate_at
+from simulation.sampling_grid import simulate_at
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

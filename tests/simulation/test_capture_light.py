@@ -3,7 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from simulation.capture_light import exposed, unsharp_masked, vignetted
+from simulation.followup import exposed, unsharp_masked, vignetted
 
 IMAGE = np.random.default_rng(2).uniform(100.0, 900.0, (31, 44))
 

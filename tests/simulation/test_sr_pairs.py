@@ -14,8 +14,7 @@ from simulation import (
     zoom_out_on_grid,
 )
 from simulation.choices import MODELS, Model
-from simulation.sr_pairs import crop_origins, sr_pairs
-from simulation.zoom import zoom_operator
+from simulation.zoom import crop_origins, sr_pairs, zoom_operator
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.1)
 TURNED_LENS = MeasuredPsf(

@@ -13,7 +13,6 @@ from skimage import data
 from simulation import (
     MODELS,
     GaussianPsf,
-    GaussianTransfer,
     Model,
     SamplingGrid,
     SeparablePsf,
@@ -21,7 +20,12 @@ from simulation import (
     zoom_out_on_grid,
 )
 from simulation.arrays import AnyArray, FloatArray
-from tests.simulation.closed_form import gaussian_blob, photograph, random_scene
+from tests.simulation.closed_form import (
+    GaussianTransfer,
+    gaussian_blob,
+    photograph,
+    random_scene,
+)
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7)
 TILTED_PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.3)

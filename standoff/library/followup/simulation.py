@@ -34,7 +34,7 @@ from simulation.followup import (
     zoomed_out,
 )
 from simulation.kernelgan import KernelGanSettings, kernel_operator
-from simulation.resampling import reference_shape
+from simulation.sampling_grid import reference_shape
 from simulation.uncertainty import SimulatedView
 from standoff.errors import ApplicationError, ArgumentError
 from standoff.library.call import Call, Progress

@@ -8,7 +8,7 @@ from PIL import Image
 from analysis.choices import CACHE_VARIABLE
 from analysis.errors import ResultsFileError
 from analysis.validation.kernel_cache import KernelCache, default_cache_folder
-from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings
+from simulation.kernelgan import EstimatedKernel, KernelGanSettings
 
 IMAGE = np.random.default_rng(0).uniform(0, 1, (20, 30))
 SETTINGS = KernelGanSettings(zoom=2.0)

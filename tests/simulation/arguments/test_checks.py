@@ -17,7 +17,7 @@ from simulation.arguments import (
     arguments_at_fault,
     checked,
 )
-from simulation.arguments.ranges import RANGES, Range
+from simulation.arguments.errors import RANGES, Range
 
 Shape = Literal["best", "measured"]
 PAIRS = tuple[int, int]

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from simulation.arrays import FloatArray
-from simulation.kernelgan.crops import OUTPUT_SIDE_PX, CropPicker, nearest_positions
-from simulation.kernelgan.errors import KernelGanError, TorchMissingError
-from simulation.kernelgan.estimate import (
-    KERNEL_SIZE,
+from simulation.kernelgan import (
+    CropPicker,
     EstimatedKernel,
+    KernelGanError,
     KernelGanSettings,
-    centre_half,
     estimate_kernel,
 )
+from simulation.kernelgan.crops import OUTPUT_SIDE_PX, TorchMissingError, nearest_positions
+from simulation.kernelgan.estimate import KERNEL_SIZE, centre_half
 from tests.simulation.dead_leaves import dead_leaves
 
 NOISE = np.random.default_rng(0).uniform(0, 4000, (90, 100))

@@ -6,9 +6,8 @@ from scipy import ndimage
 
 from simulation import GaussianPsf, SamplingGrid, zoom_out
 from simulation.arrays import FloatArray
+from simulation.kernelgan import EstimatedKernel, kernel_operator
 from simulation.kernelgan.crops import nearest_positions
-from simulation.kernelgan.estimate import EstimatedKernel
-from simulation.kernelgan.sampling import kernel_operator
 
 SHAPE = (60, 90)
 OFFSET = np.arange(13) - 6.0

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from simulation.pose.homography import project, projection_depth, projection_slopes
+from simulation.pose.warp import project, projection_depth, projection_slopes
 
 MATRIX = np.array([[1.4, 0.1, -20.0], [-0.2, 1.3, 5.0], [2e-4, -1e-4, 1.1]])
 COORDINATE = st.floats(-500.0, 500.0)

@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 from calibration.registration.distorted_pose import DistortedPose
 from simulation import GaussianPsf, PoseOptions, simulate_pose
 from simulation.arrays import FloatArray
-from simulation.pose.lens import ideal_factors, lens_of, seen_factors, warped
-from simulation.pose.noise import pose_noise_gain
 from simulation.pose.view import PoseView
+from simulation.pose.view_filter import pose_noise_gain
+from simulation.pose.warp import ideal_factors, lens_of, seen_factors, warped
 from tests.simulation.poses import PHOTOGRAPH, PSF, TILTED_PSF, tilted
 
 ROWS, COLS = 90, 120

@@ -3,7 +3,7 @@ import pytest
 
 from simulation import GaussianPsf, PoseOptions, SamplingGrid, simulate_pose, zoom_operator
 from simulation.capture_noise import propagated_variance
-from simulation.pose.noise import pose_noise_gain
+from simulation.pose.view_filter import pose_noise_gain
 from tests.simulation.poses import tilted
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7)

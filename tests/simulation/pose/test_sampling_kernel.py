@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from simulation.arrays import FloatArray
-from simulation.pose.sampling_kernel import LEAST_COPIES, QUINTIC_SPLINE, SamplingKernel
+from simulation.pose.prefilter import LEAST_COPIES, QUINTIC_SPLINE, SamplingKernel
 
 KERNELS = [QUINTIC_SPLINE, LEAST_COPIES]
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from simulation.pose.sampling_kernel import LEAST_COPIES, QUINTIC_SPLINE, SamplingKernel
-from simulation.pose.six_by_six import weight_table
+from simulation.pose.prefilter import LEAST_COPIES, QUINTIC_SPLINE, SamplingKernel
+from simulation.pose.simulate import weight_table
 
 KERNELS = [QUINTIC_SPLINE, LEAST_COPIES]
 

@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from simulation.psf.correction import (
+from simulation.psf.lens import (
     CORRECTION_KNOTS_CY_PER_PX,
     CORRECTION_SPLINES,
+    LensOtf,
     OtfCorrection,
     correction_harmonics,
     correction_roughness,
     correction_splines,
+    pupil_otf,
+    pupil_slopes,
 )
-from simulation.psf.lens import LensOtf, pupil_otf, pupil_slopes
 from tests.calibration.lens_edges import pupil_transfer
 
 NU = np.linspace(0.0, 1.2, 61)

@@ -7,11 +7,15 @@ import pytest
 from hypothesis import given, strategies as st
 
 from simulation.arrays import FloatArray
-from simulation.psf.field import PsfField
-from simulation.psf.gaussian import GaussianPsf
 from simulation.psf.lens import LensOtf
-from simulation.psf.measured import MeasuredPsf, SeparablePsf
-from simulation.psf.transfer import GaussianTransfer, SampledTransfer
+from simulation.psf.shapes import (
+    GaussianPsf,
+    MeasuredPsf,
+    PsfField,
+    SampledTransfer,
+    SeparablePsf,
+)
+from tests.simulation.closed_form import GaussianTransfer
 
 FX, FY = np.meshgrid(np.linspace(-0.5, 0.5, 11), np.linspace(-0.5, 0.5, 9))
 PIXEL_PX2 = 1 / 12

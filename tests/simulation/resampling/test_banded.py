@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from simulation.arrays import IntArray
-from simulation.resampling.banded import BandedMatrix, apply_separable, put_separable
+from simulation.resampling import BandedMatrix, apply_separable, put_separable
 
 
 def random_banded(rng: np.random.Generator, rows: int, columns: int, band: int) -> BandedMatrix:

@@ -2,8 +2,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d, map_coordinates
 
-from simulation.resampling.cubic import blur, mirrored_rows, spline_sampling
-from simulation.resampling.gaussian_kernel import BlurCovariance, gaussian_terms
+from simulation.resampling import (
+    BlurCovariance,
+    blur,
+    gaussian_terms,
+    mirrored_rows,
+    spline_sampling,
+)
 
 
 def test_the_blur_mirrors_the_image_at_its_edge() -> None:

@@ -3,7 +3,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from simulation.choices import GaussianForm
-from simulation.resampling.gaussian_kernel import BlurCovariance, gaussian_terms
+from simulation.resampling import BlurCovariance, gaussian_terms
 
 
 def kernel_of(

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import FloatArray
-from simulation.resampling.scattered import simulate_at
+from simulation.sampling_grid import simulate_at
 from tests.simulation.closed_form import photograph, random_scene
 
 PSF = GaussianPsf(sigma_x_px=0.72, sigma_y_px=0.64, rho=0.2)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from simulation.uncertainty.curvature import second_derivatives
+from simulation.uncertainty import second_derivatives
 
 
 def test_the_derivatives_of_a_cosine_are_those_of_the_formula() -> None:

@@ -4,8 +4,7 @@ from hypothesis import given, settings, strategies as st
 
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
-from simulation.uncertainty import principal_steps
-from simulation.uncertainty.psf_steps import PsfStep
+from simulation.uncertainty import PsfStep, principal_steps
 
 VALUES = np.array([0.75, 0.8, 0.1])
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from simulation.zoom_kernels.short_band import ImageCovariance, largest_variance, shortest
+from simulation.zoom_kernels import ImageCovariance, largest_variance, shortest
 from tests.simulation.exact_photographs import FloatArray
 
 

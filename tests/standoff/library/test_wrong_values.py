@@ -13,7 +13,7 @@ import pytest
 
 import standoff
 from scripts.example_files import make_example_files
-from simulation.arguments.ranges import RANGES
+from simulation.arguments.errors import RANGES
 from standoff.errors import REPORTED_ERRORS, ArgumentError
 from standoff.library import types
 

@@ -4,11 +4,22 @@ Every resampling and every blur of this package is such a pair. The compiled ker
 of output rows: it combines input rows into a strip, transposes the strip so that the second
 combination also runs along contiguous memory, and transposes the result back. Rows are made two at
 a time, because neighbours read nearly the same input. Measured by ``benchmarks/bench_zoom_out.py``.
+
+The border is mirrored at the image's edge (``d c b a | a b c d | d c b a``, the ``reflect`` of
+``scipy.ndimage``), except for Pillow's antialiased cubic, which omits what is outside and
+normalises the rest.
+
+A Gaussian *sampled* at the pixels is a wrong blur below a width of 0.6 px: for 0.3 px, it blurs by
+0.09 px. The kernels here are made from the transfer function instead: they are the inverse
+transform of ``exp(-2 pi^2 f^T S f)`` up to the Nyquist frequency. A correlated Gaussian
+(off-diagonal ``S``) is not a product of two kernels; its singular value decomposition writes it as
+a short sum of products.
 """
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
+from math import ceil
 from typing import Any, cast
 
 import cv2
@@ -16,6 +27,7 @@ import numpy as np
 from scipy import sparse
 
 from simulation.arrays import Float32Array, FloatArray, FloatImage, IntArray
+from simulation.choices import GaussianForm
 from simulation.compiled import compiled, compiled_part
 
 _STEP = 2
@@ -68,14 +80,7 @@ def _paired(starts: IntArray, weights: FloatArray, columns: int) -> _RowPairs:
 class BandedMatrix:
     """A matrix whose row i is ``weights[i]`` at columns ``starts[i]`` and following.
 
-    Parameters
-    ----------
-    starts
-        Shape ``(n,)``, int64: first column of each row's band.
-    weights
-        Shape ``(n, band)``, float64.
-    columns
-        Number of columns.
+    ``starts`` has the shape ``(n,)``, ``weights`` ``(n, band)``; ``columns`` is their number.
     """
 
     starts: IntArray
@@ -96,15 +101,7 @@ class BandedMatrix:
         column: IntArray,
         value: FloatArray,
     ) -> "BandedMatrix":
-        """Make a matrix from listed entries; entries at the same position are added.
-
-        Parameters
-        ----------
-        rows, columns
-            Shape of the matrix.
-        row, column, value
-            Position and value of each entry, one-dimensional, of equal length.
-        """
+        """Make a matrix from listed entries; entries at the same position are added."""
         matrix = sparse.coo_array((value, (row, column)), shape=(rows, columns)).tocsr()
         return cls._from_sparse(matrix)
 
@@ -160,31 +157,18 @@ class BandedMatrix:
 
 
 def apply_separable(along_y: BandedMatrix, along_x: BandedMatrix, image: FloatImage) -> FloatImage:
-    """``along_y @ image @ along_x.T``.
-
-    Parameters
-    ----------
-    along_y, along_x
-        Their ``columns`` are the rows and columns of ``image``.
-    image
-        Shape ``(rows, cols)``, finite, float32 or float64.
-
-    Returns
-    -------
-    ndarray of shape (along_y.rows, along_x.rows)
-        In the image's dtype.
-    """
+    """``along_y @ image @ along_x.T`` of a finite float32 or float64 image, in its dtype."""
     out = np.empty((along_y.rows, along_x.rows), dtype=image.dtype)
     put_separable(((along_y, (along_x,)),), image, out)
     return out
 
 
-Term = tuple[BandedMatrix, tuple[BandedMatrix, ...]]
+_Term = tuple[BandedMatrix, tuple[BandedMatrix, ...]]
 """A matrix along y, and those to apply along x one after another."""
 
 
 def put_separable(
-    terms: tuple[Term, ...], image: FloatImage, out: FloatImage, *, threads: int = 1
+    terms: tuple[_Term, ...], image: FloatImage, out: FloatImage, *, threads: int = 1
 ) -> None:
     """Write the sum of the image combined by each term to ``out``.
 
@@ -225,7 +209,7 @@ class _Scratch:
 
 
 def _put_strips(
-    terms: tuple[Term, ...], image: FloatImage, out: FloatImage, strips: list[slice]
+    terms: tuple[_Term, ...], image: FloatImage, out: FloatImage, strips: list[slice]
 ) -> None:
     scratch = _Scratch()
     for rows in strips:
@@ -233,7 +217,7 @@ def _put_strips(
 
 
 def _put_strip(
-    terms: tuple[Term, ...],
+    terms: tuple[_Term, ...],
     image: FloatImage,
     target: FloatImage,
     first_pair: int,
@@ -368,3 +352,248 @@ def _combine_rows(
             t += 2
         if t < band:
             _add_one(first, second, rows[t * stride :], own[:, t:])
+
+
+_KEYS_A = -0.5
+"""Slope parameter of Pillow's BICUBIC (Resample.c) and of R. G. Keys, 1981."""
+
+
+def antialiased_cubic(positions_px: FloatArray, zoom: float, size: int) -> BandedMatrix:
+    """Pillow's ``resize(..., BICUBIC, box=...)`` along one axis of ``size`` pixels.
+
+    ``positions_px`` are the input coordinates of the outputs, spaced by ``zoom``, by which the
+    cubic is widened if it is above 1.
+
+    References
+    ----------
+    R. G. Keys, "Cubic convolution interpolation for digital image processing", 1981, eq. 15;
+    Pillow 10-13, ``src/libImaging/Resample.c``, ``precompute_coeffs``.
+    """
+    stretch = max(zoom, 1.0)
+    support = 2.0 * stretch
+    # Pillow truncates towards zero after adding one half, with pixel edges at integers.
+    centre = positions_px + 0.5
+    first = np.maximum((centre - support + 0.5).astype(np.int64), 0)
+    last = np.minimum((centre + support + 0.5).astype(np.int64), size)
+    taps = np.arange(int((last - first).max()))
+    column = first[:, None] + taps
+    weights = _keys_cubic((column - positions_px[:, None]) / stretch)
+    weights[column >= last[:, None]] = 0.0
+    weights /= weights.sum(axis=1, keepdims=True)
+    return _from_taps(np.minimum(column, size - 1), weights, size)
+
+
+def blur(kernel: FloatArray, size: int) -> BandedMatrix:
+    """Convolution of ``size`` pixels with a kernel of odd length, mirrored at the border."""
+    radius = len(kernel) // 2
+    # Output i takes kernel[radius + offset] from input i - offset.
+    column = _mirrored(np.arange(size)[:, None] - np.arange(-radius, radius + 1), size)
+    return _from_taps(column, np.broadcast_to(kernel, column.shape), size)
+
+
+def spline_sampling(positions_px: FloatArray, prefilter: FloatArray, size: int) -> BandedMatrix:
+    """Blur, and point-sample the quintic spline through the blurred pixels, in one matrix.
+
+    ``positions_px`` are the input coordinates of the outputs, ``prefilter`` the kernel of odd
+    length from pixels to spline coefficients, including the blur.
+
+    References
+    ----------
+    M. Unser, "Splines: a perfect fit for signal and image processing", 1999.
+    """
+    radius = len(prefilter) // 2
+    knot = np.floor(positions_px).astype(np.int64)
+    fraction = positions_px - knot
+    # Six B-splines reach a position, each with its own shifted copy of the prefilter.
+    weights = np.zeros((len(positions_px), len(prefilter) + 5))
+    for shift in range(6):
+        basis = _quintic_b_spline(fraction - (shift - 2))
+        # Input column k contributes prefilter[(knot + shift - 2) - k + radius].
+        weights[:, shift : shift + len(prefilter)] += basis[:, None] * prefilter[::-1]
+    column = knot[:, None] - radius - 2 + np.arange(weights.shape[1])
+    return _from_taps(_mirrored(column, size), weights, size)
+
+
+def mirrored_rows(starts: IntArray, weights: FloatArray, size: int) -> BandedMatrix:
+    """Rows of weights ``(n, taps)`` from columns ``starts`` on, mirrored at the image's edges."""
+    return _from_taps(_mirrored(starts[:, None] + np.arange(weights.shape[1]), size), weights, size)
+
+
+def _from_taps(column: IntArray, weights: FloatArray, size: int) -> BandedMatrix:
+    row = np.repeat(np.arange(len(column)), column.shape[1])
+    return BandedMatrix.from_entries(len(column), size, row, column.ravel(), weights.ravel())
+
+
+def _mirrored(column: IntArray, size: int) -> IntArray:
+    folded = column % (2 * size)
+    return np.minimum(folded, 2 * size - 1 - folded)
+
+
+def _keys_cubic(x: FloatArray) -> FloatArray:
+    x, a = np.abs(x), _KEYS_A
+    inner = ((a + 2) * x - (a + 3)) * x**2 + 1
+    outer = (((x - 5) * x + 8) * x - 4) * a
+    return np.where(x < 1, inner, np.where(x < 2, outer, 0.0))
+
+
+def _quintic_b_spline(x: FloatArray) -> FloatArray:
+    x = np.abs(x)
+    powers = [np.maximum(knot - x, 0.0) ** 5 for knot in (3, 2, 1)]
+    return np.asarray((powers[0] - 6 * powers[1] + 15 * powers[2]) / 120)
+
+
+_MATCHED_TAIL_TOLERANCE = 1e-3
+"""Largest weight that the ``matched`` model cuts off, in both ``zoom_out`` and ``simulate_pose``;
+it keeps two successive zooms within 0.07 % of a single one."""
+
+_TERMS_TOLERANCE = 3e-5
+"""Terms are kept until the omitted singular values sum to less than this."""
+
+_CUT_SIGMAS = 4.5
+"""A Gaussian is below 1e-4 of its peak there."""
+
+_SPLINE_RADIUS_MIN_PX = 13
+"""Least half-width with a spline prefilter, which itself has fallen to 2e-5 there."""
+
+_SAMPLED_TRUNCATION = 4.0
+"""Half-width in sigmas, as in ``scipy.ndimage.gaussian_filter``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlurCovariance:
+    """Covariance of a blur in px^2, positive semi-definite; it may be singular, zero is no blur."""
+
+    yy_px2: float
+    xx_px2: float
+    xy_px2: float = 0.0
+
+    def __post_init__(self) -> None:
+        ceiling = self.yy_px2 * self.xx_px2 * (1 + 1e-9)
+        if not (self.yy_px2 >= 0 and self.xx_px2 >= 0 and self.xy_px2**2 <= ceiling):
+            raise ValueError(f"a blur needs a positive semi-definite covariance, got {self}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeparableTerm:
+    """One product ``along_y[i] * along_x[j]`` of a kernel; odd lengths, centred at 0 px."""
+
+    along_y: FloatArray
+    along_x: FloatArray
+
+
+@lru_cache(maxsize=64)
+def gaussian_terms(
+    covariance: BlurCovariance,
+    *,
+    tail_tolerance: float,
+    spline_prefilter: bool = False,
+    form: GaussianForm = "transfer",
+) -> tuple[SeparableTerm, ...]:
+    """Kernels whose products sum to the blur of ``covariance``; the total is 1.
+
+    The transfer function has a kink at the Nyquist frequency, so the kernel's tail falls only with
+    the square of the distance, with alternating signs. It is cut off once it is below
+    ``tail_tolerance`` and the Gaussian itself has ended, with half weight on the last pixel. An
+    uncorrelated Gaussian takes one product. With ``spline_prefilter`` the transfer function is
+    divided by that of the quintic B-spline, so that the kernel gives the coefficients of the spline
+    through the blurred pixels. The form ``"sampled"`` is the Gaussian of ``scipy.ndimage``, for
+    comparison; it supports no prefilter.
+    """
+    if form == "sampled" and spline_prefilter:
+        raise ValueError("a sampled Gaussian cannot be divided by the spline's transfer function")
+    if covariance.xy_px2 == 0:
+        along_y, along_x = (
+            _kernel_1d(variance, tail_tolerance, spline_prefilter, form)
+            for variance in (covariance.yy_px2, covariance.xx_px2)
+        )
+        return (SeparableTerm(along_y, along_x),)
+    return _correlated_terms(covariance, tail_tolerance, spline_prefilter, form)
+
+
+def matched_terms(covariance: BlurCovariance) -> tuple[SeparableTerm, ...]:
+    """Kernels from pixels to the coefficients of the quintic spline through the blurred pixels."""
+    return gaussian_terms(covariance, tail_tolerance=_MATCHED_TAIL_TOLERANCE, spline_prefilter=True)
+
+
+def _kernel_1d(
+    variance_px2: float, tail_tolerance: float, spline_prefilter: bool, form: GaussianForm
+) -> FloatArray:
+    if variance_px2 == 0 and not spline_prefilter:
+        return np.ones(1)
+    sigma_px = np.sqrt(variance_px2)
+    if form == "sampled":
+        radius = int(_SAMPLED_TRUNCATION * sigma_px + 0.5)
+        kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma_px) ** 2)
+        return np.asarray(kernel / kernel.sum())
+    size = _transform_size(sigma_px)
+    freq: FloatArray = np.fft.fftfreq(size).astype(np.float64)
+    transfer = np.exp(-2 * np.pi**2 * variance_px2 * freq**2)
+    if spline_prefilter:
+        transfer = transfer / spline_transfer(freq)
+    half = np.fft.ifft(transfer).real[: size // 2]
+    radius = _cut_radius(half, sigma_px, tail_tolerance)
+    if spline_prefilter:
+        radius = max(radius, _SPLINE_RADIUS_MIN_PX)
+    kernel = np.concatenate([half[radius:0:-1], half[: radius + 1]])
+    kernel[[0, -1]] *= 0.5
+    return np.asarray(kernel / kernel.sum())
+
+
+def _correlated_terms(
+    covariance: BlurCovariance, tail_tolerance: float, spline_prefilter: bool, form: GaussianForm
+) -> tuple[SeparableTerm, ...]:
+    sigma_y_px, sigma_x_px = np.sqrt(covariance.yy_px2), np.sqrt(covariance.xx_px2)
+    if form == "sampled":
+        radii = [int(_SAMPLED_TRUNCATION * s + 0.5) for s in (sigma_y_px, sigma_x_px)]
+        y, x = np.ogrid[-radii[0] : radii[0] + 1, -radii[1] : radii[1] + 1]
+        yy, xx, xy = covariance.yy_px2, covariance.xx_px2, covariance.xy_px2
+        quadratic = (xx * y**2 - 2 * xy * x * y + yy * x**2) / (yy * xx - xy**2)
+        kernel = np.exp(-0.5 * quadratic)
+    else:
+        size = _transform_size(max(sigma_y_px, sigma_x_px))
+        freq: FloatArray = np.fft.fftfreq(size).astype(np.float64)
+        fy, fx = freq[:, None], freq[None, :]
+        transfer = np.exp(
+            -2
+            * np.pi**2
+            * (
+                covariance.yy_px2 * fy**2
+                + covariance.xx_px2 * fx**2
+                + 2 * covariance.xy_px2 * fx * fy
+            )
+        )
+        # A pixel grid cannot distinguish +1/2 and -1/2 cycles/px: the real part is their mean.
+        if spline_prefilter:
+            transfer = transfer / (spline_transfer(fy) * spline_transfer(fx))
+        full = np.fft.fftshift(np.fft.ifft2(transfer).real)
+        radii = [
+            len(_kernel_1d(v, tail_tolerance, spline_prefilter, form)) // 2
+            for v in (covariance.yy_px2, covariance.xx_px2)
+        ]
+        mid = size // 2
+        kernel = full[
+            mid - radii[0] : mid + radii[0] + 1, mid - radii[1] : mid + radii[1] + 1
+        ].copy()
+        kernel[[0, -1], :] *= 0.5
+        kernel[:, [0, -1]] *= 0.5
+    u, singular, vt = np.linalg.svd(kernel / kernel.sum())
+    left_out = singular.sum() - np.cumsum(singular)
+    count = int(np.argmax(left_out <= _TERMS_TOLERANCE)) + 1
+    gains = singular[:count] / sum(singular[k] * u[:, k].sum() * vt[k].sum() for k in range(count))
+    return tuple(SeparableTerm(u[:, k] * gains[k], vt[k]) for k in range(count))
+
+
+def spline_transfer(freq_cy_per_px: FloatArray) -> FloatArray:
+    """Transfer function of the quintic B-spline sampled at the pixels (1, 26, 66, 26, 1)/120."""
+    angle = 2 * np.pi * freq_cy_per_px
+    return np.asarray((33 + 26 * np.cos(angle) + np.cos(2 * angle)) / 60)
+
+
+def _transform_size(sigma_px: float) -> int:
+    """Length of the transform, long enough that the kernel does not reach its periodic copy."""
+    return int(2 ** np.ceil(np.log2(max(512.0, 24 * sigma_px))))
+
+
+def _cut_radius(half_kernel: FloatArray, sigma_px: float, tail_tolerance: float) -> int:
+    above = np.flatnonzero(np.abs(half_kernel) > tail_tolerance)
+    return max(int(above[-1]) + 1, ceil(_CUT_SIGMAS * sigma_px))
