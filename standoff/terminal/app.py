@@ -12,7 +12,7 @@ import typer
 from typer.exceptions import TyperException
 from typer.main import get_command
 
-from acquisition.spelling import decimal_comma_remedy
+from acquisition.quantities import decimal_comma_remedy
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS, ArgumentError
 from standoff.library.files import refusal_text

@@ -11,12 +11,13 @@ from acquisition.quantities import (
     PLAUSIBLE,
     ImplausibleQuantityError,
     PlausibleRange,
+    converted,
     likely_slip,
     number_text,
     slip_between,
     understood,
+    unit_of,
 )
-from acquisition.units import converted, unit_of
 
 SINGLE = sorted(name for name, plausible in PLAUSIBLE.items() if plausible.of == "each")
 names = st.sampled_from(SINGLE)

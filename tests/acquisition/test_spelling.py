@@ -1,7 +1,7 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.spelling import decimal_comma_remedy, nearest_key, toml_slip
+from acquisition.quantities import decimal_comma_remedy, nearest_key, toml_slip
 
 KEYS = [
     *("camera", "camera.driver", "camera.exposure_us", "camera.gain_db"),

@@ -1,6 +1,6 @@
 import pytest
 
-from acquisition.units import UnknownUnitError, in_unit, stated_number, unit_of
+from acquisition.quantities import UnknownUnitError, in_unit, stated_number, unit_of
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,9 @@ from functools import cache
 
 from hypothesis import strategies as st
 
-from acquisition.aravis.description import require_sound_description
-from acquisition.aravis.description.nodes import DescriptionError
-from acquisition.aravis.description.unpacking import unpack
-from acquisition.aravis.pixel_decoding import decode_pixels
+from acquisition.aravis.description import DescriptionError, require_sound_description
+from acquisition.aravis.network import unpack
+from acquisition.aravis.stream import decode_pixels
 from acquisition.errors import CameraDescriptionError, DeviceError
 from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
 from hil_mocks.gige.control import ControlChannel

@@ -13,9 +13,7 @@ from acquisition.capture import Placement
 from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, PlanError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
-from acquisition.stages import ManualStage, MotorStage
-from acquisition.stages.grbl import open_grbl_stage
-from acquisition.stages.zaber import open_zaber_stage
+from acquisition.stages import ManualStage, MotorStage, open_grbl_stage, open_zaber_stage
 from hil_mocks import SimulatedBench
 from standoff.errors import ArgumentError
 

@@ -6,9 +6,9 @@ from types import TracebackType
 from typing import Any, Self
 
 from acquisition.bench import BenchConfig, BenchDevices
-from acquisition.bracket import ExposureControl
 from acquisition.devices import Camera, Stage
 from acquisition.errors import DeviceError, StageNotHomedError
+from acquisition.exposure_control import ExposureControl
 from acquisition.stages import home_timeout_s, move_timeout_s
 from hil_mocks import SimulatedBench
 from simulation.arguments import checked

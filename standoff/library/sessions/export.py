@@ -5,13 +5,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from acquisition.choices import ExportFormat
 from acquisition.session import Session
-from acquisition.session_export import (
-    ExportFormat,
-    ExportRequest,
-    export_session as exported,
-    require_exporter,
-)
+from acquisition.session_export import ExportRequest, export_session as exported, require_exporter
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked

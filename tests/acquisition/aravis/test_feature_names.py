@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.aravis.feature_names import names_for, neutral_features
+from acquisition.aravis.features import names_for, neutral_features
 from hil_mocks.gige.feature import Maker
 from hil_mocks.gige.features import MAKERS, features_of
 

@@ -8,8 +8,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from acquisition.aravis.frame_memory import SENTINEL, FrameMemory
-from acquisition.aravis.library import AravisLibrary
+from acquisition.aravis.device import AravisLibrary
+from acquisition.aravis.stream import SENTINEL, FrameMemory
 from tests.acquisition.aravis_bench import needs_aravis, opened, sent_image
 from tests.hil_mocks.gige_bench import gige_bench
 

@@ -3,7 +3,7 @@ import time
 import numpy as np
 import pytest
 
-from acquisition.bracket import ExposureControl
+from acquisition.exposure_control import ExposureControl
 from hil_mocks.gige.faults import GigeFaults
 from tests.acquisition.aravis_bench import needs_aravis, opened
 from tests.hil_mocks.gige_bench import HEIGHT_MM, gige_bench

@@ -4,7 +4,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from acquisition.aravis.pixel_decoding import can_decode, decode_pixels, encoded_bytes
+from acquisition.aravis.stream import can_decode, decode_pixels, encoded_bytes
 
 
 def pack_12(levels: NDArray[np.uint16]) -> bytes:

@@ -3,9 +3,9 @@ from itertools import count
 
 import pytest
 
-from acquisition.bracket.exposure_control import ExposedFrames, ExposureControl
 from acquisition.devices import Frame
 from acquisition.errors import CameraFeatureError, CaptureError, StreamInterruptedError
+from acquisition.exposure_control import ExposedFrames, ExposureControl
 from tests.acquisition.bracket.watched_camera import WatchedCamera
 from tests.acquisition.fakes import SETTINGS, ScriptedCamera, frame
 from tests.hil_mocks.benches import homed_bench

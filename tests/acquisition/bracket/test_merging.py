@@ -5,8 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
-from acquisition.bracket.merging import MergedBracket, merge_bracket
-from acquisition.bracket.noise_line import fit_noise_line
+from acquisition.bracket import MergedBracket, fit_noise_line, merge_bracket
 from tests.acquisition.bracket.stepped_exposures import (
     BLACK_DN,
     FRAMES,

@@ -4,7 +4,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.capture.auto_exposure import (
+from acquisition.capture.step import (
     bracket_exposures_us,
     flicker_fraction,
     next_exposure,

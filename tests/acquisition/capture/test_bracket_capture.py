@@ -10,10 +10,9 @@ from acquisition.capture.quality import bracket_remarks
 from acquisition.capture.runner import RunOperator, RunSummary, run_plan
 from acquisition.errors import PlanError, SessionError
 from acquisition.plan import CapturePlan, estimate_plan, plan_entries
-from acquisition.session.capture_file import read_capture
-from acquisition.session.reader import Session
+from acquisition.session.capture_files import read_capture
+from acquisition.session.reader import Session, verify
 from acquisition.session.record import CaptureRecord
-from acquisition.session.verification import verify
 from hil_mocks import SimulatedBench
 from tests.acquisition.records import RECORD
 from tests.acquisition.session_fixtures import plan_of

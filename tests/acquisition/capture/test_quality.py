@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from acquisition.capture.quality import check_capture, estimate_motion
-from acquisition.session.capture_file import CaptureImages
+from acquisition.session.capture_files import CaptureImages
 from acquisition.session.record import CaptureRecord
 from tests.acquisition.records import RECORD
 

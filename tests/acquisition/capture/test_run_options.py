@@ -11,8 +11,7 @@ from acquisition.capture.runner import Placement, Verdict
 from acquisition.devices import Frame
 from acquisition.errors import SessionError
 from acquisition.plan import PlanEntry
-from acquisition.session.reader import Session
-from acquisition.session.verification import verify
+from acquisition.session.reader import Session, verify
 from tests.acquisition.capture.test_runner import ALL_HEIGHTS_MM, kinds, run
 from tests.acquisition.fakes import ScriptedCamera, ScriptedStage, frame
 from tests.acquisition.session_fixtures import bench_of, plan_of

@@ -24,8 +24,7 @@ from acquisition.errors import (
 )
 from acquisition.plan import CapturePlan, PlanEntry
 from acquisition.session.journal import Stamps
-from acquisition.session.reader import Session
-from acquisition.session.verification import verify
+from acquisition.session.reader import Session, verify
 from tests.acquisition.fakes import (
     SETTINGS,
     FakeUids,

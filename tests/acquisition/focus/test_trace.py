@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.focus.trace import FocusReading, FocusTrace
+from acquisition.focus.live import FocusReading, FocusTrace
 
 RAMP_UP = np.linspace(1.0, 2.0, 30)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acquisition.errors import SessionError
-from acquisition.session.capture_file import (
+from acquisition.session.capture_files import (
     CaptureImages,
     capture_seal,
     frames_parts,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.durable_write import atomic_write, write_new_hashed
+from acquisition.session.files import atomic_write, write_new_hashed
 
 
 def test_a_file_is_written_whole_and_leaves_no_part(tmp_path: Path) -> None:

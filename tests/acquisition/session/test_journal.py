@@ -8,10 +8,16 @@ import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import JournalWriter, Stamps
-from acquisition.session.journal_chain import HEAD_NAME, LARGEST_LINE_BYTES, JournalHead
-from acquisition.session.journal_event import JournalEvent
-from acquisition.session.journal_reading import read_journal, read_journal_file
+from acquisition.session.journal import (
+    HEAD_NAME,
+    LARGEST_LINE_BYTES,
+    JournalEvent,
+    JournalHead,
+    JournalWriter,
+    Stamps,
+    read_journal,
+    read_journal_file,
+)
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.journals import chained_journal, unchained_journal
 

@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import JournalWriter, Stamps
-from acquisition.session.journal_chain import HEAD_NAME, JournalHead
-from acquisition.session.journal_event import JournalEvent
-from acquisition.session.journal_reading import JournalReading, read_journal, read_journal_file
+from acquisition.session.journal import (
+    HEAD_NAME,
+    JournalEvent,
+    JournalHead,
+    JournalReading,
+    JournalWriter,
+    Stamps,
+    read_journal,
+    read_journal_file,
+)
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.journals import chained_journal, unchained_journal
 from tests.acquisition.records import RECORD

@@ -6,11 +6,10 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.durable_write import atomic_write
-from acquisition.session.notes import SessionNotes
-from acquisition.session.reader import Session
+from acquisition.session.files import atomic_write
+from acquisition.session.reader import Session, verify
 from acquisition.session.repair import repair_session
-from acquisition.session.verification import verify
+from acquisition.session.writer import SessionNotes
 from tests.acquisition.session_fixtures import whole_session, writer
 
 

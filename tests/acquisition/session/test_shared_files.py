@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.shared_files import clear_parts, part_of, whole_file, write_shared
+from acquisition.session.files import clear_parts, part_of, whole_file, write_shared
 
 LETTERS = "0123456789abcdef" * 2
 

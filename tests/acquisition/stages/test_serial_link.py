@@ -4,8 +4,7 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import DeviceDisconnectedError, DeviceProtocolError, DeviceTimeoutError
-from acquisition.stages.serial_link import SerialLink
-from acquisition.stages.wire_log import WireLog
+from acquisition.stages.serial_link import SerialLink, WireLog
 
 
 class ScriptedPort:

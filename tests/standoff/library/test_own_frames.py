@@ -14,7 +14,7 @@ from PIL import Image
 import standoff
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
-from acquisition.session.take import Take
+from acquisition.session.record import Take
 from calibration.errors import NoiseError
 from calibration.noise import NoiseCalibration, NoiseMeasurement
 from standoff.errors import ArgumentError, ImageFileError

@@ -13,7 +13,7 @@ import tifffile
 from hypothesis import example, given, strategies as st
 from PIL import Image
 
-from acquisition.session.capture_file import CaptureImages
+from acquisition.session.capture_files import CaptureImages
 from standoff.errors import ImageFileError
 from standoff.photographs.encoding import SRGB, Encoding
 from standoff.photographs.reader import ReadOptions

@@ -1,7 +1,6 @@
 import pytest
 
-from acquisition.aravis.description import require_sound_description
-from acquisition.aravis.description.checking import LONGEST_REGISTER_BYTES
+from acquisition.aravis.description import LONGEST_REGISTER_BYTES, require_sound_description
 from acquisition.errors import CameraDescriptionError
 from hil_mocks.gige.bootstrap import maker_identity
 from hil_mocks.gige.description import describe

@@ -10,19 +10,21 @@ from threading import Thread
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.aravis.description import camera_memory
-from acquisition.aravis.description.camera_memory import (
+from acquisition.aravis import network
+from acquisition.aravis.description import LARGEST_BYTES, DescriptionError
+from acquisition.aravis.network import (
     ACCESS_DENIED,
     BLOCK_BYTES,
     BUSY,
     MEMORY,
     PENDING,
     CameraMemory,
+    Place,
     encode_read,
     parse_reply,
+    parse_url,
+    read_description,
 )
-from acquisition.aravis.description.fetching import Place, parse_url, read_description
-from acquisition.aravis.description.nodes import LARGEST_BYTES, DescriptionError
 from acquisition.errors import (
     CameraDescriptionError,
     DeviceDisconnectedError,
@@ -158,7 +160,7 @@ def test_memory_that_the_camera_does_not_have_is_an_error_with_its_status(
 def test_a_camera_that_is_off_is_known_after_the_tries_of_aravis(
     bench: PracticeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(camera_memory, "REPLY_S", 0.01)
+    monkeypatch.setattr(network, "REPLY_S", 0.01)
     bench.camera.faults = GigeFaults(is_dead=True)
     with pytest.raises(DeviceDisconnectedError):
         read(bench)
@@ -210,7 +212,7 @@ DATA = reply(MEMORY, struct.pack(">I", 0) + b"data")
 def test_memory_is_read_over_what_a_network_does(
     answers: tuple[bytes | None, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(camera_memory, "REPLY_S", 0.1)
+    monkeypatch.setattr(network, "REPLY_S", 0.1)
     with answering(*answers) as address, CameraMemory(address, OWN_ADDRESS) as memory:
         assert memory.read(0, 4) == b"data"
 
@@ -239,8 +241,8 @@ def test_an_answer_of_another_length_or_place_is_refused(payload: bytes) -> None
 def test_a_camera_that_asks_for_time_without_end_gets_none(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(camera_memory, "PENDING_MOST_S", 0.05)
-    monkeypatch.setattr(camera_memory, "TRIES", 1)
+    monkeypatch.setattr(network, "PENDING_MOST_S", 0.05)
+    monkeypatch.setattr(network, "TRIES", 1)
     forever = b"SPLIT".join([reply(PENDING, struct.pack(">HH", 0, 65535))] * 3)
     with (
         answering(forever) as address,
@@ -251,7 +253,7 @@ def test_a_camera_that_asks_for_time_without_end_gets_none(
 
 
 def test_a_camera_that_takes_for_ever_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(camera_memory, "READ_MOST_S", -1.0)
+    monkeypatch.setattr(network, "READ_MOST_S", -1.0)
     with (
         CameraMemory("127.0.0.2", OWN_ADDRESS) as memory,
         pytest.raises(DeviceDisconnectedError, match="not done within"),

@@ -3,8 +3,8 @@ import operator
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from acquisition.aravis.description.checking import require_sound_description
-from acquisition.aravis.description.formulas import (
+from acquisition.aravis.description import require_sound_description
+from acquisition.aravis.formulas import (
     Extent,
     OverflowingDivisionError,
     extent_of_number,

@@ -3,7 +3,7 @@ from contextlib import suppress
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.aravis.description.nodes import (
+from acquisition.aravis.description import (
     DEEPEST_ELEMENT,
     LARGEST_BYTES,
     MOST_ELEMENTS,

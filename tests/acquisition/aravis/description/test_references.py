@@ -3,9 +3,14 @@ from itertools import pairwise
 import pytest
 from hypothesis import example, given, strategies as st
 
-from acquisition.aravis.description.checking import require_sound_description
-from acquisition.aravis.description.nodes import Node, Property, parse_nodes
-from acquisition.aravis.description.references import LONGEST_CHAIN, MOST_EVALUATIONS
+from acquisition.aravis.description import (
+    LONGEST_CHAIN,
+    MOST_EVALUATIONS,
+    Node,
+    Property,
+    parse_nodes,
+    require_sound_description,
+)
 from acquisition.errors import CameraDescriptionError
 from tests.acquisition.aravis.description_texts import (
     CIRCLES,

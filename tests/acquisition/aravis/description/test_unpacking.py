@@ -6,8 +6,8 @@ from contextlib import suppress
 import pytest
 from hypothesis import given, strategies as st
 
-from acquisition.aravis.description.nodes import LARGEST_BYTES, DescriptionError
-from acquisition.aravis.description.unpacking import unpack
+from acquisition.aravis.description import LARGEST_BYTES, DescriptionError
+from acquisition.aravis.network import unpack
 
 TEXT = b"<RegisterDescription/>" * 40
 

@@ -2,8 +2,14 @@
 
 import pytest
 
-from acquisition.stages.grbl.codes import ALARMS, BLOCKED_BY_ALARM, ERRORS, HOMING_REQUIRED
-from acquisition.stages.grbl.wire import Alarm, ErrorReply
+from acquisition.stages.grbl_wire import (
+    ALARMS,
+    BLOCKED_BY_ALARM,
+    ERRORS,
+    HOMING_REQUIRED,
+    Alarm,
+    ErrorReply,
+)
 
 OBVIOUS = (3, 6)
 """Somebody reset it: there is nothing to look for."""

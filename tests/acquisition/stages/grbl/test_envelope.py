@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.bench import StageConfig
-from acquisition.stages.grbl.envelope import WorkEnvelope, expected_envelopes, work_envelope
+from acquisition.stages.grbl_setup import WorkEnvelope, expected_envelopes, work_envelope
 
 SETTINGS = {20: 1.0, 21: 0.0, 22: 1.0, 23: 4.0, 27: 1.5, 130: 200.0, 131: 200.0, 132: 400.0}
 """Homing towards minus on Z, whose bit of $23 is the third."""

@@ -9,14 +9,14 @@ from acquisition.errors import (
     DeviceTimeoutError,
     StageAlarmError,
 )
-from acquisition.stages.grbl.firmware import (
+from acquisition.stages.grbl_controller import (
     Heard,
     no_version_error,
     read_firmware,
     too_old_error,
     waiting_error,
 )
-from acquisition.stages.grbl.wire import Alarm, ErrorReply, Feedback, parse_line
+from acquisition.stages.grbl_wire import Alarm, ErrorReply, Feedback, parse_line
 
 # The answer of grblHAL 1.1f.20260817 in its own simulator, with the lines that a board adds.
 GRBLHAL = (

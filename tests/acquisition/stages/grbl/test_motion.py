@@ -15,8 +15,8 @@ from acquisition.errors import (
     StageStalledError,
     StageStoppedError,
 )
-from acquisition.stages.grbl.motion import OFFSET_REPORTS
-from acquisition.stages.grbl.wire import JOG_CANCEL, Alarm, StatusReport
+from acquisition.stages.grbl import OFFSET_REPORTS
+from acquisition.stages.grbl_wire import JOG_CANCEL, Alarm, StatusReport
 from acquisition.stages.motor import STOP_TIMEOUT_S, MotorStage, halt, travel
 from tests.acquisition.scripted_grbl import (
     CONFIG,

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from acquisition.errors import DeviceTimeoutError, StageAlarmError
-from acquisition.stages.grbl.reference import reference_error_mm
-from acquisition.stages.grbl.setup import GrblSetup
+from acquisition.stages.grbl import reference_error_mm
+from acquisition.stages.grbl_setup import GrblSetup
 from tests.acquisition.scripted_grbl import Answer, CreepingController, axis_of
 
 SETUP = GrblSetup(

@@ -4,7 +4,7 @@ import pytest
 
 from acquisition.bench import StageConfig
 from acquisition.errors import DeviceProtocolError, DeviceSettingsError
-from acquisition.stages.grbl.setup import check_settings, height_axis
+from acquisition.stages.grbl_setup import check_settings, height_axis
 
 SETTINGS = {13: "0", 20: "1", 22: "1", 23: "4", 24: "25.000", 27: "1.500"}
 """Homing towards minus on Z, whose bit of $23 is the third."""

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.errors import DeviceProtocolError
-from acquisition.stages.grbl.wire import (
+from acquisition.stages.grbl_wire import (
     KNOWN_FIELDS,
     KNOWN_STATES,
     Alarm,

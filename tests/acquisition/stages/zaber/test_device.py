@@ -13,8 +13,7 @@ from acquisition.errors import (
     DeviceTimeoutError,
 )
 from acquisition.stages.serial_link import SerialLink
-from acquisition.stages.zaber.device import READ_TRIES, ZaberDevice
-from acquisition.stages.zaber.wire import checksum
+from acquisition.stages.zaber import READ_TRIES, ZaberDevice, checksum
 
 Answer = Callable[[int], list[bytes]]
 

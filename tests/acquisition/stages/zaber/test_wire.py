@@ -2,7 +2,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from acquisition.errors import DeviceProtocolError
-from acquisition.stages.zaber.wire import (
+from acquisition.stages.zaber import (
     ZaberAlert,
     ZaberInfo,
     ZaberReply,

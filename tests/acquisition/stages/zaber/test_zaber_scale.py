@@ -4,7 +4,7 @@ import pytest
 
 from acquisition.bench import StageConfig
 from acquisition.errors import BenchConfigError
-from acquisition.stages.zaber.device import ZaberScale
+from acquisition.stages.zaber import ZaberScale
 
 
 def scale(**keys: Any) -> ZaberScale:

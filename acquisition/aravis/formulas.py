@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-WIDE = 64
+_WIDE = 64
 SAFE_BITS = 62
 """Most bits of which nothing, not even the next sum, is -2^63."""
 
@@ -31,7 +31,7 @@ class Extent:
     literal: int | None = None
 
 
-ANYTHING = Extent(bits=WIDE, is_signed=True)
+ANYTHING = Extent(bits=_WIDE, is_signed=True)
 NOTHING = Extent(bits=0)
 TRUTH = Extent(bits=1)
 
@@ -64,19 +64,10 @@ def either(one: Extent, other: Extent) -> Extent:
 
 
 def formula_extent(formula: str, variables: Mapping[str, Extent], *, is_integer: bool) -> Extent:
-    """Return the extent of a formula's value.
+    """Return the extent of a formula's value; refused if it may divide -2^63 by -1.
 
-    Parameters
-    ----------
-    variables
-        The extents of its variables; of those that are missing nothing is known.
-    is_integer
-        Whether Aravis calculates in 64-bit integers throughout.
-
-    Raises
-    ------
-    OverflowingDivisionError
-        If it may divide -2^63 by -1.
+    Of variables that are missing nothing is known. With ``is_integer`` Aravis calculates in 64-bit
+    integers throughout.
     """
     stack: list[Extent] = []
     for symbol in _reverse_polish(formula):
@@ -90,21 +81,15 @@ def formula_extent(formula: str, variables: Mapping[str, Extent], *, is_integer:
         operands = stack[len(stack) - operation.operands :]
         del stack[len(stack) - operation.operands :]
         if symbol == "%" or (symbol == "/" and is_integer):
-            _require_safe_division(*operands)
+            dividend, divisor = operands
+            if dividend.bits > SAFE_BITS and divisor.is_signed:
+                raise OverflowingDivisionError("may divide -2^63 by -1, which ends the program")
         if symbol == "/" and not is_integer:
-            stack.append(Extent(bits=WIDE, is_signed=any(o.is_signed for o in operands)))
+            stack.append(Extent(bits=_WIDE, is_signed=any(o.is_signed for o in operands)))
         else:
-            stack.append(_bounded(operation.extent(*operands)))
+            extent = operation.extent(*operands)
+            stack.append(extent if extent.bits <= SAFE_BITS else ANYTHING)
     return stack[0] if len(stack) == 1 else ANYTHING
-
-
-def _require_safe_division(dividend: Extent, divisor: Extent) -> None:
-    if dividend.bits > SAFE_BITS and divisor.is_signed:
-        raise OverflowingDivisionError("may divide -2^63 by -1, which ends the program")
-
-
-def _bounded(extent: Extent) -> Extent:
-    return extent if extent.bits <= SAFE_BITS else ANYTHING
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,24 +100,9 @@ class _Operation:
     is_from_right: bool = False
 
 
-def _sum(a: Extent, b: Extent) -> Extent:
-    return Extent(bits=max(a.bits, b.bits) + 1, is_signed=a.is_signed or b.is_signed)
-
-
-def _difference(a: Extent, b: Extent) -> Extent:
-    return Extent(bits=max(a.bits, b.bits) + 1, is_signed=True)
-
-
-def _product(a: Extent, b: Extent) -> Extent:
-    return Extent(bits=a.bits + b.bits, is_signed=a.is_signed or b.is_signed)
-
-
-def _quotient(a: Extent, b: Extent) -> Extent:
-    return Extent(bits=a.bits, is_signed=a.is_signed or b.is_signed)
-
-
-def _remainder(a: Extent, b: Extent) -> Extent:
-    return Extent(bits=min(a.bits, b.bits), is_signed=a.is_signed)
+def _wide(bits: int, *operands: Extent) -> Extent:
+    """Extent of so many bits, signed where one of the operands is."""
+    return Extent(bits=bits, is_signed=any(operand.is_signed for operand in operands))
 
 
 def _conjunction(a: Extent, b: Extent) -> Extent:
@@ -141,13 +111,9 @@ def _conjunction(a: Extent, b: Extent) -> Extent:
 
 
 def _shifted_left(a: Extent, b: Extent) -> Extent:
-    if b.literal is None or not 0 <= b.literal < WIDE:
+    if b.literal is None or not 0 <= b.literal < _WIDE:
         return ANYTHING
-    return Extent(bits=a.bits + b.literal, is_signed=a.is_signed)
-
-
-def _shifted_right(a: Extent, _: Extent) -> Extent:
-    return Extent(bits=a.bits, is_signed=a.is_signed)
+    return _wide(a.bits + b.literal, a)
 
 
 def _negated(a: Extent) -> Extent:
@@ -156,45 +122,27 @@ def _negated(a: Extent) -> Extent:
     return Extent(bits=a.bits, is_signed=is_signed, literal=literal)
 
 
-def _inverted(a: Extent) -> Extent:
-    return Extent(bits=a.bits + 1, is_signed=True)
-
-
-def _rounded(a: Extent) -> Extent:
-    return Extent(bits=a.bits + 1, is_signed=a.is_signed)
-
-
-def _same(a: Extent) -> Extent:
-    return a
-
-
 def _truth(*_: Extent) -> Extent:
     return TRUTH
-
-
-def _chosen(_: Extent, b: Extent, c: Extent) -> Extent:
-    return either(b, c)
-
-
-def _sign(_: Extent) -> Extent:
-    return Extent(bits=1, is_signed=True)
 
 
 def _anything(*_: Extent) -> Extent:
     return ANYTHING
 
 
-def _binary(precedence: int, extent: Callable[..., Extent]) -> _Operation:
+def _binary(precedence: int, extent: Callable[[Extent, Extent], Extent]) -> _Operation:
     return _Operation(precedence=precedence, operands=2, extent=extent)
 
 
-def _unary(precedence: int, extent: Callable[..., Extent]) -> _Operation:
+def _unary(precedence: int, extent: Callable[[Extent], Extent]) -> _Operation:
     return _Operation(precedence=precedence, operands=1, extent=extent, is_from_right=True)
 
 
 _OPERATIONS = {
-    "?": _Operation(precedence=5, operands=3, extent=_chosen, is_from_right=True),
-    ":": _unary(5, _same),
+    "?": _Operation(
+        precedence=5, operands=3, extent=lambda _, b, c: either(b, c), is_from_right=True
+    ),
+    ":": _unary(5, lambda a: a),
     "||": _binary(10, _truth),
     "&&": _binary(20, _truth),
     "|": _binary(40, either),
@@ -206,23 +154,26 @@ _OPERATIONS = {
     ">=": _binary(80, _truth),
     "<": _binary(80, _truth),
     ">": _binary(80, _truth),
-    ">>": _binary(90, _shifted_right),
+    ">>": _binary(90, lambda a, _: _wide(a.bits, a)),
     "<<": _binary(90, _shifted_left),
-    "-": _binary(100, _difference),
-    "+": _binary(100, _sum),
-    "%": _binary(110, _remainder),
-    "/": _binary(110, _quotient),
-    "*": _binary(110, _product),
+    "-": _binary(100, lambda a, b: Extent(bits=max(a.bits, b.bits) + 1, is_signed=True)),
+    "+": _binary(100, lambda a, b: _wide(max(a.bits, b.bits) + 1, a, b)),
+    "%": _binary(110, lambda a, b: _wide(min(a.bits, b.bits), a)),
+    "/": _binary(110, lambda a, b: _wide(a.bits, a, b)),
+    "*": _binary(110, lambda a, b: _wide(a.bits + b.bits, a, b)),
     "**": _Operation(precedence=120, operands=2, extent=_anything, is_from_right=True),
     "minus": _unary(130, _negated),
-    "plus": _unary(130, _same),
-    "~": _unary(130, _inverted),
-    **{name: _unary(200, _rounded) for name in ("trunc", "round", "floor", "ceil", "abs")},
+    "plus": _unary(130, lambda a: a),
+    "~": _unary(130, lambda a: Extent(bits=a.bits + 1, is_signed=True)),
+    **{
+        name: _unary(200, lambda a: _wide(a.bits + 1, a))
+        for name in ("trunc", "round", "floor", "ceil", "abs")
+    },
     **{
         name: _unary(200, _anything)
         for name in ("sin", "cos", "atan", "tan", "exp", "ln", "lg", "sqrt", "asin", "acos")
     },
-    "sgn": _unary(200, _sign),
+    "sgn": _unary(200, lambda _: Extent(bits=1, is_signed=True)),
     "neg": _unary(200, _negated),
 }
 """Precedence and associativity as in Aravis' ``arvevaluator.c``."""

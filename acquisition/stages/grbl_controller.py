@@ -3,25 +3,22 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import RLock
+from typing import Literal
 
 from acquisition.errors import (
+    DeviceError,
     DeviceProtocolError,
     DeviceRefusalError,
     DeviceResetError,
     DeviceTimeoutError,
+    StageAlarmError,
 )
-from acquisition.stages.grbl.codes import HOMING_REQUIRED, NOT_IDLE
-from acquisition.stages.grbl.firmware import (
-    GrblFirmware,
-    Heard,
-    in_alarm_error,
-    no_version_error,
-    read_firmware,
-    too_old_error,
-    waiting_error,
-)
-from acquisition.stages.grbl.wire import (
+from acquisition.stages.grbl_wire import (
+    ERRORS,
     FULL_STATUS_QUERY,
+    GRBLHAL,
+    HOMING_REQUIRED,
+    NOT_IDLE,
     SOFT_RESET,
     STATUS_QUERY,
     Alarm,
@@ -39,26 +36,123 @@ from acquisition.stages.grbl.wire import (
 )
 from acquisition.stages.serial_link import SerialLink
 
-ANSWER_TIMEOUT_S = 2.0
-STATUS_TIMEOUT_S = 0.7
-"""Grbl reports within 20 ms; writing to the settings memory delays it."""
-STATUS_TRIES = 3
+_SETS_ORIGIN = "Z"
+"""Letter in ``[OPT:...]``: homing sets the position to 0 where it ends, not at the switch."""
 
-QUIET_S = 0.2
+
+_WAITS_FOR = {
+    "Hold": "release the hold",
+    "Door": "close the door",
+    "Tool": "end the tool change",
+    "Check": "end the check mode",
+}
+"""What a state in which it does not move waits for; nothing but a reset ends the others."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrblFirmware:
+    """What ``$I`` reports."""
+
+    family: Literal["Grbl", "grblHAL"]
+    version: str
+    user_text: str
+    board: str
+    sets_origin: bool = False
+
+
+@dataclass(slots=True)
+class Heard:
+    """What came besides answers while the dialogue was being synchronised.
+
+    Whether a greeting came, a line that is not Grbl's, and the version of a Grbl before 1.1.
+    """
+
+    booted: bool = False
+    garbage: bytes = b""
+    old_version: str | None = None
+
+
+def read_firmware(feedback: tuple[Feedback, ...]) -> GrblFirmware:
+    """Read the answer to ``$I``, of which the version is the one line that has to be there."""
+    lines = {message.kind: message.text for message in feedback}
+    version, _, user_text = lines["VER"].partition(":")
+    return GrblFirmware(
+        family="grblHAL" if lines.get("FIRMWARE") == GRBLHAL else "Grbl",
+        version=version,
+        user_text=user_text,
+        board=lines.get("BOARD", ""),
+        sets_origin=_SETS_ORIGIN in lines.get("OPT", "").partition(",")[0],
+    )
+
+
+def too_old_error(name: str, version: str) -> DeviceProtocolError:
+    """Return the error for a Grbl that has no jogs and tells its alarms in words."""
+    return DeviceProtocolError(
+        f"{name} runs Grbl {version}; Grbl 1.1 is needed: flash Grbl 1.1 or grblHAL onto the "
+        "controller"
+    )
+
+
+def waiting_error(name: str, state: str) -> StageAlarmError:
+    """Return the error for a state that is no alarm, and in which it does not move either."""
+    before = f"{_WAITS_FOR[state]}, then " if state in _WAITS_FOR else ""
+    return StageAlarmError(
+        f"{name} is in state {state}, in which it does not move; {before}clear the alarm and home",
+        code=state,
+    )
+
+
+def in_alarm_error(name: str, alarm: Alarm) -> StageAlarmError:
+    """Return the error that tells an alarm with its remedy."""
+    return StageAlarmError(f"{name} is in alarm: {alarm.text}; {alarm.remedy}", code=alarm.code)
+
+
+def no_version_error(
+    name: str, refusal: ErrorReply | None, heard: Heard, alarm: Alarm | None
+) -> DeviceError:
+    """Return the error for a controller that does not report its version."""
+    if refusal is not None and refusal.code == NOT_IDLE:
+        return DeviceTimeoutError(f"{name} is still moving; stop it, or wait until it has stopped")
+    if refusal is not None:
+        return DeviceProtocolError(
+            f"{name} refuses to report its version: {refusal.text}"
+            + ("" if refusal.code in ERRORS else "; is it a Grbl controller?")
+        )
+    if heard.garbage:
+        return DeviceProtocolError(
+            f"{name} answers {heard.garbage[:40]!r}, which is not Grbl; "
+            "is this the right port and baud rate?"
+        )
+    if alarm is not None:
+        return StageAlarmError(
+            f"{name} has not answered since {alarm.text}; {alarm.remedy}", code=alarm.code
+        )
+    return DeviceTimeoutError(
+        f"{name} does not answer; check its power, the port and the baud rate, "
+        "or unlock it, which resets it"
+    )
+
+
+_ANSWER_TIMEOUT_S = 2.0
+_STATUS_TIMEOUT_S = 0.7
+"""Grbl reports within 20 ms; writing to the settings memory delays it."""
+_STATUS_TRIES = 3
+
+_QUIET_S = 0.2
 """Silence that counts as such: longer than any pause within an answer."""
-NOISE_TIMEOUT_S = 3.0
-BOOT_TIMEOUT_S = 5.0
+_NOISE_TIMEOUT_S = 3.0
+_BOOT_TIMEOUT_S = 5.0
 """An AVR board that opening has reset is in its boot loader for up to 2 s."""
 
-ALARM_IS_OVER = ("Idle", "Run", "Jog", "Home")
+_ALARM_IS_OVER = ("Idle", "Run", "Jog", "Home")
 """States that a controller reports only after an alarm was cleared, by whomever."""
 
-NOTES_MOST = 32
+_NOTES_MOST = 32
 """Kinds of unknown fields and lines that are noted in the log; on a noisy line there is no end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GrblAnswer:
+class _GrblAnswer:
     """What came before the ``ok``, or the error instead of it."""
 
     error: ErrorReply | None
@@ -98,26 +192,10 @@ class GrblController:
         """Send one byte that is acted upon at once and not answered."""
         self._link.write(byte)
 
-    def get_in_step(self, timeout_s: float = BOOT_TIMEOUT_S, *, may_boot: bool = False) -> None:
+    def get_in_step(self, timeout_s: float = _BOOT_TIMEOUT_S, *, may_boot: bool = False) -> None:
         """Synchronise the dialogue: silence, ``$I``, an answer with ``[VER:``.
 
-        Parameters
-        ----------
-        timeout_s
-            For the whole procedure.
-        may_boot
-            Whether a greeting is expected: after opening and after our own reset.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            If nothing answers.
-        DeviceProtocolError
-            If what answers is not a Grbl controller.
-        StageAlarmError
-            If it is in a state in which it answers no queries.
-        DeviceResetError
-            If it greeted unexpectedly.
+        ``may_boot`` is whether a greeting is expected: after opening and after our own reset.
         """
         with self._lock:
             self._is_in_step = False
@@ -149,16 +227,8 @@ class GrblController:
             if was_known and not self.is_position_known and self.alarm and not may_boot:
                 raise in_alarm_error(self.name, self.alarm)
 
-    def command(self, text: str, timeout_s: float = ANSWER_TIMEOUT_S) -> GrblAnswer:
-        """Send one line and wait for its answer.
-
-        Raises
-        ------
-        DeviceTimeoutError, DeviceProtocolError
-            If the answer was lost or garbled; what was sent may have been obeyed.
-        StageAlarmError, DeviceResetError
-            If an alarm or a greeting came.
-        """
+    def command(self, text: str, timeout_s: float = _ANSWER_TIMEOUT_S) -> _GrblAnswer:
+        """Send one line and wait for its answer."""
         with self._lock:
             if not self._is_in_step:
                 self.get_in_step()
@@ -170,35 +240,21 @@ class GrblController:
             return answer
 
     def status(self, *, full: bool = False) -> StatusReport:
-        """Ask for its position and state; reports need no ``ok``, so the query is repeated.
-
-        Raises
-        ------
-        DeviceTimeoutError, DeviceProtocolError
-            If no readable report came.
-        StageAlarmError, DeviceResetError
-            If an alarm or a greeting came.
-        """
+        """Ask for its position and state; reports need no ``ok``, so the query is repeated."""
         with self._lock:
             self.hear_unasked()
             query = FULL_STATUS_QUERY if full else STATUS_QUERY
-            for left in reversed(range(STATUS_TRIES)):
+            for left in reversed(range(_STATUS_TRIES)):
                 self._link.write(query)
                 try:
-                    return self._report(self._clock() + STATUS_TIMEOUT_S)
+                    return self._report(self._clock() + _STATUS_TIMEOUT_S)
                 except (DeviceTimeoutError, DeviceProtocolError):
                     if not left:
                         raise
             raise AssertionError("unreachable")
 
     def hear_unasked(self) -> None:
-        """Process unsolicited messages.
-
-        Raises
-        ------
-        StageAlarmError, DeviceResetError
-            If an alarm or a greeting came.
-        """
+        """Process unsolicited messages."""
         with self._lock:
             for line in self._link.waiting_lines():
                 try:
@@ -211,13 +267,7 @@ class GrblController:
                 self._take(message)
 
     def reset(self) -> None:
-        """Reset the controller and synchronise again; the position is lost.
-
-        Raises
-        ------
-        DeviceTimeoutError, DeviceProtocolError
-            If it does not come back.
-        """
+        """Reset the controller and synchronise again; the position is lost."""
         with self._lock:
             self._void()
             self._link.write(SOFT_RESET)
@@ -225,13 +275,7 @@ class GrblController:
             self.alarm = None
 
     def settings(self) -> dict[int, str]:
-        """Read all settings.
-
-        Raises
-        ------
-        DeviceRefusalError
-            If the controller cannot read them itself.
-        """
+        """Read all settings."""
         try:
             answer = self.command("$$")
         except (DeviceTimeoutError, DeviceProtocolError):
@@ -248,7 +292,7 @@ class GrblController:
         """Close the link; closing twice is harmless."""
         self._link.close()
 
-    def _answer(self, deadline: float) -> GrblAnswer:
+    def _answer(self, deadline: float) -> _GrblAnswer:
         settings: list[Setting] = []
         feedback: list[Feedback] = []
         while True:
@@ -263,7 +307,7 @@ class GrblController:
                 settings.append(message)
             if isinstance(message, Feedback):
                 feedback.append(message)
-        return GrblAnswer(error=error, settings=tuple(settings), feedback=tuple(feedback))
+        return _GrblAnswer(error=error, settings=tuple(settings), feedback=tuple(feedback))
 
     def _report(self, deadline: float) -> StatusReport:
         while True:
@@ -301,7 +345,7 @@ class GrblController:
             if message.state == "Alarm":
                 self.is_position_known = False
                 self._keep_alarm(message.alarm)
-            elif message.state in ALARM_IS_OVER:
+            elif message.state in _ALARM_IS_OVER:
                 self.alarm = None
             if message.offset is not None:
                 self.offset = message.offset
@@ -309,7 +353,7 @@ class GrblController:
     def _note(self, message: GrblMessage) -> None:
         """Write once to the log what the driver does not know; it goes on without it."""
         for kind in passed_over(message):
-            if kind not in self._noted and len(self._noted) < NOTES_MOST:
+            if kind not in self._noted and len(self._noted) < _NOTES_MOST:
                 self._noted.add(kind)
                 self._link.remark(f"not known, passed over: {kind}")
 
@@ -334,7 +378,7 @@ class GrblController:
 
     def _hush(self, heard: Heard) -> None:
         """Wait for silence."""
-        for line in self._link.drain(QUIET_S, NOISE_TIMEOUT_S):
+        for line in self._link.drain(_QUIET_S, _NOISE_TIMEOUT_S):
             self._sift(line, heard)
 
     def _sift(self, line: bytes, heard: Heard) -> GrblMessage | None:
@@ -351,16 +395,16 @@ class GrblController:
             self._hear_alarm(message)
         return message
 
-    def _listen_for_version(self, heard: Heard) -> GrblAnswer | None:
+    def _listen_for_version(self, heard: Heard) -> _GrblAnswer | None:
         """What came after ``[VER:`` up to the ok; stale answers before it are skipped."""
         feedback: list[Feedback] = []
         refusal: ErrorReply | None = None
-        deadline = self._clock() + ANSWER_TIMEOUT_S / 2
+        deadline = self._clock() + _ANSWER_TIMEOUT_S / 2
         while True:
             try:
                 line = self._link.read_line(max(deadline - self._clock(), 0.0))
             except DeviceTimeoutError:
-                stale = GrblAnswer(error=refusal, settings=(), feedback=())
+                stale = _GrblAnswer(error=refusal, settings=(), feedback=())
                 return stale if refusal else None
             message = self._sift(line, heard)
             if isinstance(message, Feedback) and (feedback or message.kind == "VER"):
@@ -368,7 +412,7 @@ class GrblController:
             elif isinstance(message, ErrorReply):
                 refusal = message
             elif isinstance(message, Ok) and feedback:
-                return GrblAnswer(error=None, settings=(), feedback=tuple(feedback))
+                return _GrblAnswer(error=None, settings=(), feedback=tuple(feedback))
 
     def _refuse_endless_state(self, refusal: ErrorReply) -> None:
         """In hold, door and sleep ``$I`` is refused for ever; in motion, until that ends."""

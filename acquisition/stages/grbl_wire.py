@@ -1,12 +1,15 @@
 """The Grbl 1.1 wire format, grblHAL's additions included: bytes to messages and back.
 
 What is well formed but unknown is passed over and named, as new firmware adds fields and lines.
-What the height or the state hangs on is either read or refused.
+What the height or the state hangs on is either read or refused. Alarm and error codes stand with
+what each means, and what to do about it.
 
 References
 ----------
 Grbl v1.1 documentation: "Grbl Interface Basics", "Jogging", "Real-time Commands"
-(gnea/grbl, doc/markdown). grblHAL 1.1f.20260817, ``report.c`` (grblHAL/core).
+(gnea/grbl, doc/markdown); ``doc/csv/alarm_codes_en_US.csv`` and ``error_codes_en_US.csv``.
+grblHAL 1.1f.20260817: ``report.c``, ``alarms.h``, ``alarms.c``, ``errors.h`` (grblHAL/core). Alarm
+10 differs: an emergency stop on grblHAL, the second switch of a dual axis on Grbl.
 Grbl v0.9j, ``report.c`` (grbl/grbl).
 """
 
@@ -15,7 +18,131 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 from acquisition.errors import DeviceProtocolError
-from acquisition.stages.grbl.codes import ALARMS, alarm_remedy, alarm_text, error_text
+
+HOMING_REQUIRED = 11
+"""Alarm in which grblHAL starts where ``$22`` asks for homing; nothing has gone wrong."""
+
+NOT_IDLE = 8
+BEYOND_TRAVEL = 15
+LIMIT_PRESSED, UNLOCKS_BY_HOMING = 45, 46
+BLOCKED_BY_ALARM = 79
+"""grblHAL's answer to what is not a question, from a hard limit until the next reset."""
+
+
+@dataclass(frozen=True, slots=True)
+class _AlarmMeaning:
+    """What happened, and what to do before the alarm is cleared, if anything."""
+
+    meaning: str
+    remedy: str = ""
+
+
+_PROBE = "nothing here probes: close the program that does, and check the wiring of the probe"
+
+ALARMS = {
+    1: _AlarmMeaning(
+        "a limit switch was hit and the motor stopped at once",
+        "free the stage from the switch (if none is pressed, check the wiring of the switches)",
+    ),
+    2: _AlarmMeaning(
+        "the target is beyond the travel set in the firmware",
+        "compare limits_mm and home_offset_mm with the travel, $130 for X to $132 for Z",
+    ),
+    3: _AlarmMeaning("reset during a move"),
+    4: _AlarmMeaning("the probe was already triggered", _PROBE),
+    5: _AlarmMeaning("the probe was not triggered", _PROBE),
+    6: _AlarmMeaning("reset while homing"),
+    7: _AlarmMeaning("the door was opened while homing", "close the door"),
+    8: _AlarmMeaning(
+        "the home switch was not released by the pull-off",
+        "check the wiring of the home switch, and set a longer pull-off distance $27",
+    ),
+    9: _AlarmMeaning(
+        "the home switch was not found",
+        "check the wiring of the home switch, the direction $23 and the travel, $130 for X to $132 "
+        "for Z; if the switch was found once and not again, set a shorter pull-off distance $27",
+    ),
+    10: _AlarmMeaning(
+        "emergency stop, or on Grbl 1.1 the second home switch of an axis with two was not found",
+        "release the emergency stop; on Grbl 1.1, check the wiring of the second home switch",
+    ),
+    HOMING_REQUIRED: _AlarmMeaning("homing is required"),
+    12: _AlarmMeaning("a limit switch is pressed", "free the stage from the switch"),
+    13: _AlarmMeaning("the probe is protected and was triggered", "free the probe"),
+    14: _AlarmMeaning(
+        "the spindle did not reach its speed",
+        "nothing here starts a spindle: close the program that does",
+    ),
+    15: _AlarmMeaning(
+        "the second home switch of an axis with two was not found",
+        "check the wiring of the second home switch, and that both motors run; a shorter pull-off "
+        "distance $27 helps if it was found once",
+    ),
+    16: _AlarmMeaning(
+        "the self-test at power-up failed",
+        "read the messages in the wire log; the firmware may not be the one for this board",
+    ),
+    17: _AlarmMeaning(
+        "motor driver fault", "check the motor's wiring, its supply and the driver's temperature"
+    ),
+    18: _AlarmMeaning(
+        "homing failed because it is not set up correctly", "check $22, $23 and $44 to $46"
+    ),
+    19: _AlarmMeaning(
+        "a Modbus device did not answer", "check its wiring, or switch it off in the settings"
+    ),
+    20: _AlarmMeaning("the I/O expander did not answer", "check the wiring of the expander"),
+    21: _AlarmMeaning(
+        "the settings memory failed",
+        "enter the settings again; replace the board if they are lost once more",
+    ),
+    22: _AlarmMeaning(
+        "the input buffer overflowed", "close the program that sends to the controller as well"
+    ),
+}
+
+ERRORS = {
+    1: "a letter was expected",
+    2: "not a number",
+    3: "unknown $ command",
+    4: "the value must not be negative",
+    5: "homing is not enabled ($22)",
+    6: "the step pulse is too short",
+    7: "the settings memory is blank or unreadable",
+    NOT_IDLE: "only possible when idle",
+    9: "locked by an alarm or a running jog",
+    10: "soft limits need homing to be enabled ($22)",
+    11: "line too long",
+    12: "the step rate is too high",
+    13: "the door is open",
+    14: "line too long to be stored",
+    BEYOND_TRAVEL: "the target is beyond the travel set in the firmware",
+    16: "not a jog",
+    17: "laser mode needs a PWM output",
+    18: "the reset input is active",
+    19: "the value must be positive",
+    20: "unsupported command",
+    22: "no feed rate",
+    24: "two commands for the same axes",
+    25: "a word is repeated",
+    26: "no axis is named",
+    33: "not a valid target",
+    39: "a value is out of range",
+    40: "a tool change is pending",
+    43: "the feed rate is too high",
+    LIMIT_PRESSED: "a limit switch is pressed",
+    UNLOCKS_BY_HOMING: "homing is required",
+    49: "the self-test at power-up failed",
+    50: "emergency stop is active",
+    51: "motor driver fault",
+    52: "the setting's value is out of range",
+    53: "the setting is not available",
+    55: "homing is not set up correctly",
+    77: "a password is required",
+    78: "access is denied",
+    BLOCKED_BY_ALARM: "not possible in this alarm: clear it first",
+}
+
 
 STATUS_QUERY = b"?"
 FULL_STATUS_QUERY = b"\x87"
@@ -26,7 +153,7 @@ AXES = "XYZABCUVW"
 GRBLHAL = "grblHAL"
 """What grblHAL calls itself in ``[FIRMWARE:...]``."""
 
-MAX_LINE_CHARS = 80
+_MAX_LINE_CHARS = 80
 """Grbl's line buffer; a longer line is answered ``error:11``."""
 
 KNOWN_FIELDS = frozenset((
@@ -49,7 +176,7 @@ KNOWN_STATES: dict[str, tuple[int, ...]] = {
 }
 """States and their sub-states."""
 
-KNOWN_FEEDBACK = frozenset((
+_KNOWN_FEEDBACK = frozenset((
     "MSG", "HLP", "GC", "VER", "OPT", "AXS", "NEWOPT", "FIRMWARE", "SIGNALS", "SPINDLES",
     "NVS STORAGE", "FREE MEMORY", "DRIVER", "DRIVER VERSION", "DRIVER OPTIONS", "BOARD",
     "MAX STEP RATE", "COMPATIBILITY LEVEL", "AUX IO", "PLUGIN",
@@ -71,7 +198,7 @@ class ErrorReply:
     @property
     def text(self) -> str:
         """Code and meaning."""
-        return error_text(self.code)
+        return f"error:{self.code} ({ERRORS.get(self.code, 'see the manual of its firmware')})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +210,19 @@ class Alarm:
     @property
     def text(self) -> str:
         """Code and meaning."""
-        return alarm_text(self.code)
+        known = ALARMS.get(self.code)
+        meaning = "see the manual of its firmware" if known is None else known.meaning
+        return f"ALARM:{self.code} ({meaning})"
 
     @property
     def remedy(self) -> str:
         """What to do, up to homing."""
-        return alarm_remedy(self.code)
+        if self.code == HOMING_REQUIRED:
+            return "home it"
+        known = ALARMS.get(self.code)
+        if known is None or not known.remedy:
+            return "clear the alarm, then home"
+        return f"{known.remedy}, then clear the alarm and home"
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,14 +317,8 @@ _OLD_GRBL = re.compile(
 
 
 def encode_line(text: str) -> bytes:
-    """Encode one command line.
-
-    Raises
-    ------
-    ValueError
-        If Grbl would not accept it as one line.
-    """
-    if len(text) >= MAX_LINE_CHARS or not (text.isascii() and text.isprintable()):
+    """Encode one command line."""
+    if len(text) >= _MAX_LINE_CHARS or not (text.isascii() and text.isprintable()):
         raise ValueError(f"not a Grbl line: {text!r}")
     return text.encode("ascii") + b"\n"
 
@@ -199,11 +327,6 @@ def jog_command(axis: str, position_mm: float, feed_mm_per_min: float) -> str:
     """Return the command for an absolute jog in mm and machine coordinates.
 
     ``G53`` makes it independent of work offsets that another program may have left.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite or the feed not positive.
     """
     if not (isfinite(position_mm) and isfinite(feed_mm_per_min) and feed_mm_per_min > 0):
         raise ValueError(f"not a jog: {position_mm} mm at {feed_mm_per_min} mm/min")
@@ -214,11 +337,6 @@ def parse_line(line: bytes) -> GrblMessage:
     """Parse one line without its end.
 
     A greeting or an alarm is recognised even after noise: both invalidate the position.
-
-    Raises
-    ------
-    DeviceProtocolError
-        If it is not a Grbl message.
     """
     try:
         # Texts of grblHAL, such as the name of a network, are UTF-8; noise hardly ever is.
@@ -246,7 +364,7 @@ def passed_over(message: GrblMessage) -> tuple[str, ...]:
             return (f"version {text}",)
         case Feedback(kind="FIRMWARE", text=text) if text != GRBLHAL:
             return (f"firmware {text}",)
-        case Feedback() if message.kind not in KNOWN_FEEDBACK:
+        case Feedback() if message.kind not in _KNOWN_FEEDBACK:
             return (f"line [{message.kind}:...]",)
         case Alarm() if message.code not in ALARMS:
             return (f"alarm {message.code}",)

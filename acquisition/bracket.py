@@ -1,6 +1,9 @@
-"""Merge the exposures of a bracket to linear light, with the variance of each pixel."""
+"""Merge the exposures of a bracket to linear light, with the variance of each pixel.
 
-from collections.abc import Iterator, Sequence
+The noise of a camera's frames by their light comes from the frames themselves.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar
@@ -10,19 +13,101 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict
 
 from acquisition.averaging import AveragedFrames
-from acquisition.bracket.noise_line import NoiseLine, fit_noise_line
 
-CLEAR_OF_CLIPPING = 4.0
+QUANTISATION_DN2 = 1.0 / 12.0
+"""Variance of rounding to whole DN (EMVA 1288 release 4.0, section 2.4)."""
+
+_USED_RANGE = 0.9
+"""Fraction of the range up to which pixels are used: the variance of those that clip collapses."""
+
+_BINS = 128
+_LINE_ROUNDS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _NoiseLine:
+    """Variance of one frame: dark noise and rounding, and shot noise that grows with the light.
+
+    ``offset_dn2 + slope_dn * light``, with the light in DN above black.
+
+    References
+    ----------
+    EMVA Standard 1288, release 4.0 linear, 2021, section 2.4.
+    """
+
+    offset_dn2: float
+    slope_dn: float
+
+    def variance_dn2(self, light_dn: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Variance at each light; light below black has that of black."""
+        return self.offset_dn2 + self.slope_dn * np.maximum(light_dn, 0.0)
+
+
+Sample = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Mean level and unbiased temporal variance of one frame, by pixel."""
+
+
+def fit_noise_line(
+    samples: Iterable[Sample], *, black_level_dn: float, saturation_dn: float
+) -> _NoiseLine:
+    """Fit the line to all pixels of several exposures together.
+
+    Means and variances are averaged over pixels of like level first: a single variance of N
+    frames scatters by ``sqrt(2 / (N - 1))`` of itself, that of thousands of pixels does not. The
+    line never falls, and is at black at least the variance of rounding.
+    """
+    top_dn = black_level_dn + _USED_RANGE * (saturation_dn - black_level_dn)
+    count, light, variance = np.zeros(_BINS), np.zeros(_BINS), np.zeros(_BINS)
+    for mean_dn, variance_dn2 in samples:
+        is_used = mean_dn < top_dn
+        level = mean_dn[is_used].astype(np.float64)
+        # Square-root bins: shot noise is then as fine in each.
+        share = np.sqrt(np.maximum(level - black_level_dn, 0.0) / (top_dn - black_level_dn))
+        index = np.minimum((_BINS * share).astype(np.intp), _BINS - 1)
+        count += np.bincount(index, minlength=_BINS)
+        light += np.bincount(index, level - black_level_dn, minlength=_BINS)
+        variance += np.bincount(index, variance_dn2[is_used].astype(np.float64), minlength=_BINS)
+    is_seen = count > 0
+    if not is_seen.any():
+        return _NoiseLine(offset_dn2=QUANTISATION_DN2, slope_dn=0.0)
+    count = count[is_seen]
+    return _weighted_line(count, light[is_seen] / count, variance[is_seen] / count)
+
+
+def _weighted_line(
+    count: NDArray[np.float64], light: NDArray[np.float64], variance: NDArray[np.float64]
+) -> _NoiseLine:
+    """Least squares, weighted by the scatter of a mean variance: in proportion to it."""
+    overall = max(float(np.average(variance, weights=count)), QUANTISATION_DN2)
+    line = _NoiseLine(offset_dn2=overall, slope_dn=0.0)
+    for _ in range(_LINE_ROUNDS):
+        weight = count / line.variance_dn2(light) ** 2
+        centre = float(np.average(light, weights=weight))
+        middle = float(np.average(variance, weights=weight))
+        moment = float(np.sum(weight * (light - centre) ** 2))
+        slope = float(np.sum(weight * (light - centre) * variance)) / moment if moment > 0 else 0.0
+        slope = max(slope, 0.0)
+        offset = middle - slope * centre
+        if offset < QUANTISATION_DN2:
+            # Without dark noise the line goes through what rounding leaves.
+            offset = QUANTISATION_DN2
+            power = float(np.sum(weight * light**2))
+            slope = max(float(np.sum(weight * light * (variance - offset))) / power, 0.0)
+        line = _NoiseLine(offset_dn2=offset, slope_dn=slope)
+    return line
+
+
+_CLEAR_OF_CLIPPING = 4.0
 """Standard deviations of a frame between a level and the ends of the range: of the frames nearer
 than that some are cut off, and their mean is biased. Beyond it the bias is 1e-5 of a deviation."""
 
-SURELY_SATURATED = 1.5
+_SURELY_SATURATED = 1.5
 """Of the range: pixels to which a shorter exposure gives so much light show where it ends."""
 
-BRIGHT = 0.25
+_BRIGHT = 0.25
 """Of the range: pixels as bright as this compare the light of two exposures."""
 
-FEWEST_PIXELS = 100
+_FEWEST_PIXELS = 100
 _ROUNDS = 3
 _BLOCK_PIXELS = 2**18
 """Pixels that are merged at once, so that large sensors need little memory."""
@@ -80,30 +165,16 @@ def merge_bracket(
 
     The light of a pixel is the mean over its exposures, each weighted by ``N t^2 / v(x t)``: the
     reciprocal variance that the line of photon transfer, fitted to all pixels, gives to the
-    *pooled* estimate x. Weights from an exposure's own noisy level would favour what happened to
-    be dark. The pooled estimate covaries with every exposure alike, by its own variance; so, as
-    the weights sum to one, their dependence on it cancels to first order and no bias is left. For
-    the same reason it is the pooled estimate that decides whether an exposure clips.
+    *pooled* estimate x. Weights from an exposure's own noisy level would favour what happened to be
+    dark. The pooled estimate covaries with every exposure alike, by its own variance; so, as the
+    weights sum to one, their dependence on it cancels to first order and no bias is left. For the
+    same reason it is the pooled estimate that decides whether an exposure clips.
 
-    An exposure counts in a pixel that is 4 standard deviations of a frame clear of both ends of
-    the range, and that no frame saw saturated. Where the camera saturates below the largest level
-    (a full well), the pixels that the next shorter exposure knows to be brighter show it.
+    An exposure counts in a pixel that is 4 standard deviations of a frame clear of both ends of the
+    range, and that no frame saw saturated. Where the camera saturates below the largest level (a
+    full well), the pixels that the next shorter exposure knows to be brighter show it.
 
-    Parameters
-    ----------
-    exposures_us
-        As read back from the camera, ascending.
-    averages
-        The frames of each, all of one shape.
-    black_level_dn
-        Level without light.
-    max_level_dn
-        Largest level of the pixel format.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two exposures, or they do not ascend.
+    The exposures ascend, as read back from the camera; the averages are all of one shape.
 
     References
     ----------
@@ -172,7 +243,7 @@ class _Merging:
 
     ratios: tuple[float, ...]
     frames: tuple[int, ...]
-    line: NoiseLine
+    line: _NoiseLine
     lowest_dn: float
     top_dn: float
 
@@ -191,7 +262,7 @@ class _Merging:
             is_used[number] = is_open
             pooled, _ = self._estimate(lights, is_used)
             level = pooled * ratio
-            reach = CLEAR_OF_CLIPPING * np.sqrt(self.line.variance_dn2(level))
+            reach = _CLEAR_OF_CLIPPING * np.sqrt(self.line.variance_dn2(level))
             # Longer exposures of a pixel that saturates in this one saturate as well.
             is_open &= level + reach < self.top_dn
             is_used[number] &= is_open & (level - reach > self.lowest_dn)
@@ -257,8 +328,8 @@ def _saturation_dn(
         shorter, longer = averages[number - 1], averages[number]
         ratio = exposures_us[number] / exposures_us[number - 1]
         expected = (shorter.mean_dn - black_level_dn) * ratio
-        level = longer.mean_dn[expected > SURELY_SATURATED * range_dn]
-        if level.size >= FEWEST_PIXELS:
+        level = longer.mean_dn[expected > _SURELY_SATURATED * range_dn]
+        if level.size >= _FEWEST_PIXELS:
             # Full wells differ by pixel: the first of a hundred to fill counts for all.
             found.append(float(np.percentile(level, 1)))
     return min(found)
@@ -278,8 +349,8 @@ def _summary(
         shorter = averages[number - 1]
         light = averaged.mean_dn.astype(np.float64) - black_level_dn
         is_bright = is_used[number] & is_used[number - 1]
-        is_bright &= light > BRIGHT * (max_level_dn - black_level_dn)
-        if np.count_nonzero(is_bright) >= FEWEST_PIXELS:
+        is_bright &= light > _BRIGHT * (max_level_dn - black_level_dn)
+        if np.count_nonzero(is_bright) >= _FEWEST_PIXELS:
             less = float(shorter.mean_dn[is_bright].astype(np.float64).mean()) - black_level_dn
             scale = exposures_us[number - 1] / exposures_us[number]
             light_ratio = float(light[is_bright].mean()) * scale / less if less > 0 else None

@@ -1,37 +1,39 @@
-"""The metadata of a session as OME-XML.
+"""A session as OME-TIFF (BigTIFF) or OME-Zarr 0.5, with its metadata as OME-XML.
 
 Each capture is an image of its own, since the scale differs from height to height: its channels
-are the mean and the temporal variance of one frame.
+are the mean and the temporal variance of one frame, float32.
 
 References
 ----------
 Open Microscopy Environment: OME data model, schema of June 2016,
 http://www.openmicroscopy.org/Schemas/OME/2016-06.
+OME-NGFF 0.5, https://ngff.openmicroscopy.org/0.5: ``multiscales``, and the layout of
+``bioformats2raw``, which holds several images and ``OME/METADATA.ome.xml``.
 """
 
 import json
 from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
 from uuid import uuid4
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import tifffile
 
-from acquisition.session import CaptureRecord, Session
+from acquisition.session import CaptureImages, CaptureRecord, Session
 from acquisition.session_export.source import ExportSource
 
-NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
+_NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _PROVENANCE, _SESSION = "Annotation:0", "Annotation:1"
 _FIRST_RECORD = 2
 
 
-class OmeDocument:
+class _OmeDocument:
     """OME-XML of an export, made image by image; ``to_bytes`` at the end.
 
-    Parameters
-    ----------
-    has_pixels_here
-        Whether the pixels lie in the TIFF file that holds the XML; beside it otherwise.
+    ``has_pixels_here`` is whether the pixels lie in the TIFF file that holds the XML.
     """
 
     def __init__(self, source: ExportSource, *, has_pixels_here: bool) -> None:
@@ -50,7 +52,7 @@ class OmeDocument:
         annotation = f"Annotation:{number + _FIRST_RECORD}"
         facts = {key: value for key, value in record.to_json().items() if value is not None}
         self._annotations.append(_map_annotation(annotation, "standoff/capture", facts))
-        image = ET.Element("Image", {"ID": f"Image:{number}", "Name": image_name(record)})
+        image = ET.Element("Image", {"ID": f"Image:{number}", "Name": _image_name(record)})
         _text(image, "AcquisitionDate", record.started_utc)
         ET.SubElement(image, "ExperimenterRef", {"ID": "Experimenter:0"})
         _text(image, "Description", _description(record))
@@ -68,9 +70,9 @@ class OmeDocument:
         root = ET.Element(
             "OME",
             {
-                "xmlns": NAMESPACE,
+                "xmlns": _NAMESPACE,
                 "xmlns:xsi": _XSI,
-                "xsi:schemaLocation": f"{NAMESPACE} {NAMESPACE}/ome.xsd",
+                "xsi:schemaLocation": f"{_NAMESPACE} {_NAMESPACE}/ome.xsd",
                 "Creator": f"standoff {self._source.provenance['version']}",
                 "UUID": f"urn:uuid:{uuid4()}",
             },
@@ -127,7 +129,7 @@ class OmeDocument:
         return pixels
 
 
-def image_name(record: CaptureRecord) -> str:
+def _image_name(record: CaptureRecord) -> str:
     """Name of a capture, as its file is called."""
     return record.file.rpartition("/")[2].removesuffix(".tif")
 
@@ -210,3 +212,104 @@ def _printed(text: str) -> str:
 
 def _number(value: float) -> str:
     return np.format_float_positional(value, trim="-")
+
+
+def write_ome_tiff(path: Path, source: ExportSource) -> None:
+    """Write every capture; the OME-XML, which names the pages, comes last."""
+    document = _OmeDocument(source, has_pixels_here=True)
+    with tifffile.TiffWriter(path, bigtiff=True, byteorder="<", ome=False) as file:
+        description = "to be replaced"
+        for images in source.captures():
+            planes = [images.mean_dn]
+            if images.variance_dn2 is not None:
+                planes.append(images.variance_dn2)
+            for plane in planes:
+                file.write(
+                    plane,
+                    photometric="minisblack",
+                    metadata=None,
+                    description=description,
+                    software="standoff",
+                )
+                description = ""
+            document.add(images.record, images.mean_dn.shape, len(planes))
+    tifffile.tiffcomment(path, document.to_bytes())
+
+
+_VERSION = "0.5"
+_CHUNK_PX = 1024
+
+
+def write_ome_zarr(path: Path, source: ExportSource) -> None:
+    """Write every capture as an image ``(c, z, y, x)``: z is its height."""
+    import zarr
+
+    document = _OmeDocument(source, has_pixels_here=False)
+    layout = {"ome": {"version": _VERSION, "bioformats2raw.layout": 3}}
+    made = {"standoff": {"provenance": dict(source.provenance)}}
+    root = zarr.create_group(path, zarr_format=3, attributes={**layout, **made})
+    series = []
+    for number, images in enumerate(source.captures()):
+        name = str(number)
+        group = root.create_group(name, attributes=_image_attributes(images, source))
+        planes = _planes(images)
+        channels, _, rows, cols = planes.shape
+        array = group.create_array(
+            "0",
+            shape=planes.shape,
+            chunks=(1, 1, min(rows, _CHUNK_PX), min(cols, _CHUNK_PX)),
+            dtype=planes.dtype,
+            dimension_names=["c", "z", "y", "x"],
+        )
+        array[...] = planes
+        document.add(images.record, (rows, cols), channels)
+        series.append(name)
+    root.create_group("OME", attributes={"ome": {"version": _VERSION, "series": series}})
+    (path / "OME" / "METADATA.ome.xml").write_bytes(document.to_bytes())
+
+
+def _planes(images: CaptureImages) -> np.ndarray[Any, np.dtype[np.float32]]:
+    channels = [images.mean_dn]
+    if images.variance_dn2 is not None:
+        channels.append(images.variance_dn2)
+    return np.stack(channels)[:, np.newaxis]
+
+
+def _image_attributes(images: CaptureImages, source: ExportSource) -> dict[str, Any]:
+    record = images.record
+    scale = source.scale_px_per_mm(record)
+    pixel, unit = (1.0, {}) if scale is None else (1 / scale, {"unit": "millimeter"})
+    multiscale = {
+        "name": _image_name(record),
+        "axes": [
+            {"name": "c", "type": "channel"},
+            {"name": "z", "type": "space", "unit": "millimeter"},
+            {"name": "y", "type": "space", **unit},
+            {"name": "x", "type": "space", **unit},
+        ],
+        "datasets": [
+            {
+                "path": "0",
+                "coordinateTransformations": [
+                    {"type": "scale", "scale": [1.0, 1.0, pixel, pixel]},
+                    {"type": "translation", "translation": [0.0, record.height_mm, 0.0, 0.0]},
+                ],
+            }
+        ],
+    }
+    windows = {"mean": (0.0, record.max_level_dn)}
+    if images.variance_dn2 is not None:
+        windows["variance"] = (0.0, float(images.variance_dn2.max()) or 1.0)
+    channels = [
+        {
+            "label": label,
+            "color": "FFFFFF",
+            "active": label == "mean",
+            "window": {"min": low, "start": low, "end": high, "max": high},
+        }
+        for label, (low, high) in windows.items()
+    ]
+    return {
+        "ome": {"version": _VERSION, "multiscales": [multiscale], "omero": {"channels": channels}},
+        "standoff": {"capture": record.to_json()},
+    }
