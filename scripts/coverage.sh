@@ -19,9 +19,9 @@ NUMBA_DISABLE_JIT=1 $python -m pytest -n 2 -m "not slow" -k "not ($left_out)" \
     tests/acquisition/{test_averaging,focus/test_measures,aravis/test_pixel_decoding}.py \
     tests/calibration/edge_search/test_{detection,segments}.py \
     tests/calibration/edges/test_{esfr,fit,model,penalised_spline,residuals,samples}.py \
-    tests/hil_mocks/scene/test_render.py tests/simulation/resampling/test_banded.py
+    tests/hil_mocks/scene/test_render.py tests/simulation/test_resampling.py
 NUMBA_DISABLE_JIT=1 $python -m pytest -n 2 --cov --cov-append --cov-report= \
-    tests/simulation/pose/test_lens.py tests/simulation/pose/test_simulate.py \
+    tests/simulation/pose/test_warp.py tests/simulation/pose/test_simulate.py \
     -k "definition or derivative or a_ramp_keeps or outside_and_zero or indefinite_blur"
 
 for package in acquisition calibration simulation analysis hil_mocks standoff; do

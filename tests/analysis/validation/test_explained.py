@@ -9,7 +9,7 @@ from calibration.registration import DistortedPose
 from simulation import GaussianPsf, zoom_out_on_grid
 from simulation.arrays import FloatArray
 from simulation.sampling_grid import simulate_at
-from tests.simulation.uncertainty.wave_scene import WaveScene
+from tests.simulation.wave_scene import WaveScene
 
 SHAPE, ZOOM, SIGMA_PX, NOISE_DN = (200, 240), 1.5, 0.8, 1.0
 

@@ -1,4 +1,4 @@
-"""Poses seen through a lens with radial distortion."""
+"""Poses seen without and through a lens with radial distortion."""
 
 from math import hypot
 
@@ -12,13 +12,52 @@ from simulation import GaussianPsf, PoseOptions, simulate_pose
 from simulation.arrays import FloatArray
 from simulation.pose.view import PoseView
 from simulation.pose.view_filter import pose_noise_gain
-from simulation.pose.warp import ideal_factors, lens_of, seen_factors, warped
+from simulation.pose.warp import (
+    ideal_factors,
+    lens_of,
+    project,
+    projection_depth,
+    projection_slopes,
+    seen_factors,
+    warped,
+)
 from tests.simulation.poses import PHOTOGRAPH, PSF, TILTED_PSF, tilted
+
+MATRIX = np.array([[1.4, 0.1, -20.0], [-0.2, 1.3, 5.0], [2e-4, -1e-4, 1.1]])
+COORDINATE = st.floats(-500.0, 500.0)
+
+
+@given(x=COORDINATE, y=COORDINATE)
+def test_a_point_goes_where_the_matrix_takes_it(x: float, y: float) -> None:
+    u, v, w = MATRIX @ [x, y, 1.0]
+    assert projection_depth(MATRIX, x, y) == pytest.approx(w, rel=1e-14)
+    np.testing.assert_allclose(project(MATRIX, x, y), (u / w, v / w), rtol=1e-13, atol=1e-12)
+
+
+@given(x=COORDINATE, y=COORDINATE)
+def test_the_slopes_are_the_derivative(x: float, y: float) -> None:
+    step = 1e-3
+    ahead_x, back_x = (project(MATRIX, x + s, y) for s in (step, -step))
+    ahead_y, back_y = (project(MATRIX, x, y + s) for s in (step, -step))
+    along_x, along_y = (
+        np.subtract(ahead, back) / (2 * step)
+        for ahead, back in ((ahead_x, back_x), (ahead_y, back_y))
+    )
+    a, b, c, d = projection_slopes(MATRIX, x, y)
+    np.testing.assert_allclose([[a, b], [c, d]], np.column_stack([along_x, along_y]), atol=1e-8)
+
+
+def test_arrays_of_any_shape_are_taken_point_by_point() -> None:
+    y, x = np.mgrid[:3, :4].astype(np.float64)
+    to_x, to_y = project(MATRIX, x, y)
+    assert to_x.shape == to_y.shape == (3, 4)
+    assert (to_x[2, 1], to_y[2, 1]) == project(MATRIX, 1.0, 2.0)
+
 
 ROWS, COLS = 90, 120
 MIDDLE_X, MIDDLE_Y = (COLS - 1) / 2, (ROWS - 1) / 2
 CORNER_PX = hypot(MIDDLE_X, MIDDLE_Y)
-MATRIX = tilted(150.0, (COLS, ROWS), 7.0, 1.4)
+POSE = tilted(150.0, (COLS, ROWS), 7.0, 1.4)
 
 
 def seen_place(matrix: FloatArray, k1: float, x: float, y: float) -> tuple[float, float]:
@@ -34,7 +73,7 @@ def seen_place(matrix: FloatArray, k1: float, x: float, y: float) -> tuple[float
 
 
 def view(k1: float, psf: GaussianPsf = PSF) -> PoseView:
-    return PoseView.of(MATRIX, (ROWS, COLS), (COLS, ROWS), psf, None, k1)
+    return PoseView.of(POSE, (ROWS, COLS), (COLS, ROWS), psf, None, k1)
 
 
 @given(
@@ -46,10 +85,10 @@ def view(k1: float, psf: GaussianPsf = PSF) -> PoseView:
 @example(k1=-0.109375, x=119.0, y=0.0)
 def test_a_place_is_where_the_definition_puts_it(k1: float, x: float, y: float) -> None:
     found = view(k1).survey(np.array([y]), np.array([x]))[0, 0, :2]
-    defined = seen_place(MATRIX, k1, x, y)
+    defined = seen_place(POSE, k1, x, y)
     np.testing.assert_allclose(found, defined, rtol=0, atol=1e-9)
     lens = lens_of(k1, (ROWS, COLS), (ROWS, COLS))
-    found = warped(MATRIX, lens, np.array([[x, y]]))[0]
+    found = warped(POSE, lens, np.array([[x, y]]))[0]
     np.testing.assert_allclose(found, defined, rtol=0, atol=1e-9)
 
 
@@ -61,8 +100,8 @@ def test_a_place_is_where_the_definition_puts_it(k1: float, x: float, y: float) 
 def test_the_missing_blur_is_that_of_the_derivative(k1: float, x: float, y: float) -> None:
     # A by central differences of the definition; what is missing is A Sigma A^T - Sigma.
     step = 1e-4
-    ahead_x, back_x = (seen_place(MATRIX, k1, x + s, y) for s in (step, -step))
-    ahead_y, back_y = (seen_place(MATRIX, k1, x, y + s) for s in (step, -step))
+    ahead_x, back_x = (seen_place(POSE, k1, x + s, y) for s in (step, -step))
+    ahead_y, back_y = (seen_place(POSE, k1, x, y + s) for s in (step, -step))
     a = np.column_stack([np.subtract(ahead_x, back_x), np.subtract(ahead_y, back_y)]) / (2 * step)
     sigma = np.asarray(TILTED_PSF.covariance_px2)
     missing = a @ sigma @ a.T - sigma
@@ -128,9 +167,9 @@ def test_a_seen_radius_that_the_lens_cannot_show_is_taken_to_the_fold() -> None:
 def test_a_ramp_keeps_its_level_at_every_place() -> None:
     # A blur leaves a ramp as it is, so that the level is the place.
     x = np.broadcast_to(np.arange(COLS, dtype=np.float64), (ROWS, COLS)).copy()
-    followup = simulate_pose(x, MATRIX, (COLS, ROWS), PSF, PoseOptions(distortion_k1=-0.05))
+    followup = simulate_pose(x, POSE, (COLS, ROWS), PSF, PoseOptions(distortion_k1=-0.05))
     for row, col in ((20, 30), (45, 60), (70, 85)):
-        place = seen_place(MATRIX, -0.05, col, row)[0]
+        place = seen_place(POSE, -0.05, col, row)[0]
         assert 10 < place < COLS - 10  # the border's mirror image is out of reach
         assert followup.image[row, col] == pytest.approx(place, abs=1e-3)
 
@@ -195,12 +234,12 @@ def test_tiles_join_without_a_seam() -> None:
 def test_noise_is_passed_on_where_the_lens_puts_it() -> None:
     # The mean of squared weights, over noise that is drawn.
     rng = np.random.default_rng(5)
-    gain = pose_noise_gain(MATRIX, (ROWS, COLS), (COLS, ROWS), PSF, PoseOptions(distortion_k1=0.1))
+    gain = pose_noise_gain(POSE, (ROWS, COLS), (COLS, ROWS), PSF, PoseOptions(distortion_k1=0.1))
     found = np.mean(
         [
             simulate_pose(
                 rng.standard_normal((ROWS, COLS)),
-                MATRIX,
+                POSE,
                 (COLS, ROWS),
                 PSF,
                 PoseOptions(distortion_k1=0.1),

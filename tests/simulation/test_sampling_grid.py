@@ -1,3 +1,5 @@
+"""Pixels of a follow-up on a grid and scattered over the reference."""
+
 from functools import partial
 
 import numpy as np
@@ -8,7 +10,47 @@ from numpy.typing import NDArray
 from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import FloatArray
 from simulation.sampling_grid import simulate_at
+from simulation.zoom import BlurredSpline
 from tests.simulation.closed_form import photograph, random_scene
+
+
+def test_a_centred_grid_follows_the_stated_formula() -> None:
+    zoom, rows, cols = 1.7, 30, 47
+    grid = SamplingGrid.centred((rows, cols), zoom)
+    n = int(rows / zoom)
+    assert (grid.rows, grid.cols) == (17, 27)
+    np.testing.assert_allclose(
+        grid.rows_px, (np.arange(n) - (n - 1) / 2) * zoom + (rows - 1) / 2, atol=1e-12
+    )
+
+
+def test_a_size_that_divides_but_for_rounding_is_not_cut_by_a_pixel() -> None:
+    assert 33 / 1.1 < 30  # rounding
+    assert SamplingGrid.centred((33, 33), 1.1).rows == 30
+
+
+@pytest.mark.parametrize("zoom", [0.999, 0.0, -1.0, float("nan"), float("inf")])
+def test_a_zoom_that_is_not_a_zoom_out_is_refused(zoom: float) -> None:
+    with pytest.raises(ValueError):
+        SamplingGrid.centred((30, 30), zoom)
+
+
+def test_an_image_smaller_than_the_zoom_is_refused() -> None:
+    with pytest.raises(ValueError):
+        SamplingGrid.centred((30, 3), 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("zoom_y", 0.98), ("zoom_x", np.nan), ("origin_y_px", np.inf), ("rows", 0)],
+)
+def test_a_grid_with_an_impossible_value_is_refused(name: str, value: float) -> None:
+    values = {
+        "zoom_y": 1.5, "zoom_x": 1.5, "origin_y_px": 0.0, "origin_x_px": 0.0, "rows": 4, "cols": 4,
+    }  # fmt: skip
+    with pytest.raises(ValueError):
+        SamplingGrid(**{**values, name: value})  # type: ignore[arg-type]  # ints and floats mixed
+
 
 PSF = GaussianPsf(sigma_x_px=0.72, sigma_y_px=0.64, rho=0.2)
 SHAPE = (90, 120)
@@ -68,3 +110,24 @@ def test_places_outside_the_reference_are_refused() -> None:
         simulate_at(
             partial(on_grid, model="matched"), SHAPE, 1.5, np.array([91.0]), np.array([5.0])
         )
+
+
+SEEN = photograph(random_scene(5, 300, 250), (90, 120), 1.0, 0.6, (-45, -60))
+
+
+@pytest.mark.parametrize("zoom", [1.0, 1.3, 2.5])
+def test_on_a_grid_it_is_the_matched_model(zoom: float) -> None:
+    grid = SamplingGrid.centred((90, 120), zoom)
+    y, x = np.meshgrid(grid.rows_px, grid.cols_px, indexing="ij")
+    found = BlurredSpline.of(SEEN, PSF, zoom).at(y, x)
+    expected = zoom_out_on_grid(SEEN, grid, PSF, "matched")
+    # Both cut the kernels' tails where weights are below 1e-3, one of them a second time.
+    np.testing.assert_allclose(found, expected, atol=0.1)
+
+
+@settings(max_examples=15)
+@given(level=st.floats(-1e3, 1e3), zoom=st.floats(0.99, 3.5))
+def test_a_constant_stays_a_constant_even_beyond_the_border(level: float, zoom: float) -> None:
+    spline = BlurredSpline.of(np.full((40, 50), level), PSF, zoom)
+    places = np.array([-3.0, 0.3, 17.71, 43.0])
+    np.testing.assert_allclose(spline.at(places, places[::-1]), level, rtol=1e-9, atol=1e-9)
