@@ -17,7 +17,7 @@ from acquisition.bracket import merge_bracket
 from acquisition.exposure_control import ExposedFrames, ExposureControl
 from benchmarks.harness import Recorder, bench_parser
 from hil_mocks import SimulatedBench
-from tests.acquisition.bracket.watched_camera import WatchedCamera
+from tests.acquisition.watched_camera import WatchedCamera
 
 SHORTEST_US = 9000.0
 RATIOS = (1.0, 10.0, 100.0, 1000.0)

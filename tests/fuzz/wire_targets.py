@@ -20,8 +20,8 @@ from hil_mocks.stages.grbl import GrblFirmware
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.serial_line import LineFaults, SerialLine
 from hil_mocks.stages.zaber import ZaberFirmware
-from tests.acquisition.aravis.description.test_unpacking import packed
 from tests.acquisition.aravis.description_texts import simulated, with_nodes
+from tests.acquisition.aravis.test_network import packed
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget
 from tests.hil_mocks.gige_wire import (

@@ -6,8 +6,8 @@ import pytest
 from acquisition.devices import Frame
 from acquisition.errors import CameraFeatureError, CaptureError, StreamInterruptedError
 from acquisition.exposure_control import ExposedFrames, ExposureControl
-from tests.acquisition.bracket.watched_camera import WatchedCamera
 from tests.acquisition.fakes import SETTINGS, ScriptedCamera, frame
+from tests.acquisition.watched_camera import WatchedCamera
 from tests.hil_mocks.benches import homed_bench
 
 FRAMES = 3

@@ -1,25 +1,189 @@
+"""Descriptions of cameras: their nodes, what refers to what, and what is refused."""
+
+from contextlib import suppress
 from itertools import pairwise
 
 import pytest
 from hypothesis import example, given, strategies as st
 
 from acquisition.aravis.description import (
+    DEEPEST_ELEMENT,
+    LARGEST_BYTES,
     LONGEST_CHAIN,
+    LONGEST_REGISTER_BYTES,
+    MOST_ELEMENTS,
     MOST_EVALUATIONS,
+    DescriptionError,
     Node,
     Property,
     parse_nodes,
     require_sound_description,
 )
 from acquisition.errors import CameraDescriptionError
+from hil_mocks.gige.bootstrap import maker_identity
+from hil_mocks.gige.description import describe
+from hil_mocks.gige.feature import Maker
+from hil_mocks.gige.features import MAKERS, features_of
 from tests.acquisition.aravis.description_texts import (
     CIRCLES,
     HARMLESS,
+    HEAD,
+    TAIL,
     description,
     graph_of,
     in_a_row,
     node,
+    simulated,
 )
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_the_simulated_cameras_of_all_makers_are_sound(maker: Maker) -> None:
+    identity = maker_identity(maker)
+    features = features_of(None, has_temperature=True, maker=maker)
+    text = describe(features, vendor=identity.vendor, model=identity.model)
+    sound = require_sound_description(text, "the camera")
+    assert sound.nodes_of("Width") == ("Width", "WidthReg")
+
+
+def register(kind: str, length: str) -> bytes:
+    return description(
+        node("Integer", "N", "<Value>4</Value>"),
+        node(kind, "A", f"<Address>0xa010</Address>{length}<pPort>Device</pPort>"),
+    )
+
+
+@pytest.mark.parametrize("length", ["-1", "0", "", "four", "0x7fffffffffffffff", "1048577", "1e99"])
+@pytest.mark.parametrize("kind", ["IntReg", "MaskedIntReg", "FloatReg", "StringReg", "StructReg"])
+def test_a_register_of_an_impossible_length_is_refused(kind: str, length: str) -> None:
+    with pytest.raises(CameraDescriptionError) as refused:
+        require_sound_description(register(kind, f"<Length>{length}</Length>"), "the camera")
+    assert (refused.value.fault, refused.value.nodes) == ("register", ("A",))
+
+
+@pytest.mark.parametrize("length", ["", "<Length>4</Length>", "<Length>0x8</Length>"])
+def test_registers_of_usual_lengths_are_sound(length: str) -> None:
+    require_sound_description(register("IntReg", length), "the camera")
+    most = f"<Length>{LONGEST_REGISTER_BYTES}</Length>"
+    require_sound_description(register("Register", most), "the camera")
+
+
+def test_only_texts_and_raw_registers_may_leave_their_length_to_another_node() -> None:
+    for kind in ("IntReg", "MaskedIntReg", "FloatReg", "StructReg"):
+        with pytest.raises(CameraDescriptionError):
+            require_sound_description(register(kind, "<pLength>N</pLength>"), "the camera")
+    sound = require_sound_description(register("StringReg", "<pLength>N</pLength>"), "the camera")
+    assert sound.of_open_length == {"A"}
+    assert set(sound.nodes_of("A")) == {"A", "N"}
+
+
+def test_registers_in_chunks_are_known_by_their_port() -> None:
+    chunk = description(
+        '<Port Name="ChunkPort"><ChunkID>12</ChunkID></Port>',
+        node("IntReg", "C", "<Address>0</Address><Length>4</Length><pPort>ChunkPort</pPort>"),
+        node("Integer", "A", "<pValue>C</pValue>"),
+    )
+    sound = require_sound_description(chunk, "the camera")
+    assert sound.in_chunks == {"C"}
+
+
+def test_two_nodes_of_one_name_and_different_kinds_are_refused() -> None:
+    with pytest.raises(CameraDescriptionError) as refused:
+        require_sound_description(description(node("Float", "R", "<Value>1</Value>")), "it")
+    assert refused.value.nodes == ("R",)
+
+
+def test_names_with_escape_bytes_come_out_printable() -> None:
+    odd = description(node("Integer", "A&#x9b;31m", "<pValue>A&#x9b;31m</pValue>"))
+    with pytest.raises(CameraDescriptionError) as refused:
+        require_sound_description(odd, "the camera")
+    assert str(refused.value).isprintable()
+
+
+def refusal(data: bytes) -> DescriptionError:
+    with pytest.raises(DescriptionError) as refused:
+        parse_nodes(data)
+    return refused.value
+
+
+def test_the_nodes_of_the_simulated_camera_are_all_there() -> None:
+    nodes = parse_nodes(simulated())
+    assert nodes["Width"].kind == "Integer"
+    assert [*nodes["Width"].texts("pValue")] == ["WidthReg"]
+    assert [*nodes["WidthReg"].texts("Length")] == ["4"]
+    assert nodes["TriggerMode"].evaluated_with == ["TriggerMode.Off", "TriggerMode.On"]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"no description",
+        HEAD.encode(),
+        f"{HEAD}<Integer></Float>{TAIL}".encode(),
+        f"{HEAD}<Integer Name='A' Name='B'/>{TAIL}".encode(),
+        f"{HEAD}&undefined;{TAIL}".encode(),
+        f"{HEAD}{TAIL}{HEAD}{TAIL}".encode(),
+        b"<html><body>404</body></html>",
+        description(node("Integer", "A", "<Value>\xff</Value>")).replace(b"\xc3", b""),
+        description().replace(b"utf-8", b"utf-7"),
+        description().replace(b"utf-8", b"no-such-encoding"),
+        description().decode().encode("utf-16"),
+    ],
+)
+def test_what_is_no_well_formed_description_is_refused(data: bytes) -> None:
+    assert refusal(data).fault == "not XML"
+
+
+@pytest.mark.parametrize(
+    "doctype",
+    [
+        "<!DOCTYPE RegisterDescription>",
+        '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>',
+        '<!DOCTYPE r SYSTEM "file:///etc/passwd">',
+    ],
+)
+def test_a_document_type_is_refused_before_anything_in_it_is_expanded(doctype: str) -> None:
+    data = description(node("String", "A", "<Value>&b;</Value>"))
+    refused = refusal(
+        data.replace(b"<RegisterDescription", doctype.encode() + b"<RegisterDescription", 1)
+    )
+    assert "document type" in str(refused)
+
+
+def test_what_is_larger_or_deeper_than_any_camera_is_refused() -> None:
+    deep = "<Group>" * DEEPEST_ELEMENT + "</Group>" * DEEPEST_ELEMENT
+    for data in (
+        description(" " * LARGEST_BYTES),
+        description(deep),
+        description("<a/>" * MOST_ELEMENTS),
+        description(node("Integer", "A" * 2000, "")),
+    ):
+        assert refusal(data).fault == "too large"
+
+
+@pytest.mark.parametrize("encoding", ["iso-8859-1", "windows-1252", "gb2312", "utf-8"])
+def test_descriptions_in_other_encodings_are_read(encoding: str) -> None:
+    text = description(node("String", "A", "<Value>25 °C</Value>")).decode("utf-8")
+    data = text.replace("utf-8", encoding).encode(encoding)
+    assert [*parse_nodes(data)["A"].texts("Value")] == ["25 °C"]
+
+
+def test_zero_bytes_after_the_end_and_a_mark_before_the_begin_are_no_damage() -> None:
+    assert "R" in parse_nodes(b"\xef\xbb\xbf" + description() + b"\n\0\0\0\xff")
+
+
+def test_what_aravis_skips_is_skipped() -> None:
+    odd = "<Extension><Integer Name='A'><pValue>A</pValue></Integer></Extension>"
+    assert "A" not in parse_nodes(description(odd))
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(data: bytes) -> None:
+    for text in (data, HEAD.encode() + data + TAIL.encode()):
+        with suppress(DescriptionError):
+            parse_nodes(text)
+
 
 NAMES = tuple("ABCDEFGH")
 

@@ -1,3 +1,5 @@
+"""The formulas of descriptions."""
+
 import operator
 
 import pytest
