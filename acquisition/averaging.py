@@ -1,56 +1,97 @@
-"""Average frames into one capture: exact mean, temporal variance and stream faults."""
+"""Average frames into one capture: exact mean, temporal variance and stream faults.
+
+Frames are summed exactly. Work is begun anew when its stream breaks off, as long as a lost camera
+is waited for.
+"""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.devices import Camera, CameraSettings, Frame, FrameImage, StreamStatistics
-from acquisition.errors import CaptureError, DeviceError, DeviceTimeoutError
+from acquisition.errors import CaptureError, DeviceError, DeviceTimeoutError, StreamInterruptedError
 from acquisition.frame_sums import FrameSums
 
-MAX_FRAMES = 10_000
+T = TypeVar("T")
+
+_RESTARTS_PER_S = 2.0
+"""A stream breaks off after a second at the least: more restarts than this are no stalls."""
+
+
+def restarted(
+    work: Callable[[], T],
+    *,
+    timeout_s: float,
+    clock: Callable[[], float],
+    interrupted: Callable[[StreamInterruptedError], None] = lambda _: None,
+) -> T:
+    """Do some work, from its beginning again each time its stream breaks off.
+
+    A busy computer, or a network that is full for a moment, breaks a stream off for a second at a
+    time and more than once: that ends nothing. The start of a stream reopens a camera. ``work``
+    streams from a start of its own; what it had until an interruption is dropped. ``timeout_s`` is
+    the time after the first interruption in which another one begins the work anew once more; it is
+    begun anew once in any case. ``interrupted`` is called with each interruption before that.
+    """
+    first_s: float | None = None
+    restarts = 0
+    while True:
+        try:
+            return work()
+        except StreamInterruptedError as error:
+            now_s = clock()
+            first_s = now_s if first_s is None else first_s
+            is_late = now_s - first_s > timeout_s or restarts > _RESTARTS_PER_S * timeout_s
+            if restarts > 0 and is_late:
+                raise
+            restarts += 1
+            interrupted(error)
+
+
+_MAX_FRAMES = 10_000
 """Bound that keeps every sum of 16-bit levels exact: N 2^16 < 2^32 and N^2 2^32 < 2^64."""
 
 PATIENCE_S, PATIENCE_PERIODS = 3.0, 10
 """A capture without a good frame for the longer of these two times has failed. A busy machine that
 fetches 60 frames a second at 5 is far from it; no fault that ends by itself lasts as long."""
 
-TORN_IN_A_ROW = 3
+_TORN_IN_A_ROW = 3
 """Fewest refused frames without a good one between them that end a capture: a machine that was
 suspended for longer than `PATIENCE_S` finds the frame on the wire torn, and the next one whole."""
 
-CEILING_S, CEILING_PERIODS = 60.0, 20
+_CEILING_S, _CEILING_PERIODS = 60.0, 20
 """A capture may take this long, and this many frame periods for each frame: beyond it the light has
 changed more than any average is worth."""
 
-STALLED_REMEDY = "check the camera's power, cable and trigger, then run again"
-TORN_REMEDY = (
+_STALLED_REMEDY = "check the camera's power, cable and trigger, then run again"
+_TORN_REMEDY = (
     "use larger packets (jumbo frames: MTU 9000), a larger receive buffer (net.core.rmem_max), a "
     "lower camera.frame_rate_hz or camera.bandwidth_limit_bytes_per_s, or another cable, switch or "
     "network card (`standoff doctor` says more), then run again"
 )
-SHAPE_REMEDY = "restart the camera, then run again"
-EXPOSURE_REMEDY = (
+_SHAPE_REMEDY = "restart the camera, then run again"
+_EXPOSURE_REMEDY = (
     "the camera states another exposure than it was set to; switch its automatic exposure and "
     "sequencer off, then run again"
 )
-GAIN_REMEDY = (
+_GAIN_REMEDY = (
     "the camera states another gain than it was set to; switch its automatic gain and sequencer "
     "off, then run again"
 )
-SLOW_REMEDY = "end other programs or ask for fewer frames_per_capture, then run again"
+_SLOW_REMEDY = "end other programs or ask for fewer frames_per_capture, then run again"
 
 
-EXPOSURE_STEP_US = 1.0
-EXPOSURE_ROUNDING = 1e-3
+_EXPOSURE_STEP_US = 1.0
+_EXPOSURE_ROUNDING = 1e-3
 """A frame's exposure may differ from the one read back by the larger of the two: some cameras
 state it in whole microseconds, others in rows of the sensor."""
 
-GAIN_STEP, GAIN_ROUNDING = 0.1, 1e-2
+_GAIN_STEP, _GAIN_ROUNDING = 0.1, 1e-2
 """The same of its gain, in the camera's unit: some state it to a tenth of a decibel."""
 
 
@@ -89,39 +130,23 @@ def average_frames(
     is_stale: Callable[[Frame], bool] | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> AveragedFrames:
-    """Stream until ``frames_asked`` good frames are averaged, never fewer.
+    """Stream until ``frames_asked`` good frames are averaged, 2 to 10 000, never fewer.
 
     The first frame after the start is skipped (its exposure may have begun before). Incomplete
     frames, repeated frame ids, frames of the wrong shape and those for which the camera states
     another exposure are replaced as long as good ones come: what counts is progress, not the frame
     rate. A capture fails that gets no good frame for 3 s (or 10 frame periods), that after this
     time has refused more than two frames for each one asked for, or that takes 60 s and 20 frame
-    periods for each frame. The stream is stopped whatever happens.
+    periods for each frame. The stream is stopped whatever happens; the camera must not be streaming
+    before.
 
-    Parameters
-    ----------
-    camera
-        Opened and configured; it must not be streaming.
-    frames_asked
-        Number of frames N in the average, 2 to 10 000.
-    keep_frame
-        Called with every frame that goes into the average, in order. Those frames must be
-        discarded if the average fails.
-    is_stale
-        Called with every good frame; those of which it says that they were exposed before the
-        exposure was changed are left out. What it raises ends the average.
-    clock
-        Monotonic time in seconds.
-
-    Raises
-    ------
-    CaptureError
-        If the frames or the time ran out; the error says how many frames were good and why.
-    DeviceDisconnectedError
-        If the camera is gone.
+    ``keep_frame`` is called with every frame that goes into the average, in order; those frames
+    must be discarded if the average fails. ``is_stale`` is called with every good frame; those of
+    which it says that they were exposed before the exposure was changed are left out. What it
+    raises ends the average.
     """
-    if not 2 <= frames_asked <= MAX_FRAMES:
-        raise ValueError(f"frames_asked must be from 2 to {MAX_FRAMES}, got {frames_asked}")
+    if not 2 <= frames_asked <= _MAX_FRAMES:
+        raise ValueError(f"frames_asked must be from 2 to {_MAX_FRAMES}, got {frames_asked}")
     settings = camera.settings
     before = camera.statistics()
     tally = _Tally(frames_asked, resends=lambda: _Resends.between(before, camera.statistics()))
@@ -225,9 +250,9 @@ class _Tally:
     def remedy(self) -> str:
         """What the operator can do about most of the frames that were refused."""
         if 2 * self.otherwise_set <= self.refused:
-            return f"{self.resends().told}{TORN_REMEDY}" if self.incomplete else SHAPE_REMEDY
+            return f"{self.resends().told}{_TORN_REMEDY}" if self.incomplete else _SHAPE_REMEDY
         return (
-            EXPOSURE_REMEDY if self.otherwise_exposed >= self.otherwise_amplified else GAIN_REMEDY
+            _EXPOSURE_REMEDY if self.otherwise_exposed >= self.otherwise_amplified else _GAIN_REMEDY
         )
 
     def failure(self, reason: str) -> CaptureError:
@@ -265,7 +290,7 @@ class _Progress:
     def __init__(self, settings: CameraSettings, tally: _Tally, clock: Callable[[], float]) -> None:
         period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)
         self.patience_s = max(PATIENCE_S, PATIENCE_PERIODS * period_s)
-        self._ceiling_s = CEILING_S + CEILING_PERIODS * (tally.asked + 1) * period_s
+        self._ceiling_s = _CEILING_S + _CEILING_PERIODS * (tally.asked + 1) * period_s
         self._tally = tally
         self._clock = clock
         self._began_s = self._good_s = clock()
@@ -278,23 +303,23 @@ class _Progress:
         if tally.good > self._good:
             self._good, self._good_s, self._refused_before = tally.good, now_s, tally.refused
         if taken_s > self._ceiling_s:
-            raise tally.failure(f"not done within {self._ceiling_s:.0f} s; {SLOW_REMEDY}")
+            raise tally.failure(f"not done within {self._ceiling_s:.0f} s; {_SLOW_REMEDY}")
         in_a_row = tally.refused - self._refused_before
-        if in_a_row >= TORN_IN_A_ROW and now_s - self._good_s > self.patience_s:
+        if in_a_row >= _TORN_IN_A_ROW and now_s - self._good_s > self.patience_s:
             raise tally.failure(f"no good frame for {self.patience_s:.1f} s; {tally.remedy}")
         if tally.refused > 2 * tally.asked and taken_s > self.patience_s:
             raise tally.failure(f"gave up after {taken_s:.1f} s; {tally.remedy}")
 
     def stalled(self, error: DeviceTimeoutError) -> CaptureError:
         """Return the error of a camera that sends nothing."""
-        return self._tally.failure(f"the camera stalled ({error}); {STALLED_REMEDY}")
+        return self._tally.failure(f"the camera stalled ({error}); {_STALLED_REMEDY}")
 
 
 def _has_exposure(frame: Frame, settings: CameraSettings) -> bool:
     """Whether nothing speaks against it: not every camera states a frame's exposure."""
     if frame.exposure_us is None:
         return True
-    tolerance_us = max(EXPOSURE_STEP_US, EXPOSURE_ROUNDING * settings.exposure_us)
+    tolerance_us = max(_EXPOSURE_STEP_US, _EXPOSURE_ROUNDING * settings.exposure_us)
     return abs(frame.exposure_us - settings.exposure_us) <= tolerance_us
 
 
@@ -302,7 +327,7 @@ def _has_gain(frame: Frame, settings: CameraSettings) -> bool:
     """Whether nothing speaks against it: few cameras state a frame's gain."""
     if frame.gain is None or settings.gain is None:
         return True
-    return abs(frame.gain - settings.gain) <= max(GAIN_STEP, GAIN_ROUNDING * abs(settings.gain))
+    return abs(frame.gain - settings.gain) <= max(_GAIN_STEP, _GAIN_ROUNDING * abs(settings.gain))
 
 
 def _next_frame(camera: Camera, progress: _Progress) -> Frame:

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, DeviceError
-from acquisition.spelling import nearest_key
+from acquisition.quantities import nearest_key
 from acquisition.untrusted import parse_toml
 from acquisition.written_files import (
     WrittenTable,
@@ -31,7 +31,7 @@ _HOST_NAME = re.compile(
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, lt=1)]
+_Fraction = Annotated[float, Field(ge=0, lt=1)]
 
 
 class CameraConfig(WrittenTable):
@@ -199,10 +199,10 @@ class SimulatedConfig(WrittenTable):
     )
     f_number: Positive = 4.0
     k1: float = Field(0.0, description="radial distortion at the image corner, relative")
-    vignetting: Fraction = Field(0.0, description="relative fall-off at the image corner")
+    vignetting: _Fraction = Field(0.0, description="relative fall-off at the image corner")
     gloss: NonNegative = Field(0.0, description="peak of a highlight, relative to white paper")
-    shadow: Fraction = Field(0.0, description="relative loss of light in a soft shadow")
-    dimming_per_100mm: Fraction = Field(
+    shadow: _Fraction = Field(0.0, description="relative loss of light in a soft shadow")
+    dimming_per_100mm: _Fraction = Field(
         0.0, description="relative loss of light for every 100 mm of height"
     )
     white_e_per_us: Positive = Field(
@@ -249,13 +249,9 @@ class BenchDevices:
 
 
 def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConfig:
-    """Read a bench file, with individual keys replaced by ``overrides`` (``"camera.gain_db": 3``).
+    """Read a bench file; ``overrides`` replace individual keys (``"camera.gain_db": 3``).
 
-    Raises
-    ------
-    BenchConfigError
-        If the file cannot be read, or a key is unknown, missing or out of range;
-        the message names the file and the key.
+    A `BenchConfigError` names the file and the key that is unknown, missing or out of range.
     """
     try:
         table = read_toml(path)
@@ -282,13 +278,7 @@ def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConf
 
 
 def parse_overrides(settings: list[str]) -> dict[str, Any]:
-    """Split ``section.key=value`` arguments; a value that is not TOML is taken as text.
-
-    Raises
-    ------
-    BenchConfigError
-        If an argument is not of that form or names a key that no bench has.
-    """
+    """Split ``section.key=value`` arguments; a value that is not TOML is taken as text."""
     overrides: dict[str, Any] = {}
     known = [key for key in dotted_keys(BenchConfig) if "." in key]
     for setting in settings:
@@ -338,13 +328,7 @@ def address_fault(text: str) -> str | None:
 
 
 def resolve_address(address: str) -> str:
-    """Return the IPv4 address of a camera given by address or host name.
-
-    Raises
-    ------
-    DeviceError
-        If it does not name a single host, or the name cannot be resolved.
-    """
+    """Return the IPv4 address of a camera given by address or host name."""
     fault = address_fault(address)
     if fault is not None:
         raise DeviceError(f"camera.address: {fault}")

@@ -11,6 +11,15 @@ StageAction = Literal["status", "home", "move", "stop", "unlock"]
 FEWEST_POSITIONS = 7
 """Fewest positions of a focus sweep: its curve has five parameters, two more test the fit."""
 
+ExportFormat = Literal["ome-zarr", "ome-tiff", "nexus"]
+
+EXPORT_ENDINGS: dict[ExportFormat, tuple[str, ...]] = {
+    "ome-zarr": (".ome.zarr", ".zarr"),
+    "ome-tiff": (".ome.tif", ".ome.tiff"),
+    "nexus": (".nxs", ".nx", ".h5", ".hdf5"),
+}
+"""How a name must end, for others' readers to know the format by."""
+
 Channel = Literal["luma", "red", "green", "blue"]
 
 Pattern = Literal["RGGB", "GRBG", "GBRG", "BGGR"]

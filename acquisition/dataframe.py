@@ -16,11 +16,6 @@ def dataframe(rows: Iterable[Mapping[str, object]]) -> "DataFrame":
 
     A list of words is one cell, the words separated by spaces; a mapping becomes columns
     ``key.name``; any other list stays as it is.
-
-    Raises
-    ------
-    PandasMissingError
-        If pandas is not installed; the message says how to install it.
     """
     try:
         import pandas as pd

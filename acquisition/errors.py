@@ -242,17 +242,9 @@ SessionFault = Literal[
 class SessionError(KeepsFacts, Exception):
     """A session directory cannot be opened, trusted or written.
 
-    Parameters
-    ----------
-    fault
-        What is wrong, where a program may want to know. If the system refused something, the
-        cause is an `OSError`.
-    path
-        The file or directory at fault.
-    line
-        Line of the journal, from 1.
-    keys
-        Keys that are not accepted, or differ from those of the session.
+    ``fault`` says what is wrong, where a program may want to know. If the system refused something,
+    the cause is an `OSError`. ``path`` is the file or directory at fault, ``line`` that of the
+    journal, from 1, and ``keys`` are not accepted, or differ from those of the session.
     """
 
     def __init__(

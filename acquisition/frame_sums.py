@@ -8,23 +8,16 @@ from numpy.typing import NDArray
 
 from acquisition.devices import FrameImage
 
-AT_ONCE = 4
+_AT_ONCE = 4
 """Frames that are added at once."""
 
 
 class FrameSums:
-    """Exact integer sums over frames, so that the order of the frames cannot matter.
+    """Exact integer sums over frames ``(rows, cols)``, so that their order cannot matter.
 
     It is written for speed (``benchmarks/bench_aravis.py``): what takes time is to fetch the sums
     from memory and to store them, so that frames are added by fours. Squares are summed in 32 bits
     as long as they cannot overflow, then carried over into 64.
-
-    Parameters
-    ----------
-    shape
-        ``(rows, cols)`` of every frame.
-    max_level_dn
-        Largest level of the pixel format.
     """
 
     def __init__(self, shape: tuple[int, int], max_level_dn: int) -> None:
@@ -47,7 +40,7 @@ class FrameSums:
     def add(self, image_dn: FrameImage) -> None:
         """Add one frame of the right shape; it must not change any more."""
         self._waiting.append(_read_only(image_dn))
-        if len(self._waiting) == AT_ONCE:
+        if len(self._waiting) == _AT_ONCE:
             self._add_waiting()
 
     def mean_and_variance(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -67,8 +60,8 @@ class FrameSums:
 
     def _add_waiting(self) -> None:
         frames, self._waiting = self._waiting, []
-        if len(frames) == AT_ONCE and AT_ONCE * self._max_level_dn**2 < 2**32:
-            self._make_room(AT_ONCE)
+        if len(frames) == _AT_ONCE and _AT_ONCE * self._max_level_dn**2 < 2**32:
+            self._make_room(_AT_ONCE)
             one, two, three, four = frames
             extremes = _accumulate_four(one, two, three, four, self._sum_dn, self._sum_dn2)
             self._note(frames, *extremes)

@@ -28,11 +28,11 @@ from acquisition.written_files import (
 HEIGHT_DECIMALS = 3
 """Heights are distinguished to 0.001 mm, as in file names."""
 
-MAX_HEIGHTS = 10_000
-RAMP_S = 0.3
+_MAX_HEIGHTS = 10_000
+_RAMP_S = 0.3
 """Acceleration and deceleration of one move."""
 
-OVERHEAD_S = 0.25
+_OVERHEAD_S = 0.25
 """Starting and stopping the stream, reading the stage twice, storing the capture."""
 
 
@@ -49,15 +49,11 @@ def _expand_heights(value: object) -> object:
     if not (step > 0 and stop >= start):
         raise ValueError(f"step must be positive and stop not below start, got {numbers}")
     steps = (stop - start) / step
-    if steps >= MAX_HEIGHTS:
-        raise ValueError(f"more than {MAX_HEIGHTS} heights")
+    if steps >= _MAX_HEIGHTS:
+        raise ValueError(f"more than {_MAX_HEIGHTS} heights")
     if abs(steps - round(steps)) > 1e-6:
         raise ValueError(f"stop {stop:g} is not a whole number of steps {step:g} from {start:g}")
     return [round(start + i * step, 6) for i in range(round(steps) + 1)]
-
-
-def _check_heights(heights_mm: tuple[float, ...]) -> tuple[float, ...]:
-    return _distinct(heights_mm, key=lambda height: round(height, HEIGHT_DECIMALS))
 
 
 def _as_ladder(value: object) -> object:
@@ -65,21 +61,18 @@ def _as_ladder(value: object) -> object:
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
-def _check_exposures(exposures_us: tuple[float, ...]) -> tuple[float, ...]:
-    return _distinct(exposures_us, key=float)
+def _distinct(key: Callable[[float], float] = float) -> AfterValidator:
+    """Refuse values of which two have the same key."""
 
+    def check(values: tuple[float, ...]) -> tuple[float, ...]:
+        seen: set[float] = set()
+        for value in values:
+            if key(value) in seen:
+                raise ValueError(f"{value:g} is given twice")
+            seen.add(key(value))
+        return values
 
-def _check_orientations(orientations_deg: tuple[float, ...]) -> tuple[float, ...]:
-    return _distinct(orientations_deg, key=float)
-
-
-def _distinct(values: tuple[float, ...], key: Callable[[float], float]) -> tuple[float, ...]:
-    seen: set[float] = set()
-    for value in values:
-        if key(value) in seen:
-            raise ValueError(f"{value:g} is given twice")
-        seen.add(key(value))
-    return values
+    return AfterValidator(check)
 
 
 def _check_text(text: str) -> str:
@@ -88,24 +81,24 @@ def _check_text(text: str) -> str:
     return text
 
 
-Heights = Annotated[
+_Heights = Annotated[
     tuple[Annotated[float, Field(allow_inf_nan=False)], ...],
     BeforeValidator(_expand_heights),
-    Field(min_length=1, max_length=MAX_HEIGHTS),
-    AfterValidator(_check_heights),
+    Field(min_length=1, max_length=_MAX_HEIGHTS),
+    _distinct(key=lambda height: round(height, HEIGHT_DECIMALS)),
 ]
 
 Orientations = Annotated[
     tuple[Annotated[float, Field(ge=0, lt=360)], ...],
     Field(min_length=1),
-    AfterValidator(_check_orientations),
+    _distinct(),
 ]
 
-Exposures = Annotated[
+_Exposures = Annotated[
     tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...],
     BeforeValidator(_as_ladder),
     Field(min_length=1, max_length=1000),
-    AfterValidator(_check_exposures),
+    _distinct(),
 ]
 
 Text = Annotated[str, Field(max_length=200), AfterValidator(_check_text)]
@@ -133,8 +126,8 @@ class PlanTarget(WrittenTable):
     kind: CaptureKind
     target: Text
     orientations_deg: Orientations = (0.0,)
-    heights_mm: Heights | None = None
-    exposure_us: Exposures | None = Field(None, description="one or a list; default: the bench's")
+    heights_mm: _Heights | None = None
+    exposure_us: _Exposures | None = Field(None, description="one or a list; default: the bench's")
     bracket: ExposureBracket | None = Field(
         None, description="exposures that are merged to one capture, exposure_us the shortest"
     )
@@ -150,7 +143,7 @@ class CapturePlan(WrittenTable):
 
     schema_: Literal["standoff.plan/1"] = Field(alias="schema")
     name: Text
-    heights_mm: Heights | None = Field(None, description="for targets without their own")
+    heights_mm: _Heights | None = Field(None, description="for targets without their own")
     frames_per_capture: int | None = Field(None, ge=2, le=1000, description="default: the bench's")
     keep_frames: bool = Field(False, description="also store the raw frames")
     repeats: int = Field(1, ge=1, le=1000, description="captures at each height")
@@ -233,14 +226,7 @@ class PlanEstimate:
 
 
 def load_plan(path: Path) -> CapturePlan:
-    """Read a plan file.
-
-    Raises
-    ------
-    PlanError
-        If the file cannot be read, or a key is unknown, missing or not accepted;
-        the message names the file and the key.
-    """
+    """Read a plan file."""
     try:
         return validate_written(CapturePlan, read_toml(path))
     except ValidationError as error:
@@ -307,14 +293,9 @@ def estimate_plan(
     bench: BenchConfig,
     frame_shape: tuple[int, int] | None,
 ) -> PlanEstimate:
-    """Estimate the cost of capturing the entries, starting from the middle of the travel.
+    """Estimate the cost of capturing entries of a plan, from the middle of the travel.
 
-    Parameters
-    ----------
-    entries
-        Those of the plan that are to be captured, in order.
-    frame_shape
-        ``(rows, cols)`` of a frame, if known.
+    ``frame_shape`` is ``(rows, cols)`` of a frame, if known.
     """
     frames = plan.frames_per_capture or bench.capture.frames_per_capture
     stage = bench.stage
@@ -331,13 +312,13 @@ def estimate_plan(
             travel_mm = abs(entry.height_mm - height_mm)
             is_wrong_side = (entry.height_mm < height_mm) == (stage.approach == "from_below")
             travel_mm += 2 * stage.backlash_mm * is_wrong_side
-            seconds += RAMP_S + 60 * travel_mm / stage.feed_mm_per_min
+            seconds += _RAMP_S + 60 * travel_mm / stage.feed_mm_per_min
             seconds += stage.settle_s + plan.settle_s
             height_mm = approached = entry.height_mm
         exposure_s = 1e-6 * (entry.exposure_us or bench.camera.exposure_us)
         for ratio in (1.0,) if entry.bracket is None else entry.bracket.ratios():
             period_s = max(1 / bench.camera.frame_rate_hz, ratio * exposure_s)
-            seconds += OVERHEAD_S + (frames + 1) * period_s
+            seconds += _OVERHEAD_S + (frames + 1) * period_s
     size = None
     if frame_shape is not None:
         per_pixel = (bytes_per_pixel(e, frames, keep_frames=plan.keep_frames) for e in entries)

@@ -1,15 +1,137 @@
-"""Numbers as people write them: plausible ranges, and the slip that explains one outside.
+"""Numbers as people write them: units, plausible ranges, and the slip that explains one outside.
 
 A number is in the unit that its key ends in: ``exposure_us = 9`` is 9 microseconds, and is asked
-about. Text that states the unit, ``"9 us"`` or ``"9 ms"``, is taken as meant, whatever its size.
+about. Text that states the unit, ``"9 us"`` or ``"9 ms"``, is taken as meant, whatever its size. Of
+text that is not understood, it is said what was probably meant: decimal commas, units, names of
+keys.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import pairwise
 from typing import Literal
 
-from acquisition.units import converted, in_unit, stated_number, unit_of
+_SCALES: tuple[Mapping[str, int], ...] = (
+    {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "min": 60 * 10**9, "h": 3600 * 10**9},
+    {"nm": 1, "um": 10**3, "mm": 10**6, "cm": 10**7, "m": 10**9},
+    {"Hz": 1, "kHz": 10**3},
+    {"dB": 1},
+    {"px": 1},
+    {"deg": 1},
+    {"bytes": 1, "kB": 10**3, "MB": 10**6},
+    {
+        "bytes/s": 1,
+        "kB/s": 10**3,
+        "MB/s": 10**6,
+        "GB/s": 10**9,
+        "Mbit/s": 125 * 10**3,
+        "Gbit/s": 125 * 10**6,
+    },
+    {"mm/min": 1, "mm/s": 60, "m/min": 10**3},
+)
+"""Units that are converted into each other, in multiples of the first."""
+
+_UNIT_OF_SUFFIX = {
+    "bytes_per_s": "bytes/s",
+    "mm_per_min": "mm/min",
+    "bytes": "bytes",
+    "deg": "deg",
+    "db": "dB",
+    "hz": "Hz",
+    "mm": "mm",
+    "px": "px",
+    "um": "um",
+    "us": "us",
+    "s": "s",
+}
+"""The longest suffixes come first."""
+
+_OTHER_SPELLINGS = {
+    "µs": "us",
+    "μs": "us",
+    "µm": "um",
+    "μm": "um",
+    "fps": "Hz",
+    "B": "bytes",
+    "B/s": "bytes/s",
+    "°": "deg",
+    "degrees": "deg",
+}
+
+_STATED = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\s\d,.;].*)?")
+
+
+class UnknownUnitError(ValueError):
+    """A text states a unit that cannot be converted to that of its key.
+
+    The message follows the name of the key in a sentence.
+    """
+
+    def __init__(self, text: str, *, unit: str, known: tuple[str, ...]) -> None:
+        super().__init__(f'= "{text}": {unit!r} is not one of its units: {", ".join(known)}')
+        self.unit = unit
+        self.known = known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatedNumber:
+    """A number that was given as text; ``unit`` is the one it states, None if it states none."""
+
+    value: float
+    unit: str | None
+
+
+def unit_of(name: str) -> str | None:
+    """The unit that a key ends in, such as ``us`` for ``exposure_us``; None if it has none."""
+    for suffix, unit in _UNIT_OF_SUFFIX.items():
+        stem = name.removesuffix(f"_{suffix}")
+        if stem != name:
+            return None if stem.endswith("_per") else unit
+    return None
+
+
+def stated_number(text: str) -> StatedNumber | None:
+    """The number in a text, with its unit; None if the text is not a number."""
+    found = _STATED.fullmatch(text)
+    if found is None:
+        return None
+    return StatedNumber(value=float(found[1]), unit=found[2].strip() if found[2] else None)
+
+
+def converted(value: float, given: str, wanted: str) -> float:
+    """A value in unit ``given``, in unit ``wanted`` of the same kind, to 12 digits."""
+    scale = _scale_of(wanted)
+    return float(f"{value * scale[given] / scale[wanted]:.12g}")
+
+
+def _known_unit(spelt: str, wanted: str) -> str | None:
+    """The unit that a text names; None if it cannot be converted to ``wanted``."""
+    scale = _scale_of(wanted)
+    name = _OTHER_SPELLINGS.get(spelt, spelt)
+    if name in scale:
+        return name
+    return next((one for one in scale if one.casefold() == name.casefold()), None)
+
+
+def in_unit(text: str, wanted: str) -> int | float | None:
+    """The number in a text, converted to ``wanted`` if it states a unit; None if it is none."""
+    stated = stated_number(text)
+    if stated is None:
+        return None
+    value = stated.value
+    if stated.unit is not None:
+        given = _known_unit(stated.unit, wanted)
+        if given is None:
+            raise UnknownUnitError(text, unit=stated.unit, known=tuple(_scale_of(wanted)))
+        value = converted(value, given, wanted)
+    return int(value) if value.is_integer() and abs(value) < 2**53 else value
+
+
+def _scale_of(unit: str) -> Mapping[str, int]:
+    return next(scale for scale in _SCALES if unit in scale)
 
 
 class ImplausibleQuantityError(ValueError):
@@ -102,7 +224,7 @@ _NAMES = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Slip:
+class _Slip:
     """What a number was probably given in, as the start of a sentence, and what that makes it."""
 
     what: str
@@ -112,21 +234,9 @@ class Slip:
 def understood(name: str, value: object) -> object:
     """Return the value of a key, with the units that it states converted to that of the key.
 
-    What is not a number stays as it is, and so does the value of a key without a unit.
-
-    Parameters
-    ----------
-    name
-        Name of the key, without its section.
-    value
-        A number or text, or a list or table of them.
-
-    Raises
-    ------
-    ImplausibleQuantityError
-        If a number is outside the plausible range of the key and states no unit.
-    UnknownUnitError
-        If a stated unit cannot be converted to that of the key.
+    ``name`` is without its section; the value is a number or text, or a list or table of them. What
+    is not a number stays as it is, and so does the value of a key without a unit. A number that
+    states no unit and is implausible is refused, and a unit that cannot be converted.
     """
     unit = unit_of(name)
     if unit is None:
@@ -147,7 +257,7 @@ def understood(name: str, value: object) -> object:
     return read
 
 
-def likely_slip(value: float, unit: str, plausible: PlausibleRange) -> Slip | None:
+def likely_slip(value: float, unit: str, plausible: PlausibleRange) -> _Slip | None:
     """The slip that explains a number outside a range; None if none brings it inside.
 
     Of several, it is the one that brings the number nearest to the typical value, as a ratio.
@@ -225,7 +335,7 @@ def _check_together(value: object, unit: str, plausible: PlausibleRange) -> None
 
 
 def _question(
-    said: str, plausible: PlausibleRange, slip: Slip | None, *, meant: str | None, confirmed: str
+    said: str, plausible: PlausibleRange, slip: _Slip | None, *, meant: str | None, confirmed: str
 ) -> str:
     if slip is not None:
         return f"{said}; {slip.what} probably meant: write {meant}, or {confirmed} if it is right"
@@ -235,14 +345,14 @@ def _question(
     return f"{said}, {what} between {low} and {high}{remark}; write {confirmed} if it is right"
 
 
-def _slips(value: float, unit: str) -> Iterator[Slip]:
+def _slips(value: float, unit: str) -> Iterator[_Slip]:
     for other, name in MISTAKEN_FOR.get(unit, {}).items():
-        yield Slip(what=f"{name} were", meant=converted(value, other, unit))
+        yield _Slip(what=f"{name} were", meant=converted(value, other, unit))
     if unit == "Hz" and value > 0:
         for other, name in (("s", "seconds"), *MISTAKEN_FOR["s"].items()):
             period_s = converted(value, other, "s")
             if period_s > 0:
-                yield Slip(what=f"the period in {name} was", meant=1 / period_s)
+                yield _Slip(what=f"the period in {name} was", meant=1 / period_s)
 
 
 def _read(value: object, unit: str) -> object:
@@ -290,3 +400,101 @@ def _toml(value: object) -> str:
         return f"[{', '.join(map(_toml, value))}]"
     number = _finite(value)
     return f'"{value}"' if number is None else number_text(number)
+
+
+_COMMA = re.compile(r"\s*([+-]?)(\d+),(\d+)(\s*[^\s\d,.;][^,;]*)?")
+_ASSIGNED_NUMBER = re.compile(r"\s*([\w.-]+)\s*=\s*([+-]?\d[^#\"'\[\]{}]*)(?:#.*)?")
+_LEAST_LIKENESS = 0.6
+
+
+def decimal_comma_remedy(text: str, name: str = "") -> str | None:
+    """Say how to write a number that has a decimal comma; None if the text is not one.
+
+    A comma before three digits may instead separate thousands: the plausible range of the key
+    ``name`` decides if it can, otherwise both ways are named.
+    """
+    found = _COMMA.fullmatch(text.rstrip())
+    if found is None:
+        return None
+    sign, whole, fraction, unit = found[1], found[2], found[3], found[4] or ""
+    ways = [f"{sign}{whole}.{fraction}"]
+    if len(fraction) == 3 and not whole.startswith("0"):
+        ways.append(f"{sign}{whole}{fraction}")
+        plausible = PLAUSIBLE.get(name)
+        if plausible is not None:
+            ways = [way for way in ways if plausible.holds(float(way))] or ways
+    forms = " or ".join(f'"{way}{unit}"' if unit else way for way in ways)
+    return f"write {forms} with a decimal point" if "." in forms else f"write {forms}"
+
+
+def decimals_meant(
+    text: str, accepts: Callable[[float], bool], pair_most: float | None = None
+) -> str | None:
+    """Return a list of numbers with points for its decimal commas; None if nothing says it has any.
+
+    A list with a point in it is taken as it is. Signs of a decimal comma are another separator
+    beside it, a leading zero (``1,05``), a number out of the bounds that ``accepts`` knows, a
+    second of two numbers that is too large, ``pair_most`` or more, and pairs that ascend where the
+    numbers do not (``1,5,2,5``).
+    """
+    parts = re.split(r"[;\s]+", text.strip())
+    if "," in text and len(parts) > 1 and all(re.fullmatch(r"\d+(,\d+)?", one) for one in parts):
+        return ",".join(part.replace(",", ".") for part in parts)
+    words = text.split(",")
+    if len(words) % 2 or not all(re.fullmatch(r"\d{1,9}", word) for word in words):
+        return None
+    joined = [
+        f"{whole}.{fraction}" for whole, fraction in zip(words[::2], words[1::2], strict=True)
+    ]
+    decimals = [float(one) for one in joined]
+    is_meant = (
+        any(len(word) > 1 and word.startswith("0") for word in words)
+        or not all(accepts(float(word)) for word in words)
+        or _is_odd([float(word) for word in words], decimals, pair_most)
+    )
+    return ",".join(joined) if is_meant and all(map(accepts, decimals)) else None
+
+
+def _is_odd(numbers: list[float], decimals: list[float], pair_most: float | None) -> bool:
+    """Whether whole numbers make less sense than the decimals that their pairs would be."""
+    if len(numbers) == 2:
+        return pair_most is not None and numbers[1] >= pair_most
+    return _ascends(decimals) and not _ascends(numbers)
+
+
+def _ascends(values: list[float]) -> bool:
+    return all(low < high for low, high in pairwise(values))
+
+
+def toml_slip(text: str) -> str | None:
+    """Name the first line of a TOML text with a decimal comma or an unquoted unit, if any."""
+    for count, line in enumerate(text.splitlines(), 1):
+        found = _ASSIGNED_NUMBER.fullmatch(line)
+        if found is None:
+            continue
+        key, value = found[1], found[2].strip()
+        name = key.rpartition(".")[2]
+        remedy = decimal_comma_remedy(value, name)
+        unit, stated = unit_of(name), stated_number(value)
+        if unit is not None and stated is not None and stated.unit is not None:
+            remedy = f'write "{value}" in quotes' if _known_unit(stated.unit, unit) else None
+        if remedy is not None:
+            return f"line {count}: {key} = {value}: {remedy}"
+    return None
+
+
+def nearest_key(key: str, known: Iterable[str]) -> str | None:
+    """The known dotted key that an unknown one was probably meant to be, if any resembles it.
+
+    A similar name in the same section comes first, then the same and a similar one in another.
+    """
+    section, _, name = key.rpartition(".")
+    keys = list(known)
+    here = [other for other in keys if other.rpartition(".")[0] == section]
+    same = [other for other in keys if other.rpartition(".")[2] == name]
+    for group in (here, same, keys):
+        names = {other.rpartition(".")[2]: other for other in reversed(group)}
+        close = get_close_matches(name, names, n=1, cutoff=_LEAST_LIKENESS)
+        if close:
+            return names[close[0]]
+    return None

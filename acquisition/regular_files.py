@@ -28,11 +28,6 @@ def read_regular_file(path: Path, most_bytes: int = LARGEST_DOCUMENT_BYTES) -> b
 
     Opening a device may set it going, opening a pipe waits for its writer, and some devices never
     end.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read, is something else than a file, or larger; ``strerror`` says which.
     """
     if is_url(path):
         return read_remote(path, most_bytes)

@@ -55,13 +55,7 @@ def url_of(path: PurePath) -> str:
 
 
 def remote_status(path: Path) -> RemoteStatus:
-    """Look at a file.
-
-    Raises
-    ------
-    OSError
-        If it is not there or cannot be looked at; ``strerror`` says why.
-    """
+    """Look at a file."""
     with _opened(path) as (system, name):
         info = system.info(name)
     return RemoteStatus(
@@ -72,13 +66,7 @@ def remote_status(path: Path) -> RemoteStatus:
 
 
 def remote_files_in(folder: Path) -> Iterator[Path]:
-    """Yield the files of a folder, not those of folders in it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be listed.
-    """
+    """Yield the files of a folder, not those of folders in it."""
     with _opened(folder) as (system, name):
         for one in system.ls(name, detail=True):
             if one["type"] == "file":
@@ -86,13 +74,7 @@ def remote_files_in(folder: Path) -> Iterator[Path]:
 
 
 def read_remote(path: Path, most_bytes: int) -> bytes:
-    """Read a file of at most ``most_bytes``.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read, or is larger.
-    """
+    """Read a file of at most ``most_bytes``."""
     with _opened(path) as (system, name), system.open(name, "rb") as file:
         data: bytes = file.read(most_bytes + 1)
     if len(data) > most_bytes:
@@ -101,13 +83,7 @@ def read_remote(path: Path, most_bytes: int) -> bytes:
 
 
 def write_remote(path: Path, data: bytes) -> None:
-    """Write a file, whole or not at all.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Write a file, whole or not at all."""
     with _opened(path) as (system, name):
         if _protocol(path) in _OBJECT_STORES:
             system.pipe_file(name, data)

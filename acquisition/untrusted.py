@@ -12,7 +12,7 @@ from typing import Any
 import tifffile
 from numpy.typing import NDArray
 
-LARGEST_RATIO = 2000
+_LARGEST_RATIO = 2000
 """No TIFF compression achieves more; a page that would be larger has a damaged size."""
 
 MOST_BRACKETS = 3_000_000
@@ -51,15 +51,12 @@ class TiffPages:
 def parse_json(  # the reader checks what it needs
     text: str | bytes, *, has_single_keys: bool = False, has_file_names: bool = False
 ) -> Any:  # noqa: ANN401
-    """Read one JSON document; with ``has_single_keys`` no object may repeat one.
+    """Read one JSON document; any fault in it is a ValueError.
 
-    With ``has_file_names`` a text may hold bytes that are no UTF-8, escaped as PEP 383 does.
-
-    Raises
-    ------
-    ValueError
-        If it is not JSON, not UTF-8, nested deeper than the parser goes, would fill the memory with
-        empty lists, or escapes half a character, which no file can be written with.
+    With ``has_single_keys`` no object may repeat one, with ``has_file_names`` a text may hold bytes
+    that are no UTF-8, escaped as PEP 383 does. Refused is also what is nested deeper than the
+    parser goes, would fill the memory with empty lists, or escapes half a character, which no file
+    can be written with.
     """
     hook = _without_repeats if has_single_keys else None
     decoded = text if isinstance(text, str) else text.decode("utf-8")
@@ -87,14 +84,7 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def parse_toml(text: str | bytes) -> dict[str, Any]:
-    """Read one TOML document.
-
-    Raises
-    ------
-    ValueError
-        If it is not TOML, not UTF-8, nested deeper than the parser goes, or holds a number of
-        thousands of digits.
-    """
+    """Read one TOML document."""
     try:
         return tomllib.loads(text if isinstance(text, str) else text.decode("utf-8"))
     except RecursionError as error:
@@ -104,13 +94,7 @@ def parse_toml(text: str | bytes) -> dict[str, Any]:
 def read_tiff(
     data: bytes, *, first_alone: bool = False, shape: tuple[int, int] | None = None
 ) -> TiffPages:
-    """Read the pages of a TIFF file, or the first one; with ``shape``, if they have that alone.
-
-    Raises
-    ------
-    TiffDamageError
-        If it cannot be read, or a page is cut short or of another shape.
-    """
+    """Read the pages of a TIFF file, or the first one; with ``shape``, if they have that alone."""
     try:
         # The reader's objects refer to each other: without closing it, they would keep the file's
         # bytes until the next collection of garbage.
@@ -131,7 +115,7 @@ def _pixels(
 ) -> NDArray[Any]:
     if shape is not None and tuple(page.shape) != shape:
         raise TiffDamageError(f"its shape is {tuple(page.shape)}, expected {shape} (rows, columns)")
-    if page.nbytes > LARGEST_RATIO * file_bytes:
+    if page.nbytes > _LARGEST_RATIO * file_bytes:
         raise TiffDamageError(
             f"a page of {page.shape} pixels cannot be in a file of {file_bytes} bytes"
         )

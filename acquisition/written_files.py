@@ -7,10 +7,15 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from acquisition.quantities import ImplausibleQuantityError, understood
+from acquisition.quantities import (
+    ImplausibleQuantityError,
+    UnknownUnitError,
+    decimal_comma_remedy,
+    nearest_key,
+    toml_slip,
+    understood,
+)
 from acquisition.regular_files import read_regular_file
-from acquisition.spelling import decimal_comma_remedy, nearest_key, toml_slip
-from acquisition.units import UnknownUnitError
 from acquisition.untrusted import parse_toml
 
 _MOST_FAULTS = 12
@@ -46,15 +51,7 @@ Written = TypeVar("Written", bound=WrittenTable)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read.
-    ValueError
-        If it is not TOML; the message names the line of a likely slip.
-    """
+    """Read a TOML file."""
     data = read_regular_file(path)
     try:
         return parse_toml(data)
@@ -64,13 +61,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validate_written(model: type[Written], table: dict[str, Any]) -> Written:
-    """Validate a table that a person wrote, whose numbers may state their units.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        If a key is unknown, missing or not accepted, or a number is implausible.
-    """
+    """Validate a table that a person wrote, whose numbers may state their units."""
     return model.model_validate(table, context=_BY_A_PERSON)
 
 

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
 from acquisition.bench import BenchConfig
-from acquisition.bracket import ExposedFrames, ExposureControl, merge_bracket
+from acquisition.bracket import merge_bracket
+from acquisition.exposure_control import ExposedFrames, ExposureControl
 from benchmarks.harness import Recorder, bench_parser
 from hil_mocks import SimulatedBench
-from tests.acquisition.bracket.watched_camera import WatchedCamera
+from tests.acquisition.watched_camera import WatchedCamera
 
 SHORTEST_US = 9000.0
 RATIOS = (1.0, 10.0, 100.0, 1000.0)

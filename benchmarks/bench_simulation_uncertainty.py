@@ -27,7 +27,7 @@ from simulation.uncertainty import (
     principal_steps,
 )
 from tests.simulation.poses import tilted
-from tests.simulation.uncertainty.wave_scene import WaveScene
+from tests.simulation.wave_scene import WaveScene
 
 MODELS: tuple[PoseModel, ...] = ("matched", "lmmse")
 SCATTER_PX2 = 0.05

@@ -27,7 +27,7 @@ from acquisition.session import atomic_write
 from analysis.sweep import SweepOptions
 from benchmarks.harness import Recorder, bench_parser
 from simulation import GaussianPsf
-from simulation.sr_pairs import sr_pairs
+from simulation.zoom import sr_pairs
 from standoff.library import PairFormat, training_pairs
 
 CROP_PX, ZOOM = 192, 2.0

@@ -1,17 +1,24 @@
-from .choices import MODELS as MODELS, Model as Model
-from .pose.options import PoseOptions as PoseOptions
-from .pose.simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose
-from .psf.field import PsfField as PsfField
-from .psf.gaussian import GaussianPsf as GaussianPsf
+from .choices import (
+    MODELS as MODELS,
+    Model as Model,
+)
+from .pose.simulate import (
+    SimulatedPose as SimulatedPose,
+    simulate_pose as simulate_pose,
+)
+from .pose.view import PoseOptions as PoseOptions
 from .psf.lens import LensOtf as LensOtf
-from .psf.measured import MeasuredPsf as MeasuredPsf, Psf as Psf, SeparablePsf as SeparablePsf
-from .psf.tabulated import TabulatedPsf as TabulatedPsf
-from .psf.transfer import (
-    GaussianTransfer as GaussianTransfer,
+from .psf.shapes import (
+    GaussianPsf as GaussianPsf,
+    MeasuredPsf as MeasuredPsf,
+    Psf as Psf,
+    PsfField as PsfField,
     SampledTransfer as SampledTransfer,
+    SeparablePsf as SeparablePsf,
     Transfer as Transfer,
 )
-from .resampling.grid import SamplingGrid as SamplingGrid
+from .psf.tabulated import TabulatedPsf as TabulatedPsf
+from .sampling_grid import SamplingGrid as SamplingGrid
 from .zoom import (
     ZoomOperator as ZoomOperator,
     lmmse_operator as lmmse_operator,

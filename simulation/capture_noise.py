@@ -62,24 +62,10 @@ class CaptureNoise:
 
 
 def propagated_variance(operator: ZoomOperator, variance_dn2: NDArray[np.floating]) -> FloatArray:
-    """Variance of a simulated image whose reference has independent noise in each pixel.
+    """Variance of a simulated image of a reference whose pixels have independent noise.
 
-    Parameters
-    ----------
-    operator
-        The zoom-out, as ``zoom_operator`` gives it.
-    variance_dn2
-        Variance of each reference pixel, shape ``(rows, cols)``.
-
-    Returns
-    -------
-    ndarray of float64, shape of the follow-up
-        Sum of squared weights times variances, exact also across the operator's stages.
-
-    Raises
-    ------
-    ValueError
-        If a variance is negative or not finite.
+    Of the follow-up's shape: the sum of squared weights times variances, exact also across the
+    operator's stages.
     """
     variance = np.asarray(variance_dn2, dtype=np.float64)
     if not (np.all(np.isfinite(variance)) and np.all(variance >= 0)):
@@ -95,23 +81,10 @@ def with_capture_noise(
     noise: CaptureNoise,
     rng: np.random.Generator,
 ) -> FloatImage:
-    """Follow-up with the noise of a captured one.
+    """Follow-up with the noise of a captured one, in its dtype.
 
-    Parameters
-    ----------
-    followup_dn
-        The simulated image, shape ``(rows, cols)``.
-    own_variance_dn2
-        What the reference's noise left in it, from ``propagated_variance``; same shape.
-    noise
-        Noise of the capture that it represents.
-    rng
-        Random number generator of the noise.
-
-    Returns
-    -------
-    ndarray in the dtype of ``followup_dn``
-        Where the simulated image is noisier than the capture would be, nothing is added.
+    ``own_variance_dn2`` is what the reference's noise left in it, by `propagated_variance`. Where
+    the simulated image is noisier than the capture would be, nothing is added.
     """
     if own_variance_dn2.shape != followup_dn.shape:
         raise ValueError(

@@ -31,6 +31,6 @@ KERNEL_MODELS: tuple[KernelModel, ...] = get_args(KernelModel)
 
 Sampler = Literal["exact", "nearest"]
 SAMPLERS: tuple[Sampler, ...] = get_args(Sampler)
-"""How a learned kernel's image is sampled, which ``simulation.kernelgan.sampling`` explains."""
+"""How a learned kernel's image is sampled, which ``simulation.kernelgan`` explains."""
 
 TRAINING_STEPS = 3000  # Bell-Kligler et al. 2019, section 4.3

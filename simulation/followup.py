@@ -3,16 +3,64 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
-from simulation.capture_light import exposed, unsharp_masked, vignetted
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
 from simulation.choices import POSE_MODELS, GaussianForm, Model, PsfForm
 from simulation.pose import PoseOptions, pose_noise_gain, simulate_pose
 from simulation.psf import Psf, PsfField
-from simulation.resampling import SamplingGrid
+from simulation.sampling_grid import SamplingGrid
 from simulation.zoom import ZoomOperator, zoom_operator, zoom_out
+
+
+def exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) -> FloatImage:
+    """Image with ``factor`` times the light; levels are not clipped."""
+    if not (factor >= 0 and np.isfinite(factor)):
+        raise ValueError(f"an exposure factor must be finite and not negative, got {factor}")
+    return _like(image_dn, (image_dn - black_level_dn) * factor + black_level_dn)
+
+
+def vignetted(
+    image_dn: FloatImage, corner_fall_off: float, black_level_dn: float = 0.0
+) -> FloatImage:
+    """Image with the natural vignetting of a lens.
+
+    ``corner_fall_off`` is the relative loss of light at the corner pixel, below 1; towards the
+    centre it follows the fourth power of the cosine of the field angle.
+    """
+    if not 0 <= corner_fall_off < 1:
+        raise ValueError(f"a corner fall-off must be in [0, 1), got {corner_fall_off}")
+    rows, cols = image_dn.shape[:2]
+    y = (np.arange(rows) - (rows - 1) / 2)[:, None]
+    x = np.arange(cols) - (cols - 1) / 2
+    corner2 = ((rows - 1) / 2) ** 2 + ((cols - 1) / 2) ** 2
+    # cos^4 = (1 + tan^2)^-2, with tan^2 growing as the square of the radius.
+    tan2_at_corner = (1 - corner_fall_off) ** -0.5 - 1
+    light = (1 + tan2_at_corner * (x**2 + y**2) / max(corner2, 1.0)) ** -2
+    if image_dn.ndim == 3:
+        light = light[:, :, None]
+    return _like(image_dn, (image_dn - black_level_dn) * light + black_level_dn)
+
+
+def unsharp_masked(image_dn: FloatImage, amount: float, sigma_px: float) -> FloatImage:
+    """Image after a camera's sharpening: plus ``amount`` times (image minus its blur).
+
+    Phones use amounts of 0.3 to 1.5.
+    """
+    if not (amount >= 0 and np.isfinite(amount)):
+        raise ValueError(f"the sharpening amount must be finite and not negative, got {amount}")
+    if not (sigma_px > 0 and np.isfinite(sigma_px)):
+        raise ValueError(f"sigma_px must be positive, got {sigma_px}")
+    widths = (sigma_px, sigma_px, 0.0)[: image_dn.ndim]
+    blurred = gaussian_filter(np.asarray(image_dn, dtype=np.float64), widths, mode="reflect")
+    return _like(image_dn, image_dn + amount * (image_dn - blurred))
+
+
+def _like(image_dn: FloatImage, values: NDArray[np.floating]) -> FloatImage:
+    return values.astype(image_dn.dtype, copy=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,13 +134,7 @@ def zoomed_out(
     model: Model,
     how: Rendering = _DEFAULTS,
 ) -> FollowUp:
-    """Follow-up from ``zoom`` times further away.
-
-    Raises
-    ------
-    ValueError
-        As ``zoom_out``; or if a field is given to a model that takes none.
-    """
+    """Follow-up from ``zoom`` times further away; a field only by a model that takes one."""
     shape = reference.shape[0], reference.shape[1]
     grid = SamplingGrid.centred(shape, zoom)
     if isinstance(psf, PsfField):
@@ -142,11 +184,6 @@ def from_pose(
     """Follow-up from any pose, with ``matrix`` and ``size`` as for ``simulate_pose``.
 
     ``noise`` is what the reference is assumed to have.
-
-    Raises
-    ------
-    ValueError
-        As ``simulate_pose``.
     """
     simulated = simulate_pose(reference, matrix, size, psf, options)
     own = None

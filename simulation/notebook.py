@@ -32,17 +32,17 @@ class Shown:
     __slots__ = ()
 
     def __repr__(self) -> str:
-        told = "; ".join(f"{name} {text}" for name, text in told_fields(self))
+        told = "; ".join(f"{name} {text}" for name, text in _told_fields(self))
         return f"<{type(self).__name__}: {shortened(told, _LONGEST_LINE)}>"
 
     def __str__(self) -> str:
         return repr(self)
 
     def _repr_html_(self) -> str:
-        return html_table(type(self).__name__, ("", "value"), told_fields(self))
+        return html_table(type(self).__name__, ("", "value"), _told_fields(self))
 
 
-def told_fields(result: object) -> Iterator[tuple[str, str]]:
+def _told_fields(result: object) -> Iterator[tuple[str, str]]:
     """Yield the fields of a dataclass or of a document, and what they say in a few words."""
     kind, names = type(result), list[str]()
     stored = getattr(kind, "model_fields", None)

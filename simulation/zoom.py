@@ -15,36 +15,36 @@ Four models, all linear and noise-free: sums of separable terms, one for a Gauss
 ``lmmse``
     The best linear estimate from the reference pixels around, for scenes with a first-order
     covariance (``docs/theory-lmmse.md``); ``lmmse_operator`` takes the reference's noise too.
+
+Aligned pairs for super-resolution are a crop, and the same crop seen from further away. The
+low-resolution image is simulated with the pixels around the crop, so that it is as accurate at its
+borders as in its middle, and on a grid centred on the crop: both images show the same square of the
+scene.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import floor
-from typing import Self, cast
+from math import ceil, floor, sqrt
+from typing import Self, TypedDict, Unpack, cast
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from simulation.arrays import AnyArray, FloatArray, FloatImage
 from simulation.choices import DEFAULT_MODEL, MODELS, GaussianForm, Model
-from simulation.psf import Psf
+from simulation.psf import Psf, PsfField
 from simulation.resampling import (
     BandedMatrix,
     BlurCovariance,
-    SamplingGrid,
     antialiased_cubic,
     blur,
     gaussian_terms,
     put_separable,
-    reference_shape,
-    refuse_non_finite,
 )
-from simulation.zoom_kernels import (
-    SCENE_CORRELATION_PX,
-    lmmse_terms,
-    spline_prefilter,
-    spline_terms,
-)
+from simulation.sampling_grid import SamplingGrid, reference_shape, refuse_non_finite
+from simulation.seen_scene import SCENE_CORRELATION_PX
+from simulation.zoom_kernels import lmmse_terms, spline_prefilter, spline_terms
 
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
@@ -93,13 +93,7 @@ class ZoomOperator:
         return image
 
     def follow_up(self, image: AnyArray, threads: int = 1) -> FloatImage:
-        """Return the follow-up of a finite reference of any kind, plane by plane.
-
-        Raises
-        ------
-        ValueError
-            If there is no thread.
-        """
+        """Return the follow-up of a finite reference of any kind, plane by plane."""
         if threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
         dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
@@ -123,35 +117,16 @@ def zoom_out(
 ) -> FloatImage:
     """Image of the same scene from ``zoom`` times further away, both image centres coinciding.
 
-    Parameters
-    ----------
-    image
-        Reference, shape ``(rows, cols)`` or ``(rows, cols, channels)``; uint8, uint16, float32 or
-        float64; linear in light.
-    zoom
-        Ratio of the distances, at least 1.
-    psf
-        Total PSF (optics and pixel) of the camera, the same at both distances. ``bicubic``
-        needs none.
-    model
-        One of ``MODELS``.
-    gaussian
-        ``"sampled"`` blurs model ``paper`` as ``scipy.ndimage.gaussian_filter`` would, for
-        comparison.
-    threads
-        Threads that share the rows; the result is the same bit by bit.
+    The reference has the shape ``(rows, cols)`` or ``(rows, cols, channels)``, of uint8, uint16,
+    float32 or float64, linear in light; ``zoom`` is the ratio of the distances, at least 1. The PSF
+    is the total one (optics and pixel) of the camera, the same at both distances; ``bicubic`` needs
+    none. The Gaussian ``"sampled"`` blurs model ``paper`` as ``scipy.ndimage.gaussian_filter``
+    would, for comparison. ``threads`` share the rows; the result is the same bit by bit.
 
-    Returns
-    -------
-    ndarray of float32, or float64 for float64 input
-        In the input's units; ``floor(N / zoom)`` pixels on each axis, at the positions given by
-        ``SamplingGrid.centred``. At ``zoom`` 1 it equals the input.
-
-    Raises
-    ------
-    ValueError
-        If ``zoom`` is below 1 or not finite, the image is too small for it, of another kind or
-        not finite, the model is unknown, or the PSF is missing.
+    The result is in the input's units, float64 for float64 input, else float32: ``floor(N / zoom)``
+    pixels on each axis, at the positions given by ``SamplingGrid.centred``. At ``zoom`` 1 it equals
+    the input. A ValueError if the zoom is below 1, the image too small for it, of another kind or
+    not finite, the model unknown, or the PSF missing.
     """
     rows, cols = reference_shape(image)
     grid = SamplingGrid.centred((rows, cols), zoom)
@@ -169,12 +144,8 @@ def zoom_out_on_grid(
 ) -> FloatImage:
     """Like ``zoom_out``, on the pixels of a real follow-up: any zoom, offset and size per axis.
 
-    A zoom just below 1 (scatter of a registration) blurs as zoom 1 does: not at all.
-
-    Raises
-    ------
-    ValueError
-        As for ``zoom_out``, or if the grid is outside the reference by more than half a pixel.
+    A zoom just below 1 (scatter of a registration) blurs as zoom 1 does: not at all. A grid outside
+    the reference by more than half a pixel is refused.
     """
     operator = zoom_operator(reference_shape(image), grid, psf, model, gaussian=gaussian)
     refuse_non_finite(image)
@@ -190,15 +161,7 @@ def zoom_operator(
     *,
     gaussian: GaussianForm = "transfer",
 ) -> ZoomOperator:
-    """Operator of a zoom-out, for repeated use; cached.
-
-    Parameters
-    ----------
-    shape
-        ``(rows, cols)`` of the references.
-    grid, psf, model, gaussian
-        As in ``zoom_out_on_grid``.
-    """
+    """Operator of a zoom-out of references ``(rows, cols)``, for repeated use; cached."""
     if model not in MODELS:
         raise ValueError(f"model must be one of {', '.join(MODELS)}, got {model!r}")
     _check_grid(shape, grid)
@@ -224,23 +187,8 @@ def lmmse_operator(
 ) -> ZoomOperator:
     """Operator of model ``lmmse`` for a noisy reference or another scene; cached.
 
-    Parameters
-    ----------
-    shape
-        ``(rows, cols)`` of the references.
-    grid
-        Pixels of the follow-up.
-    psf
-        Total PSF of the camera.
-    noise_ratio
-        Variance of a reference pixel's noise over that of the scene. With noise, zoom 1 smooths.
-    scene_correlation_px
-        Correlation length of the scene; hardly matters.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range, or the grid is outside the reference by more than half a pixel.
+    ``noise_ratio`` is the variance of a reference pixel's noise over that of the scene. With noise,
+    zoom 1 smooths. ``scene_correlation_px``, the correlation length of the scene, hardly matters.
     """
     _check_grid(shape, grid)
     terms = lmmse_terms(
@@ -335,17 +283,7 @@ class BlurredSpline:
 
     @classmethod
     def of(cls, image: AnyArray, psf: Psf, zoom: float) -> Self:
-        """Blur an image to its PSF from ``zoom`` times further away.
-
-        Parameters
-        ----------
-        image
-            Grey, shape ``(rows, cols)``.
-        psf
-            Total PSF.
-        zoom
-            Ratio of the distances; 1 or less does not blur.
-        """
+        """Blur a grey image to its PSF ``zoom`` times further away; 1 or less does not blur."""
         rows, cols = image.shape
         kernels = spline_prefilter(psf, max(zoom, 1.0), max(zoom, 1.0))
         prefilter = SeparableSum(
@@ -360,3 +298,138 @@ class BlurredSpline:
                 self.coefficients, [y_px, x_px], order=5, mode="reflect", prefilter=False
             )
         )
+
+
+_WHOLE_PIXEL_SLACK = 1e-9
+_MARGIN_PX = 24.0  # the spline's own reach at the reference's resolution
+_MARGIN_ZOOMS = 24.0  # the antialiasing cubic and the blur's tail, in follow-up pixels
+_MARGIN_SIGMAS = 6.0
+
+
+_PLACES = 5
+"""Positions per axis at which a field's PSF is taken: the kernels of each are solved once, which
+takes 0.1-5 s, where a crop takes milliseconds."""
+
+
+_OPERATORS = 128
+"""Cached: a frame with a field takes some 70, of 25 PSFs; solving those anew for each frame made
+pairs 200 times slower."""
+
+
+class SrComputation(TypedDict, total=False):
+    """How the partners are computed; what is not given has the default."""
+
+    model: Model
+    """The capture model; ``DEFAULT_MODEL`` by default."""
+
+    threads: int
+    """How many share the rows of a crop, 1 by default; the result is the same."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SrPair:
+    """A high-resolution crop and its simulated low-resolution partner.
+
+    Low-resolution pixel ``i`` is at ``(i - (n - 1) / 2) * zoom + (N - 1) / 2`` of the crop, on
+    both axes, with ``N`` and ``n`` the sizes of the two.
+    """
+
+    top_px: int
+    left_px: int
+    high: AnyArray
+    low: FloatImage
+
+    def __repr__(self) -> str:
+        (rows, cols), (low_rows, low_cols) = self.high.shape[:2], self.low.shape[:2]
+        return (
+            f"SrPair({cols} x {rows} and {low_cols} x {low_rows} px, "
+            f"top_px={self.top_px}, left_px={self.left_px})"
+        )
+
+
+def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
+    """First pixels of crops along one axis: every ``stride_px``, the last one at the border."""
+    if crop_px < 1 or stride_px < 1:
+        raise ValueError(f"crop and stride must be positive, got {crop_px} and {stride_px}")
+    if crop_px > size_px:
+        raise ValueError(f"a crop of {crop_px} px does not fit in {size_px} px")
+    origins = list(range(0, size_px - crop_px + 1, stride_px))
+    if origins[-1] != size_px - crop_px:
+        origins.append(size_px - crop_px)
+    return origins
+
+
+def sr_pairs(
+    image: AnyArray,
+    zoom: float,
+    psf: Psf | PsfField,
+    *,
+    crop_px: int,
+    stride_px: int,
+    **how: Unpack[SrComputation],
+) -> Iterator[SrPair]:
+    """Cut an image into crops, row by row, each with its low-resolution partner.
+
+    The image has the shape ``(rows, cols)`` or ``(rows, cols, channels)`` and is finite and linear
+    in light; ``crop_px`` is the side of the high-resolution crops, ``stride_px`` the distance
+    between their origins. Of a PSF field, which must be of the image's size, every crop takes the
+    PSF in the middle of that one of 5 x 5 parts of the frame in which its centre lies.
+    """
+    rows, cols = image.shape[:2]
+    if isinstance(psf, PsfField) and (psf.width_px, psf.height_px) != (cols, rows):
+        raise ValueError(
+            f"a field of {psf.width_px} x {psf.height_px} px is not that of an image of "
+            f"{cols} x {rows} px"
+        )
+    model, threads = how.get("model", DEFAULT_MODEL), how.get("threads", 1)
+    small = floor(crop_px / zoom + _WHOLE_PIXEL_SLACK)
+    if small < 1:
+        raise ValueError(f"a crop of {crop_px} px leaves no pixel at zoom {zoom:g}")
+    refuse_non_finite(image)
+    centred = SamplingGrid.centred((crop_px, crop_px), zoom)
+    for top in crop_origins(rows, crop_px, stride_px):
+        for left in crop_origins(cols, crop_px, stride_px):
+            own = _psf_at(psf, top + (crop_px - 1) / 2, left + (crop_px - 1) / 2)
+            margin = _margin_px(zoom, own)
+            # Crops away from the border have the same window and grid: one cached operator.
+            window_top, window_left = max(top - margin, 0), max(left - margin, 0)
+            window = image[
+                window_top : top + crop_px + margin, window_left : left + crop_px + margin
+            ]
+            grid = replace(
+                centred,
+                origin_y_px=top - window_top + centred.origin_y_px,
+                origin_x_px=left - window_left + centred.origin_x_px,
+            )
+            yield SrPair(
+                top_px=top,
+                left_px=left,
+                high=image[top : top + crop_px, left : left + crop_px],
+                low=_crop_operator(reference_shape(window), grid, own, model).follow_up(
+                    window, threads
+                ),
+            )
+
+
+@lru_cache(maxsize=_OPERATORS)
+def _crop_operator(
+    shape: tuple[int, int], grid: SamplingGrid, psf: Psf, model: Model
+) -> ZoomOperator:
+    return zoom_operator(shape, grid, psf, model)
+
+
+def _psf_at(psf: Psf | PsfField, y_px: float, x_px: float) -> Psf:
+    """PSF of the part of the frame in which a position lies."""
+    if not isinstance(psf, PsfField):
+        return psf
+    y_px, x_px = (
+        (floor((at_px + 0.5) * _PLACES / size) + 0.5) * size / _PLACES - 0.5
+        for at_px, size in ((y_px, psf.height_px), (x_px, psf.width_px))
+    )
+    return psf.at(x_px, y_px)
+
+
+def _margin_px(zoom: float, psf: Psf) -> int:
+    """Pixels around a crop that its low-resolution pixels may depend on."""
+    widest = sqrt(max(np.diag(psf.covariance_px2).tolist()))
+    return ceil(_MARGIN_PX + _MARGIN_ZOOMS * zoom + _MARGIN_SIGMAS * widest * zoom)

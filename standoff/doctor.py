@@ -35,7 +35,7 @@ from acquisition.errors import (
     MissingFeatureError,
     NoRouteError,
 )
-from acquisition.stages.grbl import expected_envelopes
+from acquisition.stages import expected_envelopes
 
 CheckStatus = Literal["ok", "warn", "fail"]
 

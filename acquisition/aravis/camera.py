@@ -1,15 +1,28 @@
-"""A GenICam camera through Aravis: the `Camera` contract, with a watchdog and reconnection."""
+"""A GenICam camera through Aravis: the `Camera` contract, with a watchdog and reconnection.
+
+Cameras are found on the network and on USB, which broadcasts, as opening a camera by its id does.
+"""
 
 import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from threading import Lock
 
-from acquisition.aravis.configuration import NO_TRIGGER
-from acquisition.aravis.connection import AravisConnection, connect_camera
-from acquisition.aravis.stream import total_statistics
+from acquisition.aravis.configuration import NO_TRIGGER, CameraControls
+from acquisition.aravis.device import (
+    GIGE_VISION,
+    AravisLibrary,
+    OpenedDevice,
+    load_aravis,
+    open_camera,
+    text_of,
+    translated_errors,
+)
+from acquisition.aravis.features import Bounds, StatedValue
+from acquisition.aravis.network import receive_buffer_limit_bytes
+from acquisition.aravis.stream import SOCKET_BUFFER_BYTES, FrameStream, can_decode, total_statistics
 from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
 from acquisition.errors import (
@@ -21,7 +34,128 @@ from acquisition.errors import (
     StreamInterruptedError,
 )
 
-SFNC_NAMES = {
+_FIRMWARE_NAMES = ("DeviceFirmwareVersion", "DeviceVersion")
+_SERIAL_NUMBER_NAMES = ("DeviceSerialNumber", "DeviceID")
+
+
+def _connect_camera(config: CameraConfig) -> "AravisConnection":
+    """Open the camera of a bench file and configure it."""
+    return AravisConnection(open_camera(config), config)
+
+
+class AravisConnection:
+    """A camera under our control, configured, with a stream that can be started.
+
+    A lost connection is of no further use: close it and make a new one. It fails if another program
+    controls the camera, or it cannot be configured as asked.
+    """
+
+    def __init__(self, opened: OpenedDevice, config: CameraConfig) -> None:
+        self._opened = opened
+        self._stream: FrameStream | None = None
+        try:
+            self._require_control()
+            self._controls = CameraControls(opened, config.frame_rate_hz)
+            applied = self._controls.configure(config)
+            self.settings = applied.settings
+            self.warnings = (*applied.warnings, *_receive_buffer_warnings(opened))
+            self.info = self._read_info()
+            chunks = self._controls.chunks() if config.chunk_data else None
+            bounds = self._controls.levels.exposure_bounds_us()
+            self.exposure_limits_us = (bounds.low, bounds.high)
+            self._stream = FrameStream(opened, self.settings, chunks)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the control channel has ended: the camera is gone or another program has it.
+
+        Aravis' heartbeat thread notices. It is polled, because the signal ``control-lost`` holds
+        the device while a handler runs in that thread: if all other references are dropped
+        meanwhile, the thread drops the device, joins itself and ends the process.
+        """
+        return not self._opened.is_controller
+
+    @property
+    def stream(self) -> FrameStream:
+        """The stream of its frames."""
+        if self._stream is None:
+            raise DeviceError("the connection to the camera is closed")
+        return self._stream
+
+    def set_exposure_us(self, exposure_us: float) -> CameraSettings:
+        """Set the exposure and return all settings: the frame rate may change with it."""
+        self.settings = replace(
+            self.settings,
+            exposure_us=self._controls.levels.set_exposure_us(exposure_us),
+            frame_rate_hz=self._controls.frame_rate.restore(),
+        )
+        return self.settings
+
+    def set_gain_db(self, gain_db: float) -> CameraSettings:
+        """Set the gain and return all settings."""
+        gain = self._controls.levels.set_gain_db(gain_db)
+        self.settings = replace(
+            self.settings,
+            gain_db=gain.decibels,
+            gain=gain.value,
+            features={**self.settings.features, gain.feature: gain.value},
+        )
+        return self.settings
+
+    def trigger(self) -> None:
+        """Take one frame, of a camera that waits for the software trigger."""
+        self._controls.features.execute("TriggerSoftware")
+
+    def close(self) -> None:
+        """Drop stream, camera and device, and with them threads, sockets and control.
+
+        A camera that does not answer delays this by about 10 s.
+        """
+        if self._stream is not None:
+            self._stream.close()
+        self._opened.close()
+
+    def _require_control(self) -> None:
+        if not self._opened.is_controller:
+            raise DeviceInUseError(
+                f"the camera at {self._opened.name} is in use by another program; close "
+                "that program (one that was killed holds the camera for a few more seconds)"
+            )
+
+    def _read_info(self) -> DeviceInfo:
+        features = self._controls.features
+        firmware = features.first_of(_FIRMWARE_NAMES)
+        serial_number = features.first_of(_SERIAL_NUMBER_NAMES)
+        with translated_errors(self._opened.library, "DeviceVendorName"):
+            return DeviceInfo(
+                vendor=text_of(self._opened.camera.get_vendor_name),
+                model=text_of(self._opened.camera.get_model_name),
+                serial_number=(
+                    str(features.read(serial_number))
+                    if serial_number is not None
+                    else text_of(self._opened.camera.get_device_serial_number)
+                ),
+                firmware="" if firmware is None else str(features.read(firmware)),
+                driver="aravis",
+            )
+
+
+def _receive_buffer_warnings(opened: OpenedDevice) -> tuple[str, ...]:
+    if not opened.is_gige:
+        return ()
+    limit_bytes = receive_buffer_limit_bytes()
+    if limit_bytes is None or limit_bytes >= SOCKET_BUFFER_BYTES:
+        return ()
+    return (
+        f"the receive buffer is limited to {limit_bytes} bytes, so frames will be lost; run "
+        f"'sudo sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}'",
+    )
+
+
+_SFNC_NAMES = {
     "vendor": "DeviceVendorName",
     "model": "DeviceModelName",
     "serial_number": "DeviceSerialNumber",
@@ -39,8 +173,8 @@ SFNC_NAMES = {
     "black_level_dn": "BlackLevel",
 }
 
-RELATIVE_ROUNDING = 1e-6
-SOFTWARE = "software"
+_RELATIVE_ROUNDING = 1e-6
+_SOFTWARE = "software"
 
 
 def require_same_camera(
@@ -49,13 +183,7 @@ def require_same_camera(
     settings: CameraSettings,
     settings_now: CameraSettings,
 ) -> None:
-    """Compare identity and settings of a camera before and after it was reopened.
-
-    Raises
-    ------
-    CameraFeatureError
-        If anything differs; the error names the first feature and both values.
-    """
+    """Compare identity and settings of a camera before and after it was reopened."""
     before = {**_named(info), **_named(settings)}
     now = {**_named(info_now), **_named(settings_now)}
     for feature in before | now:
@@ -73,52 +201,41 @@ def _named(facts: DeviceInfo | CameraSettings) -> dict[str, object]:
     named = asdict(facts)
     return {
         **named.pop("features", {}),
-        **{SFNC_NAMES.get(field, field): value for field, value in named.items()},
+        **{_SFNC_NAMES.get(field, field): value for field, value in named.items()},
     }
 
 
 def _is_same(was: object, found: object) -> bool:
     if isinstance(was, float) and isinstance(found, float):
-        return abs(found - was) <= RELATIVE_ROUNDING * max(abs(was), abs(found))
+        return abs(found - was) <= _RELATIVE_ROUNDING * max(abs(was), abs(found))
     return was == found
 
 
-STALL_S = 1.0
-STALL_PERIODS = 5
+_STALL_S = 1.0
+_STALL_PERIODS = 5
 """A stream has stalled if no frame comes in the longer of these two times spent waiting for one."""
 
-WAIT_SLICE_S = 0.1
+_WAIT_SLICE_S = 0.1
 """Longest wait inside Aravis, where neither Ctrl-C nor a lost control channel is noticed."""
 
-RECONNECT_PAUSE_S = 0.1
+_RECONNECT_PAUSE_S = 0.1
 
-LONG_S = 1.0
+_LONG_S = 1.0
 """Exposures above it are aborted when the stream is stopped, and are given time to end."""
 
 
 class AravisCamera:
     """A camera that has been opened; `open` makes one.
 
-    A stream that stalls, or whose control channel ends, raises `StreamInterruptedError`. The
-    next `start` then drops every Aravis object, reopens the camera within
-    ``reconnect_timeout_s``, configures it again and compares all settings with those from before.
-    Nothing is reopened mid-stream, so no series mixes frames from before and after.
+    A stream that stalls, or whose control channel ends, raises `StreamInterruptedError`. The next
+    `start` then drops every Aravis object, reopens the camera within ``reconnect_timeout_s``,
+    configures it again and compares all settings with those from before. Nothing is reopened
+    mid-stream, so no series mixes frames from before and after.
 
     With a software trigger each `next_frame` takes one frame, no sooner than a frame period after
     the last. With a line as the trigger a silent line is no stall: only the time limit ends.
 
-    Parameters
-    ----------
-    connection
-        The camera, opened and configured.
-    config
-        The configuration that it was opened with.
-    connect
-        Makes a new connection from a configuration.
-    clock
-        Monotonic time in seconds.
-    sleep
-        Waits for a number of seconds.
+    ``connect`` makes a new connection from a configuration; ``clock`` is monotonic, in seconds.
     """
 
     def __init__(
@@ -126,7 +243,7 @@ class AravisCamera:
         connection: AravisConnection,
         config: CameraConfig,
         *,
-        connect: Callable[[CameraConfig], AravisConnection] = connect_camera,
+        connect: Callable[[CameraConfig], AravisConnection] = _connect_camera,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -153,20 +270,8 @@ class AravisCamera:
 
     @classmethod
     def open(cls, config: CameraConfig) -> "AravisCamera":
-        """Open the camera that the bench file names and apply its settings.
-
-        Raises
-        ------
-        DriverMissingError
-            If Aravis or PyGObject is not installed.
-        DeviceDisconnectedError
-            If no camera answers there.
-        DeviceInUseError
-            If another program controls it.
-        CameraFeatureError
-            If it does not accept or keep a setting.
-        """
-        return cls(connect_camera(config), config)
+        """Open the camera that the bench file names and apply its settings."""
+        return cls(_connect_camera(config), config)
 
     @property
     def info(self) -> DeviceInfo:
@@ -190,7 +295,7 @@ class AravisCamera:
 
     def set_exposure_us(self, exposure_us: float) -> float:
         """See `Camera.set_exposure_us`; the frame rate may change with it."""
-        if self._period_s() > LONG_S:
+        if self._period_s() > _LONG_S:
             # A camera that cannot abort finishes what it exposes.
             self._busy_until_s = self._clock() + self._period_s()
         self._settings = self._open_connection().set_exposure_us(exposure_us)
@@ -208,13 +313,9 @@ class AravisCamera:
     def start(self) -> None:
         """See `Camera.start`; a lost camera is reopened first.
 
-        Raises
-        ------
-        DeviceDisconnectedError
-            If it did not come back within ``reconnect_timeout_s`` and one more attempt of 2.5 s.
-            It may take 15 s in any case: Aravis waits that long for a camera to answer.
-        CameraFeatureError
-            If it came back with other settings.
+        It fails if the camera did not come back within ``reconnect_timeout_s`` and one more attempt
+        of 2.5 s, or came back with other settings. It may take 15 s in any case: Aravis waits that
+        long for a camera to answer.
         """
         if self._is_closed:
             raise DeviceDisconnectedError("the camera is closed")
@@ -229,18 +330,12 @@ class AravisCamera:
         self._is_triggered = False
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """See `Camera.next_frame`.
-
-        Raises
-        ------
-        StreamInterruptedError
-            If the stream stalled or the camera is lost: start it again.
-        """
+        """See `Camera.next_frame`; if the stream stalled or the camera is lost, start it again."""
         connection = self._open_connection()
         if not self._is_streaming:
             raise DeviceError("the camera has not been started")
         deadline_s = self._clock() + timeout_s
-        stall_s = max(STALL_S, STALL_PERIODS * self._period_s())
+        stall_s = max(_STALL_S, _STALL_PERIODS * self._period_s())
         stall_s += max(0.0, self._busy_until_s - self._clock())
         if self._is_software_triggered:
             self._sleep_until_ready(timeout_s)
@@ -248,7 +343,7 @@ class AravisCamera:
         elif self._config.trigger != NO_TRIGGER:
             stall_s = math.inf
         while True:
-            wait_s = min(deadline_s - self._clock(), stall_s - self._waited_s, WAIT_SLICE_S)
+            wait_s = min(deadline_s - self._clock(), stall_s - self._waited_s, _WAIT_SLICE_S)
             frame = connection.stream.pop(wait_s)
             if connection.is_lost:
                 raise self._interrupted(
@@ -276,18 +371,12 @@ class AravisCamera:
                 )
 
     def stop(self) -> None:
-        """See `Camera.stop`; a camera whose stream was interrupted is already stopped.
-
-        Raises
-        ------
-        StreamInterruptedError
-            If the camera no longer answers.
-        """
+        """See `Camera.stop`; a camera whose stream was interrupted is already stopped."""
         if not self._is_streaming:
             return
         self._is_streaming = False
         try:
-            self._open_connection().stream.stop(is_exposing_long=self._period_s() > LONG_S)
+            self._open_connection().stream.stop(is_exposing_long=self._period_s() > _LONG_S)
         except (DeviceDisconnectedError, DeviceInUseError) as error:
             raise self._interrupted(str(error)) from error
 
@@ -330,7 +419,7 @@ class AravisCamera:
 
     @property
     def _is_software_triggered(self) -> bool:
-        return self._config.trigger.casefold() == SOFTWARE
+        return self._config.trigger.casefold() == _SOFTWARE
 
     def _period_s(self) -> float:
         return max(1 / self._settings.frame_rate_hz, 1e-6 * self._settings.exposure_us)
@@ -387,7 +476,7 @@ class AravisCamera:
                     ) from error
             else:
                 break
-            self._sleep(RECONNECT_PAUSE_S)
+            self._sleep(_RECONNECT_PAUSE_S)
         try:
             require_same_camera(
                 self._info, self._connection.info, self._settings, self._connection.settings
@@ -398,3 +487,94 @@ class AravisCamera:
         self._settings = self._connection.settings
         self._warnings = self._connection.warnings
         self._is_interrupted = False
+
+
+_TEMPERATURE = "DeviceTemperature"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundCamera:
+    """A camera that answered: its address, empty on USB, and its id, which opens it too."""
+
+    address: str
+    vendor: str
+    model: str
+    serial_number: str
+    hardware_address: str
+    id: str = ""
+    transport: str = GIGE_VISION
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraProbe:
+    """The present state of one camera; the limits are those at its present settings.
+
+    ``gain`` is its lowest and highest, as the camera states them. ``pixel_formats`` are those that
+    can be decoded, ``undecoded_formats`` the others. ``temperature_c`` is None where the camera has
+    no such feature, ``packet_size_bytes`` and ``resends_packets``, whether it sends lost packets
+    again, where it is not on a network.
+    """
+
+    vendor: str
+    model: str
+    name: str
+    is_controllable: bool
+    exposure_us: Bounds
+    gain: tuple[StatedValue, StatedValue]
+    frame_rate_hz: Bounds
+    pixel_formats: tuple[str, ...]
+    packet_size_bytes: int | None
+    temperature_c: float | None
+    resends_packets: bool | None = None
+    undecoded_formats: tuple[str, ...] = ()
+
+
+def list_cameras(load: Callable[[], AravisLibrary] = load_aravis) -> tuple[FoundCamera, ...]:
+    """List the cameras that answer on any network interface or USB port; takes about a second."""
+    api = load().api
+    api.update_device_list()
+    found = [
+        FoundCamera(
+            address=(
+                text_of(api.get_device_address, index)
+                if api.get_device_protocol(index) == GIGE_VISION
+                else ""
+            ),
+            vendor=text_of(api.get_device_vendor, index),
+            model=text_of(api.get_device_model, index),
+            serial_number=text_of(api.get_device_serial_nbr, index),
+            hardware_address=text_of(api.get_device_physical_id, index),
+            id=text_of(api.get_device_id, index),
+            transport=text_of(api.get_device_protocol, index),
+        )
+        for index in range(api.get_n_devices())
+    ]
+    return tuple(sorted(found, key=lambda camera: (camera.address, camera.id)))
+
+
+def probe_camera(config: CameraConfig) -> CameraProbe:
+    """Open the camera of a bench file, query it and release it."""
+    opened = open_camera(config)
+    try:
+        controls = CameraControls(opened, config.frame_rate_hz)
+        has_temperature = controls.features.has(_TEMPERATURE)
+        formats = controls.pixel_formats()
+        with translated_errors(opened.library, "its identity"):
+            return CameraProbe(
+                vendor=text_of(opened.camera.get_vendor_name),
+                model=text_of(opened.camera.get_model_name),
+                name=opened.name,
+                is_controllable=opened.is_controller,
+                exposure_us=controls.levels.exposure_bounds_us(),
+                gain=controls.levels.gain_bounds(),
+                frame_rate_hz=controls.frame_rate.bounds_hz(),
+                pixel_formats=tuple(name for name in formats if can_decode(name)),
+                undecoded_formats=tuple(name for name in formats if not can_decode(name)),
+                packet_size_bytes=(
+                    int(opened.camera.gv_get_packet_size()) if opened.is_gige else None
+                ),
+                temperature_c=controls.features.number(_TEMPERATURE) if has_temperature else None,
+                resends_packets=opened.resends_packets,
+            )
+    finally:
+        opened.close()

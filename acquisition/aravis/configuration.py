@@ -1,37 +1,348 @@
-"""Configure a camera from the bench file and read its settings back."""
+"""Configure a camera from the bench file and read its settings back.
 
-from dataclasses import dataclass, replace
+Whatever makes levels non-linear, replaces pixels or changes settings by itself is switched off. The
+largest stream packet that reaches this computer is found by trial, over the bootstrap registers,
+which every camera has: Aravis' own negotiation gives up where the camera's description does not
+show ``GevSCPSFireTestPacket`` as a command (Aravis 0.8.26).
+
+References
+----------
+AIA, GigE Vision, version 2.0 (2011), section "Bootstrap registers", stream channel 0.
+"""
+
+import socket
+import time
+from dataclasses import dataclass, field, replace
 from math import inf
 
-from acquisition.aravis.chunks import FrameChunks
-from acquisition.aravis.controls import (
+from acquisition.aravis.device import OpenedDevice, text_of, translated_errors
+from acquisition.aravis.features import (
     COUNTS,
-    FrameRate,
+    Bounds,
+    CameraFeatures,
+    FeatureName,
+    FeatureValue,
     LevelControls,
-    NeutralFeatures,
     StatedValue,
-    neutralise,
-    set_trigger,
+    names_for,
+    neutral_features,
+    whole,
 )
-from acquisition.aravis.device import OpenedDevice
-from acquisition.aravis.errors import translated_errors
-from acquisition.aravis.feature_names import names_for
-from acquisition.aravis.features import CameraFeatures, FeatureValue, whole
-from acquisition.aravis.library import text_of
-from acquisition.aravis.packet_size import PACKET_SIZE, set_packet_size
-from acquisition.aravis.pixel_decoding import can_decode
+from acquisition.aravis.network import route_to
+from acquisition.aravis.stream import FrameChunks, can_decode
 from acquisition.bench import CameraConfig
 from acquisition.devices import CameraSettings
-from acquisition.errors import CameraFeatureError
+from acquisition.errors import CameraFeatureError, DeviceError, DeviceInUseError
+
+_PACKET_SIZE = "GevSCPSPacketSize"
+
+_SAFE_PACKET_BYTES = 1500
+"""Packet size that Ethernet carries without any configuration."""
+
+_PORT_REGISTER = 0x0D00
+_SIZE_REGISTER = 0x0D04
+_ADDRESS_REGISTER = 0x0D18
+
+_FIRE_TEST_PACKET = 0x8000_0000
+_DO_NOT_FRAGMENT = 0x4000_0000
+_SIZE_MASK = 0xFFFF
+
+_IP_AND_UDP_HEADER_BYTES = 28
+_USUAL_SIZES = (16000, 9000, 8228, 8000, 6000, 4000, 3000, 2000, _SAFE_PACKET_BYTES, 1400, 576)
+"""Sizes for jumbo frames and tunnels, and the smallest that every network carries."""
+
+_TRIES = 3
+_WAIT_S = 0.02
+
+
+def _set_packet_size(
+    opened: OpenedDevice, features: CameraFeatures, packet_size_bytes: int | None
+) -> tuple[str, ...]:
+    """Set a packet size, or the largest that gets through; return warnings."""
+    warnings: tuple[str, ...] = ()
+    with translated_errors(opened.library, _PACKET_SIZE):
+        # Making a stream would negotiate, unasked. A Manta's packet size at power-up is above
+        # its own maximum; Aravis 0.8.26 then ends the process with an assertion.
+        opened.camera.gv_set_packet_size_adjustment(opened.library.api.GvPacketSizeAdjustment.NEVER)
+        if packet_size_bytes is None:
+            bounds = features.bounds(_PACKET_SIZE)
+            route = route_to(opened.name)
+            packet_size_bytes = _largest_packet(
+                opened,
+                own_address=route.own_address,
+                mtu_bytes=route.mtu_bytes,
+                low=whole(bounds.low, _PACKET_SIZE),
+                high=whole(bounds.high, _PACKET_SIZE),
+                step=max(1, round(features.step(_PACKET_SIZE))),
+            )
+        if packet_size_bytes is None:
+            packet_size_bytes = _SAFE_PACKET_BYTES
+            warnings = (
+                "no test packet arrived from the camera: a firewall blocks its stream, or it "
+                f"sends none; the packet size is set to {_SAFE_PACKET_BYTES} bytes",
+            )
+        opened.camera.gv_set_packet_size(packet_size_bytes)
+        found = int(opened.camera.gv_get_packet_size())
+    if found != packet_size_bytes:
+        raise CameraFeatureError(
+            f"the camera does not keep {_PACKET_SIZE}: set to {packet_size_bytes}, "
+            f"it reads {found}",
+            feature=_PACKET_SIZE,
+        )
+    return warnings
+
+
+def _largest_packet(
+    opened: OpenedDevice, *, own_address: str, mtu_bytes: int, low: int, high: int, step: int
+) -> int | None:
+    """Return the largest packet size that arrives whole, or None if no test packet does.
+
+    ``own_address`` is that of the interface that leads to the camera, ``mtu_bytes`` the largest
+    packet that it carries; ``low``, ``high`` and ``step`` are sizes that the camera accepts, in
+    bytes. The camera's own packet size is restored afterwards.
+    """
+    most = min(mtu_bytes, high)
+    sizes = {low + (size - low) // step * step for size in (most, *_USUAL_SIZES) if low <= size}
+    sizes = {size for size in sizes if size <= most}
+    with (
+        translated_errors(opened.library, "GevSCPSPacketSize"),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
+    ):
+        receiver.bind((own_address, 0))
+        before = opened.device.read_register(_SIZE_REGISTER)
+        opened.device.write_register(
+            _ADDRESS_REGISTER, int.from_bytes(socket.inet_aton(own_address), "big")
+        )
+        opened.device.write_register(_PORT_REGISTER, receiver.getsockname()[1])
+        try:
+            # The sizes that always get through reveal a camera that sends no test packets at all;
+            # it is not asked for the others.
+            certain = sorted(size for size in sizes if size <= _SAFE_PACKET_BYTES)[::-1]
+            jumbo = sorted(sizes - set(certain))[::-1]
+            arrived = next((s for s in certain if _arrives(opened, receiver, s)), None)
+            if arrived is None or arrived < certain[0]:
+                return arrived
+            return next((s for s in jumbo if _arrives(opened, receiver, s)), arrived)
+        finally:
+            opened.device.write_register(_PORT_REGISTER, 0)
+            opened.device.write_register(_SIZE_REGISTER, before & ~_FIRE_TEST_PACKET)
+
+
+def _arrives(opened: OpenedDevice, receiver: socket.socket, size: int) -> bool:
+    for _ in range(_TRIES):
+        opened.device.write_register(_SIZE_REGISTER, _FIRE_TEST_PACKET | _DO_NOT_FRAGMENT | size)
+        deadline_s = time.monotonic() + _WAIT_S
+        while (remaining_s := deadline_s - time.monotonic()) > 0:
+            receiver.settimeout(remaining_s)
+            try:
+                datagram, sender = receiver.recvfrom(_SIZE_MASK)
+            except TimeoutError:
+                break
+            # A late packet of another trial, or from another sender, does not count.
+            if sender[0] == opened.name and len(datagram) == size - _IP_AND_UDP_HEADER_BYTES:
+                return True
+    return False
+
+
+@dataclass(slots=True)
+class _NeutralFeatures:
+    """The features of the table that a camera has, as read back, and what it kept."""
+
+    values: dict[str, FeatureValue] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+
+def _neutralise(features: CameraFeatures, camera: str) -> _NeutralFeatures:
+    """Give every feature of the table that the camera has its neutral value.
+
+    ``camera`` is vendor and model, as the camera names them. A feature behind a selector gets the
+    value for each entry; ``NAME[ENTRY]`` is then its key. It fails if the camera keeps a value that
+    would falsify levels.
+    """
+    result = _NeutralFeatures()
+    switched_off: set[str] = set()
+    for row in neutral_features(camera):
+        if not features.has(row.name):
+            continue
+        if not row.selector or not features.has(row.selector):
+            _neutralise_one(features, row, row.name, result, switched_off)
+            continue
+        entries = features.entries(row.selector)
+        for entry in entries:
+            key = row.name if len(entries) == 1 else f"{row.name}[{entry}]"
+            with features.selected(row.selector, entry):
+                if features.has(row.name):
+                    _neutralise_one(features, row, key, result, switched_off)
+    return result
+
+
+def _neutralise_one(
+    features: CameraFeatures,
+    row: FeatureName,
+    key: str,
+    result: _NeutralFeatures,
+    switched_off: set[str],
+) -> None:
+    neutral = _neutral_value(features, row)
+    refusal: DeviceError | None = None
+    if neutral is not None:
+        try:
+            features.write(row.name, neutral)
+        except (CameraFeatureError, DeviceInUseError) as error:
+            refusal = error
+    if neutral is None or refusal is not None:
+        result.values[key] = kept = features.read(row.name)
+        is_a_number = features.type_of(row.name) in ("integer", "float")
+        if is_a_number and row.purpose in switched_off:
+            return  # a strength without effect, as its switch is off
+        told = " or ".join(row.neutral)
+        if row.if_kept == "refuse":
+            raise CameraFeatureError(
+                f"the camera keeps {key} at {kept} instead of {told}, and levels would not be "
+                f"those of the sensor ({row.purpose}); set it to {told} with the maker's program",
+                feature=row.name,
+            ) from refusal
+        result.warnings.append(
+            f"the camera keeps {key} at {kept} instead of {told} ({row.purpose}); this is recorded"
+        )
+        return
+    result.values[key] = features.read(row.name)
+    if features.type_of(row.name) in ("boolean", "enumeration"):
+        switched_off.add(row.purpose)
+
+
+def _neutral_value(features: CameraFeatures, row: FeatureName) -> FeatureValue | None:
+    """The neutral value in the type that the feature has in this camera; None if it has none."""
+    kind = features.type_of(row.name)
+    if kind == "enumeration":
+        entries = features.entries(row.name)
+        return next((name for name in row.neutral if name in entries), None)
+    if kind == "boolean":
+        return {"true": True, "false": False}.get(row.neutral[0])
+    if row.neutral == ("min",):
+        low = features.bounds(row.name).low
+        return round(low) if kind == "integer" else low
+    number = next((float(text) for text in row.neutral if text.lstrip("-").isdigit()), None)
+    if number is None:
+        return None
+    return round(number) if kind == "integer" else number
+
+
+_FRAME_TRIGGERS = ("FrameStart", "ExposureStart", "FrameTrigger", "AcquisitionStart")
+"""Entry of TriggerSelector that takes one frame, the first of these."""
+
+_EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
+
+
+class _FrameRate:
+    """The frame rate of one camera, named by vendor and model.
+
+    ``asked_hz`` is that of the bench file: what is reported of a camera that has no such feature.
+    """
+
+    def __init__(self, features: CameraFeatures, camera: str, asked_hz: float) -> None:
+        self._features = features
+        self._camera = camera
+        self._asked_hz = asked_hz
+
+    def hz(self) -> float:
+        """Present frame rate, which long exposures lower."""
+        name = self._name("frame rate")
+        set_hz = self._asked_hz if name is None else self._features.number(name)
+        return min(set_hz, self._limit_hz(), self._resulting_hz())
+
+    def bounds_hz(self) -> Bounds:
+        """Frame rates at the present exposure, region, packet size and bandwidth."""
+        name = self._name("frame rate")
+        if name is None:
+            return Bounds(low=0.0, high=min(self._limit_hz(), self._resulting_hz()))
+        bounds = self._features.bounds(name)
+        return Bounds(low=bounds.low, high=min(bounds.high, self._limit_hz()))
+
+    def set(self) -> tuple[str, ...]:
+        """Set the frame rate of the bench file, or the highest possible; return warnings."""
+        name = self._name("frame rate")
+        if name is None:
+            return (
+                "the camera has no frame rate to set; camera.frame_rate_hz "
+                f"{self._asked_hz:g} is only what the time limits go by",
+            )
+        wanted_hz = min(self._asked_hz, self.bounds_hz().high)
+        self._features.send(name, wanted_hz)
+        found_hz = self._features.number(name)
+        if not abs(found_hz - wanted_hz) <= 0.01 * wanted_hz:
+            raise CameraFeatureError(
+                f"the camera does not keep {name}: set to {wanted_hz:g}, it reads {found_hz:g}",
+                feature=name,
+            )
+        if self.hz() >= 0.999 * self._asked_hz:
+            return ()
+        return (
+            f"camera.frame_rate_hz {self._asked_hz:g} is beyond what the camera can do at this "
+            f"exposure, region and packet size; it runs at {self.hz():.2f}",
+        )
+
+    def restore(self) -> float:
+        """Return to the frame rate of the bench file, as far as the exposure allows; in Hz."""
+        if self.hz() < 0.99 * min(self._asked_hz, self.bounds_hz().high):
+            self.set()
+        return self.hz()
+
+    def _limit_hz(self) -> float:
+        name = self._name("frame rate limit")
+        return float("inf") if name is None else self._features.number(name)
+
+    def _resulting_hz(self) -> float:
+        name = self._name("resulting frame rate")
+        return float("inf") if name is None else self._features.number(name) or float("inf")
+
+    def _name(self, purpose: str) -> str | None:
+        return self._features.first_of([row.name for row in names_for(purpose, self._camera)])
+
+
+def _set_trigger(features: CameraFeatures, source: str, edge: str) -> dict[str, FeatureValue]:
+    """Let each frame wait for a trigger, and return what was set, as read back.
+
+    ``source`` is ``software``, or the name of a line, such as ``Line1``; ``edge`` is ``rising`` or
+    ``falling``, of a line. The camera's triggers are off before.
+    """
+    for name in ("TriggerMode", "TriggerSource"):
+        if not features.has(name):
+            raise CameraFeatureError(
+                f'camera.trigger {source!r}: the camera has no {name}; set camera.trigger to "off"',
+                feature=name,
+            )
+    wanted: dict[str, FeatureValue] = {}
+    if features.has("TriggerSelector"):
+        entries = features.entries("TriggerSelector")
+        selector = next((name for name in _FRAME_TRIGGERS if name in entries), None)
+        if selector is not None:
+            wanted["TriggerSelector"] = selector
+            features.write("TriggerSelector", selector)
+    sources = {entry.casefold(): entry for entry in features.entries("TriggerSource")}
+    if source.casefold() not in sources:
+        raise CameraFeatureError(
+            f"camera.trigger {source!r}: this camera is triggered by "
+            f"{', '.join(sources.values()) or 'nothing'}",
+            feature="TriggerSource",
+        )
+    wanted["TriggerSource"] = sources[source.casefold()]
+    if source.casefold() != "software" and features.has("TriggerActivation"):
+        wanted["TriggerActivation"] = _EDGES[edge]
+    wanted["TriggerMode"] = "On"
+    for name, value in wanted.items():
+        features.write(name, value)
+    return {name: features.read(name) for name in wanted}
+
 
 NO_TRIGGER = "off"
 
-MOST_PIXELS = 100_000
+_MOST_PIXELS = 100_000
 """No sensor is as wide; a description without a limit says 2**31 and more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AppliedConfiguration:
+class _AppliedConfiguration:
     """The settings as read back from the camera, and warnings for the operator."""
 
     settings: CameraSettings
@@ -41,12 +352,7 @@ class AppliedConfiguration:
 class CameraControls:
     """Exposure, gain and all other settings of one open camera.
 
-    Parameters
-    ----------
-    opened
-        The camera; everything but the bounds needs control of it.
-    frame_rate_asked_hz
-        Frame rate of the bench file.
+    Everything but the bounds needs control of it. The frame rate is that of the bench file.
     """
 
     def __init__(self, opened: OpenedDevice, frame_rate_asked_hz: float) -> None:
@@ -58,28 +364,20 @@ class CameraControls:
             vendor = text_of(opened.camera.get_vendor_name)
             self._name = f"{vendor} {text_of(opened.camera.get_model_name)}"
         self.levels = LevelControls(self.features, self._name)
-        self.frame_rate = FrameRate(self.features, self._name, frame_rate_asked_hz)
+        self.frame_rate = _FrameRate(self.features, self._name, frame_rate_asked_hz)
 
-    def configure(self, config: CameraConfig) -> AppliedConfiguration:
-        """Apply all settings of the bench file.
-
-        Raises
-        ------
-        CameraFeatureError
-            If a setting is refused or not kept; the error names the feature.
-        DeviceDisconnectedError, DeviceInUseError
-            If the camera was lost meanwhile.
-        """
+    def configure(self, config: CameraConfig) -> _AppliedConfiguration:
+        """Apply all settings of the bench file."""
         with translated_errors(self._opened.library, "AcquisitionStop"):
             # A program that was killed may have left it streaming, with its settings locked.
             self._opened.camera.stop_acquisition()
         self._set_pixel_format(config.pixel_format)
-        neutral = neutralise(self.features, self._name)
+        neutral = _neutralise(self.features, self._name)
         self.levels.select_master_gain()
         self._set_region(config.region_px)
         warnings: tuple[str, ...] = ()
         if self._opened.is_gige:
-            warnings = set_packet_size(self._opened, self.features, config.packet_size_bytes)
+            warnings = _set_packet_size(self._opened, self.features, config.packet_size_bytes)
         self._set_throughput(config.bandwidth_limit_bytes_per_s)
         self.levels.set_exposure_us(config.exposure_us)
         if config.gain_counts is None:
@@ -88,9 +386,9 @@ class CameraControls:
             self.levels.set_gain_counts(config.gain_counts)
         warnings += self.frame_rate.set()
         if config.trigger != NO_TRIGGER:
-            neutral.values |= set_trigger(self.features, config.trigger, config.trigger_edge)
+            neutral.values |= _set_trigger(self.features, config.trigger, config.trigger_edge)
         settings = self._read_settings(neutral)
-        return AppliedConfiguration(
+        return _AppliedConfiguration(
             settings=settings,
             warnings=(*warnings, *neutral.warnings, *_unscaled_warnings(settings)),
         )
@@ -104,11 +402,11 @@ class CameraControls:
         with translated_errors(self._opened.library, "PixelFormat"):
             return tuple(self._opened.camera.dup_available_pixel_formats_as_strings() or ())
 
-    def _read_settings(self, neutral: NeutralFeatures) -> CameraSettings:
+    def _read_settings(self, neutral: _NeutralFeatures) -> CameraSettings:
         """Read back everything that a session records."""
         features: dict[str, FeatureValue] = {
             name: self.features.read(name)
-            for name in ("OffsetX", "OffsetY", PACKET_SIZE)
+            for name in ("OffsetX", "OffsetY", _PACKET_SIZE)
             if self.features.has(name)
         }
         features |= neutral.values
@@ -177,18 +475,12 @@ class CameraControls:
                 self.features.write(offset, self._fitting(offset, value))
 
     def _fitting(self, feature: str, asked: int | None) -> int:
-        """The size or offset asked for, or the largest one.
-
-        Raises
-        ------
-        CameraFeatureError
-            If the camera does not have it; the error names the step and the nearest that it has.
-        """
+        """The size or offset asked for, or the largest one."""
         bounds, step = self.features.bounds(feature), max(1, round(self.features.step(feature)))
         low = whole(bounds.low, feature)
         steps = (whole(bounds.high, feature) - low) // step
         high = low + steps * step
-        if high > MOST_PIXELS:
+        if high > _MOST_PIXELS:
             raise CameraFeatureError(
                 f"the camera does not tell how large its sensor is ({feature} up to {high}); set "
                 "camera.region_px to left, top, width, height",
@@ -225,13 +517,7 @@ class CameraControls:
 
 
 def require_usable(settings: CameraSettings) -> None:
-    """Refuse sizes and times that no frame can have, before anything is divided by them.
-
-    Raises
-    ------
-    CameraFeatureError
-        Names the first that is not possible.
-    """
+    """Refuse sizes and times that no frame can have, before anything is divided by them."""
     for feature, value in (
         ("Width", settings.width_px),
         ("Height", settings.height_px),

@@ -1,31 +1,160 @@
-"""Opening and releasing a camera: a GigE Vision device at an address, or any camera by its id."""
+"""Opening and releasing a camera: a GigE Vision device at an address, or any camera by its id.
+
+The Aravis library is imported only when a bench asks for it, and its errors are translated into
+ours.
+"""
+
+import ctypes
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 from acquisition.aravis.description import (
     LONGEST_REGISTER_BYTES,
     SoundDescription,
-    read_description,
     require_sound_description,
 )
-from acquisition.aravis.errors import translated_errors
-from acquisition.aravis.library import (
-    AravisLibrary,
-    AravisObject,
-    description_of,
-    load_aravis,
-    text_of,
-)
-from acquisition.aravis.route import route_to
+from acquisition.aravis.network import read_description, route_to
 from acquisition.bench import CameraConfig, resolve_address
 from acquisition.errors import (
     CameraDescriptionError,
+    CameraFeatureError,
     DeviceDisconnectedError,
     DeviceError,
+    DeviceInUseError,
+    DeviceProtocolError,
+    DriverMissingError,
+    MissingFeatureError,
 )
 
+AravisObject = Any
+"""An object of the GObject bindings, which have no type annotations."""
+
+
+_LIBRARY_NAME = "libaravis-0.8.so.0"
+_LIBRARY_FILE = re.compile(r"/libaravis-0\.8\.so\.(\d+(?:\.\d+)+)$", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AravisLibrary:
+    """The modules of the GObject bindings and their versions."""
+
+    api: AravisObject
+    gio: AravisObject
+    glib: AravisObject
+    aravis_version: str
+    pygobject_version: str
+
+
+@cache
+def load_aravis() -> AravisLibrary:
+    """Import Aravis 0.8 through PyGObject."""
+    try:
+        import gi
+    except ImportError as error:
+        raise DriverMissingError(
+            "camera.driver 'aravis' needs PyGObject; install standoff[aravis] "
+            f"and the system package gir1.2-aravis-0.8 ({error})"
+        ) from error
+    try:
+        # 0.10 exists and breaks the API.
+        gi.require_version("Aravis", "0.8")
+        from gi.repository import Aravis, Gio, GLib
+    except (ImportError, ValueError) as error:
+        raise DriverMissingError(
+            "camera.driver 'aravis' needs the system package gir1.2-aravis-0.8 "
+            f"(apt install gir1.2-aravis-0.8) ({error})"
+        ) from error
+    Aravis.device_error_quark()  # the library itself is loaded by the first call
+    return AravisLibrary(
+        api=Aravis,
+        gio=Gio,
+        glib=GLib,
+        aravis_version=_loaded_version(Path("/proc/self/maps")),
+        pygobject_version=".".join(str(part) for part in gi.version_info),
+    )
+
+
+def text_of(read: Callable[..., object], *arguments: object) -> str:
+    """The text that a function of Aravis returns; bytes that are no UTF-8 show as question marks.
+
+    Texts lie in a camera's registers, where anything can be.
+    """
+    try:
+        return str(read(*arguments))
+    except UnicodeDecodeError as error:
+        return error.object.decode("utf-8", "replace")
+
+
+def _description_of(device: AravisObject) -> bytes:
+    """The description that an ``Aravis.Device`` has of its camera.
+
+    The bindings take it for a text that ends with a zero byte, which it does not: they read on
+    behind its end (PyGObject 3.50 with Aravis 0.8.26). So the function is called directly.
+    """
+    read = ctypes.CDLL(_LIBRARY_NAME).arv_device_get_genicam_xml
+    read.restype = ctypes.c_void_p
+    pointer_of = ctypes.pythonapi.PyCapsule_GetPointer
+    pointer_of.restype, pointer_of.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_void_p)
+    size = ctypes.c_size_t()
+    start = read(ctypes.c_void_p(pointer_of(device.__gpointer__, None)), ctypes.byref(size))
+    return b"" if start is None else ctypes.string_at(start, size.value)
+
+
+def _loaded_version(maps: Path) -> str:
+    """Version in the file name of the loaded library: the 0.8 bindings do not report it."""
+    for line in maps.read_text(encoding="utf-8", errors="replace").splitlines():
+        found = _LIBRARY_FILE.search(line)
+        if found is not None:
+            return found[1]
+    return "0.8"
+
+
+@contextmanager
+def translated_errors(library: AravisLibrary, feature: str) -> Iterator[None]:
+    """Turn an Aravis error inside the block into one of ours that names the feature."""
+    try:
+        yield
+    except UnicodeDecodeError as error:
+        raise DeviceProtocolError(f"what the camera says of {feature} is not text") from error
+    except library.glib.Error as error:
+        raise _device_error(library, feature, error) from error
+
+
+def _device_error(library: AravisLibrary, feature: str, error: AravisObject) -> DeviceError:
+    codes = library.api.DeviceError
+    if _is_code(error, codes.NOT_CONTROLLER, codes.PROTOCOL_ERROR_ACCESS_DENIED):
+        return DeviceInUseError(
+            f"the camera denies access to {feature}; another program controls the camera, or it "
+            "does not allow this at present"
+        )
+    if _is_code(
+        error,
+        codes.TIMEOUT,
+        codes.NOT_CONNECTED,
+        codes.NOT_FOUND,
+        codes.TRANSFER_ERROR,
+        codes.GENICAM_NOT_FOUND,
+    ):
+        return DeviceDisconnectedError(f"the camera does not answer ({feature}: {error.message})")
+    if _is_code(error, codes.FEATURE_NOT_FOUND):
+        return MissingFeatureError(f"the camera has no feature {feature}", names=(feature,))
+    return CameraFeatureError(f"the camera refuses {feature}: {error.message}", feature=feature)
+
+
+def _is_code(error: AravisObject, *codes: AravisObject) -> bool:
+    is_device_error = error.domain == "arv-device-error-quark"
+    return is_device_error and error.code in [int(code) for code in codes]
+
+
 GIGE_VISION = "GigEVision"
-CAPABILITY_REGISTER, PACKET_RESEND = 0x0934, 1 << 2
+_CAPABILITY_REGISTER, _PACKET_RESEND = 0x0934, 1 << 2
 """GVCP capabilities (GigE Vision 2.0, section "Bootstrap registers")."""
-IDENTITY = ("DeviceVendorName", "DeviceModelName")
+_IDENTITY = ("DeviceVendorName", "DeviceModelName")
 """What Aravis reads itself as soon as it is given a device."""
 
 
@@ -33,20 +162,8 @@ class OpenedDevice:
     """The sole owner of the Aravis objects of a camera: closing it releases the camera.
 
     Everything else reaches the objects through this and keeps none in a variable of its own: the
-    traceback of an error would keep thread, sockets and control alive.
-
-    Parameters
-    ----------
-    library
-        The Aravis modules.
-    name
-        Its IP address, or the id of a camera that is not on the network.
-    description
-        What it says of itself, checked.
-    device
-        An ``Aravis.Device``.
-    camera
-        The ``Aravis.Camera`` of that device.
+    traceback of an error would keep thread, sockets and control alive. ``name`` is the camera's IP
+    address, or the id of a camera that is not on the network.
     """
 
     def __init__(
@@ -92,7 +209,7 @@ class OpenedDevice:
         """Whether the camera says that it sends lost packets again; None if it is on no network."""
         if not self.is_gige:
             return None
-        return bool(self.device.read_register(CAPABILITY_REGISTER) & PACKET_RESEND)
+        return bool(self.device.read_register(_CAPABILITY_REGISTER) & _PACKET_RESEND)
 
     def close(self) -> None:
         """Release the camera; closing twice is harmless."""
@@ -101,34 +218,16 @@ class OpenedDevice:
 
 
 def open_camera(config: CameraConfig) -> OpenedDevice:
-    """Open the camera that a bench file names.
-
-    Raises
-    ------
-    DeviceError
-        As for `open_device` and `open_by_id`.
-    """
+    """Open the camera that a bench file names."""
     if config.address is not None:
         return open_device(config.address)
     if config.id is not None:
-        return open_by_id(config.id)
+        return _open_by_id(config.id)
     raise DeviceError("camera.address is missing; driver 'aravis' needs it, or camera.id")
 
 
 def open_device(address: str) -> OpenedDevice:
-    """Open the camera at one address; nothing is sent to any other address.
-
-    Raises
-    ------
-    DriverMissingError
-        If Aravis or PyGObject is not installed.
-    DeviceDisconnectedError
-        If no camera answers there, or no network interface leads there.
-    CameraDescriptionError
-        If the camera's description of itself would take Aravis down.
-    DeviceError
-        If the address is not valid.
-    """
+    """Open the camera at one address; nothing is sent to any other address."""
     library = load_aravis()
     ip_address = resolve_address(address)
     route = route_to(ip_address)
@@ -146,18 +245,8 @@ def open_device(address: str) -> OpenedDevice:
             del device  # see `OpenedDevice`
 
 
-def open_by_id(camera_id: str) -> OpenedDevice:
-    """Open any camera that Aravis finds; this BROADCASTS on every network interface.
-
-    Raises
-    ------
-    DriverMissingError
-        If Aravis or PyGObject is not installed.
-    DeviceDisconnectedError
-        If there is no such camera, or it does not answer.
-    CameraDescriptionError
-        As for `open_device`.
-    """
+def _open_by_id(camera_id: str) -> OpenedDevice:
+    """Open any camera that Aravis finds; this BROADCASTS on every network interface."""
     library = load_aravis()
     library.api.update_device_list()
     ids = [text_of(library.api.get_device_id, i) for i in range(library.api.get_n_devices())]
@@ -190,11 +279,6 @@ def require_bounded(opened: OpenedDevice, feature: str) -> None:
     """Refuse a feature in a register that is longer than any.
 
     Aravis takes as much memory as the camera says that a register is long.
-
-    Raises
-    ------
-    CameraDescriptionError
-        If the camera says so.
     """
     _require_bounded(_open_lengths(opened.description, opened.device, feature), feature)
 
@@ -202,8 +286,8 @@ def require_bounded(opened: OpenedDevice, feature: str) -> None:
 def _opened(library: AravisLibrary, name: str, device: AravisObject) -> OpenedDevice:
     """Let Aravis evaluate the description that it has itself, once that is found sound."""
     try:
-        description = require_sound_description(description_of(device), f"the camera at {name}")
-        for feature in IDENTITY:
+        description = require_sound_description(_description_of(device), f"the camera at {name}")
+        for feature in _IDENTITY:
             _require_bounded(_open_lengths(description, device, feature), feature)
         return OpenedDevice(
             library,

@@ -1,47 +1,315 @@
-"""Frames from an Aravis stream: buffers in flight, their state, the copy out of them."""
+"""Frames from an Aravis stream: buffers in flight, their state, what each frame says of itself.
 
+Images are read without a copy from the memory that Aravis receives frames into. Mono12Packed and
+BayerXX12Packed put two pixels in three bytes: the high eight bits of the first, a byte with the low
+four bits of both (the first pixel's in the low nibble), the high eight bits of the second. Pixels
+follow each other across the ends of rows; the last of an odd number takes two bytes. Everything
+else is one byte, or two bytes little-endian with the value in the low bits.
+
+References
+----------
+AIA, GigE Vision, version 2.0 (2011), section "Pixel layouts", GVSP_PIX_MONO12_PACKED.
+"""
+
+import ctypes
 import math
+import re
+import weakref
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
-from acquisition.aravis.chunks import FrameChunks, FrameFacts
-from acquisition.aravis.device import OpenedDevice
-from acquisition.aravis.errors import translated_errors
-from acquisition.aravis.frame_memory import FrameMemory
-from acquisition.aravis.library import AravisObject
-from acquisition.aravis.pixel_decoding import decode_pixels, encoded_bytes
-from acquisition.devices import CameraSettings, Frame, StreamStatistics
-from acquisition.errors import CameraFeatureError, DeviceDisconnectedError
+from acquisition.aravis.device import AravisLibrary, AravisObject, OpenedDevice, translated_errors
+from acquisition.aravis.features import US_PER_UNIT, CameraFeatures, FeatureName, names_for
+from acquisition.devices import CameraSettings, Frame, FrameImage, StreamStatistics
+from acquisition.errors import CameraDescriptionError, CameraFeatureError, DeviceDisconnectedError
+
+_WIRE_WORD = np.dtype("<u2")
+_FORMAT = re.compile(r"(?:Mono|Bayer(?:RG|GR|GB|BG))(8|10|12|14|16|12Packed)")
+
+
+def can_decode(pixel_format: str) -> bool:
+    """Whether `decode_pixels` supports the PFNC name."""
+    return _FORMAT.fullmatch(pixel_format) is not None
+
+
+def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
+    """Number of bytes that an image of ``(rows, cols)`` takes on the wire."""
+    pixels = shape[0] * shape[1]
+    depth = _depth(pixel_format)
+    if depth == "12Packed":
+        return (3 * pixels + 1) // 2
+    return pixels if depth == "8" else 2 * pixels
+
+
+def decode_pixels(
+    data: bytes | memoryview, pixel_format: str, shape: tuple[int, int]
+) -> FrameImage:
+    """Decode ``data`` to levels in DN of the pixel format; colour mosaics stay mosaics.
+
+    What follows the image in ``data`` is ignored. The format is a PFNC name: Mono or BayerXX with
+    8, 10, 12, 14, 16 or 12Packed. The result is uint8 or uint16 of ``shape``, read-only where it
+    shares the memory of ``data``, as all but the packed formats do.
+    """
+    size = encoded_bytes(pixel_format, shape)
+    if len(data) < size:
+        raise ValueError(
+            f"a {pixel_format} image of {shape[1]}x{shape[0]} takes {size} bytes, got {len(data)}"
+        )
+    depth = _depth(pixel_format)
+    if depth == "8":
+        return np.frombuffer(data, np.uint8, size).reshape(shape)
+    if depth == "12Packed":
+        pixels_dn = np.empty(shape, np.uint16)
+        _unpack_12(np.frombuffer(data, np.uint8, size), pixels_dn.reshape(-1))
+        return pixels_dn
+    wire = np.frombuffer(data, _WIRE_WORD, size // 2).reshape(shape)
+    return wire.astype(np.uint16, copy=False)
+
+
+@cache
+def _depth(pixel_format: str) -> str:
+    match = _FORMAT.fullmatch(pixel_format)
+    if match is None:
+        raise ValueError(f"pixel format {pixel_format!r} cannot be decoded")
+    return match[1]
+
+
+@njit(cache=True)
+def _unpack_12(packed: NDArray[np.uint8], pixels_dn: NDArray[np.uint16]) -> None:
+    for pair in range(pixels_dn.size // 2):
+        nibbles = np.uint16(packed[3 * pair + 1])
+        pixels_dn[2 * pair] = (np.uint16(packed[3 * pair]) << 4) | (nibbles & 15)
+        pixels_dn[2 * pair + 1] = (np.uint16(packed[3 * pair + 2]) << 4) | (nibbles >> 4)
+    if pixels_dn.size % 2:
+        pixels_dn[-1] = (np.uint16(packed[-2]) << 4) | (packed[-1] & 15)
+
+
+SENTINEL = bytes.fromhex("a5 3c f1 0e 96 69 d2 5b b4 87 e8 1d c3 7a 2f 50")
+"""Laid at an image's end before its buffer is filled: still there, the image came too short."""
+
+_BEYOND_BYTES = 4096
+"""Memory after each buffer: a register in a chunk may lie behind the end of what came, and Aravis
+0.8.26 reads it there all the same."""
+
+
+class FrameMemory:
+    """The buffers of one stream, of which ``buffers`` wait for frames at any time.
+
+    An image is read where it was received. Its buffer goes back to the stream when nothing refers
+    to the image any more; a program that keeps images gets copies once ``lent_most`` are in use.
+    ``buffer_bytes`` has room for image, chunks and padding, ``image_bytes`` is what an image of the
+    size that was set takes, at the buffer's begin.
+    """
+
+    def __init__(
+        self,
+        library: AravisLibrary,
+        stream: AravisObject,
+        *,
+        buffers: int,
+        buffer_bytes: int,
+        image_bytes: int,
+        lent_most: int,
+    ) -> None:
+        self._stream: AravisObject | None = stream
+        self._image_bytes = image_bytes
+        self._buffer_bytes = buffer_bytes
+        self._end = max(0, min(image_bytes, buffer_bytes) - len(SENTINEL))
+        self._sentinel = SENTINEL[: buffer_bytes - self._end]
+        self._image = ctypes.c_uint8 * image_bytes
+        self._lent_most = lent_most
+        self._lent: dict[AravisObject, weakref.ref[ctypes.Array[ctypes.c_uint8]]] = {}
+        self._addresses: dict[AravisObject, int] = {}
+        self._blocks: dict[AravisObject, ctypes.Array[ctypes.c_uint8]] = {}
+        for _ in range(buffers + lent_most):
+            block = (ctypes.c_uint8 * (buffer_bytes + _BEYOND_BYTES))()
+            address = ctypes.addressof(block)
+            buffer = library.api.Buffer.new(buffer_bytes, address)
+            self._blocks[buffer], self._addresses[buffer] = block, address
+            self.push(buffer)
+        # Aravis' thread writes here, also while an interpreter ends: only `release` frees it.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._blocks))
+
+    def push(self, buffer: AravisObject) -> None:
+        """Give a buffer back to the stream, to be filled again."""
+        stream = self._stream
+        if stream is not None:
+            ctypes.memmove(self._addresses[buffer] + self._end, self._sentinel, len(self._sentinel))
+            stream.push_buffer(buffer)
+
+    def lend(self, buffer: AravisObject, image_bytes: int) -> memoryview | bytes | None:
+        """The bytes of a complete image, read-only, or None if they are too few.
+
+        The buffer goes back by itself: when the bytes are no longer used, or at once.
+        """
+        address = self._addresses[buffer]
+        is_whole = image_bytes == self._image_bytes
+        end = ctypes.string_at(address + self._end, len(self._sentinel))
+        if image_bytes > self._buffer_bytes or (is_whole and end == self._sentinel):
+            self.push(buffer)
+            return None
+        if not is_whole or len(self._lent) >= self._lent_most:
+            copied = ctypes.string_at(address, image_bytes)
+            self.push(buffer)
+            return copied
+        lease = self._image.from_address(address)
+        # An image may outlive the stream.
+        lease.block = self._blocks[buffer]  # type: ignore[attr-defined]
+        self._lent[buffer] = weakref.ref(lease, lambda _: self._return(buffer))
+        return memoryview(lease).toreadonly()
+
+    def detach(self) -> None:
+        """Give nothing back any more: the stream is about to end."""
+        self._stream = None
+
+    def release(self) -> None:
+        """Let go of the memory, once, when nothing can write to it any more."""
+        ctypes.pythonapi.Py_DecRef(ctypes.py_object(self._blocks))
+
+    def _return(self, buffer: AravisObject) -> None:
+        del self._lent[buffer]
+        self.push(buffer)
+
+
+_CHUNK_MODE = "ChunkModeActive"
+_GAIN = "Gain"
+"""The only feature of which a chunk states the gain: of one by another name the unit differs."""
+
+_CHUNK_SELECTOR, _CHUNK_ENABLE = "ChunkSelector", "ChunkEnable"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _FrameFacts:
+    """What a frame says of itself; None where the camera does not state it."""
+
+    exposure_us: float | None = None
+    gain: float | None = None
+    counter: int | None = None
+    timestamp_ticks: int | None = None
+
+
+class FrameChunks:
+    """The chunks of one camera, named by vendor and model.
+
+    The opened camera's payload grows by the chunks that are switched on here.
+    """
+
+    def __init__(self, opened: OpenedDevice, features: CameraFeatures, camera: str) -> None:
+        self._opened = opened
+        self._parser: AravisObject | None = None
+        self._rows: dict[str, tuple[FeatureName, float]] = {}
+        if not features.has(_CHUNK_MODE):
+            return
+        features.write(_CHUNK_MODE, True)
+        purposes = ["chunk exposure", "chunk counter", "chunk timestamp"]
+        if features.has(_GAIN):
+            purposes.append("chunk gain")
+        for purpose in purposes:
+            row = next((r for r in names_for(purpose, camera) if _enable(features, r)), None)
+            if row is not None:
+                _require_within_frame(opened, row.name)
+                unit = features.unit_of(row.name) or row.unit
+                self._rows[purpose] = (row, US_PER_UNIT.get(unit, 1.0))
+        if not self._rows:
+            features.write(_CHUNK_MODE, False)
+            return
+        self._is_float = {
+            row.name: features.type_of(row.name) == "float" for row, _ in self._rows.values()
+        }
+        with translated_errors(opened.library, _CHUNK_MODE):
+            self._parser = opened.camera.create_chunk_parser()
+
+    def read(self, buffer: AravisObject) -> _FrameFacts | None:
+        """What a complete frame says of itself; None if it lacks what was switched on."""
+        if self._rows and not buffer.has_chunks():
+            return None
+        try:
+            exposure = self._number(buffer, "chunk exposure")
+            gain = self._number(buffer, "chunk gain")
+            counter = self._number(buffer, "chunk counter")
+            ticks = self._number(buffer, "chunk timestamp")
+        except self._opened.library.glib.Error:
+            return None
+        return _FrameFacts(
+            exposure_us=exposure,
+            gain=gain,
+            counter=None if counter is None else int(counter),
+            timestamp_ticks=None if ticks is None else int(ticks),
+        )
+
+    def close(self) -> None:
+        """Drop the parser; closing twice is harmless."""
+        self._parser = None
+        self._rows = {}
+
+    def _number(self, buffer: AravisObject, purpose: str) -> float | None:
+        if purpose not in self._rows or self._parser is None:
+            return None
+        row, scale = self._rows[purpose]
+        if self._is_float[row.name]:
+            return float(self._parser.get_float_value(buffer, row.name)) * scale
+        return int(self._parser.get_integer_value(buffer, row.name)) * round(scale)
+
+
+def _require_within_frame(opened: OpenedDevice, feature: str) -> None:
+    """Refuse a chunk that would be read from memory behind the frame."""
+    for node in opened.description.nodes_of(feature):
+        if node not in opened.description.in_chunks:
+            continue
+        with translated_errors(opened.library, feature):
+            address = int(opened.device.get_feature(node).get_address())
+            length = int(opened.device.get_feature(node).get_length())
+        if address + length > _BEYOND_BYTES:
+            raise CameraDescriptionError(
+                f"the camera says that {feature} lies {address} bytes into its chunk; set "
+                "camera.chunk_data to false, or install its maker's firmware anew",
+                fault="register",
+                nodes=(feature, node),
+            )
+
+
+def _enable(features: CameraFeatures, row: FeatureName) -> bool:
+    """Switch a chunk on; False if the camera does not have it."""
+    if not features.is_described(row.name):
+        return False
+    if not features.has(_CHUNK_SELECTOR):
+        return True  # the chunks of such a camera come all together
+    entries = features.entries(_CHUNK_SELECTOR)
+    entry = next((name for name in row.selector.split(";") if name in entries), None)
+    if entry is None:
+        return False
+    with features.selected(_CHUNK_SELECTOR, entry):
+        if features.has(_CHUNK_ENABLE):
+            features.write(_CHUNK_ENABLE, True)
+    return True
+
 
 SOCKET_BUFFER_BYTES = 4 * 2**20
 """Room for over four frames of 780x580x2 in the kernel while this program is not scheduled."""
 
-BUFFERED_S = 0.3
-MIN_BUFFERS, MAX_BUFFERS = 8, 64
+_BUFFERED_S = 0.3
+_MIN_BUFFERS, _MAX_BUFFERS = 8, 64
 """Length of the frame queue as a time; the bounds suit slow and fast cameras."""
 
-ABORT = "AcquisitionAbort"
+_ABORT = "AcquisitionAbort"
 
-LARGEST_IMAGE_BYTES = 1 << 30
-LARGEST_CHUNKS_BYTES = 1 << 20
+_LARGEST_IMAGE_BYTES = 1 << 30
+_LARGEST_CHUNKS_BYTES = 1 << 20
 """What a frame may have beside its picture, and padding as large as that; memory is taken for
 dozens of frames, and a computer without any ends the program."""
 
-LENT_MOST = 6
+_LENT_MOST = 6
 """Images in use before others are copied: an average takes them by fours."""
 
 
 class FrameStream:
     """A stream channel with its receive thread; it is dropped with its connection.
 
-    Parameters
-    ----------
-    opened
-        The camera, configured.
-    settings
-        Its settings.
-    chunks
-        What it states with each frame; None if it is not asked to.
+    ``chunks`` are what the camera states with each frame; None if it is not asked to.
     """
 
     def __init__(
@@ -56,7 +324,7 @@ class FrameStream:
         # what an earlier frame left in it. Time stamps ascend: such a frame is not newer.
         self._newest_ns = -1
         # The counter and time stamp inside the frame, where the camera has them, change as well.
-        self._newest_facts = FrameFacts()
+        self._newest_facts = _FrameFacts()
         self._packets_before = (0, 0)
         # Compiled before the stream runs: the first time takes a second, and no frame waits.
         decode_pixels(bytes(encoded_bytes(self._format_name, (1, 2))), self._format_name, (1, 2))
@@ -79,14 +347,14 @@ class FrameStream:
         if opened.is_gige:
             self._stream.set_property("socket-buffer", library.api.GvStreamSocketBuffer.FIXED)
             self._stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
-        wanted = math.ceil(BUFFERED_S * settings.frame_rate_hz)
+        wanted = math.ceil(_BUFFERED_S * settings.frame_rate_hz)
         self._memory = FrameMemory(
             library,
             self._made,
-            buffers=min(max(wanted, MIN_BUFFERS), MAX_BUFFERS),
+            buffers=min(max(wanted, _MIN_BUFFERS), _MAX_BUFFERS),
             buffer_bytes=payload_bytes,
             image_bytes=image_bytes,
-            lent_most=LENT_MOST,
+            lent_most=_LENT_MOST,
         )
 
     @property
@@ -101,7 +369,7 @@ class FrameStream:
         # an old block and drops it (Aravis 0.8.26). Cameras count from 1 after each start, so
         # a short series would cost the next one its first frames: a new thread starts afresh.
         self._restart_thread()
-        self._newest_facts = FrameFacts()  # some cameras count from the start of the series
+        self._newest_facts = _FrameFacts()  # some cameras count from the start of the series
         with translated_errors(self._opened.library, "AcquisitionStart"):
             self._opened.camera.start_acquisition()
 
@@ -112,8 +380,8 @@ class FrameStream:
         """
         camera = self._opened.camera
         if is_exposing_long:
-            with translated_errors(self._opened.library, ABORT):
-                if camera.is_feature_available(ABORT):
+            with translated_errors(self._opened.library, _ABORT):
+                if camera.is_feature_available(_ABORT):
                     camera.abort_acquisition()
         with translated_errors(self._opened.library, "AcquisitionStop"):
             camera.stop_acquisition()
@@ -225,13 +493,13 @@ class FrameStream:
 
     def _picture_in(
         self, buffer: AravisObject, timestamp_ns: int
-    ) -> tuple[tuple[int, int], FrameFacts] | None:
+    ) -> tuple[tuple[int, int], _FrameFacts] | None:
         """``(rows, cols)`` of a complete picture and what it says of itself; None if it is none."""
         # The state comes first: an incomplete buffer has no picture to ask about.
         if buffer.get_status() != self._success or timestamp_ns <= self._newest_ns:
             return None
         shape = self._shape_of(buffer)
-        facts = FrameFacts() if self._chunks is None else self._chunks.read(buffer)
+        facts = _FrameFacts() if self._chunks is None else self._chunks.read(buffer)
         if shape is None or facts is None or not self._is_newer(facts):
             return None
         return shape, facts
@@ -248,7 +516,7 @@ class FrameStream:
             return None
         return int(buffer.get_image_height()), int(buffer.get_image_width())
 
-    def _is_newer(self, facts: FrameFacts) -> bool:
+    def _is_newer(self, facts: _FrameFacts) -> bool:
         """Whether the camera's own counter and time stamp say so too, where it states them."""
         before = self._newest_facts
         pairs = (
@@ -259,19 +527,13 @@ class FrameStream:
 
 
 def _require_plausible(payload_bytes: int, image_bytes: int) -> None:
-    """Refuse a frame that no memory holds, or that does not hold its picture.
-
-    Raises
-    ------
-    CameraFeatureError
-        Names the feature at fault.
-    """
-    if image_bytes > LARGEST_IMAGE_BYTES:
+    """Refuse a frame that no memory holds, or that does not hold its picture."""
+    if image_bytes > _LARGEST_IMAGE_BYTES:
         raise CameraFeatureError(
             f"a picture of {image_bytes} bytes is too large; set camera.region_px to a smaller one",
             feature="Width",
         )
-    if not image_bytes <= payload_bytes <= 2 * image_bytes + LARGEST_CHUNKS_BYTES:
+    if not image_bytes <= payload_bytes <= 2 * image_bytes + _LARGEST_CHUNKS_BYTES:
         raise CameraFeatureError(
             f"the camera says that a frame has {payload_bytes} bytes (PayloadSize), of which its "
             f"picture takes {image_bytes}; restart the camera, or install the firmware anew",

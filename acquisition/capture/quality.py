@@ -10,25 +10,25 @@ from numpy.typing import NDArray
 from acquisition.session import CaptureImages, CaptureRecord
 
 Problem = Literal["saturated", "under-exposed", "motion", "focus"]
-SATURATED_FRACTION_WARN, SATURATED_FRACTION_RETAKE = 1e-4, 1e-2
-BRIGHT_FRACTION_WARN, BRIGHT_FRACTION_RETAKE = 0.10, 0.03
+_SATURATED_FRACTION_WARN, _SATURATED_FRACTION_RETAKE = 1e-4, 1e-2
+_BRIGHT_FRACTION_WARN, _BRIGHT_FRACTION_RETAKE = 0.10, 0.03
 """Fraction of the range above black that the brightest 0.5 % of the pixels should reach."""
 
-MOTION_WARN_PX, MOTION_RETAKE_PX = 0.1, 0.3
+_MOTION_WARN_PX, _MOTION_RETAKE_PX = 0.1, 0.3
 """0.1 px of vibration adds 1 % to a PSF width of 0.7 px."""
 
-FOCUS_WARN, FOCUS_RETAKE = 0.7, 0.4
+_FOCUS_WARN, _FOCUS_RETAKE = 0.7, 0.4
 """Fraction of the focus value of the capture nearest in height."""
 
-LEAST_FOCUS_VALUE = 1e-5
+_LEAST_FOCUS_VALUE = 1e-5
 """Below this there is nothing in the image that could be sharp."""
 
-LEAST_PIXELS = 500
-SIGNIFICANT = 4.0
-CLIPPED_FROM = 0.97
-LEVEL_LIMIT = 0.01
-SHIFT_LIMIT_PX = 0.1
-RANK_LIMIT = 1e-3
+_LEAST_PIXELS = 500
+_SIGNIFICANT = 4.0
+_CLIPPED_FROM = 0.97
+_LEVEL_LIMIT = 0.01
+_SHIFT_LIMIT_PX = 0.1
+_RANK_LIMIT = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ class QualityFinding:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MotionEstimate:
+class _MotionEstimate:
     """Variance of the image's position between frames, along its gradients, in px^2."""
 
     variance_px2: float
@@ -50,13 +50,13 @@ class MotionEstimate:
     @property
     def rms_px(self) -> float:
         """Root mean square displacement; 0 if not significant."""
-        if self.variance_px2 <= SIGNIFICANT * self.variance_err_px2:
+        if self.variance_px2 <= _SIGNIFICANT * self.variance_err_px2:
             return 0.0
         return float(np.sqrt(self.variance_px2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Drift:
+class _Drift:
     """Relative change of light, and shift of the image in px (x to the right, y down)."""
 
     level: float
@@ -66,7 +66,7 @@ class Drift:
     @property
     def is_notable(self) -> bool:
         """Whether it exceeds 1 % of light or a tenth of a pixel."""
-        return abs(self.level) > LEVEL_LIMIT or self.shift_px > SHIFT_LIMIT_PX
+        return abs(self.level) > _LEVEL_LIMIT or self.shift_px > _SHIFT_LIMIT_PX
 
     @property
     def shift_px(self) -> float:
@@ -88,16 +88,9 @@ def check_capture(
 ) -> tuple[QualityFinding, ...]:
     """Return what is wrong with a capture; nothing if it is good.
 
-    Flat and dark captures always pass: their exposures are meant to be extreme, and nothing in
-    them could be sharp.
-
-    Parameters
-    ----------
-    images
-        The capture, with its record.
-    series
-        Records of other captures; those of the same target and orientation show what focus
-        value to expect.
+    Flat and dark captures always pass: their exposures are meant to be extreme, and nothing in them
+    could be sharp. ``series`` are records of other captures; those of the same target and
+    orientation show what focus value to expect.
     """
     if images.record.kind in ("flat", "dark"):
         return ()
@@ -114,7 +107,7 @@ def bracket_remarks(record: CaptureRecord) -> tuple[str, ...]:
     shorter_us = None
     remarks = []
     for one in record.bracket or ():
-        if one.light_ratio is not None and abs(one.light_ratio - 1) > LEVEL_LIMIT:
+        if one.light_ratio is not None and abs(one.light_ratio - 1) > _LEVEL_LIMIT:
             remarks.append(
                 f"bracket: {one.exposure_us:g} us shows {100 * (one.light_ratio - 1):+.1f} % of "
                 f"light against {shorter_us:g} us; let the lamp warm up, expose for whole periods "
@@ -131,29 +124,23 @@ def estimate_motion(
     *,
     black_level_dn: float,
     max_level_dn: float,
-) -> MotionEstimate:
-    """Estimate how much the image moved from frame to frame.
+) -> _MotionEstimate:
+    """Estimate how much the image ``(rows, cols)`` moved from frame to frame.
 
     A displacement d turns a gradient g into a level difference g d. So the temporal variance of a
     pixel is ``a + b I + f I^2 + c g^2`` with I the light: read noise, shot noise, flicker of the
-    lamp, and c the variance of the displacement, which a weighted least-squares fit gives.
-
-    Parameters
-    ----------
-    mean_dn, variance_dn2
-        Mean, and unbiased variance of one frame, of shape ``(rows, cols)``.
-    frames_used
-        Number of frames N; the variance of a variance is ``2 v^2 / (N - 1)``.
+    lamp, and c the variance of the displacement, which a weighted least-squares fit gives. The
+    unbiased variance of one frame, from N frames, itself has the variance ``2 v^2 / (N - 1)``.
     """
     level_dn = np.asarray(mean_dn, dtype=np.float64)
-    is_usable = level_dn < CLIPPED_FROM * max_level_dn
-    if np.count_nonzero(is_usable) < LEAST_PIXELS or min(level_dn.shape) < 2:
-        return MotionEstimate(variance_px2=0.0, variance_err_px2=np.inf)
+    is_usable = level_dn < _CLIPPED_FROM * max_level_dn
+    if np.count_nonzero(is_usable) < _LEAST_PIXELS or min(level_dn.shape) < 2:
+        return _MotionEstimate(variance_px2=0.0, variance_err_px2=np.inf)
     gradients_dn = (np.gradient(level_dn, axis=axis) for axis in (0, 1))
     squared_gradient_dn2 = np.asarray(sum(g**2 for g in gradients_dn))[is_usable]
     gradient_scale_dn2 = float(squared_gradient_dn2.mean())
     if gradient_scale_dn2 == 0:
-        return MotionEstimate(variance_px2=0.0, variance_err_px2=np.inf)
+        return _MotionEstimate(variance_px2=0.0, variance_err_px2=np.inf)
     light = (level_dn[is_usable] - black_level_dn) / max_level_dn
     terms = np.stack([np.ones_like(light), light, light**2, squared_gradient_dn2])
     terms[3] /= gradient_scale_dn2
@@ -168,7 +155,7 @@ def estimate_motion(
         # Weights of the noise alone: with the motion in them, the edge's flanks would dominate.
         noise_dn2 = coefficients[:3] @ terms[:3]
     error = float(np.sqrt(inverse[3, 3] * 2.0 / max(frames_used - 1, 1)))
-    return MotionEstimate(
+    return _MotionEstimate(
         variance_px2=float(coefficients[3]) / gradient_scale_dn2,
         variance_err_px2=error / gradient_scale_dn2,
     )
@@ -176,17 +163,12 @@ def estimate_motion(
 
 def drift_between(
     first_dn: NDArray[np.floating], last_dn: NDArray[np.floating], *, black_level_dn: float
-) -> Drift:
+) -> _Drift:
     """Measure the drift from one mean image to another of the same pose.
 
     The shift is the least-squares solution of ``last = first - g . d`` after the change of light
     is removed: right for shifts below a pixel, too small beyond. Motion along a straight edge
     cannot be seen; the shift is then the one across it.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ.
     """
     if first_dn.shape != last_dn.shape:
         raise ValueError(f"images must have the same shape, got {first_dn.shape}, {last_dn.shape}")
@@ -201,19 +183,19 @@ def drift_between(
     )
     normal[1, 0] = normal[0, 1]
     right = -np.array([np.vdot(across, change), np.vdot(down, change)])
-    shift = np.linalg.pinv(normal, rcond=RANK_LIMIT, hermitian=True) @ right
-    return Drift(level=ratio - 1.0, shift_x_px=float(shift[0]), shift_y_px=float(shift[1]))
+    shift = np.linalg.pinv(normal, rcond=_RANK_LIMIT, hermitian=True) @ right
+    return _Drift(level=ratio - 1.0, shift_x_px=float(shift[0]), shift_y_px=float(shift[1]))
 
 
 def _saturation(images: CaptureImages) -> QualityFinding | None:
     fraction = images.record.saturated_pixels / images.mean_dn.size
-    if fraction < SATURATED_FRACTION_WARN:
+    if fraction < _SATURATED_FRACTION_WARN:
         return None
     return QualityFinding(
         problem="saturated",
         text=f"{images.record.saturated_pixels} pixels ({100 * fraction:.2g} %) are saturated; "
         "shorten the exposure, or remove the gloss",
-        asks_retake=fraction >= SATURATED_FRACTION_RETAKE,
+        asks_retake=fraction >= _SATURATED_FRACTION_RETAKE,
     )
 
 
@@ -221,13 +203,13 @@ def _under_exposure(images: CaptureImages) -> QualityFinding | None:
     record = images.record
     span_dn = record.max_level_dn - record.black_level_dn
     bright_dn = float(np.percentile(images.mean_dn, 99.5)) - record.black_level_dn
-    if not span_dn > 0 or bright_dn >= BRIGHT_FRACTION_WARN * span_dn:
+    if not span_dn > 0 or bright_dn >= _BRIGHT_FRACTION_WARN * span_dn:
         return None
     return QualityFinding(
         problem="under-exposed",
         text=f"the brightest parts reach {100 * max(bright_dn, 0.0) / span_dn:.1f} % of the range; "
         "lengthen the exposure, or check the light",
-        asks_retake=bright_dn < BRIGHT_FRACTION_RETAKE * span_dn,
+        asks_retake=bright_dn < _BRIGHT_FRACTION_RETAKE * span_dn,
     )
 
 
@@ -241,13 +223,13 @@ def _motion(images: CaptureImages) -> QualityFinding | None:
         black_level_dn=images.record.black_level_dn,
         max_level_dn=images.record.max_level_dn,
     ).rms_px
-    if moved_px < MOTION_WARN_PX:
+    if moved_px < _MOTION_WARN_PX:
         return None
     return QualityFinding(
         problem="motion",
         text=f"the image moved by {moved_px:.2f} px (rms) between the frames; "
         "let the stage settle, and do not touch the bench",
-        asks_retake=moved_px >= MOTION_RETAKE_PX,
+        asks_retake=moved_px >= _MOTION_RETAKE_PX,
     )
 
 
@@ -258,19 +240,19 @@ def _focus(record: CaptureRecord, series: Sequence[CaptureRecord]) -> QualityFin
         if other.uid != record.uid
         and (other.kind, other.target, other.orientation_deg)
         == (record.kind, record.target, record.orientation_deg)
-        and (other.focus_value or 0.0) > LEAST_FOCUS_VALUE
+        and (other.focus_value or 0.0) > _LEAST_FOCUS_VALUE
     ]
     if record.focus_value is None or not alike:
         return None
     nearest = min(alike, key=lambda other: abs(other.height_mm - record.height_mm))
     expected = (nearest.focus_value or 0.0) * _texture_change(nearest.height_mm, record.height_mm)
-    if record.focus_value >= FOCUS_WARN * expected:
+    if record.focus_value >= _FOCUS_WARN * expected:
         return None
     return QualityFinding(
         problem="focus",
         text=f"the focus value is {record.focus_value:.2g}, but that of capture {nearest.index} at "
         f"{nearest.height_mm:g} mm was {nearest.focus_value:.2g}; refocus",
-        asks_retake=record.focus_value < FOCUS_RETAKE * expected,
+        asks_retake=record.focus_value < _FOCUS_RETAKE * expected,
     )
 
 

@@ -1,18 +1,23 @@
-"""Run a capture plan: place, move, average, store; the same call resumes an interrupted run."""
+"""Run a capture plan: place, move, average, store; the same call resumes an interrupted run.
 
-from collections.abc import Callable, Mapping, Sequence
+What a plan asks for can be seen before anything is captured.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-from acquisition.bench import BenchDevices
+from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.capture.quality import (
     QualityFinding,
     bracket_remarks,
     check_capture,
     drift_between,
 )
-from acquisition.capture.step import CaptureStep
+from acquisition.capture.step import CaptureStep, flicker_fraction, without_flicker
+from acquisition.dataframe import dataframe
 from acquisition.devices import Stage
 from acquisition.errors import (
     DeviceError,
@@ -21,8 +26,16 @@ from acquisition.errors import (
     StageLimitError,
     StreamInterruptedError,
 )
-from acquisition.plan import CapturePlan, PlanEntry, bytes_per_pixel, plan_entries
+from acquisition.plan import (
+    CapturePlan,
+    PlanEntry,
+    PlanEstimate,
+    bytes_per_pixel,
+    estimate_plan,
+    plan_entries,
+)
 from acquisition.session import (
+    MANIFEST_NAME,
     SYSTEM_STAMPS,
     CaptureImages,
     CaptureRecord,
@@ -32,6 +45,116 @@ from acquisition.session import (
     read_capture,
     stage_snapshot,
 )
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+_FLICKER_LIMIT = 0.01
+"""Fraction of the flicker left in a capture, above which it is worth a warning."""
+
+
+_PLANNED = ("index", "kind", "target", "orientation_deg", "height_mm", "exposure_us")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class PlanPreview:
+    """The captures that a plan asks for, in order, and what they take."""
+
+    entries: tuple[PlanEntry, ...]
+    estimate: PlanEstimate
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        bytes_ = self.estimate.bytes_
+        size = "" if bytes_ is None else f", {bytes_ / 1e6:.0f} MB"
+        return (
+            f"<PlanPreview: {len(self.entries)} captures, {self.estimate.placements} placements, "
+            f"{self.estimate.seconds:.0f} s{size}>"
+        )
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{escape(name)}</th>" for name in _PLANNED)
+        table = f"<caption>{escape(repr(self)[1:-1])}</caption><tr>{head}</tr>"
+        for one in self.entries:
+            cells = (escape(str(getattr(one, name))) for name in _PLANNED)
+            table += f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+        return f"<table>{table}</table>"
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the captures as a pandas table, a line each.
+
+        Raises
+        ------
+        PandasMissingError
+            If pandas is not installed.
+        """
+        return dataframe(self.to_json()["captures"])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the captures as ``standoff capture --dry-run --json`` prints them."""
+        captures = [
+            {
+                **{name: getattr(entry, name) for name in _PLANNED},
+                "bracket": None if entry.bracket is None else entry.bracket.model_dump(),
+            }
+            for entry in self.entries
+        ]
+        return {
+            "captures": captures,
+            "placements": self.estimate.placements,
+            "seconds": round(self.estimate.seconds, 1),
+            "bytes": self.estimate.bytes_,
+        }
+
+    @classmethod
+    def of(cls, plan: CapturePlan, bench: BenchConfig, out: Path | None = None) -> Self:
+        """Look ahead at a plan on a bench; a session that ``out`` holds already is noted.
+
+        Raises
+        ------
+        PlanError
+            If the plan names no capture.
+        """
+        entries = plan_entries(plan)
+        notes = [*flicker_warnings(plan, entries, bench)]
+        if out is not None and (out / MANIFEST_NAME).is_file():
+            notes.append(
+                f"{out} already holds a session: with the same bench and plan it resumes where it "
+                "stopped; with others it is refused"
+            )
+        return cls(
+            entries=entries,
+            estimate=estimate_plan(plan, entries, bench, bench.frame_shape),
+            notes=tuple(notes),
+        )
+
+
+def flicker_warnings(
+    plan: CapturePlan, entries: Sequence[PlanEntry], bench: BenchConfig
+) -> Iterator[str]:
+    """Warn of exposures that are not a multiple of the light's period, on a real bench."""
+    mains_hz = bench.capture.mains_hz
+    if bench.camera.driver == "simulated":
+        return
+    found_later = plan.auto_exposure
+    asked_us = {
+        # Longer exposures of a bracket are shortened to whole periods.
+        entry.exposure_us or bench.camera.exposure_us
+        for entry in entries
+        if entry.kind != "dark" and (entry.exposure_us is not None or not found_later)
+    }
+    for exposure_us in sorted(asked_us):
+        left = flicker_fraction(exposure_us, mains_hz)
+        if left > _FLICKER_LIMIT:
+            better_us = max(without_flicker(exposure_us, mains_hz), 0.5e6 / mains_hz)
+            yield (
+                f"an exposure of {exposure_us:g} us is not a multiple of the "
+                f"{0.5e3 / mains_hz:.3g} ms flicker period of lamps on {mains_hz} Hz mains, "
+                f"and leaves {100 * left:.0f} % of the flicker; use {better_us:.0f} us, "
+                "or capture.mains_hz = 0 for steady light"
+            )
+
 
 Placement = Literal["ready", "skip"]
 Verdict = Literal["keep", "retake"]
@@ -65,23 +188,14 @@ class RunSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOperator:
-    """The operator of a run, and the callbacks that ask and inform them.
+    """The operator of a run, by name, and the callbacks that ask and inform them.
 
-    Parameters
-    ----------
-    name
-        Name in the session and its journal.
-    place
-        Called when target or orientation changes, and at the first capture of a run; it
-        returns once the operator has set up the target, or ``"skip"`` to leave that target and
-        orientation for another run.
-    progress
-        Called after each capture.
-    review
-        Called for a capture that a quality check found bad enough to retake; if kept, it is
-        stored with the finding as a note in the journal, as all findings are.
-    before_capture
-        Called before each capture, with the stage at rest; it may wait.
+    ``place`` is called when target or orientation changes, and at the first capture of a run; it
+    returns once the operator has set up the target, or ``"skip"`` to leave that target and
+    orientation for another run. ``progress`` is called after each capture. ``review`` is called for
+    a capture that a quality check found bad enough to retake; if kept, it is stored with the
+    finding as a note in the journal, as all findings are. ``before_capture`` is called before each
+    capture, with the stage at rest; it may wait.
     """
 
     name: str
@@ -102,26 +216,14 @@ def run_plan(
 ) -> RunSummary:
     """Capture every entry of the plan that the session at ``path`` does not hold intact.
 
-    Parameters
-    ----------
-    path
-        New or empty directory, or the session to resume.
-    devices
-        The stage is homed if necessary.
-    retake
-        Indices of captures to void and take again.
+    ``path`` is a new or empty directory, or the session to resume; the captures of ``retake`` are
+    voided and taken again. The stage is homed if necessary.
 
-    Raises
-    ------
-    StageLimitError
-        Before anything moves or is written, if the plan goes beyond the travel.
-    SessionError
-        If the session is in use, was made with other settings, or the disk is full.
-    DeviceError
-        If a device fails. What was captured until then is kept, and the error is journaled;
-        so is a stop by the keyboard or by `OperatorStopError`, which any of the callbacks and
-        devices may raise. A capture whose stream was interrupted is restarted from its first
-        frame, for ``camera.reconnect_timeout_s`` if need be; each is journaled as an ``error``.
+    A plan beyond the travel is refused before anything moves or is written. If a device fails, what
+    was captured until then is kept, and the error is journaled; so is a stop by the keyboard or by
+    `OperatorStopError`, which any of the callbacks and devices may raise. A capture whose stream
+    was interrupted is restarted from its first frame, for ``camera.reconnect_timeout_s`` if need
+    be; each is journaled as an ``error``.
     """
     stage = devices.stage
     _refuse_beyond_travel(plan, stage)

@@ -1,25 +1,196 @@
-"""One capture at the bench: approach the height, settle, expose, average, read the height back."""
+"""One capture at the bench: approach the height, settle, expose, average, read the height back.
 
-from collections.abc import Callable
+The exposure may be found for a well-lit picture; mains light flickers.
+"""
+
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import TypeVar
+from typing import Literal, TypeVar
 
-from acquisition.averaging import AveragedFrames
+import numpy as np
+
+from acquisition.averaging import AveragedFrames, restarted
 from acquisition.bench import BenchDevices
-from acquisition.bracket import ExposureControl, MergedBracket, merge_bracket
-from acquisition.capture.auto_exposure import (
-    SHORTEST_EXPOSURE_US,
-    bracket_exposures_us,
-    find_exposure,
-)
-from acquisition.devices import CameraSettings, FrameImage
-from acquisition.errors import DeviceError, StageStoppedError, StreamInterruptedError
+from acquisition.bracket import MergedBracket, merge_bracket
+from acquisition.devices import Camera, CameraSettings, FrameImage
+from acquisition.errors import CaptureError, DeviceError, StageStoppedError, StreamInterruptedError
+from acquisition.exposure_control import ExposureControl
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry
-from acquisition.restarting import restarted
 from acquisition.session import Take
 from acquisition.stages import home_timeout_s, move_timeout_s
+
+EXPOSURE_AIM = 0.7
+"""Fraction of the range above the black level that the brightest parts should reach."""
+
+_TOLERANCE = 0.1
+_LEAST_RATIO = 1.2
+"""Of two exposures of a bracket, below which whole periods of flicker are not worth it."""
+
+SHORTEST_EXPOSURE_US = 50.0
+_EXPOSURE_TRIALS = 8
+_TRIAL_FRAMES = 2
+_BRIGHT_PERCENTILE = 99.5
+
+_SATURATED_STEP = 4.0
+_LARGEST_STEP = 16.0
+
+ExposureLimit = Literal["shortest", "longest", "flicker"]
+"""What keeps an exposure from the wanted level: a limit, or that it is whole periods of flicker."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ExposureStep:
+    """The exposure to set next; ``is_settled`` means that the present one may stay.
+
+    ``limited_by`` says what keeps it more than 10 % from the one that was wanted; empty if nothing
+    does.
+    """
+
+    exposure_us: float
+    is_settled: bool
+    limited_by: tuple[ExposureLimit, ...] = ()
+
+
+def next_exposure(
+    exposure_us: float,
+    bright_dn: float,
+    *,
+    black_level_dn: float,
+    max_level_dn: float,
+    limits_us: tuple[float, float],
+    mains_hz: float = 0.0,
+) -> _ExposureStep:
+    """Return the exposure that brings the bright parts of an image to 70 % of the range.
+
+    The camera is linear, so that one step from an unsaturated image suffices; a saturated one says
+    no more than "shorter". ``bright_dn`` is the level reached by the brightest parts of the image
+    taken at ``exposure_us``, such as the 99.5th percentile. ``mains_hz`` is the mains frequency, if
+    the light flickers with it: exposures longer than one period of the flicker are whole multiples
+    of it. 0 for light that does not flicker.
+    """
+    shortest_us, longest_us = limits_us
+    if not (0 < shortest_us <= longest_us and exposure_us > 0):
+        raise ValueError(
+            "exposure and limits must be positive and in order, "
+            f"got {exposure_us} us, {limits_us} us"
+        )
+    span_dn = max_level_dn - black_level_dn
+    light = (bright_dn - black_level_dn) / span_dn
+    if bright_dn >= max_level_dn:
+        factor = 1 / _SATURATED_STEP
+    else:
+        factor = min(EXPOSURE_AIM / max(light, EXPOSURE_AIM / _LARGEST_STEP), _LARGEST_STEP)
+    wanted_us = exposure_us * factor
+    clipped_us = min(max(wanted_us, shortest_us), longest_us)
+    asked_us = max(without_flicker(clipped_us, mains_hz), shortest_us)
+    # Whole periods cannot come closer than half of one; there the present one stays.
+    is_settled = abs(asked_us - exposure_us) <= _TOLERANCE * exposure_us
+    applied: dict[ExposureLimit, bool] = {
+        "shortest": wanted_us < shortest_us,
+        "longest": wanted_us > longest_us,
+        "flicker": asked_us < clipped_us,
+    }
+    set_us = exposure_us if is_settled else asked_us
+    is_wanted = abs(wanted_us - set_us) <= _TOLERANCE * set_us
+    return _ExposureStep(
+        exposure_us=set_us,
+        is_settled=is_settled,
+        limited_by=() if is_wanted else tuple(limit for limit, is_so in applied.items() if is_so),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundExposure:
+    """An exposure as read back, and the fraction of the range that the brightest parts reach.
+
+    ``limited_by`` says why that is not 70 %, to 10 %; empty if it is.
+    """
+
+    exposure_us: float
+    bright_fraction: float
+    limited_by: tuple[ExposureLimit, ...] = ()
+
+
+def find_exposure(
+    camera: Camera,
+    exposures: ExposureControl,
+    *,
+    limits_us: tuple[float, float],
+    mains_hz: float,
+) -> FoundExposure:
+    """Set the exposure for the brightest parts of what the camera sees, beginning with its own.
+
+    The camera must not be streaming; limits and mains frequency are as for `next_exposure`. It
+    fails if none is found in eight trials.
+    """
+    exposure_us = camera.settings.exposure_us
+    for _ in range(_EXPOSURE_TRIALS):
+        taken = exposures.average(_TRIAL_FRAMES, exposure_us)
+        settings = camera.settings
+        bright_dn = float(np.percentile(taken.averaged.mean_dn, _BRIGHT_PERCENTILE))
+        step = next_exposure(
+            settings.exposure_us,
+            bright_dn,
+            black_level_dn=settings.black_level_dn,
+            max_level_dn=settings.max_level_dn,
+            limits_us=limits_us,
+            mains_hz=mains_hz,
+        )
+        if step.is_settled:
+            span_dn = settings.max_level_dn - settings.black_level_dn
+            return FoundExposure(
+                exposure_us=settings.exposure_us,
+                bright_fraction=(bright_dn - settings.black_level_dn) / span_dn,
+                limited_by=step.limited_by,
+            )
+        exposure_us = step.exposure_us
+    raise CaptureError(
+        f"no exposure was found in {_EXPOSURE_TRIALS} trials; is the light steady? "
+        "Set the exposure by hand",
+        frames_complete=0,
+        frames_asked=_TRIAL_FRAMES,
+    )
+
+
+def without_flicker(exposure_us: float, mains_hz: float) -> float:
+    """Shorten an exposure to whole periods of the flicker, if it lasts at least one."""
+    if mains_hz <= 0:
+        return exposure_us
+    period_us = 0.5e6 / mains_hz
+    periods = math.floor(exposure_us / period_us + 1e-9)
+    return periods * period_us if periods else exposure_us
+
+
+def bracket_exposures_us(
+    shortest_us: float, ratios: Sequence[float], mains_hz: float
+) -> tuple[float, ...]:
+    """Exposures of a bracket, ascending; longer ones in whole periods of the flicker.
+
+    The first stays as it is; ``ratios`` are the exposures as multiples of it, ascending from 1.
+    """
+    exposures_us = [shortest_us]
+    for ratio in ratios[1:]:
+        asked_us = shortest_us * ratio
+        whole_us = without_flicker(asked_us, mains_hz)
+        is_apart = whole_us >= _LEAST_RATIO * exposures_us[-1]
+        exposures_us.append(whole_us if is_apart else asked_us)
+    return tuple(exposures_us)
+
+
+def flicker_fraction(exposure_us: float, mains_hz: float) -> float:
+    """Amplitude of the flicker left in a capture, as a fraction of that of the light itself.
+
+    Lamps on the mains flicker at twice its frequency f; an exposure T averages that down to
+    ``|sin(2 pi f T) / (2 pi f T)|``, which is 0 for whole periods. Also 0 for ``mains_hz`` 0.
+    """
+    if mains_hz <= 0:
+        return 0.0
+    phase = 2.0 * math.pi * mains_hz * exposure_us * 1e-6
+    return abs(math.sin(phase) / phase)
+
 
 T = TypeVar("T")
 
@@ -39,13 +210,9 @@ class _Exposed:
 class CaptureStep:
     """Makes the captures of a plan with a camera and a stage; stores nothing.
 
-    Parameters
-    ----------
-    interrupted
-        Called with the error of an interrupted stream; the capture is then begun anew, again and
-        again for ``camera.reconnect_timeout_s``.
-    exposures
-        Of this camera, where captures were made before; by default a new one.
+    ``interrupted`` is called with the error of an interrupted stream; the capture is then begun
+    anew, again and again for ``camera.reconnect_timeout_s``. ``exposures`` are of this camera,
+    where captures were made before; by default new ones.
     """
 
     def __init__(
@@ -78,25 +245,12 @@ class CaptureStep:
         self._approached_mm = None
 
     def capture(self, entry: PlanEntry, exposure_us: float | None) -> Take:
-        """Capture an entry at its exposure or, if None, at one found automatically.
-
-        Raises
-        ------
-        DeviceError
-            If a device fails, or the stage is not at rest where it was sent; nothing of the
-            capture is kept.
-        """
+        """Capture an entry at its exposure or, if None, at one found automatically."""
         self._approach(entry.height_mm)
         return self.capture_here(entry, exposure_us)
 
     def capture_here(self, entry: PlanEntry, exposure_us: float | None) -> Take:
-        """Capture an entry as ``capture`` does, with a stage that is at its height already.
-
-        Raises
-        ------
-        DeviceError
-            As ``capture``.
-        """
+        """Capture an entry as ``capture`` does, with a stage that is at its height already."""
         self._require_still()
         if exposure_us is None:
             self._begun_anew(entry, self._find_exposure)

@@ -1,25 +1,161 @@
-"""Focus values of a running camera, and of a sweep of the stage through focus."""
+"""Focus values of a running camera, and of a sweep of the stage through focus.
+
+The live focus aid shows value, peak hold, trend, and whether the peak was passed.
+"""
 
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.averaging import PATIENCE_PERIODS, PATIENCE_S, AveragedFrames, average_frames
+from acquisition.averaging import (
+    PATIENCE_PERIODS,
+    PATIENCE_S,
+    AveragedFrames,
+    average_frames,
+    restarted,
+)
 from acquisition.bench import BenchDevices
 from acquisition.choices import FocusMeasure
 from acquisition.devices import Camera, Frame, FrameImage
 from acquisition.errors import DeviceError, DeviceTimeoutError, StreamInterruptedError
-from acquisition.focus.detail import shows_nothing
-from acquisition.focus.measures import Region, focus_value
-from acquisition.focus.texture import texture_share
-from acquisition.restarting import restarted
+from acquisition.focus.measures import Region, focus_value, shows_nothing, texture_share
 from acquisition.stages import home_timeout_s, move_timeout_s, refuse_beyond_limits
+
+_Trend = Literal["rising", "steady", "falling"]
+
+_SIGMAS = 5.0
+_SIGMA_PER_MAD = 1.4826  # of a Gaussian
+_SECOND_DIFFERENCE = 6.0**0.5  # white noise of 1 has second differences of this
+_FEWEST = 5
+_NOISES = 100
+_HELD = 5  # values: detail at the limit of the noise does not come and go
+_LEAST_NOISE = 1e-9  # relative; keeps constant values steady
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusReading:
+    """What the operator sees after each focus value.
+
+    ``value`` is the smoothed one, ``peak`` the largest of those since the last reset.
+    ``is_past_peak`` stays on until the value is back at the peak, so that it does not flicker.
+    ``noise`` is the standard deviation of one value, 0 until there are enough values. Without
+    ``has_detail`` there is nothing to focus on, and the value is the noise's.
+    """
+
+    value: float
+    peak: float
+    trend: _Trend
+    is_past_peak: bool
+    noise: float
+    has_detail: bool = True
+
+    @property
+    def percent_of_peak(self) -> float:
+        """Value in percent of the peak; 0 if there is no peak, or nothing to focus on."""
+        return 100.0 * self.value / self.peak if self.has_detail and self.peak > 0 else 0.0
+
+
+class FocusTrace:
+    """Follows focus values one by one; independent of devices and clocks.
+
+    A running median of ``smoothed`` values, an odd number, is shown; trend and noise are estimated
+    from ``window`` values. ``drop`` is the relative drop below the peak at which the peak counts as
+    passed, unless the noise requires more.
+    """
+
+    def __init__(self, *, smoothed: int = 3, window: int = 12, drop: float = 0.03) -> None:
+        if smoothed < 1 or smoothed % 2 == 0 or window < 5 or not 0 < drop < 1:
+            raise ValueError(
+                "smoothed must be odd, window at least 5 and drop in (0, 1); "
+                f"got {smoothed}, {window}, {drop}"
+            )
+        self._smoothed, self._drop = smoothed, drop
+        self._raw: deque[float] = deque(maxlen=max(window, smoothed))
+        self._noises: deque[float] = deque(maxlen=_NOISES)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the peak, for another target, region or exposure."""
+        self._raw.clear()
+        self._noises.clear()
+        self._peak = -np.inf
+        self._has_risen = False
+        self._lowest = np.inf
+        self._is_past = False
+        self._empty = _HELD
+
+    def add(self, value: float, *, has_detail: bool = True) -> FocusReading:
+        """Add the next focus value and return the reading.
+
+        Where there is nothing to focus on, the value counts for nothing: what was seen before is
+        compared with what comes after.
+        """
+        if not np.isfinite(value):
+            raise ValueError(f"a focus value must be finite, got {value}")
+        self._empty = 0 if has_detail else self._empty + 1
+        if self._empty and (self._empty >= _HELD or not self._raw):
+            return self._nothing(value)
+        self._raw.append(value)
+        recent = list(self._raw)
+        shown = float(np.median(recent[-self._smoothed :]))
+        if len(recent) >= _FEWEST:
+            self._noises.append(self._noise(recent))
+        # Ten differences alone are a poor estimate; the noise changes slowly, so use many windows.
+        noise = float(np.median(self._noises)) if self._noises else 0.0
+        # Nothing is passed before the noise is known.
+        margin = max(self._drop * max(self._peak, 0.0), _SIGMAS * noise if self._noises else np.inf)
+        self._lowest = min(self._lowest, shown)
+        if shown >= self._peak:
+            self._peak = shown
+        if self._peak - self._lowest > margin and shown >= self._peak - 0.5 * margin:
+            self._has_risen = True
+        if self._peak - shown > margin and self._has_risen:
+            self._is_past = True
+        elif self._peak - shown < 0.5 * margin:
+            self._is_past = False
+        return FocusReading(
+            value=shown,
+            peak=float(self._peak),
+            trend=self._trend(recent, noise),
+            is_past_peak=self._is_past,
+            noise=noise,
+        )
+
+    def _nothing(self, value: float) -> FocusReading:
+        self._raw.clear()
+        return FocusReading(
+            value=value,
+            peak=max(float(self._peak), 0.0),
+            trend="steady",
+            is_past_peak=False,
+            noise=float(np.median(self._noises)) if self._noises else 0.0,
+            has_detail=False,
+        )
+
+    @staticmethod
+    def _noise(recent: list[float]) -> float:
+        """Scatter of single values from second differences, which ignore a steady change."""
+        bends = np.diff(recent, 2)
+        return float(_SIGMA_PER_MAD * np.median(np.abs(bends)) / _SECOND_DIFFERENCE)
+
+    @staticmethod
+    def _trend(recent: list[float], noise: float) -> _Trend:
+        """Slope over the window, if it exceeds the noise."""
+        if len(recent) < _FEWEST:
+            return "steady"
+        steps = np.arange(len(recent)) - 0.5 * (len(recent) - 1)
+        slope = float(steps @ np.array(recent) / (steps @ steps))
+        level = max(noise, _LEAST_NOISE * max(abs(v) for v in recent), 1e-300)
+        if abs(slope) <= _SIGMAS * level / float(np.sqrt(steps @ steps)):
+            return "steady"
+        return "rising" if slope > 0 else "falling"
+
 
 _WAITING_S = 1e-3
 _WAITING_FRAMES = 64
@@ -27,7 +163,7 @@ _WAITING_FRAMES = 64
 
 _PAIRS = 8
 
-LIGHT_STEP = 0.05
+_LIGHT_STEP = 0.05
 """Relative change of the light from one frame to the next that is none of focus or scene."""
 
 _LEAST_STEP_DN = 2.0
@@ -80,11 +216,6 @@ class FocusMeter:
     Without a noise model the noise is taken from pairs of consecutive frames: the smallest of the
     last eight, as motion can only add to it. A step of the light, of exposure or gain begins this
     anew: the noise of before is not that of now.
-
-    Parameters
-    ----------
-    options
-        Where and how focus is measured.
     """
 
     def __init__(self, options: FocusOptions) -> None:
@@ -98,19 +229,13 @@ class FocusMeter:
         """Whether there was anything to focus on in the last frame that has a value."""
 
     def add(self, image_dn: FrameImage, black_level_dn: float) -> float | None:
-        """Focus value of the next frame; None for one whose noise is not known yet.
-
-        Raises
-        ------
-        ValueError
-            If the region reaches beyond the frame, or the frame size changes.
-        """
+        """Focus value of the next frame; None for one whose noise is not known yet."""
         options = self._options
         view = options.view(image_dn)
         light_dn = cv2.mean(view)[0] - black_level_dn
         change_dn = abs(light_dn - self._light_dn)
         self.is_after_step = self._previous is not None and change_dn > max(
-            LIGHT_STEP * max(self._light_dn, light_dn), _LEAST_STEP_DN
+            _LIGHT_STEP * max(self._light_dn, light_dn), _LEAST_STEP_DN
         )
         self._light_dn = light_dn
         if self.is_after_step:
@@ -138,11 +263,6 @@ def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
     """Stream, and yield the newest complete frame each time one is requested, until closed.
 
     Older frames are skipped. The stream is stopped when the iterator is closed.
-
-    Raises
-    ------
-    DeviceError
-        If the camera fails; an interrupted stream is restarted once.
     """
     timeout_s = _frame_timeout_s(camera)
     camera.start()
@@ -161,13 +281,6 @@ def focus_values(camera: Camera, options: FocusOptions) -> Generator[LiveFocus, 
     Without a noise model the noise is taken from pairs of consecutive frames: the smallest of the
     last eight, as motion can only add to it; the first frame then gives no value. The stream is
     stopped when the iterator is closed.
-
-    Raises
-    ------
-    ValueError
-        If the region reaches beyond the frame.
-    DeviceError
-        If the camera fails; an interrupted stream is restarted once.
     """
     timeout_s = _frame_timeout_s(camera)
     black_level_dn = camera.settings.black_level_dn
@@ -196,27 +309,12 @@ def sweep_focus(
 ) -> tuple[FocusPoint, ...]:
     """Go to each height in turn and measure the focus value of the mean of ``frames`` frames.
 
-    The noise is each mean's own, from the temporal variance of its frames. The standard error
-    comes from the scatter of the focus values of the single frames.
-
-    Parameters
-    ----------
-    heights_mm
-        In the order in which they are visited: from the side of approach.
-    frames
-        Frames at each height, at least 2.
-    field
-        Further regions that are measured at each height.
-
-    Raises
-    ------
-    StageLimitError
-        Before anything moves, if a height is outside the travel.
-    ValueError
-        If the region reaches beyond the frame.
-    DeviceError
-        If a device fails; on that, and on Ctrl-C, the stage is stopped. A height whose stream was
-        interrupted is measured anew, for ``camera.reconnect_timeout_s`` if need be.
+    The heights are visited in their order: from the side of approach. The noise is each mean's own,
+    from the temporal variance of its frames, at least 2. The standard error comes from the scatter
+    of the focus values of the single frames. ``field`` are further regions that are measured at
+    each height. A height outside the travel is refused before anything moves. On an error, and on
+    Ctrl-C, the stage is stopped. A height whose stream was interrupted is measured anew, for
+    ``camera.reconnect_timeout_s`` if need be.
     """
     stage, stage_config = devices.stage, devices.config.stage
     for height_mm in heights_mm:
@@ -244,20 +342,10 @@ def sweep_focus(
 
 
 def variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float) -> float:
-    """Temporal variance of one frame, in DN^2, averaged over the pixels of two frames.
+    """Temporal variance of one frame, in DN^2, averaged over the pixels of two frames of a scene.
 
     The light of the second frame is scaled to that of the first, so that flicker does not count.
     What moved between the frames does: over several pairs, the smallest value is the noise.
-
-    Parameters
-    ----------
-    first_dn, second_dn
-        Frames of the same shape ``(rows, cols)``, of the same scene.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ.
     """
     if first_dn.shape != second_dn.shape:
         raise ValueError(f"frames must have one shape, got {first_dn.shape}, {second_dn.shape}")

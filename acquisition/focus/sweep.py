@@ -1,17 +1,25 @@
-"""The height of best focus from a sweep: a peak fitted to focus values, with its uncertainty."""
+"""The height of best focus from a sweep: a peak fitted to focus values, with its uncertainty.
 
+A sweep goes between two heights, or over the whole travel.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import f as f_distribution, norm, t as student
 
+from acquisition.bench import BenchConfig, BenchDevices
 from acquisition.choices import FEWEST_POSITIONS
+from acquisition.focus.live import FocusOptions, FocusPoint, sweep_focus
+from acquisition.focus.measures import Region
+from acquisition.stages import move_timeout_s
 
 Floats = NDArray[np.float64]
-Side = Literal["lower", "higher"]
+_Side = Literal["lower", "higher"]
 
 _LINEAR = 2
 _P_NO_PEAK = 0.01
@@ -27,7 +35,7 @@ _BASE_SD = 0.3
 _WIDTH_SD = 2.0  # of its logarithm
 _CENTRE, _LOG_WIDTH, _TAIL, _PUPIL, _BASE = range(5)
 
-SCALE_SD = 1.0
+_SCALE_SD = 1.0
 """How much a texture's focus value may change with its scale alone: d ln F / d ln distance. Of nine
 prints of photographs on the simulated bench it is 0.5 in the rms, of a board of squares 1."""
 
@@ -35,7 +43,7 @@ prints of photographs on the simulated bench it is 0.5 in the rms, of a board of
 class NoFocusPeakError(ValueError):
     """A sweep contains no peak; ``side`` says where to look for it, if that is known."""
 
-    def __init__(self, message: str, *, side: Side | None = None) -> None:
+    def __init__(self, message: str, *, side: _Side | None = None) -> None:
         super().__init__(message)
         self.side = side
 
@@ -98,37 +106,22 @@ def fit_focus_peak(
     pupil: PupilOffset = UNKNOWN_PUPIL,
     texture_share: float = 0.0,
 ) -> FocusPeak:
-    """Fit a peak to focus values by height.
+    """Fit a peak to focus values by height, at least seven, in any order.
 
     A thin lens blurs in proportion to 1/distance - 1/focus, distances taken from the entrance
-    pupil, so that the peak is symmetric in 1/(height + offset). A blur whose variance grows
-    with the square of that makes the squared gradient of an edge a root Lorentzian; textures fall
+    pupil, so that the peak is symmetric in 1/(height + offset). A blur whose variance grows with
+    the square of that makes the squared gradient of an edge a root Lorentzian; textures fall
     faster. Centre, width, tail, base and offset are fitted together, the last three with what is
     expected of them, so that whatever the values do not tell of them is part of the error.
 
-    What moving the camera does to a texture besides defocus, its scale, looks like a shift of
-    the peak. No sweep tells the two apart: the shift is not fitted, but part of the error.
+    What moving the camera does to a texture besides defocus, its scale, looks like a shift of the
+    peak. No sweep tells the two apart: the shift is not fitted, but part of the error, by
+    ``texture_share``, the share of the focus value that is not of an edge across the region, 0 to
+    1.
 
-    Parameters
-    ----------
-    heights_mm
-        At least seven, in any order.
-    values
-        Focus value at each.
-    value_errs
-        Their standard errors, as weights; equal weights if None. The size of the errors is
-        always taken from the scatter about the curve.
-    pupil
-        What is known of the entrance pupil.
-    texture_share
-        Share of the focus value that is not of an edge across the region, 0 to 1.
-
-    Raises
-    ------
-    NoFocusPeakError
-        If the values have no peak inside the range; the error says on which side to look.
-    ValueError
-        If there are too few positions, or values that are not finite.
+    ``value_errs`` are the values' standard errors, as weights; equal weights if None. The size of
+    the errors is always taken from the scatter about the curve. If the values have no peak inside
+    the range, a `NoFocusPeakError` says on which side to look.
 
     References
     ----------
@@ -153,7 +146,7 @@ def fit_focus_peak(
     fit = model.fitted()
     _require_peak(model, fit)
     assert fit is not None
-    peak = model.peak(fit, SCALE_SD * texture_share)
+    peak = model.peak(fit, _SCALE_SD * texture_share)
     _require_inside(x, peak)
     return replace(peak, base=unit * peak.base, amplitude=unit * peak.amplitude)
 
@@ -360,10 +353,199 @@ def _require_inside(x: Floats, peak: FocusPeak) -> None:
     )
 
 
-def _refuse_end(x: Floats, side: Side) -> None:
+def _refuse_end(x: Floats, side: _Side) -> None:
     end = x[-1] if side == "higher" else x[0]
     raise NoFocusPeakError(
         f"the focus value still rises towards {end:g} mm, the {side} end of the sweep: "
         f"sweep {side}",
         side=side,
     )
+
+
+_NORMAL_95 = 1.959963984540054
+_REFINED_STEPS = 2
+_LIGHT_STEP = 0.15  # of the logarithm
+_GOOD_STEPS = 0.25  # of the distance between heights, for a 95 % half-interval
+_LARGE_PART = 0.5  # of the error
+_NAMED_STEPS = 0.01  # of the distance between heights: a smaller part is not worth a word
+_SHARP = 0.5  # of the largest focus value
+_POOLED_FREEDOM = 20.0
+"""The error of one height is taken from a few frames, and is no better known than they are many:
+from two frames it may be zero by chance. It counts as much against that of all the heights."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepRequest:
+    """A sweep: lowest and highest height, how many heights, and frames at each.
+
+    If ``heights_mm`` is None, the whole travel; ``ends_at_peak`` moves the stage there at the end.
+    ``field`` are further regions that are measured; ``pupil`` is what is known of the lens.
+    """
+
+    heights_mm: tuple[float, float] | None
+    steps: int
+    frames: int
+    ends_at_peak: bool = False
+    field: tuple[Region, ...] = ()
+    pupil: PupilOffset = UNKNOWN_PUPIL
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusSweep:
+    """The positions of a sweep and the peak; ``why_not`` says why there is none.
+
+    ``field`` are the peaks of further regions, None where one has none.
+    """
+
+    points: tuple[FocusPoint, ...]
+    peak: FocusPeak | None
+    why_not: str | None
+    field: tuple[FocusPeak | None, ...] = ()
+
+    def columns(self) -> tuple[np.ndarray[Any, np.dtype[np.float64]], ...]:
+        """Heights, values and their standard errors."""
+        rows = [(point.height_mm, point.value, point.err) for point in self.points]
+        return tuple(np.array(rows).T)
+
+    @property
+    def remark(self) -> str | None:
+        """What would tell the peak better: what is not known, or more data than a wide step has."""
+        if self.peak is None:
+            return None
+        step_mm = float(np.median(np.diff(np.sort(self.columns()[0]))))
+        least_mm = max(_LARGE_PART * self.peak.err_mm, _NAMED_STEPS * step_mm / _NORMAL_95)
+        if self.peak.scale_err_mm > least_mm:
+            return (
+                f"± {_NORMAL_95 * self.peak.scale_err_mm:.2g} mm of it are the target's, whose "
+                "detail changes with its scale as well: use one edge across the region"
+            )
+        if self.peak.pupil_err_mm > least_mm:
+            return (
+                f"± {_NORMAL_95 * self.peak.pupil_err_mm:.2g} mm of it are the entrance pupil's, "
+                "whose place is not known: give the geometry"
+            )
+        if _NORMAL_95 * self.peak.err_mm < _GOOD_STEPS * step_mm:
+            return None
+        return "to know it better, sweep further on both sides, or average more frames"
+
+
+def positions_of(request: SweepRequest) -> int:
+    """How many positions a sweep has: the whole travel is swept coarsely, then finely."""
+    return request.steps * (1 if request.heights_mm is not None else 2)
+
+
+def sweep_bench(
+    devices: BenchDevices,
+    options: FocusOptions,
+    request: SweepRequest,
+    progress: Callable[[FocusPoint], None],
+) -> FocusSweep:
+    """Sweep between two heights; without them, the whole travel, then the range about the best.
+
+    There is no peak where the light changed on the way: what it would show might be the light's.
+    """
+    low_mm, high_mm = request.heights_mm or devices.stage.limits_mm
+    points: tuple[FocusPoint, ...] = ()
+    for _ in range(positions_of(request) // request.steps):
+        if points:
+            low_mm, high_mm = _about_the_best(points)
+        points = sweep_focus(
+            devices,
+            _positions(devices.config, low_mm, high_mm, request.steps),
+            options,
+            frames=request.frames,
+            field=request.field,
+            progress=progress,
+        )
+    found = FocusSweep(
+        points=points, peak=None, why_not=_nothing_seen(points) or light_fault(points)
+    )
+    if found.why_not is not None:
+        return found
+    heights_mm, values, errs = found.columns()
+    try:
+        peak = fit_focus_peak(
+            heights_mm,
+            values,
+            pooled_errs(errs, request.frames),
+            pupil=request.pupil,
+            texture_share=_texture_share(points),
+        )
+    except NoFocusPeakError as error:
+        return replace(found, why_not=str(error))
+    if request.ends_at_peak:
+        timeout_s = move_timeout_s(devices.config.stage)
+        devices.stage.move_to(round(peak.height_mm, 3), timeout_s)
+    fields = np.array([point.field for point in points]).T
+    field = (_peak_or_none(heights_mm, one, request.pupil) for one in fields)
+    return replace(found, peak=peak, field=tuple(field))
+
+
+def _nothing_seen(points: Sequence[FocusPoint]) -> str | None:
+    if any(point.has_detail for point in points):
+        return None
+    heights = [point.height_mm for point in points]
+    return (
+        f"there is nothing to focus on from {min(heights):.2f} to {max(heights):.2f} mm: take off "
+        "the lens cap, and place a target with detail"
+    )
+
+
+def light_fault(points: Sequence[FocusPoint]) -> str | None:
+    """Say why a sweep tells nothing of the focus: its light was not the same all the way."""
+    ordered = sorted(points, key=lambda point: point.height_mm)
+    levels = np.log([max(point.level_dn, 1e-3) for point in ordered])
+    steps = np.diff(levels)
+    for number in range(1, steps.size - 1):
+        # A height changes the light, but neighbouring heights by about as much.
+        own, beside = steps[number], steps[[number - 1, number + 1]]
+        if min(abs(own - beside[0]), abs(own - beside[1])) > _LIGHT_STEP:
+            low, high = ordered[number], ordered[number + 1]
+            return (
+                f"the light changed by {100 * abs(np.expm1(own)):.0f} % between "
+                f"{low.height_mm:.2f} and {high.height_mm:.2f} mm; keep it steady and sweep again"
+            )
+    return None
+
+
+def pooled_errs(errs: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
+    """Standard errors of several heights, each from a few frames, drawn towards their median.
+
+    References
+    ----------
+    Smyth: "Linear models and empirical Bayes methods for assessing differential expression",
+    Statistical Applications in Genetics and Molecular Biology 3, 2004, equation 5: the variance
+    that is moderated.
+    """
+    freedom = frames - 1
+    own, common = freedom * errs**2, _POOLED_FREEDOM * float(np.median(errs)) ** 2
+    return np.asarray(np.sqrt((own + common) / (freedom + _POOLED_FREEDOM)))
+
+
+def _texture_share(points: Sequence[FocusPoint]) -> float:
+    """The largest share of a texture in the pictures that are sharp."""
+    least = _SHARP * max(point.value for point in points)
+    return max((point.texture_share for point in points if point.value >= least), default=1.0)
+
+
+def _peak_or_none(
+    heights_mm: NDArray[np.float64], values: NDArray[np.float64], pupil: PupilOffset
+) -> FocusPeak | None:
+    try:
+        return fit_focus_peak(heights_mm, values, pupil=pupil)
+    except NoFocusPeakError:
+        return None
+
+
+def _positions(config: BenchConfig, low_mm: float, high_mm: float, steps: int) -> list[float]:
+    heights = [round(float(height), 3) for height in np.linspace(low_mm, high_mm, steps)]
+    return heights if config.stage.approach == "from_below" else heights[::-1]
+
+
+def _about_the_best(points: tuple[FocusPoint, ...]) -> tuple[float, float]:
+    """Range of two steps on either side of the sharpest position."""
+    ordered = sorted(points, key=lambda point: point.height_mm)
+    best = max(range(len(ordered)), key=lambda index: ordered[index].value)
+    low = ordered[max(best - _REFINED_STEPS, 0)].height_mm
+    high = ordered[min(best + _REFINED_STEPS, len(ordered) - 1)].height_mm
+    return low, high

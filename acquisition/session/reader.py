@@ -1,4 +1,7 @@
-"""Read a capture session: what was planned and captured, and whether the files are intact."""
+"""Read a capture session, and check that it is what was captured.
+
+What was planned and captured is in journal, plan and records; `verify` looks at every file's bytes.
+"""
 
 import hashlib
 import math
@@ -18,15 +21,24 @@ from acquisition.regular_files import (
     LARGEST_IMAGE_BYTES,
     read_regular_file,
 )
-from acquisition.session.capture_file import CaptureImages, parse_capture
-from acquisition.session.journal_chain import JOURNAL_NAME as JOURNAL_NAME
-from acquisition.session.journal_event import JournalEvent
-from acquisition.session.journal_reading import read_journal_file
-from acquisition.session.manifest import MANIFEST_NAME, Manifest
-from acquisition.session.record import CaptureRecord
+from acquisition.session.capture_files import (
+    CaptureImages,
+    FileState,
+    file_state,
+    files_of,
+    found_files,
+    has_record,
+    parse_capture,
+    unknown_files,
+    unknown_files_text,
+)
+from acquisition.session.files import JOURNAL_NAME, MANIFEST_NAME
+from acquisition.session.journal import HEAD_NAME, JournalEvent, read_journal_file
+from acquisition.session.record import CaptureRecord, Manifest
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
 
 _CHANGING = ("capture", "retake", "exclude", "include", "height")
 
@@ -272,13 +284,7 @@ class Session:
 
 
 def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[SessionCapture, ...]:
-    """Replay a journal: its captures in order of time, with the decisions about them.
-
-    Raises
-    ------
-    SessionError
-        If an event names a capture that does not exist, or has no valid record or height.
-    """
+    """Replay a journal: its captures in order of time, with the decisions about them."""
     records: dict[str, CaptureRecord] = {}
     superseded: set[str] = set()
     excluded: dict[str, str] = {}
@@ -327,13 +333,7 @@ def captures_of(events: Iterable[JournalEvent], *, source: str) -> tuple[Session
 
 
 def current_capture(captures: Iterable[SessionCapture], index: int, path: Path) -> SessionCapture:
-    """Return the capture of an entry that is not superseded, in the session at ``path``.
-
-    Raises
-    ------
-    SessionError
-        If there is none.
-    """
+    """Return the capture of an entry that is not superseded, in the session at ``path``."""
     for capture in captures:
         if capture.record.index == index and not capture.is_superseded:
             return capture
@@ -373,3 +373,141 @@ def _read(path: Path, most_bytes: int) -> bytes:
         raise SessionError(
             f"{path}: {error.strerror}; restore it from a copy", path=path
         ) from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileCheck:
+    """Check of one file of a session against the journal; ``uid`` is its capture's, if any."""
+
+    file: str
+    state: FileState
+    uid: str | None = None
+    is_superseded: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VerifyReport:
+    """Check of every file of a session that the journal names or that lies beside those.
+
+    ``faults`` are sentences on what is at odds within the session, each naming the journal's line;
+    ``remarks`` on what is odd but no fault.
+    """
+
+    files: tuple[FileCheck, ...]
+    faults: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether nothing is at odds, and every file is known, there and unchanged.
+
+        What is missing or changed of a superseded capture does not count: nothing uses it.
+        """
+        return not self.faults and not any(
+            check.state in ("missing", "changed") and not check.is_superseded
+            for check in self.files
+        )
+
+
+def verify(path: Path) -> VerifyReport:
+    """Hash every file of the session at ``path`` and compare with the journal."""
+    session = Session(path)
+    checks, faults = [_check_manifest(session)], []
+    unknown = unknown_files(path, (capture.record for capture in session.captures))
+    if unknown and session.is_begun:
+        faults.append(unknown_files_text(unknown))
+    if session.is_journal_head_missing:
+        faults.append(
+            f"{HEAD_NAME} is missing, and lines may be, at the end of {JOURNAL_NAME}; restore it "
+            "from a copy, or run the capture command again, which writes a new one"
+        )
+    entries = {entry.index: entry for entry in session.entries}
+    journaled = {
+        event.facts["record"]["uid"]: (number, event.facts["record"])
+        for number, event in enumerate(session.events, start=1)
+        if event.kind == "capture"
+    }
+    for capture in session.captures:
+        record = capture.record
+        number, document = journaled[record.uid]
+        states, odd = _check_capture(path, record, document)
+        checks += [
+            FileCheck(file=file, state=state, uid=record.uid, is_superseded=capture.is_superseded)
+            for file, state in states.items()
+        ]
+        faults += [
+            f"{JOURNAL_NAME}, line {number}: capture {record.index} {one}"
+            for one in (_differs_from_plan(record, entries.get(record.index)), odd)
+            if one is not None
+        ]
+    if not session.is_begun:
+        faults.append(
+            f"{JOURNAL_NAME} holds no start of a run, yet there are captures; restore it from a "
+            "copy, or see what `standoff verify --repair` can bring back"
+            if unknown
+            else f"{JOURNAL_NAME} holds no start of a run; restore it from a copy, or run the "
+            "capture command again, which begins the session"
+        )
+    checks += [FileCheck(file=file, state="unjournaled") for file in unknown]
+    known = {check.file for check in checks}
+    leftovers = [file for file in found_files(path) if file not in known]
+    checks += [FileCheck(file=file, state="unfinished") for file in leftovers]
+    remarks = [
+        f"{f} is left from a run that was killed while writing; delete it" for f in leftovers
+    ]
+    return VerifyReport(
+        files=tuple(checks), faults=tuple(faults), remarks=(*session.remarks, *remarks)
+    )
+
+
+def _check_manifest(session: Session) -> FileCheck:
+    starts = [event for event in session.events if event.kind == "start"]
+    if not starts:
+        return FileCheck(file=MANIFEST_NAME, state="unjournaled")
+    expected = str(starts[0].facts.get("session_sha256"))
+    return FileCheck(file=MANIFEST_NAME, state=file_state(session.path / MANIFEST_NAME, expected))
+
+
+def _differs_from_plan(record: CaptureRecord, entry: PlanEntry | None) -> str | None:
+    if entry is None:
+        return "is none of the plan's"
+    exposures = 1 if entry.bracket is None else entry.bracket.exposures
+    taken = 1 if record.bracket is None else len(record.bracket)
+    if taken != exposures:
+        return f"has {taken} exposure(s); the plan asks for {exposures}"
+    asked = (entry.kind, entry.target, entry.orientation_deg, entry.height_mm)
+    made = (record.kind, record.target, record.orientation_deg, record.height_asked_mm)
+    if made == asked:
+        return None
+    as_text = "{} {!r}, {:g} degrees, {:g} mm"
+    return f"is of {as_text.format(*made)}; the plan asks for {as_text.format(*asked)}"
+
+
+def _check_capture(
+    path: Path, record: CaptureRecord, document: Mapping[str, Any]
+) -> tuple[dict[str, FileState], str | None]:
+    """State of each file of a capture, and what is odd about the record in it."""
+    states: dict[str, FileState] = {}
+    odd = None
+    for file, sha256 in files_of(record):
+        if file != record.file:
+            states[file] = file_state(path / file, sha256)
+            continue
+        try:
+            if not (path / file).is_file():
+                states[file] = "missing"
+                continue
+            data = read_regular_file(path / file, LARGEST_IMAGE_BYTES)
+        except OSError as error:
+            raise SessionError(f"{path / file}: {error.strerror}", path=path / file) from error
+        states[file] = "ok" if hashlib.sha256(data).hexdigest() == sha256 else "changed"
+        if states[file] == "ok":
+            odd = _differs_from_file(data, document, file)
+    return states, odd
+
+
+def _differs_from_file(data: bytes, document: Mapping[str, Any], file: str) -> str | None:
+    try:
+        return None if has_record(data, document, source=file) else f"has another record in {file}"
+    except SessionError:
+        return f"cannot be read from {file}, though its bytes are those that were journaled"

@@ -1,6 +1,7 @@
 """Make a new journal of what a damaged one and the captures' own records still say."""
 
 import hashlib
+import io
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -12,20 +13,115 @@ from acquisition.errors import SessionError
 from acquisition.plan import plan_entries
 from acquisition.regular_files import LARGEST_JOURNAL_BYTES, read_regular_file
 from acquisition.session.capture_files import FoundCapture, found_capture, unknown_files
-from acquisition.session.durable_write import atomic_write, open_own
-from acquisition.session.journal import SYSTEM_STAMPS, Stamps, lock_exclusively
-from acquisition.session.journal_chain import (
+from acquisition.session.files import JOURNAL_NAME, MANIFEST_NAME, atomic_write, open_own
+from acquisition.session.journal import (
     HEAD_NAME,
     NO_LINES,
+    SYSTEM_STAMPS,
     ChainedLine,
+    JournalEvent,
     JournalHead,
+    Stamps,
     chain_after,
+    lock_exclusively,
 )
-from acquisition.session.journal_event import JournalEvent
-from acquisition.session.manifest import MANIFEST_NAME, Manifest
-from acquisition.session.reader import JOURNAL_NAME, Session
-from acquisition.session.record import CaptureRecord, utc_text
-from acquisition.session.vouched_lines import LostLine, vouched_lines
+from acquisition.session.reader import Session
+from acquisition.session.record import CaptureRecord, Manifest, utc_text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LostLine:
+    """A line that was not taken over; its text is empty if it is gone."""
+
+    number: int
+    text: str = ""
+
+
+def _vouched_lines(data: bytes, counted: int) -> tuple[list[JournalEvent], list[LostLine]]:
+    """Take a damaged journal apart: events that can be vouched for, in order, and what is lost.
+
+    A chained line is vouched for by its chain after that of the line before it, stated or computed.
+    Where the line before it is gone, its text alone speaks for it. Lines that were moved come back
+    to their places. Of lines without a chain, those that parse are taken over. ``counted`` is the
+    number of lines that the journal had, as far as it is known.
+    """
+    unchained: list[JournalEvent] = []
+    links = _Links()
+    odd: list[tuple[int, bytes]] = []
+    for place, line in enumerate(io.BytesIO(data).readlines(), start=1):
+        link = ChainedLine.parse(line)
+        event = None if link is not None or links.by_number else _event(line)
+        if link is not None and link.number is not None:
+            links.by_number.setdefault(link.number, []).append(link)
+        elif event is not None:
+            unchained.append(event)
+            links.unchained_bytes += line
+        else:
+            odd.append((place, line))
+    kept, seen = list(unchained), set(range(1, len(unchained) + 1))
+    lost: dict[int, str] = {}
+    for number in sorted(links.by_number):
+        every = links.by_number[number]
+        found = [link for link in every if links.is_vouched_for(link, number, len(unchained) + 1)]
+        event = _event(found[0].text) if found else None
+        if event is None:
+            lost[number] = _text(every[0].text)
+        else:
+            kept.append(event)
+            seen.add(number)
+    for place, line in odd:
+        free = place if place not in seen | lost.keys() else max([*seen, *lost]) + 1
+        lost[free] = _text(line)
+    for number in range(1, max([counted, *links.by_number, 0]) + 1):
+        if number not in seen:
+            lost.setdefault(number, "")
+    return kept, [LostLine(number=number, text=lost[number]) for number in sorted(lost)]
+
+
+class _Links:
+    """Chained lines by the number that they had when they were written."""
+
+    def __init__(self) -> None:
+        self.by_number: dict[int, list[ChainedLine]] = {}
+        self.unchained_bytes = b""
+
+    def is_vouched_for(self, link: ChainedLine, number: int, first: int) -> bool:
+        """Whether a line, of which the first one has the number ``first``, is as it was written."""
+        before = self._chains_before(number, first)
+        if before is None:
+            return True
+        computed = {chain_after(chain, link.text) for chain in before}
+        # Its own chain may be what was damaged: then the next line's fits the one computed.
+        return link.chain in computed or any(
+            chain_after(chain, after.text) == after.chain
+            for chain in computed
+            for after in self.by_number.get(number + 1, ())
+        )
+
+    def _chains_before(self, number: int, first: int) -> set[str] | None:
+        """Chains that the line before may have had, stated and computed; None if it is gone."""
+        if number == first:
+            return {hashlib.sha256(self.unchained_bytes).hexdigest()}
+        lines = self.by_number.get(number - 1)
+        if lines is None:
+            return None
+        earlier = {line.chain for line in self.by_number.get(number - 2, ())}
+        if number - 1 == first:
+            earlier = {hashlib.sha256(self.unchained_bytes).hexdigest()}
+        stated = {line.chain for line in lines}
+        return stated | {chain_after(chain, line.text) for chain in earlier for line in lines}
+
+
+def _text(line: bytes) -> str:
+    return line.decode(errors="backslashreplace").rstrip("\n")
+
+
+def _event(text: bytes) -> JournalEvent | None:
+    try:
+        return JournalEvent.from_line(text)
+    except ValueError:
+        return None
+
 
 _TEXT_MAX = 2000
 """Characters of a lost line that are quoted."""
@@ -38,18 +134,9 @@ _QUOTED = 300
 class RepairReport:
     """What became of a damaged journal.
 
-    Parameters
-    ----------
-    kept_as
-        Where the old journal is; None if it was sound and nothing was done.
-    lines
-        Number of lines that were taken over.
-    lost
-        Lines that were not.
-    recovered
-        Captures that were brought back from their files.
-    left_out
-        Files where captures lie that no line names and that are no captures of this session.
+    ``kept_as`` is where the old journal is; None if it was sound and nothing was done. ``lines``
+    were taken over, ``lost`` were not. Captures were ``recovered`` from their files; files
+    ``left_out`` lie among them, but no line names them and they are no captures of this session.
     """
 
     kept_as: Path | None = None
@@ -99,18 +186,13 @@ def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:
     capture whose line is lost is brought back from the record in its file, if the file's seal says
     that it is as it was written; an older version's has none, which is noted. Lost decisions, such
     as an exclusion, are quoted in a note.
-
-    Raises
-    ------
-    SessionError
-        If ``path`` is not a session, is in use, or its session.json is damaged.
     """
     journal = path / JOURNAL_NAME
     manifest = _manifest(path / MANIFEST_NAME)
     with _locked(journal):
         is_sound = _is_sound(path)
         data = read_regular_file(journal, LARGEST_JOURNAL_BYTES)
-        kept, lost = vouched_lines(data, _head_lines(journal))
+        kept, lost = _vouched_lines(data, _head_lines(journal))
         recovered, left_out = _from_files(path, kept, manifest)
         if is_sound and not recovered:
             return RepairReport(left_out=tuple(left_out))

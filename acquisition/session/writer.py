@@ -1,6 +1,10 @@
-"""Create or reopen a session and add captures, so that a kill at any byte loses nothing."""
+"""Create or reopen a session and add captures, so that a kill at any byte loses nothing.
+
+An operator decides about it afterwards: exclude, include or retake a capture, or note.
+"""
 
 import hashlib
+import math
 import os
 import shutil
 from collections import Counter
@@ -17,35 +21,45 @@ from acquisition.devices import FrameImage
 from acquisition.errors import SessionError
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.regular_files import read_regular_file
-from acquisition.session.capture_file import (
+from acquisition.session.capture_files import (
     CaptureImages,
+    KilledRun,
     capture_parts,
     capture_seal,
     frames_parts,
-)
-from acquisition.session.capture_files import (
-    KilledRun,
     is_intact,
     left_by_killed_run,
     set_aside,
     unknown_files,
     unknown_files_text,
 )
-from acquisition.session.durable_write import PART_SUFFIX, atomic_write, write_new_hashed
-from acquisition.session.journal import SYSTEM_STAMPS, JournalWriter, Stamps
-from acquisition.session.journal_chain import HEAD_NAME
-from acquisition.session.journal_event import EventKind, JournalEvent
-from acquisition.session.journal_reading import JournalReading
-from acquisition.session.manifest import MANIFEST_NAME, Manifest, software_versions
-from acquisition.session.reader import (
+from acquisition.session.files import (
+    CAPTURE_FOLDERS,
     JOURNAL_NAME,
-    SessionCapture,
-    captures_of,
-    current_capture,
+    MANIFEST_NAME,
+    PART_SUFFIX,
+    atomic_write,
+    fsync_directory,
+    write_new_hashed,
 )
-from acquisition.session.record import CaptureRecord, utc_text
-from acquisition.session.shared_files import CAPTURE_FOLDERS, fsync_directory
-from acquisition.session.take import Photograph, Take
+from acquisition.session.journal import (
+    HEAD_NAME,
+    SYSTEM_STAMPS,
+    EventKind,
+    JournalEvent,
+    JournalReading,
+    JournalWriter,
+    Stamps,
+)
+from acquisition.session.reader import Session, SessionCapture, captures_of, current_capture
+from acquisition.session.record import (
+    CaptureRecord,
+    Manifest,
+    Photograph,
+    Take,
+    software_versions,
+    utc_text,
+)
 
 SPARE_BYTES = 64 * 2**20
 """Disk space kept free beyond the captures, so that the journal can always be written."""
@@ -54,25 +68,10 @@ SPARE_BYTES = 64 * 2**20
 class SessionWriter:
     """The only process that writes a session; a context manager that releases it.
 
-    Opening creates the session if there is none, and otherwise resumes it. The journal's
-    ``flock`` is held until ``close``.
-
-    Parameters
-    ----------
-    path
-        Directory of the session: new, empty, or a session with the same plan and bench.
-    bench
-        The bench; None for photographs that come from elsewhere.
-    devices
-        Snapshots under ``camera`` and ``stage``, for the devices that exist.
-    stamps
-        Where time stamps and identities come from.
-
-    Raises
-    ------
-    SessionError
-        If ``path`` holds something else, is in use, cannot be written, or was made with
-        another plan, bench or device; the message shows the difference.
+    Opening creates the session if there is none, and otherwise resumes it: ``path`` is new, empty,
+    or a session with the same plan, bench and devices. The journal's ``flock`` is held until
+    ``close``. There is no bench for photographs that come from elsewhere; ``devices`` are snapshots
+    under ``camera`` and ``stage``, for those that exist.
     """
 
     def __init__(
@@ -118,13 +117,7 @@ class SessionWriter:
         return tuple(entry for entry in self.entries if entry.index not in done)
 
     def require_space(self, needed_bytes: int) -> None:
-        """Raise if the disk has no space for ``needed_bytes`` and some to spare.
-
-        Raises
-        ------
-        SessionError
-            With the space available and the space needed.
-        """
+        """Raise if the disk has no space for ``needed_bytes`` and some to spare."""
         free_bytes = shutil.disk_usage(self.path).free
         if free_bytes < needed_bytes + SPARE_BYTES:
             raise SessionError(
@@ -140,26 +133,13 @@ class SessionWriter:
         return self._journal.append(kind, facts)
 
     def retake(self, index: int, reason: str, operator: str) -> None:
-        """Void the capture of an entry, so that it is pending again.
-
-        Raises
-        ------
-        SessionError
-            If the entry has no capture.
-        """
+        """Void the capture of an entry, so that it is pending again."""
         void = current_capture(self.captures, index, self.path).record.uid
         facts = {"index": index, "supersedes": void, "reason": reason, "operator": operator}
         self._journal.append("retake", facts)
 
     def add_capture(self, entry: PlanEntry, take: Take) -> CaptureRecord:
-        """Store one capture; when this returns it is on the disk and journaled.
-
-        Raises
-        ------
-        SessionError
-            If it cannot be written. A capture of which only the line is missing is taken in by
-            the next run.
-        """
+        """Store one capture; when this returns it is on the disk and journaled."""
         averaged, settings = take.averaged, take.settings
         record = CaptureRecord(
             **self._identity(entry),
@@ -200,12 +180,6 @@ class SessionWriter:
         """Store a photograph as a capture of one frame, or of as many as it is the mean of.
 
         Its height is the entry's, as stated by whoever imports it.
-
-        Raises
-        ------
-        SessionError
-            If it cannot be written. A capture of which only the line is missing is taken in by
-            the next run.
         """
         image_dn = photograph.image_dn
         now = utc_text(self._stamps.utc_now())
@@ -437,3 +411,110 @@ def _write_failure(path: Path, error: OSError) -> SessionError:
         fault="unwritable",
         path=path,
     )
+
+
+class SessionNotes:
+    """Journals the decisions of ``operator`` about the session at ``path``.
+
+    Each call locks the session while it writes, so that it is refused while a run is writing.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        operator: str,
+        stamps: Stamps = SYSTEM_STAMPS,
+    ) -> None:
+        self._path = path
+        self._operator = operator
+        self._stamps = stamps
+
+    def exclude(self, index: int, reason: str) -> JournalEvent:
+        """Keep the capture of an entry out of calibration and analysis."""
+        return self._decide("exclude", index, reason)
+
+    def include(self, index: int, reason: str) -> JournalEvent:
+        """Include an excluded capture again."""
+        return self._decide("include", index, reason)
+
+    def retake(self, index: int, reason: str) -> JournalEvent:
+        """Void the capture of an entry; the next run captures it again."""
+        return self._decide("retake", index, reason)
+
+    def correct_height(
+        self, indices: Sequence[int], height_mm: float, reason: str
+    ) -> tuple[JournalEvent, ...]:
+        """State another height of imported photographs; their captures keep what they recorded."""
+        if not math.isfinite(height_mm):
+            raise ValueError(f"a height must be a finite number, got {height_mm}")
+        if Session(self._path).bench:
+            raise SessionError(
+                f"{self._path} has heights that its stage read back; exclude a capture whose "
+                "height is wrong, or retake it",
+                fault="made otherwise",
+                path=self._path,
+            )
+        with self._open() as journal:
+            captures = captures_of(journal.events, source=str(self._path / JOURNAL_NAME))
+            found = [current_capture(captures, index, self._path) for index in indices]
+            return tuple(
+                journal.append(
+                    "height",
+                    {
+                        "index": capture.record.index,
+                        "capture": capture.record.uid,
+                        "height_mm": float(height_mm),
+                        "was_mm": capture.record.height_mm,
+                        "reason": reason,
+                        "operator": self._operator,
+                    },
+                )
+                for capture in found
+            )
+
+    def note(self, text: str) -> JournalEvent:
+        """Record a note for later readers."""
+        with self._open() as journal:
+            return journal.append("note", {"text": text, "operator": self._operator})
+
+    def set_aside(self, reason: str) -> tuple[dict[str, str], ...]:
+        """Move the files that the journal does not name out of the folders of captures.
+
+        Returns of each file its name (``file``), the new one (``to``) and its ``sha256``.
+        """
+        source = str(self._path / JOURNAL_NAME)
+        with self._open() as journal:
+            captures = captures_of(journal.events, source=source)
+            unknown = unknown_files(self._path, (capture.record for capture in captures))
+            try:
+                moved = set_aside(self._path, unknown)
+            except OSError as error:
+                raise SessionError(
+                    f"{error.filename or self._path}: cannot be set aside: {error.strerror}",
+                    fault="unwritable",
+                    path=self._path,
+                ) from error
+            if moved:
+                journal.append(
+                    "note", {"text": reason, "set_aside": moved, "operator": self._operator}
+                )
+        return tuple(moved)
+
+    def _open(self) -> JournalWriter:
+        Session(self._path)  # a mistyped path must not become a new journal
+        return JournalWriter(self._path / JOURNAL_NAME, self._stamps)
+
+    def _decide(self, kind: EventKind, index: int, reason: str) -> JournalEvent:
+        with self._open() as journal:
+            captures = captures_of(journal.events, source=str(self._path / JOURNAL_NAME))
+            capture = current_capture(captures, index, self._path)
+            if kind == "include" and capture.excluded_because is None:
+                raise SessionError(
+                    f"capture {index} of {self._path} is not excluded",
+                    fault="no capture",
+                    path=self._path,
+                )
+            key = "supersedes" if kind == "retake" else "capture"
+            facts = {"index": index, key: capture.record.uid}
+            return journal.append(kind, {**facts, "reason": reason, "operator": self._operator})

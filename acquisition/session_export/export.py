@@ -9,9 +9,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from acquisition.choices import ExportFormat
 from acquisition.errors import ExportError
-from acquisition.session import Session, clear_parts, fsync_directory, part_of, refuse_capture
-from acquisition.session_export.choices import ExportFormat
+from acquisition.session import (
+    Session,
+    clear_parts,
+    fsync_directory,
+    part_of,
+    refuse_capture,
+)
 from acquisition.session_export.source import ExportSource
 
 _LIBRARIES: dict[ExportFormat, tuple[str, str] | None] = {
@@ -24,15 +30,7 @@ _NEW, _OLD = "new", "old"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportRequest:
-    """What to write and where.
-
-    Parameters
-    ----------
-    out
-        A file, or a folder for OME-Zarr; what lies there is replaced.
-    provenance, scale_at
-        As for `ExportSource`.
-    """
+    """What to write and where: a file, or a folder for OME-Zarr; what lies there is replaced."""
 
     format: ExportFormat
     out: Path
@@ -50,13 +48,7 @@ class ExportSummary:
 
 
 def require_exporter(format_: ExportFormat) -> None:
-    """Check that the library for a format is installed.
-
-    Raises
-    ------
-    ExportError
-        If it is not; the message says how to install it.
-    """
+    """Check that the library for a format is installed."""
     needed = _LIBRARIES[format_]
     if needed is None:
         return
@@ -76,13 +68,6 @@ def export_session(
 
     One capture is held in memory at a time. What fails, or is interrupted, leaves what was at
     ``request.out`` before.
-
-    Raises
-    ------
-    ExportError
-        If there is nothing to export, a library is not installed, or it cannot be written.
-    SessionError
-        If a capture is missing or is not the one that was captured.
     """
     if not session.records:
         raise ExportError(f"session {session.path} has no captures to export")
@@ -111,11 +96,11 @@ def export_session(
 def _writer(format_: ExportFormat) -> Callable[[Path, ExportSource], None]:
     match format_:
         case "ome-tiff":
-            from acquisition.session_export.ome_tiff import write_ome_tiff
+            from acquisition.session_export.ome import write_ome_tiff
 
             return write_ome_tiff
         case "ome-zarr":
-            from acquisition.session_export.ome_zarr import write_ome_zarr
+            from acquisition.session_export.ome import write_ome_zarr
 
             return write_ome_zarr
         case "nexus":

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from acquisition.session import CaptureImages, CaptureRecord, Session
 from acquisition.session_export.source import ExportSource
 
-Key = tuple[str, str, float, tuple[int, int]]
+_Key = tuple[str, str, float, tuple[int, int]]
 
 _COLUMN_UNITS = {
     "orientation_deg": "deg",
@@ -36,19 +36,11 @@ _COLUMN_UNITS = {
 
 
 def write_nexus(path: Path, source: ExportSource) -> None:
-    """Write every capture, one at a time.
-
-    Raises
-    ------
-    SessionError
-        If a capture cannot be read.
-    OSError
-        If the file cannot be written.
-    """
+    """Write every capture, one at a time."""
     import h5py
 
     with h5py.File(path, "w") as file:
-        entries: dict[Key, _Entry] = {}
+        entries: dict[_Key, _Entry] = {}
         for images in source.captures():
             record = images.record
             key = (record.kind, record.target, record.orientation_deg, images.mean_dn.shape)

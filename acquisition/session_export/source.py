@@ -12,15 +12,10 @@ from acquisition.session import CaptureImages, CaptureRecord, Session
 class ExportSource:
     """A session to export, read capture by capture.
 
-    Parameters
-    ----------
-    provenance
-        Of the export, as documents hold it: version, created, command and inputs.
-    scale_at
-        Returns the scale in px/mm at a height in mm, for captures that have none of their own;
-        None where it is not known.
-    progress
-        Called with the number of captures read.
+    ``provenance`` is that of the export, as documents hold it: version, created, command and
+    inputs. ``scale_at`` returns the scale in px/mm at a height in mm, for captures that have none
+    of their own; None where it is not known. ``progress`` is called with the number of captures
+    read.
     """
 
     session: Session
@@ -34,13 +29,7 @@ class ExportSource:
         return self.session.records
 
     def captures(self) -> Iterator[CaptureImages]:
-        """Every capture with its pixels, checked against the journal; one is held at a time.
-
-        Raises
-        ------
-        SessionError
-            If a file is missing or is not the one that was captured.
-        """
+        """Every capture with its pixels, checked against the journal; one is held at a time."""
         for done, record in enumerate(self.records, start=1):
             yield self.session.load(record)
             self.progress(done)

@@ -1,12 +1,18 @@
 from .control import (
+    ManualStage as ManualStage,
     StageReport as StageReport,
     act_on_stage as act_on_stage,
 )
-from .manual import ManualStage as ManualStage
-from .motor import MotorStage as MotorStage
-from .serial_link import SerialLink as SerialLink, open_serial_port as open_serial_port
-from .travel import (
+from .grbl import open_grbl_stage as open_grbl_stage
+from .grbl_setup import expected_envelopes as expected_envelopes
+from .motor import (
+    MotorStage as MotorStage,
     home_timeout_s as home_timeout_s,
     move_timeout_s as move_timeout_s,
     refuse_beyond_limits as refuse_beyond_limits,
 )
+from .serial_link import (
+    SerialLink as SerialLink,
+    open_serial_port as open_serial_port,
+)
+from .zaber import open_zaber_stage as open_zaber_stage

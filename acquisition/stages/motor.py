@@ -1,52 +1,320 @@
 """What every motorised stage does, whatever its controller: move, settle, stop, home."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite
 from threading import Event
+from typing import Protocol
 
 from acquisition.bench import StageConfig
-from acquisition.devices import DeviceInfo, StageState
+from acquisition.devices import DeviceInfo, HomingStage, Stage, StageState
 from acquisition.errors import (
     DeviceError,
     DeviceProtocolError,
     DeviceResetError,
     DeviceTimeoutError,
     StageAlarmError,
+    StageLimitError,
     StageNotHomedError,
     StageNotStoppedError,
     StageStalledError,
     StageStoppedError,
 )
-from acquisition.stages.axis import POLL_S, MotorAxis, MovableAxis
-from acquisition.stages.progress import ProgressWatch
-from acquisition.stages.travel import approach_heights_mm, refuse_beyond_limits
+from acquisition.quantities import slip_between
+
+POLL_S = 0.05
+"""The Grbl manual asks for at most 10 to 20 reports a second."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisReading:
+    """Height, and whether the motor is running, queried one after the other.
+
+    ``state`` is the word of the controller for what it is doing.
+    """
+
+    height_mm: float
+    is_moving: bool
+    state: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisTraits:
+    """How a controller differs from others in reading and stopping.
+
+    ``repeat_mm`` is the largest difference between two readings of an axis at rest.
+    `_MotorAxis.cancel` ends homing if ``is_homing_cancellable``; otherwise only `_MotorAxis.abort`
+    does. After the errors ``may_move_after`` of a move the motor may still be running and has to be
+    stopped.
+    """
+
+    repeat_mm: float
+    is_homing_cancellable: bool
+    may_move_after: tuple[type[DeviceError], ...]
+
+
+class MovableAxis(Protocol):
+    """What `travel` and `halt` need of an axis."""
+
+    @property
+    def name(self) -> str:
+        """Its name in error messages."""
+        ...
+
+    def start_move(self, height_mm: float) -> None:
+        """Start a move to a height; returns at once.
+
+        Raises
+        ------
+        StageLimitError, DeviceRefusalError
+            If the controller refuses; nothing moves.
+        DeviceTimeoutError, DeviceProtocolError
+            If the answer was lost or garbled: it may or may not move.
+        """
+        ...
+
+    def wait_until_still(self, height_mm: float, deadline: float) -> float:
+        """Wait until the motor stops and return its height; ``height_mm`` is the target.
+
+        Raises
+        ------
+        StageStalledError
+            If it is moving but comes no nearer.
+        DeviceTimeoutError
+            If it is still moving at the deadline.
+        StageAlarmError
+            If the controller has ended the move: a door, a hold, an alarm.
+        """
+        ...
+
+    def cancel(self) -> None:
+        """Ask for a controlled stop; returns at once, the position stays known."""
+        ...
+
+    def is_moving(self) -> bool:
+        """Ask whether the motor is running; faults and resets are not checked."""
+        ...
+
+    def abort(self) -> None:
+        """End what `cancel` does not end; the position is then unknown."""
+        ...
+
+
+class _MotorAxis(MovableAxis, Protocol):
+    """One axis of a controller, in heights; it obeys and reports, and decides nothing.
+
+    Every call may raise the errors of a line: timeout, protocol, disconnected. A call that learns
+    of an alarm or a reset sets ``is_position_known`` to False and raises it.
+    """
+
+    is_position_known: bool
+    """Set by the code that homes."""
+
+    @property
+    def info(self) -> DeviceInfo:
+        """Identity that the controller reports."""
+        ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the operator should know."""
+        ...
+
+    @property
+    def traits(self) -> AxisTraits:
+        """How it is read and stopped."""
+        ...
+
+    @property
+    def homing_s(self) -> float:
+        """See `HomingStage`."""
+        ...
+
+    def state(self) -> StageState:
+        """Ask what it is doing; a fault is a state here, not an error."""
+        ...
+
+    def known_height_mm(self) -> float | None:
+        """Ask for the height; None where the position is not known."""
+        ...
+
+    def travel_height_mm(self) -> float | None:
+        """Height for a display while another thread moves the axis; see `TravellingStage`."""
+        ...
+
+    def ready_height_mm(self) -> float:
+        """Height of an axis that is ready to move.
+
+        Raises
+        ------
+        StageNotHomedError, StageAlarmError, DeviceError
+            If it is not ready.
+        """
+        ...
+
+    def height_mm(self) -> float:
+        """Ask for the height only."""
+        ...
+
+    def reading(self) -> AxisReading:
+        """Ask for height and motion; a fault is an error, as in `wait_until_still`."""
+        ...
+
+    def interrupt(self) -> None:
+        """Halt the motor at once, even while another thread is in the dialogue."""
+        ...
+
+    def prepare_homing(self) -> None:
+        """Check the preconditions of homing; moves nothing."""
+        ...
+
+    def check_reference(self, deadline: float, stop: Event) -> None:
+        """Find out whether steps were lost since the last homing, where that is possible.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If it takes too long; it may still be moving.
+        """
+        ...
+
+    def find_reference(self, deadline: float) -> None:
+        """Home, and return once the axis is at rest at its reference.
+
+        Raises
+        ------
+        DeviceTimeoutError, DeviceProtocolError
+            If it did not report in time that it is homed; it may still be moving.
+        DeviceError
+            If it found no reference; it has stopped.
+        """
+        ...
+
+    def refresh_warnings(self) -> None:
+        """Bring ``warnings`` up to date after a move."""
+        ...
+
+    def clear_alarm(self) -> None:
+        """Leave an alarm; moves nothing."""
+        ...
+
+    def close(self) -> None:
+        """Close the link; closing twice is harmless."""
+        ...
+
+
+_NO_PROGRESS_S = 2.0
+"""Longer than a ramp, a late report or the start of a move takes; a time limit is minutes."""
+
+_SHARE_OF_FEED = 0.25
+"""Part of the feed below which a move counts as blocked: ramps are short beside that time."""
+
+
+def smallest_progress_mm(config: StageConfig, traits: AxisTraits) -> float:
+    """Travel that is progress: more than a reading repeats to, less than a slow feed covers."""
+    covered_mm = config.feed_mm_per_min / 60 * _NO_PROGRESS_S
+    return min(traits.repeat_mm, _SHARE_OF_FEED * covered_mm)
+
+
+class ProgressWatch:
+    """Watches a distance that has to shrink.
+
+    A decrease counts if it is larger than ``least_mm``; it is too late after ``readings`` without
+    one at the earliest.
+    """
+
+    def __init__(self, *, clock: Callable[[], float], least_mm: float, readings: int = 2) -> None:
+        self._clock = clock
+        self._least_mm = least_mm
+        self._readings = readings
+        self._best_mm = float("inf")
+        self._since_s = clock()
+        self._idle_readings = 0
+
+    def see(self, distance_mm: float, *, state: str, height_mm: float) -> None:
+        """Take note of a reading."""
+        if distance_mm < self._best_mm - self._least_mm:
+            self._best_mm, self._since_s, self._idle_readings = distance_mm, self._clock(), 0
+            return
+        self._idle_readings += 1
+        if (
+            self._clock() - self._since_s >= _NO_PROGRESS_S
+            and self._idle_readings >= self._readings
+        ):
+            raise StageStalledError(
+                f"no progress for {_NO_PROGRESS_S:g} s: the controller reports {state} "
+                f"at {height_mm:.3f} mm",
+                timeout_s=_NO_PROGRESS_S,
+                state=state,
+                height_mm=height_mm,
+            )
+
+
+def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> None:
+    """Raise if a height is outside the travel of a stage."""
+    low_mm, high_mm = limits_mm
+    if not (isfinite(height_mm) and low_mm <= height_mm <= high_mm):
+        raise StageLimitError(
+            f"the stage travels from {low_mm:g} to {high_mm:g} mm, not to {height_mm:g} mm; "
+            f"nothing moved{slip_between(height_mm, 'mm', low_mm, high_mm)}",
+            height_mm=height_mm,
+            limits_mm=limits_mm,
+        )
+
+
+def approach_heights_mm(
+    config: StageConfig, *, start_mm: float, target_mm: float, is_flank_taken: bool
+) -> list[float]:
+    """Heights to visit in turn, so that the target is approached from the configured side.
+
+    One or two; a target right at a limit may have no room before it. ``is_flank_taken`` is whether
+    the last move already came from that side.
+    """
+    side = 1.0 if config.approach == "from_below" else -1.0
+    needed_mm = 0.0 if is_flank_taken else config.backlash_mm
+    if side * (target_mm - start_mm) >= needed_mm:
+        return [target_mm]
+    low_mm, high_mm = config.limits_mm
+    before_mm = min(max(target_mm - side * config.backlash_mm, low_mm), high_mm)
+    return [target_mm] if before_mm == target_mm else [before_mm, target_mm]
+
+
+def move_timeout_s(config: StageConfig) -> float:
+    """Twice the whole travel at the feed, for ramps and backlash moves, and the settling."""
+    travel_mm = config.limits_mm[1] - config.limits_mm[0]
+    return 10.0 + config.settle_s + 2.0 * 60.0 * travel_mm / config.feed_mm_per_min
+
+
+def home_timeout_s(config: StageConfig, stage: Stage) -> float:
+    """Time for homing: the whole travel once, and the switch twice, slowly.
+
+    A controller homes by a travel and rates of its own, which may be longer and slower than those
+    of the bench file; one that states them is given a quarter more.
+    """
+    stated_s = stage.homing_s if isinstance(stage, HomingStage) else 0.0
+    return 30.0 + max(move_timeout_s(config), 1.25 * stated_s)
+
 
 STOP_TIMEOUT_S = 5.0
 """Longer than any deceleration."""
 
-CREEP_READINGS = 3
+_CREEP_READINGS = 3
 """Settling times in which the movement between two readings has to become smaller."""
 
-ROUNDING_MM = 1e-6
+_ROUNDING_MM = 1e-6
 """Heights are rounded to this, so it allows for binary rounding noise."""
 
 
 class MotorStage:
     """Approaches heights from one side, and trusts only what it reads back.
 
-    Parameters
-    ----------
-    config
-        Limits, settling, tolerance, side of approach.
-    axis
-        Must be connected before the stage is used; `close` closes it.
-    clock, sleep
-        Time in seconds, and a function that waits.
+    The axis must be connected before the stage is used; `close` closes it.
     """
 
     def __init__(
         self,
         config: StageConfig,
-        axis: MotorAxis,
+        axis: _MotorAxis,
         *,
         clock: Callable[[], float],
         sleep: Callable[[float], None],
@@ -95,13 +363,7 @@ class MotorStage:
         return "homing" if state == "moving" and self._is_homing else state
 
     def position_mm(self) -> float:
-        """See `Stage.position_mm`.
-
-        Raises
-        ------
-        StageNotHomedError
-            If the position is not known.
-        """
+        """See `Stage.position_mm`."""
         height_mm = None if self._is_emergency else self._axis.known_height_mm()
         if height_mm is None:
             raise StageNotHomedError(f"{self._axis.name} does not know its height: home it")
@@ -189,11 +451,6 @@ class MotorStage:
         """Stop what another program left running, before any dialogue; return once it stands.
 
         A controller that was reset or is in alarm has ended its motion.
-
-        Raises
-        ------
-        StageNotStoppedError
-            If nothing says that it stands.
         """
         deadline = self._clock() + STOP_TIMEOUT_S
         while True:
@@ -252,7 +509,7 @@ class MotorStage:
     def _settle(self, height_mm: float, deadline: float) -> float:
         """Read back after the settling time, until two readings agree."""
         # What relaxes moves less and less; what creeps does not, and would never agree.
-        progress = ProgressWatch(clock=self._clock, least_mm=0.0, readings=CREEP_READINGS)
+        progress = ProgressWatch(clock=self._clock, least_mm=0.0, readings=_CREEP_READINGS)
         before_mm = self._axis.height_mm()
         while True:
             self._sleep(self._config.settle_s)
@@ -266,7 +523,7 @@ class MotorStage:
             doing = f"{reading.state} while it creeps"
             progress.see(moved_mm, state=doing, height_mm=before_mm)
             self._sleep(POLL_S)
-        if not abs(reading.height_mm - height_mm) <= self._config.tolerance_mm + ROUNDING_MM:
+        if not abs(reading.height_mm - height_mm) <= self._config.tolerance_mm + _ROUNDING_MM:
             raise DeviceTimeoutError(f"it crept to {reading.height_mm:.3f} mm")
         return reading.height_mm
 
@@ -303,14 +560,8 @@ def travel(
 ) -> None:
     """Move to a height and wait for arrival; the move is repeated once after a lost answer.
 
-    Raises
-    ------
-    DeviceTimeoutError
-        If it has not arrived by the deadline; it may be moving.
-    StageStoppedError
-        If it stopped elsewhere, whether or not ``stop`` was set.
-    DeviceError
-        If it cannot move.
+    A `DeviceTimeoutError` says that it has not arrived by the deadline and may be moving, a
+    `StageStoppedError` that it stopped elsewhere, whether or not ``stop`` was set.
     """
     for is_last_try in (False, True):
         if stop.is_set():
@@ -324,7 +575,7 @@ def travel(
             # The axis may or may not move: ask where it is before anything is sent again.
             lost = error
         at_mm = axis.wait_until_still(height_mm, deadline)
-        if abs(at_mm - height_mm) <= tolerance_mm + ROUNDING_MM:
+        if abs(at_mm - height_mm) <= tolerance_mm + _ROUNDING_MM:
             return
         if lost is not None and is_last_try and not stop.is_set():
             raise lost
@@ -340,10 +591,7 @@ def travel(
 def halt(axis: MovableAxis, *, clock: Callable[[], float], sleep: Callable[[float], None]) -> None:
     """Stop under control, and wait until the motor is at rest.
 
-    Raises
-    ------
-    DeviceTimeoutError
-        If it does not stop; the move was aborted, and the position is lost.
+    If it does not stop, the move is aborted, and the position is lost.
     """
     axis.cancel()
     deadline = clock() + STOP_TIMEOUT_S

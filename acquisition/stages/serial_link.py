@@ -3,9 +3,11 @@
 import errno
 from collections import deque
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from time import monotonic
-from typing import Protocol
+from types import TracebackType
+from typing import Protocol, Self
 
 import serial
 
@@ -17,13 +19,83 @@ from acquisition.errors import (
     DeviceProtocolError,
     DeviceTimeoutError,
 )
-from acquisition.stages.wire_log import WireLog
 
-READ_SLICE_S = 0.02
+_MAX_BYTES = 5_000_000
+"""About 80 000 lines: some hours of a capture session."""
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)
+
+
+class WireLog:
+    """Appends one line for every line sent (``>``) or received (``<``) and every remark (``#``).
+
+    Bytes outside printable ASCII are escaped as in Python. At ``max_bytes`` the file becomes
+    ``<name>.1``, replacing an earlier one, and a new file is started.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        max_bytes: int = _MAX_BYTES,
+        utc_now: Callable[[], datetime] = _now,
+    ) -> None:
+        self._path = path
+        self._max_bytes = max_bytes
+        self._utc_now = utc_now
+        self._file = path.open("a", encoding="ascii")
+
+    def sent(self, data: bytes) -> None:
+        """Log what was written to the port."""
+        self._write(">", _escaped(data))
+
+    def received(self, data: bytes) -> None:
+        """Log one line, or what there was of one, that came from the port."""
+        self._write("<", _escaped(data))
+
+    def remark(self, text: str) -> None:
+        """Log what happened to the connection."""
+        self._write("#", _escaped(text.encode("utf-8")))
+
+    def close(self) -> None:
+        """Close the file; closing twice is harmless."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write(self, direction: str, text: str) -> None:
+        if self._file.closed:
+            return
+        stamp = self._utc_now().isoformat(timespec="microseconds")
+        self._file.write(f"{stamp} {direction} {text}\n")
+        # The last lines matter most when the program or the machine dies.
+        self._file.flush()
+        if self._file.tell() >= self._max_bytes:
+            self._file.close()
+            self._path.replace(self._path.with_name(self._path.name + ".1"))
+            self._file = self._path.open("a", encoding="ascii")
+
+
+def _escaped(data: bytes) -> str:
+    return repr(data)[2:-1]
+
+
+_READ_SLICE_S = 0.02
 """How long a read waits for its first byte."""
 
-WRITE_TIMEOUT_S = 1.0
-MAX_LINE_BYTES = 1024
+_WRITE_TIMEOUT_S = 1.0
+_MAX_LINE_BYTES = 1024
 """No message of the supported protocols is longer."""
 
 
@@ -50,16 +122,7 @@ class BytePort(Protocol):
 class SerialLink:
     """One connection; it knows lines, not what they mean.
 
-    Parameters
-    ----------
-    port
-        Open port.
-    name
-        Its name in error messages.
-    clock
-        Monotonic time in seconds, the same as that of the port's reads.
-    log
-        Log of every line.
+    ``name`` is used in error messages; ``clock`` is the same as that of the port's reads.
     """
 
     def __init__(
@@ -79,30 +142,14 @@ class SerialLink:
         self._lines: deque[bytes] = deque()
 
     def write(self, data: bytes) -> None:
-        """Send bytes.
-
-        Raises
-        ------
-        DeviceTimeoutError, DeviceDisconnectedError
-            If they cannot be sent.
-        """
+        """Send bytes."""
         self._check_open()
         if self._log:
             self._log.sent(data)
         self._port.write(data)
 
     def read_line(self, timeout_s: float) -> bytes:
-        """Wait for the next line that is not empty, and return it without its end.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            If there is none within ``timeout_s``.
-        DeviceProtocolError
-            If a line does not end.
-        DeviceDisconnectedError
-            If the port is gone.
-        """
+        """Wait for the next line that is not empty, and return it without its end."""
         deadline = self._clock() + timeout_s
         while not self._lines:
             self._receive()
@@ -120,13 +167,7 @@ class SerialLink:
         return lines
 
     def drain(self, quiet_s: float, timeout_s: float) -> list[bytes]:
-        """Listen until nothing has come for ``quiet_s``; return what came, split into lines.
-
-        Raises
-        ------
-        DeviceProtocolError
-            If it does not fall silent within ``timeout_s``.
-        """
+        """Listen until nothing has come for ``quiet_s``; return what came, split into lines."""
         deadline = self._clock() + timeout_s
         heard = list(self._lines)
         self._lines.clear()
@@ -175,7 +216,7 @@ class SerialLink:
                 if self._log:
                     self._log.received(clean)
                 self._lines.append(clean)
-        if len(self._partial) > MAX_LINE_BYTES:
+        if len(self._partial) > _MAX_LINE_BYTES:
             start = self._cut_partial()[:40]
             raise DeviceProtocolError(f"{self.name} sent a line without an end: {start!r}...")
         return True
@@ -198,13 +239,7 @@ class SerialPort:
         self._port = port
 
     def read(self) -> bytes:
-        """Return what is there, waiting a moment for the first byte; no data is not an error.
-
-        Raises
-        ------
-        DeviceDisconnectedError
-            If the port is gone.
-        """
+        """Return what is there, waiting a moment for the first byte; no data is not an error."""
         try:
             first: bytes = self._port.read(1)
         except (OSError, TypeError) as error:  # pyserial: TypeError when closed in mid-read
@@ -212,13 +247,7 @@ class SerialPort:
         return first + self.read_waiting() if first else b""
 
     def read_waiting(self) -> bytes:
-        """Return what is there, without waiting.
-
-        Raises
-        ------
-        DeviceDisconnectedError
-            If the port is gone.
-        """
+        """Return what is there, without waiting."""
         try:
             waiting = self._port.in_waiting
             return self._port.read(waiting) if waiting else b""
@@ -226,15 +255,7 @@ class SerialPort:
             raise self._gone() from error
 
     def write(self, data: bytes) -> None:
-        """Write all of it.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            If the port does not accept it.
-        DeviceDisconnectedError
-            If the port is gone.
-        """
+        """Write all of it."""
         try:
             self._port.write(data)
         except serial.SerialTimeoutException as error:
@@ -256,15 +277,7 @@ class SerialPort:
 
 
 def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
-    """Open the port and the wire log.
-
-    Raises
-    ------
-    BenchConfigError
-        If the wire log cannot be written.
-    DeviceDisconnectedError
-        If the port cannot be opened.
-    """
+    """Open the port and the wire log."""
     try:
         log = WireLog(Path(config.wire_log)) if config.wire_log else None
     except OSError as error:
@@ -284,19 +297,12 @@ def open_serial_port(
     path: str,
     baud_rate: int,
     *,
-    read_slice_s: float = READ_SLICE_S,
-    write_timeout_s: float = WRITE_TIMEOUT_S,
+    read_slice_s: float = _READ_SLICE_S,
+    write_timeout_s: float = _WRITE_TIMEOUT_S,
 ) -> SerialPort:
     """Open a port exclusively, 8 data bits, no parity, 1 stop bit.
 
     Opening resets Arduino boards (DTR).
-
-    Raises
-    ------
-    DeviceDisconnectedError
-        If the port is missing, not permitted, or not a serial port.
-    DeviceInUseError
-        If another program uses it.
     """
     try:
         return SerialPort(

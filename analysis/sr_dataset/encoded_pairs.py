@@ -12,7 +12,7 @@ from acquisition.printable import beginning_of
 from analysis.sr_dataset.photograph import PairPhotograph
 from analysis.sr_dataset.png_file import png_bytes
 from analysis.sr_dataset.settings import SrDatasetSettings
-from simulation.sr_pairs import SrPair, sr_pairs
+from simulation.zoom import SrPair, sr_pairs
 
 _LONGEST_STEM_BYTES = 180
 """With the digest, the number and what a file has until it is whole, a name has 255 at most."""

@@ -35,7 +35,7 @@ from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
 from calibration.registration import DistortedPose
 from simulation import PoseOptions, Psf, SamplingGrid
 from simulation.arrays import FloatArray, FloatImage
-from simulation.resampling import simulate_at
+from simulation.sampling_grid import simulate_at
 from simulation.uncertainty import KnownErrors, SimulatedView, pixel_uncertainty
 
 

@@ -1,9 +1,13 @@
-"""Checks arguments by their annotations, which say the types and words, and by `RANGES`."""
+"""Checks arguments by their annotations, which say the types and words, and by `RANGES`.
+
+Arrays and numbers may come from other libraries, with masks and units.
+"""
 
 import inspect
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ContextDecorator
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from difflib import get_close_matches
 from functools import cache, wraps
 from numbers import Number
@@ -23,24 +27,157 @@ from typing import (
 )
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simulation.arguments.errors import ArgumentError, ArgumentTypeError, kind_of
-from simulation.arguments.given_arrays import is_array_like, whole_array
-from simulation.arguments.quantities import number_of_quantity, unit_of_quantity
-from simulation.arguments.ranges import range_of
+from simulation.arguments.errors import ArgumentError, ArgumentTypeError, kind_of, range_of
+from simulation.arrays import BoolArray
+
+_COUNTS = frozenset(("", "dimensionless", "adu", "ct", "count", "counts", "dn"))
+"""Units of levels, in lower case: the numbers of a camera are counts of its converter."""
+
+_PLAIN = ("",)
+
+_UNITS: Mapping[str, tuple[str, ...]] = {
+    "px_per_mm": ("pix/mm", "pixel/mm", "1/mm"),
+    "e_per_dn": ("electron/adu", "electron/count", "electron"),
+    "px2": ("pix2", "pixel**2"),
+    "px": ("pix", "pixel"),
+    "um": ("um",),
+    "mm": ("mm",),
+    "us": ("us",),
+    "s": ("s",),
+    "deg": ("deg", "degree"),
+    "dn": ("adu", "count", "ct"),
+    "e": ("electron",),
+}
+"""By the end of a name, the longest first; in the spellings of both libraries."""
+
+
+def _unit_of_quantity(value: object) -> str | None:
+    """The unit of a quantity, or of astropy's images, as text; None of anything else."""
+    for name, number in (("unit", "value"), ("units", "magnitude"), ("unit", "uncertainty")):
+        unit = getattr(value, name, None)
+        if unit is not None and not callable(value) and hasattr(value, number):
+            return str(unit)
+    return None
+
+
+def _number_of_quantity(name: str, value: Any, unit: str) -> Any:  # noqa: ANN401 - of any library
+    """The number of a quantity in the unit of an argument; refused if it is of another kind."""
+    wanted = next((units for end, units in _UNITS.items() if name.endswith(f"_{end}")), _PLAIN)
+    for one in (*wanted, *(_PLAIN if "px" in wanted[0] else ())):
+        try:
+            found = value.to(one)
+        except Exception:  # noqa: BLE001, S112 - each library has errors of its own
+            continue
+        return getattr(found, "magnitude", getattr(found, "value", found))
+    said = f"in {wanted[0]}" if wanted[0] else "without a unit"
+    raise ArgumentError(f"expected a number {said}, got one in {unit or 'no unit'}", argument=name)
+
+
+_TO_THE_PROCESSOR = ("compute", "detach", "cpu")
+"""What brings the numbers of Dask and PyTorch here, in this order."""
+
+_HOLDS = ("__array__", "__array_interface__", "to_numpy")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GivenArray:
+    """The numbers of an array, and which of them are masked, of its shape; None if none is."""
+
+    values: NDArray[Any]
+    masked: BoolArray | None
+
+
+def is_array_like(value: object) -> bool:
+    """Whether something holds an array by itself: it is no list, no path and no number."""
+    return any(hasattr(value, name) for name in _HOLDS) and not isinstance(value, type)
+
+
+def given_array(value: object, name: str) -> GivenArray:
+    """The numbers of anything that holds an array, with its mask; ``name`` is the argument's.
+
+    Whatever has ``__array__`` is taken, as of PyTorch, Dask, xarray, astropy, pandas and polars,
+    and so are lists of numbers. Refused is what holds no numbers, or is in a unit that levels do
+    not have.
+    """
+    held: Any = value
+    if not (is_array_like(value) or isinstance(value, list | tuple | memoryview)):
+        raise _no_array(value, name)
+    if all(hasattr(held, part) for part in ("dims", "attrs", "data")):  # xarray
+        _refuse_unit(held.attrs.get("units"), name)
+        held = held.data
+    for step in _TO_THE_PROCESSOR:
+        if callable(getattr(held, step, None)):
+            held = getattr(held, step)()
+    unit = _unit_of_quantity(held)
+    _refuse_unit(unit, name)
+    mask: Any = getattr(held, "mask", None)
+    held = getattr(held, "unmasked", held)
+    if unit is not None:
+        held = getattr(held, "magnitude", getattr(held, "value", held))
+    if isinstance(held, np.ma.MaskedArray):
+        mask, held = np.ma.getmaskarray(held), held.data
+    values = _numbers(held, value, name)
+    is_mask = isinstance(mask, np.ndarray) and mask.dtype == np.bool_
+    is_masked = is_mask and mask.shape == values.shape and bool(mask.any())
+    return GivenArray(values, mask if is_masked else None)
+
+
+def whole_array(value: object, name: str) -> NDArray[Any]:
+    """The numbers of an array as by `given_array`; refused if some are masked."""
+    found = given_array(value, name)
+    if found.masked is not None:
+        count = np.count_nonzero(found.masked)
+        raise ArgumentError(
+            f"{count} of its {found.values.size} numbers are masked; give numbers for them "
+            "(filled), or leave them out",
+            argument=name,
+        )
+    return found.values
+
+
+def _numbers(held: Any, value: object, name: str) -> NDArray[Any]:  # noqa: ANN401 - of any library
+    if not hasattr(held, "__array__") and hasattr(held, "to_numpy"):
+        held = held.to_numpy()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            values = np.asarray(held)
+    except Exception as error:
+        said = str(error).strip().splitlines()
+        raise _no_array(value, name, said[0] if said else type(error).__name__) from error
+    if values.dtype.kind not in "uifb":
+        if isinstance(held, list | tuple):
+            raise _no_array(value, name)
+        raise ArgumentTypeError(
+            f"its numbers are of type {values.dtype}; convert them to float or integers",
+            argument=name,
+        )
+    return values
+
+
+def _refuse_unit(unit: object, name: str) -> None:
+    if unit is None or str(unit).strip().lower() in _COUNTS:
+        return
+    raise ArgumentError(
+        f"its unit is {unit}, and levels are numbers of the camera (DN); convert it and give the "
+        "numbers alone",
+        argument=name,
+    )
+
+
+def _no_array(value: object, name: str, said: str = "") -> ArgumentTypeError:
+    why = f": {said}" if said else ""
+    return ArgumentTypeError(f"expected an array, got {kind_of(value)}{why}", argument=name)
+
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
 def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Check the arguments of a public function at each call.
-
-    Raises
-    ------
-    ArgumentError
-        From the function, if an argument has another type, is no such word, or out of its range.
-    """
+    """Check the arguments of a public function at each call, which raises `ArgumentError`."""
     signature = inspect.signature(function)
 
     @wraps(function)
@@ -59,13 +196,7 @@ def checked(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def check_fields(document: Any) -> None:  # noqa: ANN401 - a dataclass
-    """Check the fields of a dataclass once it is made.
-
-    Raises
-    ------
-    ArgumentError
-        If one cannot be.
-    """
+    """Check the fields of a dataclass once it is made, as `checked` does arguments."""
     hints = hints_of(type(document))  # type: ignore[arg-type]  # a class can be hashed
     for one in fields(document):
         given = getattr(document, one.name)
@@ -75,23 +206,10 @@ def check_fields(document: Any) -> None:  # noqa: ANN401 - a dataclass
 
 
 def accepted(name: str, value: object, hint: object) -> Any:  # noqa: ANN401 - of the hint's type
-    """Return the value of an argument as its annotation says, a number in the argument's unit.
+    """The value of an argument as its annotation ``hint`` says, a number in the argument's unit.
 
-    Parameters
-    ----------
-    name
-        Of the argument.
-    value
-        As it was given.
-    hint
-        Its annotation.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it has another type.
-    ArgumentError
-        If it is no such word, or a number out of its range.
+    An `ArgumentTypeError` if it has another type; else an `ArgumentError` if it is no such word, or
+    a number out of its range.
     """
     members = _members(hint)
     if members is None:
@@ -212,8 +330,8 @@ def _word(name: str, value: object, words: tuple[object, ...]) -> object:
 
 
 def _number(name: str, value: Any, *, is_whole: bool) -> float:  # noqa: ANN401 - of any library
-    unit = unit_of_quantity(value)
-    given = value if unit is None else number_of_quantity(name, value, unit)
+    unit = _unit_of_quantity(value)
+    given = value if unit is None else _number_of_quantity(name, value, unit)
     if is_array_like(given) and getattr(given, "shape", None) == ():
         given = given.item() if not isinstance(given, np.ma.MaskedArray) else np.ma.masked
     if given is np.ma.masked:

@@ -1,14 +1,13 @@
-from .crops import CropPicker as CropPicker
-from .errors import KernelGanError as KernelGanError
+from .crops import CropPicker as CropPicker, KernelGanError as KernelGanError
 from .estimate import (
     EstimatedKernel as EstimatedKernel,
     KernelGanSettings as KernelGanSettings,
     estimate_kernel as estimate_kernel,
+    kernel_operator as kernel_operator,
 )
-from .generator import (
+from .training import (
     DeepLinearGenerator as DeepLinearGenerator,
+    KernelGanTraining as KernelGanTraining,
     composed_kernel as composed_kernel,
     sampled as sampled,
 )
-from .sampling import kernel_operator as kernel_operator
-from .training import KernelGanTraining as KernelGanTraining

@@ -2,12 +2,29 @@
 
 from dataclasses import dataclass, field
 from math import floor
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
 from simulation.arrays import FloatArray, IntArray
-from simulation.kernelgan.errors import KernelGanError
+
+_KernelGanReason = Literal[
+    "torch_missing", "flat", "too_small", "not_finite", "wrong_sum", "discriminator_won"
+]
+"""``discriminator_won``: the discriminator distinguishes the patches with ease."""
+
+
+class KernelGanError(Exception):
+    """No kernel could be trained on this image; the message says what to do."""
+
+    def __init__(self, message: str, *, reason: _KernelGanReason = "too_small") -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+class TorchMissingError(KernelGanError, ImportError):
+    """PyTorch is not installed."""
+
 
 OUTPUT_SIDE_PX = 26
 """Side of the generator's output: that of a 64 px crop (as in the publication) at zoom 2 after a
@@ -37,13 +54,7 @@ class CropPicker:
 
     @classmethod
     def of_image(cls, image: FloatArray, zoom: float, kernel_size: int) -> Self:
-        """Weight every position by the mean gradient magnitude of the crop that starts there.
-
-        Raises
-        ------
-        KernelGanError
-            If the image is too small for a crop, or has no gradient.
-        """
+        """Weight every position by the mean gradient magnitude of the crop that starts there."""
         taps = nearest_positions(OUTPUT_SIDE_PX, zoom)
         taps -= taps[0]
         side_px = int(taps[-1]) + kernel_size
@@ -69,20 +80,17 @@ class CropPicker:
 
     def generator_crop(self, rng: np.random.Generator) -> FloatArray:
         """Return a crop for the generator, shape ``(side_px, side_px)``."""
-        return self._window(rng)
+        drawn = rng.uniform(0.0, self.cumulative[-1])
+        index = int(np.searchsorted(self.cumulative, drawn, side="right"))
+        columns = self.image.shape[1] - self.side_px + 1
+        top, left = divmod(min(index, len(self.cumulative) - 1), columns)
+        return self.image[top : top + self.side_px, left : left + self.side_px]
 
     def real_crop(self, rng: np.random.Generator) -> FloatArray:
         """Return a crop of the size of the generator's output.
 
         It is anywhere in a window drawn like the generator's, so that both show similar content.
         """
-        window = self._window(rng)
+        window = self.generator_crop(rng)
         top, left = rng.integers(0, self.side_px - OUTPUT_SIDE_PX + 1, size=2)
         return window[top : top + OUTPUT_SIDE_PX, left : left + OUTPUT_SIDE_PX]
-
-    def _window(self, rng: np.random.Generator) -> FloatArray:
-        drawn = rng.uniform(0.0, self.cumulative[-1])
-        index = int(np.searchsorted(self.cumulative, drawn, side="right"))
-        columns = self.image.shape[1] - self.side_px + 1
-        top, left = divmod(min(index, len(self.cumulative) - 1), columns)
-        return self.image[top : top + self.side_px, left : left + self.side_px]

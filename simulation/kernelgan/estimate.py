@@ -5,6 +5,12 @@ small patches of the zoomed-out image from those of the image itself. The blur i
 camera would add. This needs no calibration, but textures that recur across scales. Theory,
 departures from the publication and figures: ``docs/theory-kernelgan.md``.
 
+Zoom-out with a kernel so found: ``exact`` samples the quintic spline through the blurred pixels at
+the follow-up's grid, relative to the kernel's centre of mass: patches look the same wherever they
+are, so KernelGAN cannot know the shift, and that of its kernel is removed. ``nearest`` takes the
+blurred pixel nearest to the grid and the kernel as it is, as in the publication: the image shifts
+by the centre of mass, and every pixel by up to 0.5 px; by exactly 0.5 px at zoom 2.
+
 References
 ----------
 S. Bell-Kligler, A. Shocher, M. Irani, "Blind Super-Resolution Kernel Estimation using an
@@ -19,10 +25,17 @@ from math import isfinite
 import numpy as np
 
 from simulation.arrays import AnyArray, FloatArray
-from simulation.choices import KERNEL_MODELS, TRAINING_STEPS, KernelModel
-from simulation.kernelgan.crops import CropPicker
-from simulation.kernelgan.errors import KernelGanError, TorchMissingError
-from simulation.resampling import refuse_non_finite
+from simulation.choices import KERNEL_MODELS, SAMPLERS, TRAINING_STEPS, KernelModel, Sampler
+from simulation.kernelgan.crops import CropPicker, KernelGanError, TorchMissingError
+from simulation.resampling import (
+    BandedMatrix,
+    BlurCovariance,
+    blur,
+    gaussian_terms,
+    spline_sampling,
+)
+from simulation.sampling_grid import SamplingGrid, refuse_non_finite
+from simulation.zoom import SeparableSum, ZoomOperator
 
 Progress = Callable[[int], None]
 """Called with the number of steps completed."""
@@ -99,28 +112,10 @@ def estimate_kernel(
 ) -> EstimatedKernel:
     """Train on one image and return the blur between it and itself ``settings.zoom`` further away.
 
-    Parameters
-    ----------
-    image
-        Grey levels, shape ``(rows, cols)``, linear in light.
-    settings
-        Zoom-out, model, steps and seed: on one machine they determine the kernel.
-    progress
-        Called with the number of steps completed, about a hundred times.
-
-    Returns
-    -------
-    EstimatedKernel
-        For zoom 1 the identity kernel, without training.
-
-    Raises
-    ------
-    TorchMissingError
-        If PyTorch is not installed.
-    KernelGanError
-        If the image is too small or flat, or the training failed.
-    ValueError
-        If the image is not two-dimensional or not finite.
+    The image is grey, shape ``(rows, cols)``, linear in light. On one machine the settings
+    determine the kernel; for zoom 1 it is the identity, without training. ``progress`` is called
+    with the number of steps completed, about a hundred times. A `KernelGanError` if PyTorch is
+    missing, the image is too small or flat, or the training failed.
     """
     if image.ndim != 2:
         raise ValueError(f"KernelGAN needs grey levels (rows, cols), got shape {image.shape}")
@@ -162,3 +157,59 @@ def centre_half(image: AnyArray) -> AnyArray:
         ((size - (size + 1) // 2) // 2, (size + 1) // 2) for size in image.shape[:2]
     )
     return image[top : top + rows, left : left + cols]
+
+
+_FAINT_TERM = 1e-6
+"""Singular values below this fraction of the first are omitted."""
+
+_PREFILTER_TOLERANCE = 1e-6
+
+
+def kernel_operator(
+    shape: tuple[int, int],
+    grid: SamplingGrid,
+    kernel: EstimatedKernel,
+    sampler: Sampler = "exact",
+) -> ZoomOperator:
+    """Operator that blurs references of a shape with a kernel and samples on a follow-up's grid.
+
+    ``SamplingGrid.centred`` with ``nearest`` and a size that the zoom divides gives the pixels
+    ``floor((i + 0.5) zoom)``.
+    """
+    if sampler not in SAMPLERS:
+        raise ValueError(f"sampler must be one of {', '.join(SAMPLERS)}, got {sampler!r}")
+    centre_y, centre_x = kernel.centre_px if sampler == "exact" else (0.0, 0.0)
+    u, singular, vt = np.linalg.svd(kernel.weights)
+    # Both matrices below convolve: a correlation kernel is reversed.
+    return ZoomOperator(
+        (
+            SeparableSum(
+                tuple(
+                    (
+                        _sampled(value * u[::-1, index], grid.rows_px, centre_y, shape[0], sampler),
+                        _sampled(vt[index, ::-1], grid.cols_px, centre_x, shape[1], sampler),
+                    )
+                    for index, value in enumerate(singular)
+                    if value > _FAINT_TERM * singular[0]
+                )
+            ),
+        )
+    )
+
+
+def _sampled(
+    kernel: FloatArray, positions_px: FloatArray, centre_px: float, size: int, sampler: Sampler
+) -> BandedMatrix:
+    if sampler == "exact":
+        (prefilter,) = gaussian_terms(
+            BlurCovariance(yy_px2=0.0, xx_px2=0.0),
+            tail_tolerance=_PREFILTER_TOLERANCE,
+            spline_prefilter=True,
+        )
+        # The correlation at p is centred on p + centre.
+        shifted_px = positions_px - centre_px
+        return spline_sampling(shifted_px, np.convolve(kernel, prefilter.along_y), size)
+    nearest = np.clip(np.floor(positions_px + 0.5).astype(np.int64), 0, size - 1)
+    rows = len(nearest)
+    taken = BandedMatrix.from_entries(rows, size, np.arange(rows), nearest, np.ones(rows))
+    return taken @ blur(kernel, size)

@@ -1,22 +1,215 @@
-"""The training of KernelGAN: discriminator and generator alternately, on crops of one image."""
+"""The training of KernelGAN: discriminator and generator alternately, on crops of one image.
 
-from collections.abc import Callable, Iterator
+All that the generator learns from the image is one kernel. The discriminator rates how much each
+7 x 7 px patch looks like the image's own.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from math import sqrt
+from typing import Protocol
 
 import numpy as np
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 from torch import Tensor
+from torch.nn import functional
 
 from simulation.arrays import FloatArray
-from simulation.kernelgan.crops import CropPicker
-from simulation.kernelgan.discriminator import PatchDiscriminator
-from simulation.kernelgan.errors import KernelGanError
-from simulation.kernelgan.generator import (
-    DeepLinearGenerator,
-    GaussianGenerator,
-    Generator,
-    sampled,
-)
+from simulation.kernelgan.crops import CropPicker, KernelGanError
+
+_PATCH_PX = 7  # publication, section 4.2
+_DISCRIMINATOR_CHANNELS = 64
+_HIDDEN_LAYERS = 5  # of 1 px, with batch normalisation
+_START_STD = 0.02  # Radford et al., DCGAN, 2016, section 3
+_MIDDLE_LEVEL = 0.5
+_POWER_START = 20
+_POWER_STEPS = 1  # per update: Miyato et al., algorithm 1
+_NORM_FLOOR = 1e-12
+
+
+class PatchDiscriminator:
+    """One layer of 7 x 7 px, then layers of 1 px: a map of how real each patch looks.
+
+    Spectral normalisation on every layer, batch normalisation and ReLU after the hidden ones,
+    a sigmoid at the end. Written without modules, whose initial weights come from the global
+    random state.
+
+    References
+    ----------
+    T. Miyato et al., "Spectral normalization for generative adversarial networks", ICLR 2018.
+    """
+
+    def __init__(self, rng: torch.Generator, dtype: torch.dtype = torch.float32) -> None:
+        shapes = [
+            (_DISCRIMINATOR_CHANNELS, 1, _PATCH_PX, _PATCH_PX),
+            *[(_DISCRIMINATOR_CHANNELS, _DISCRIMINATOR_CHANNELS, 1, 1)] * _HIDDEN_LAYERS,
+            (1, _DISCRIMINATOR_CHANNELS, 1, 1),
+        ]
+        self.weights: list[Tensor] = []
+        self._left: list[Tensor] = []
+        for shape in shapes:
+            weight = _START_STD * torch.randn(shape, generator=rng, dtype=dtype)
+            self.weights.append(weight.requires_grad_())
+            self._left.append(torch.randn(shape[0], generator=rng, dtype=dtype))
+        self.biases = [torch.zeros(s[0], dtype=dtype).requires_grad_() for s in shapes]
+        self.gains = [
+            torch.ones(_DISCRIMINATOR_CHANNELS, dtype=dtype).requires_grad_()
+            for _ in range(_HIDDEN_LAYERS)
+        ]
+        self.normalise(_POWER_START)
+
+    @property
+    def parameters(self) -> list[Tensor]:
+        """All trainable parameters."""
+        return [*self.weights, *self.biases, *self.gains]
+
+    def normalise(self, steps: int = _POWER_STEPS) -> None:
+        """Follow the largest singular vectors of the weights by power iteration."""
+        with torch.no_grad():
+            for index, weight in enumerate(self.weights):
+                matrix = weight.reshape(weight.shape[0], -1)
+                left = self._left[index]
+                for _ in range(steps):
+                    right = functional.normalize(matrix.T @ left, dim=0, eps=_NORM_FLOOR)
+                    left = functional.normalize(matrix @ right, dim=0, eps=_NORM_FLOOR)
+                self._left[index] = left
+
+    def normalised_weights(self) -> list[Tensor]:
+        """Return the weights divided by their largest singular values, differentiable."""
+        made = []
+        for weight, left in zip(self.weights, self._left, strict=True):
+            # |W^T u| is the singular value where u is its left vector.
+            along = weight.reshape(weight.shape[0], -1).T @ left
+            made.append(weight / (along.norm() + _NORM_FLOOR))
+        return made
+
+    def __call__(self, image: Tensor, layers: Sequence[Tensor] | None = None) -> Tensor:
+        """Map of an image, shape (1, 1, n - 6, n - 6), between 0 and 1.
+
+        The image has the shape (1, 1, n, n), levels from 0 to 1; 0.5 is subtracted, so as not to
+        use up the first layer's gain. To train the discriminator, ``layers`` are
+        ``normalised_weights()``; without them, no gradient reaches its parameters.
+        """
+        biases, gains = self.biases, self.gains
+        if layers is None:
+            with torch.no_grad():
+                layers = self.normalised_weights()
+            biases, gains = [b.detach() for b in biases], [g.detach() for g in gains]
+        first, *hidden, last = layers
+        x = functional.conv2d(image - _MIDDLE_LEVEL, first, biases[0])
+        # After the first layer a patch is a row of 64 numbers.
+        rows, cols = x.shape[2:]
+        x = x.reshape(_DISCRIMINATOR_CHANNELS, -1).T
+        for index, weight in enumerate(hidden):
+            x = x @ weight[:, :, 0, 0].T
+            bias, gain = biases[index + 1], gains[index]
+            x = torch.relu(functional.batch_norm(x, None, None, gain, bias, training=True))
+        x = x @ last[:, :, 0, 0].T + biases[-1]
+        return torch.sigmoid(x).T.reshape(1, 1, rows, cols)
+
+
+_LAYER_SIZES = (7, 5, 3, 1, 1, 1)  # publication, section 4.1
+_GENERATOR_CHANNELS = 64  # publication, section 4.1
+_START_NOISE = 0.1
+"""Random part of the initial weights, relative to their Gaussian part."""
+
+
+class Generator(Protocol):
+    """A kernel with trainable parameters."""
+
+    parameters: list[Tensor]
+
+    def kernel(self) -> Tensor:
+        """Return the kernel, shape (13, 13), order (y, x), differentiable."""
+        ...
+
+
+def composed_kernel(layers: Sequence[Tensor]) -> Tensor:
+    """The single kernel equivalent to convolution layers without activations.
+
+    ``conv2d(.. conv2d(x, layers[0]) .., layers[-1])`` equals ``conv2d(x, composed)``; the last
+    layer has one output channel. Composed from the output end, where only one channel is left, it
+    costs a millionth of the layers themselves. Shape (1, in, K, K), K the sum of the ``k - 1``,
+    plus 1.
+    """
+    composed = layers[-1]
+    for weight in reversed(layers[:-1]):
+        composed = functional.conv_transpose2d(composed, weight)
+    return composed
+
+
+def sampled(crop: Tensor, kernel: Tensor, taps: Tensor) -> Tensor:
+    """The blur of a square crop at some positions, shape (1, 1, n, n).
+
+    ``kernel`` is a correlation kernel, shape (k, k); ``taps`` the crop coordinates of its first
+    weight along either axis, shape (n,). Only what is sampled is computed, as one product of a
+    matrix and a vector.
+    """
+    size = kernel.shape[0]
+    # Numpy's indexing copies whole rows of a window, torch's every number individually.
+    windows = sliding_window_view(crop.numpy(), (size, size))
+    seen = torch.from_numpy(windows[taps.numpy()[:, None], taps.numpy()])
+    made = seen.reshape(-1, size * size) @ kernel.reshape(-1)
+    return made.reshape(1, 1, len(taps), len(taps))
+
+
+class DeepLinearGenerator:
+    """Six convolution layers without activations: 7, 5, 3, 1, 1, 1 px, 64 channels.
+
+    The initial weights are a Gaussian per layer times a random orthogonal mixing of the channels,
+    with noise: the composed kernel starts as a blur of about ``sigma_px`` that sums to 1.
+    """
+
+    def __init__(self, rng: torch.Generator, sigma_px: float, dtype: torch.dtype) -> None:
+        spread = sum(size**2 - 1 for size in _LAYER_SIZES)
+        layers = []
+        for index, size in enumerate(_LAYER_SIZES):
+            out = 1 if index == len(_LAYER_SIZES) - 1 else _GENERATOR_CHANNELS
+            into = 1 if index == 0 else _GENERATOR_CHANNELS
+            mixing = torch.randn(out, into, generator=rng, dtype=torch.float64)
+            if out == into:
+                mixing = torch.linalg.qr(mixing)[0]
+            blur = _gaussian_1d(sigma_px * sqrt((size**2 - 1) / spread), size)
+            weight = mixing[:, :, None, None] * torch.outer(blur, blur)
+            noise = torch.randn(weight.shape, generator=rng, dtype=torch.float64)
+            layers.append(weight + _START_NOISE * noise * weight.std() / size)
+        total = composed_kernel(layers).sum()
+        # The last layer carries the sign, and every layer its share of the gain.
+        layers[-1] = layers[-1] * torch.sign(total)
+        gain = float(total.abs()) ** (-1 / len(layers))
+        self.parameters = [(w * gain).to(dtype).requires_grad_() for w in layers]
+
+    def kernel(self) -> Tensor:
+        """Return the composed kernel."""
+        return composed_kernel(self.parameters)[0, 0]
+
+
+class GaussianGenerator:
+    """A sampled Gaussian: log sigma_y, log sigma_x and the inverse hyperbolic tangent of rho."""
+
+    def __init__(self, sigma_px: float, dtype: torch.dtype, size: int = 13) -> None:
+        start = torch.tensor([sigma_px, sigma_px], dtype=dtype).log()
+        self.log_sigma_px = start.requires_grad_()
+        self.atanh_rho = torch.zeros((), dtype=dtype).requires_grad_()
+        self.parameters = [self.log_sigma_px, self.atanh_rho]
+        self._offset = torch.arange(size, dtype=dtype) - size // 2
+
+    def kernel(self) -> Tensor:
+        """Return the Gaussian sampled at the pixels and normalised."""
+        sigma_y, sigma_x = self.log_sigma_px.exp()
+        rho = self.atanh_rho.tanh()
+        y, x = self._offset[:, None] / sigma_y, self._offset[None, :] / sigma_x
+        quadratic = (y * y - 2 * rho * y * x + x * x) / (1 - rho * rho)
+        return torch.softmax(-0.5 * quadratic.reshape(-1), dim=0).reshape(quadratic.shape)
+
+
+def _gaussian_1d(sigma_px: float, size: int) -> Tensor:
+    if size == 1:
+        return torch.ones(1, dtype=torch.float64)
+    offset = torch.arange(size, dtype=torch.float64) - size // 2
+    return torch.softmax(-0.5 * (offset / sigma_px) ** 2, dim=0)
+
 
 _SUM_WEIGHT = 0.5  # alpha
 _BOUNDARY_WEIGHT = 0.5  # beta
@@ -85,16 +278,8 @@ _MARGIN_MEMORY = 0.02
 class KernelGanTraining:
     """One training; ``step`` updates both networks once.
 
-    Parameters
-    ----------
-    picker
-        Crops of the image.
-    is_gaussian
-        A Gaussian of three parameters, without the regularisers, instead of the free kernel.
-    zoom
-        Zoom-out; sets the width of the initial kernel.
-    seed
-        Seed of the initial weights and of the crops.
+    With ``is_gaussian``, a Gaussian of three parameters is trained, without the regularisers,
+    instead of the free kernel. The zoom sets the width of the initial kernel.
     """
 
     def __init__(self, picker: CropPicker, *, is_gaussian: bool, zoom: float, seed: int) -> None:
@@ -155,13 +340,10 @@ class KernelGanTraining:
         self._steps += 1
 
     def check(self) -> None:
-        """Raise if the training has failed.
+        """Raise `KernelGanError` if the training has failed.
 
-        Raises
-        ------
-        KernelGanError
-            If the kernel is not finite, its sum does not approach 1, or the discriminator
-            distinguishes the patches with ease, so that the generator learns nothing from it.
+        It has if the kernel is not finite, its sum does not approach 1, or the discriminator
+        distinguishes the patches with ease, so that the generator learns nothing from it.
         """
         where = f"the training failed: after {self._steps} steps "
         kernel = self.kernel
@@ -194,13 +376,7 @@ def train(
     seed: int,
     progress: Callable[[int], None] | None = None,
 ) -> FloatArray:
-    """Return the kernel after ``steps`` steps, shape (13, 13), not normalised.
-
-    Raises
-    ------
-    KernelGanError
-        As soon as the training has failed.
-    """
+    """The kernel after ``steps`` steps, shape (13, 13), not normalised."""
     report_steps = max(1, steps // _REPORTS)
     with one_thread():
         training = KernelGanTraining(picker, is_gaussian=is_gaussian, zoom=zoom, seed=seed)

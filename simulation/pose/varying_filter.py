@@ -39,14 +39,10 @@ _PIVOT = 1e-12
 class VaryingFilter:
     """Separable kernels, and their weights on a lattice over the reference.
 
-    Parameters
-    ----------
-    along_y, along_x
-        Shape ``(terms, 2 radius + 1)``; the radius is a multiple of 4, at least 8.
-    weights
-        Shape ``(terms, rows, cols)`` of the lattice; at every node the kernels' weighted sum is 1.
-    rows_px, cols_px
-        Reference coordinates of the lattice, increasing; the filter is constant beyond.
+    ``along_y`` and ``along_x`` have the shape ``(terms, 2 radius + 1)``, the radius a multiple of
+    4, at least 8. ``weights`` have the shape ``(terms, rows, cols)`` of the lattice; at every node
+    the kernels' weighted sum is 1. ``rows_px`` and ``cols_px`` are the reference coordinates of the
+    lattice, increasing; the filter is constant beyond.
     """
 
     along_y: FloatArray
@@ -69,18 +65,10 @@ class VaryingFilter:
         return np.asarray(kernels)
 
     def apply(self, window: FloatImage, origin: tuple[int, int]) -> FloatImage:
-        """Filter a part of the reference.
+        """Filter a contiguous part of the reference; ``radius`` pixels on all sides are used up.
 
-        Parameters
-        ----------
-        window
-            Contiguous; ``radius`` pixels on all sides are used up.
-        origin
-            Reference (row, col) of the result's first pixel.
-
-        Returns
-        -------
-        ndarray in the window's dtype
+        ``origin`` is the reference (row, col) of the result's first pixel; its dtype is the
+        window's.
         """
         rows, cols = (size - 2 * self.radius for size in window.shape)
         node, part = _cells(self.rows_px, origin[0] + np.arange(rows))
@@ -103,20 +91,11 @@ class VaryingFilter:
 def separable_terms(
     kernels: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Expand kernels in products of columns and rows that they share.
+    """Expand kernels ``(n, 2 radius + 1, 2 radius + 1)`` of sum 1 in products that they share.
 
-    Parameters
-    ----------
-    kernels
-        Shape ``(n, 2 radius + 1, 2 radius + 1)``, each with the sum 1.
-    tolerance
-        Error of a filtered image over its standard deviation, rms over the nodes.
-
-    Returns
-    -------
-    tuple of ndarray
-        Columns ``(terms, 2 radius + 1)``, rows of that shape, and weights ``(n, terms)``; the
-        sums of the kernels stay 1.
+    Columns ``(terms, 2 radius + 1)``, rows of that shape, and weights ``(n, terms)``; the sums of
+    the kernels stay 1. ``tolerance`` is the error of a filtered image over its standard deviation,
+    rms over the nodes.
     """
     count, size, _ = kernels.shape
     root = _image_root(size)

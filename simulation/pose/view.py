@@ -1,4 +1,4 @@
-"""Where a follow-up looks, and the blur that its reference lacks at every position."""
+"""Where a follow-up looks, what a caller may choose about it, and the warp at single positions."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -8,9 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulation.arrays import FloatArray
-from simulation.pose.homography import projection_depth
-from simulation.pose.lens import ideal_points, lens_of, refuse_folding
-from simulation.pose.missing_blur import BlurredWarp, survey
+from simulation.choices import DEFAULT_MODEL, POSE_MODELS, PoseModel
+from simulation.pose.prefilter import LocalPose
+from simulation.pose.warp import (
+    BlurredWarp,
+    derivatives,
+    ideal_points,
+    lens_of,
+    projection_depth,
+    refuse_folding,
+    survey,
+)
 from simulation.psf import Psf, PsfField
 
 _SINGULAR = 1e-9
@@ -27,22 +35,12 @@ _BORDER_POINTS = 33
 class PoseView:
     """A homography between two frames of one camera, checked, with the camera's lens and PSF.
 
-    Parameters
-    ----------
-    matrix
-        Shape (3, 3): follow-up pixel ``(x, y, 1)`` to reference pixel, both without distortion;
-        the third component is positive all over the follow-up.
-    lens
-        Radial distortion, as in `simulation.pose.lens`.
-    reference, follow_up
-        ``(rows, cols)`` of the two frames.
-    psf
-        Total PSF, or its field over the camera's frame.
-    coefficients_px2
-        Shape ``(3, n)``: the PSF's covariance as ``PsfField`` writes it.
-    frame
-        Centre x, y and 1 / radius of that field, and the position x, y of the follow-up's pixel
-        (0, 0) in it.
+    ``matrix``, shape (3, 3), takes follow-up pixels ``(x, y, 1)`` to reference pixels, both without
+    distortion; the third component is positive all over the follow-up. ``lens`` is as in
+    `simulation.pose.warp`; ``reference`` and ``follow_up`` are ``(rows, cols)``;
+    ``coefficients_px2``, shape ``(3, n)``, is the PSF's covariance as ``PsfField`` writes it.
+    ``frame`` holds the centre x, y and 1 / radius of that field, and the position x, y of the
+    follow-up's pixel (0, 0) in it.
     """
 
     matrix: FloatArray
@@ -63,15 +61,7 @@ class PoseView:
         origin_px: tuple[float, float] | None,
         distortion_k1: float = 0.0,
     ) -> Self:
-        """Validate a caller's input; the parameters are those of ``simulate_pose``.
-
-        Raises
-        ------
-        ValueError
-            If the homography is not finite, singular or puts its horizon inside the follow-up's
-            frame; if the size is invalid; if the PSF is missing or a field belongs to other frames;
-            if no lens has such a distortion.
-        """
+        """Validate a caller's input; the parameters and errors are those of ``simulate_pose``."""
         width, height = _checked_size(size)
         if psf is None:
             raise ValueError("another pose needs a PSF")
@@ -128,13 +118,10 @@ class PoseView:
         return self.psf_near(x_px + x, y_px + y)
 
     def survey(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
-        """Evaluate a lattice of positions in the follow-up.
+        """Evaluate a lattice of positions in the follow-up, shape ``(rows, cols, 5)``.
 
-        Returns
-        -------
-        ndarray of shape ``(len(rows_px), len(cols_px), 5)``
-            Reference position x, y and the missing blur ``A Sigma A^T - Sigma``, elements xx, xy
-            and yy; it may be indefinite.
+        Reference position x, y and the missing blur ``A Sigma A^T - Sigma``, elements xx, xy and
+        yy; it may be indefinite.
         """
         return survey(self.warp, rows_px, cols_px)
 
@@ -203,3 +190,118 @@ def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
         if not (isfinite(value) and int(value) == value and value >= 1):
             raise ValueError(f"size must be (width, height) in whole pixels, got {size}")
     return int(width), int(height)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseOptions:
+    """Model, noise, threads, and where the follow-up lies in the lens's frame.
+
+    ``noise_ratio`` is the variance of the reference's noise over that of the scene, for ``lmmse``.
+    ``threads`` share the work; the result is the same to the last bit. ``origin_px`` is the
+    position ``(x, y)`` of the follow-up's pixel (0, 0) in the camera's frame, if it is a part of
+    that frame; by default it is the whole frame, and it matters only for a PSF field and a
+    distortion. ``distortion_k1`` is the radial distortion of the lens that took both: an ideal
+    point at the radius r from the reference's centre, 1 at its corner, is seen at ``r (1 + k1
+    r^2)``. The homography is then that of the ideal points.
+    """
+
+    model: PoseModel = DEFAULT_MODEL
+    noise_ratio: float = 0.0
+    threads: int = 1
+    origin_px: tuple[float, float] | None = None
+    distortion_k1: float = 0.0
+
+    def model_of(self, view: PoseView) -> PoseModel:
+        """Return the model for a view: pixels that are the reference's own are not estimated.
+
+        ``lmmse`` is the best on average over subpixel positions; at whole ones ``matched`` returns
+        the reference.
+        """
+        return "matched" if view.is_by_whole_pixels else self.model
+
+    def __post_init__(self) -> None:
+        if self.model not in POSE_MODELS:
+            raise ValueError(f"model must be one of {', '.join(POSE_MODELS)}, got {self.model!r}")
+        if not (self.noise_ratio >= 0 and isfinite(self.noise_ratio)):
+            raise ValueError(f"noise_ratio must not be negative, got {self.noise_ratio}")
+        if self.threads < 1:
+            raise ValueError(f"threads must be at least 1, got {self.threads}")
+
+
+DEFAULT_OPTIONS = PoseOptions()
+
+
+_DECIMALS = 6
+"""Of the derivatives, for which kernels are cached."""
+
+_BEYOND = 1.25
+"""Where a view shows nothing, the derivative's limit over its largest value where it does."""
+
+_FAR_PX = 1e8
+"""Positions further away are those of no point that the lens shows."""
+
+
+def poses_at_followup(view: PoseView, points_px: FloatArray) -> tuple[LocalPose, ...]:
+    """Local poses at follow-up positions, shape (n, 2), order (x, y)."""
+    positions, slopes = derivatives(view.matrix, view.lens, points_px)
+    return _local_poses(view, positions, points_px, slopes)
+
+
+def poses_at_reference(
+    view: PoseView, points_px: FloatArray, largest: float
+) -> tuple[LocalPose, ...]:
+    """Local poses at reference positions, shape (n, 2), order (x, y).
+
+    Where the view shows nothing, the derivative follows its formula as far as 1.25 times
+    ``largest``, its largest singular value where something is seen.
+    """
+    inverse = np.asarray(np.linalg.inv(view.matrix), dtype=np.float64)
+    turned = view.lens[[0, 3, 4, 1, 2]]
+    followup, back = derivatives(inverse, turned, points_px)
+    height, width = view.follow_up
+    is_far = ~(np.abs(followup).max(axis=1) < _FAR_PX)
+    followup = np.clip(
+        np.nan_to_num(followup, nan=0.0), 0.0, [max(width - 1, 0), max(height - 1, 0)]
+    )
+    determinant = back[:, 0, 0] * back[:, 1, 1] - back[:, 0, 1] * back[:, 1, 0]
+    is_far |= ~(np.abs(determinant) > 1e-12)
+    back[is_far] = np.linalg.inv(derivatives(view.matrix, view.lens, followup)[1][is_far])
+    slopes = np.asarray(np.linalg.inv(back), dtype=np.float64)
+    excess = np.linalg.norm(slopes, 2, axis=(1, 2)) / (_BEYOND * largest)
+    slopes /= np.maximum(excess, 1.0)[:, None, None]
+    return _local_poses(view, points_px, followup, slopes)
+
+
+def _local_poses(
+    view: PoseView, reference_px: FloatArray, followup_px: FloatArray, slopes: FloatArray
+) -> tuple[LocalPose, ...]:
+    found = []
+    for position, own, slope in zip(reference_px, followup_px, slopes, strict=True):
+        near, far = view.psf_near(*position.tolist()), view.psf_far(*own.tolist())
+        kept = _without_sharpening(slope, near.covariance_px2, far.covariance_px2)
+        a, b, c, d = np.round(kept, _DECIMALS).ravel().tolist()
+        found.append(LocalPose(near=near, far=far, slopes=(a, b, c, d)))
+    return tuple(found)
+
+
+def _without_sharpening(
+    slopes: FloatArray, near_px2: FloatArray, far_px2: FloatArray
+) -> FloatArray:
+    """Derivative of the warp whose follow-up is nowhere sharper than the reference.
+
+    ``slopes`` is the derivative A, shape (2, 2); the covariances of the two PSFs are each in its
+    own pixels. A itself if nothing is sharper; else A' with the rotation of A, and with ``A'
+    Sigma_far A'^T`` that of A less the part by which it falls short of ``Sigma_near``.
+    """
+    values, vectors = np.linalg.eigh(slopes @ far_px2 @ slopes.T - near_px2)
+    if values[0] >= 0:
+        return slopes
+    blurred = near_px2 + (vectors * np.maximum(values, 0.0)) @ vectors.T
+    root = _matrix_root(far_px2)
+    left, _, right = np.linalg.svd(slopes @ root)
+    return np.asarray(_matrix_root(blurred) @ left @ right @ np.linalg.inv(root))
+
+
+def _matrix_root(covariance: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)

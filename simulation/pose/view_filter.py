@@ -1,27 +1,47 @@
-"""The prefilter of a whole view: kernels at the nodes of a lattice over what is seen.
+"""The prefilter of a whole view, and the noise that it passes.
 
 The derivative of the warp, the lens and so the best prefilter change slowly over a frame: kernels
-are computed at few nodes, checked between them, and interpolated.
+are computed at few nodes of a lattice over what is seen, checked between them, and interpolated.
+
+``simulate_pose`` weights reference pixels, so the variance at a follow-up pixel is the sum of its
+squared weights times their variances. That sum depends on the prefilter at the position and on
+where the position is between the pixels. With ``G`` the prefilter's transfer function, which is
+periodic, and ``B`` that of the sampling kernel, it is a short Fourier series in the position x,
+``sum_m cos(2 pi m x) integral of G(f)^2 B(f) B(m - f) df``, because ``B`` is almost zero beyond
+1.5 cycles per pixel.
 """
 
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import ceil, sqrt
+from typing import Any
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
 from scipy.ndimage import binary_dilation
 
 from simulation.arrays import FloatArray
 from simulation.choices import PoseModel
-from simulation.pose.local_poses import poses_at_reference
-from simulation.pose.missing_blur import derivatives
-from simulation.pose.prefilter import LocalPose, prefilter
-from simulation.pose.sampling import BORDER_PX
+from simulation.pose.prefilter import (
+    SAMPLING_KERNELS,
+    LocalPose,
+    SamplingKernel,
+    kernel_transfer,
+    prefilter,
+)
 from simulation.pose.varying_filter import VaryingFilter, image_rms, separable_terms
-from simulation.pose.view import PoseView
+from simulation.pose.view import (
+    DEFAULT_OPTIONS,
+    PoseOptions,
+    PoseView,
+    poses_at_followup,
+    poses_at_reference,
+)
+from simulation.pose.warp import BORDER_PX, derivatives
+from simulation.psf import Psf, PsfField
 
-RADII_PX = (8, 12, 16, 20, 24)
+_RADII_PX = (8, 12, 16, 20, 24)
 """Half-widths of solved kernels: the compiled filter takes eight taps at a time, and one."""
 
 _EXCESSES, _ONE_EXCESSES = (2e-6,), (2e-8, 2e-7)
@@ -36,7 +56,7 @@ _SHARP_PX2, _SHARP_RADIUS_PX = 0.15, 16
 """With less blur than this the spline's inverse has its whole length, 4e-5 at 12 px, and the edge
 of the band at the Nyquist frequency shows."""
 
-BLUR_MAX_PX = 32.0
+_BLUR_MAX_PX = 32.0
 """Widest blur; its kernel has 297 x 297 taps."""
 
 _TERMS_TOLERANCE, _ONE_TERMS_TOLERANCE = 7e-4, 1e-4
@@ -60,7 +80,7 @@ _SURVEY_POINTS = 33
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
+class _Seen:
     """What a view shows: reference coordinates, and the largest stretch of the warp there."""
 
     top_px: float
@@ -70,7 +90,7 @@ class Seen:
     largest: float
 
     @classmethod
-    def of(cls, view: PoseView) -> "Seen":
+    def of(cls, view: PoseView) -> "_Seen":
         """Survey a view; of one that shows nothing, the nearest part of the reference."""
         rows, cols = (
             np.linspace(-0.5, size - 0.5, min(size + 1, _SURVEY_POINTS)) for size in view.follow_up
@@ -117,27 +137,14 @@ class _ViewRequest:
 
 
 def view_filter(view: PoseView, model: PoseModel, noise_ratio: float) -> VaryingFilter:
-    """Prefilter of a view.
-
-    Parameters
-    ----------
-    view
-        The warp and the PSFs.
-    model, noise_ratio
-        As for ``prefilter``.
-
-    Raises
-    ------
-    ValueError
-        If the follow-up needs too wide a blur.
-    """
+    """Prefilter of a view, with model and noise as for ``prefilter``; refused if it is too wide."""
     return _view_filter(_ViewRequest(view.key, model, noise_ratio, view))
 
 
 @lru_cache(maxsize=16)
 def _view_filter(request: _ViewRequest) -> VaryingFilter:
     view, model, noise_ratio = request.view, request.model, request.noise_ratio
-    seen = Seen.of(view)
+    seen = _Seen.of(view)
     poses = _poses(view, seen, _places(seen, 3))
     radius = _radius(poses, model, noise_ratio)
     if _is_one(poses):
@@ -165,26 +172,26 @@ def _view_filter(request: _ViewRequest) -> VaryingFilter:
     return made
 
 
-def view_radius(view: PoseView, model: PoseModel, noise_ratio: float) -> int:
+def _view_radius(view: PoseView, model: PoseModel, noise_ratio: float) -> int:
     """Half-width of the kernels of ``view_filter``; the parameters and errors are the same."""
-    seen = Seen.of(view)
+    seen = _Seen.of(view)
     return _radius(_poses(view, seen, _places(seen, 3)), model, noise_ratio)
 
 
 def _radius(poses: tuple[LocalPose, ...], model: PoseModel, noise_ratio: float) -> int:
     missing_px2 = np.array([_missing_px2(pose) for pose in poses])
     widest_px = sqrt(max(0.0, float(missing_px2.max())))
-    if widest_px > BLUR_MAX_PX:
-        raise ValueError(f"a local blur of {widest_px:.3g} px is wider than {BLUR_MAX_PX:g} px")
+    if widest_px > _BLUR_MAX_PX:
+        raise ValueError(f"a local blur of {widest_px:.3g} px is wider than {_BLUR_MAX_PX:g} px")
     least = _SHARP_RADIUS_PX if missing_px2.min() < _SHARP_PX2 else 0
     for limit in _ONE_EXCESSES if _is_one(poses) else _EXCESSES:
-        for radius in RADII_PX:
+        for radius in _RADII_PX:
             if radius < least:
                 continue
             if all(prefilter(pose, model, noise_ratio, radius).excess <= limit for pose in poses):
                 return radius
     widest = 4 * ceil((_BLUR_SIGMAS * widest_px + _SPLINE_REACH_PX) / 4)
-    return max(widest, RADII_PX[-1])
+    return max(widest, _RADII_PX[-1])
 
 
 def _missing_px2(pose: LocalPose) -> FloatArray:
@@ -204,7 +211,7 @@ def _is_one(poses: tuple[LocalPose, ...]) -> bool:
     )
 
 
-def _places(seen: Seen, count: int) -> tuple[FloatArray, FloatArray]:
+def _places(seen: _Seen, count: int) -> tuple[FloatArray, FloatArray]:
     return (
         np.linspace(seen.top_px, max(seen.bottom_px, seen.top_px + 1), count),
         np.linspace(seen.left_px, max(seen.right_px, seen.left_px + 1), count),
@@ -212,7 +219,7 @@ def _places(seen: Seen, count: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _poses(
-    view: PoseView, seen: Seen, places: tuple[FloatArray, FloatArray]
+    view: PoseView, seen: _Seen, places: tuple[FloatArray, FloatArray]
 ) -> tuple[LocalPose, ...]:
     """Local poses at the nodes of a lattice (rows, cols), row by row."""
     x, y = np.meshgrid(places[1], places[0])
@@ -249,3 +256,68 @@ def _between_nodes(
     return VaryingFilter(
         along_y=columns, along_x=rows, weights=maps, rows_px=fine[0], cols_px=fine[1]
     )
+
+
+_POINTS = 9
+"""Positions per axis at which the squares are summed; cubic between."""
+
+_ORDERS = ((0, 0), (1, 0), (0, 1), (1, 1), (1, -1))
+"""Orders (x, y) of the series; every one but the first represents its opposite too."""
+
+
+def pose_noise_gain(
+    homography: NDArray[np.floating[Any]],
+    reference: tuple[int, int],
+    size: tuple[int, int],
+    psf: Psf | PsfField | None,
+    options: PoseOptions = DEFAULT_OPTIONS,
+) -> FloatArray:
+    """Variance of the simulated follow-up, ``(height, width)``, if each reference pixel's is 1.
+
+    ``reference`` is ``(rows, cols)``, the rest as in ``simulate_pose``. At most about 1; 1 where
+    the follow-up takes a reference pixel as it is. Pixels mirrored beyond the reference's border
+    count like others.
+    """
+    view = PoseView.of(homography, reference, size, psf, options.origin_px, options.distortion_k1)
+    lattice = [np.linspace(0.0, max(count - 1, 1), _POINTS) for count in view.follow_up]
+    x, y = np.meshgrid(lattice[1], lattice[0])
+    poses = poses_at_followup(view, np.stack([x.ravel(), y.ravel()], axis=-1))
+    model, noise_ratio = options.model_of(view), options.noise_ratio
+    radius = _view_radius(view, model, noise_ratio)
+    kernels = [prefilter(pose, model, noise_ratio, radius).kernel for pose in poses]
+    sampling = SAMPLING_KERNELS[model]
+    series = np.stack([_series(kernel, sampling) for kernel in kernels]).reshape(
+        _POINTS, _POINTS, -1
+    )
+    height, width = view.follow_up
+    along_series = RegularGridInterpolator((lattice[0], lattice[1]), series, method="cubic")
+    gain = np.empty((height, width))
+    cols = np.arange(width, dtype=np.float64)
+    for row in range(height):
+        x, y = view.survey(np.array([float(row)]), cols)[0, :, :2].T
+        terms = along_series(np.column_stack([np.full(width, float(row)), cols]))
+        waves = [np.cos(2 * np.pi * (m * x + n * y)) for m, n in _ORDERS[1:]]
+        gain[row] = terms[:, 0] + 2 * np.sum(terms[:, 1:].T * waves, axis=0)
+    return gain
+
+
+def _series(kernel: FloatArray, sampling: SamplingKernel) -> FloatArray:
+    """Coefficients of ``_ORDERS`` for a prefilter."""
+    period = 2 * len(kernel)
+    square = kernel_transfer(kernel, period) ** 2
+    # Columns inside the half plane stand for two frequencies each.
+    square[:, 1:-1] *= 2
+    fy: FloatArray = np.fft.fftfreq(period).astype(np.float64)
+    fx: FloatArray = np.fft.rfftfreq(period).astype(np.float64)
+    return (
+        np.array(
+            [_product(sampling, fy, n) @ square @ _product(sampling, fx, m) for m, n in _ORDERS]
+        )
+        / period**2
+    )
+
+
+def _product(kernel: SamplingKernel, freq: FloatArray, order: int) -> FloatArray:
+    """Sum of ``B(f) B(order - f)`` over the aliases of f."""
+    alias = freq + np.arange(-3, 4.0)[:, None]
+    return np.asarray((kernel.transfer(alias) * kernel.transfer(order - alias)).sum(axis=0))

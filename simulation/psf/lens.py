@@ -1,14 +1,102 @@
-"""The transfer function of a lens: a circular pupil out of focus, stretched, and a Gaussian."""
+"""The transfer function of a lens: a circular pupil out of focus, stretched, and a Gaussian.
+
+What edges show of a lens beyond that is a correction by radial splines and angular harmonics.
+"""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from math import ceil, isfinite, pi, sqrt
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from simulation.arrays import FloatArray
-from simulation.psf.correction import OtfCorrection
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+
+CORRECTION_KNOTS_CY_PER_PX = np.array(
+    [0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3]
+)
+"""Dense where a halo shows; above the last, edges are lost in noise."""
+
+CORRECTION_SPLINES = len(CORRECTION_KNOTS_CY_PER_PX) - 2
+"""Cubic splines that are 0 at the first knot and, with two derivatives, at the last."""
+
+CORRECTION_HARMONICS = (1, 3, 5)
+"""How many of 1, cos 2a, sin 2a, cos 4a and sin 4a there may be."""
+
+
+@cache
+def _splines() -> "BSpline":
+    from scipy.interpolate import BSpline  # .2 s, where edges show more than a lens
+
+    # The first knot fourfold: the first spline is 1 there, and has no weight. Beyond the last one
+    # there must be three more; the splines that reach there have no weight either.
+    return BSpline(
+        np.concatenate([np.zeros(3), CORRECTION_KNOTS_CY_PER_PX, [1.4, 1.5, 1.6]]),
+        np.eye(CORRECTION_SPLINES + 4)[:, 1:-3],
+        3,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OtfCorrection:
+    """A part of a transfer function that is added to a parametric one; 0 at frequency 0.
+
+    ``sum_m T_m(a) sum_j c_mj B_j(|f|)`` with the angle a of the frequency, the harmonics T_m and
+    cubic B-splines B_j over ``CORRECTION_KNOTS_CY_PER_PX``. ``coefficients`` has a row for each
+    harmonic, with ``CORRECTION_SPLINES`` finite numbers each.
+    """
+
+    coefficients: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        rows = self.coefficients
+        if len(rows) not in CORRECTION_HARMONICS or {len(r) for r in rows} != {CORRECTION_SPLINES}:
+            raise ValueError(
+                f"a correction has 1, 3 or 5 rows of {CORRECTION_SPLINES} coefficients, "
+                f"got rows of {[len(row) for row in rows]}"
+            )
+        if not all(isfinite(value) for row in rows for value in row):
+            raise ValueError("the coefficients of a correction must be finite")
+
+    def __repr__(self) -> str:
+        return f"OtfCorrection({len(self.coefficients)} x {CORRECTION_SPLINES} coefficients)"
+
+    def __call__(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
+        """Return the correction at frequencies in cycles per pixel; the two are broadcast."""
+        fx, fy = np.asarray(fx_cy_per_px), np.asarray(fy_cy_per_px)
+        radial = correction_splines(np.hypot(fx, fy)) @ np.array(self.coefficients).T
+        angular = correction_harmonics(np.arctan2(fy, fx), len(self.coefficients))
+        return np.asarray(np.sum(radial * angular, axis=-1))
+
+
+def correction_splines(freq_cy_per_px: FloatArray) -> FloatArray:
+    """Values of the radial splines, shape ``(..., CORRECTION_SPLINES)``; 0 beyond the knots."""
+    freq = np.asarray(freq_cy_per_px, dtype=np.float64)
+    first, last = CORRECTION_KNOTS_CY_PER_PX[[0, -1]]
+    return np.asarray(_splines()(np.clip(freq, first, last)))
+
+
+def correction_roughness() -> FloatArray:
+    """Integrals of the products of the splines' second derivatives, as a matrix."""
+    node, weight = np.polynomial.legendre.leggauss(2)  # exact for products of straight lines
+    widths = np.diff(CORRECTION_KNOTS_CY_PER_PX)[:, None]
+    freq = CORRECTION_KNOTS_CY_PER_PX[:-1, None] + widths * (node + 1) / 2
+    bend = _splines()(freq.ravel(), 2)
+    return np.asarray((bend * (widths * weight / 2).reshape(-1, 1)).T @ bend)
+
+
+def correction_harmonics(angle_rad: FloatArray, count: int) -> FloatArray:
+    """Values of the first ``count`` harmonics of angles, shape ``(..., count)``."""
+    angle = np.asarray(angle_rad, dtype=np.float64)
+    turns = [np.ones_like(angle)]
+    for order in (2, 4)[: count // 2]:
+        turns += [np.cos(order * angle), np.sin(order * angle)]
+    return np.stack(turns, axis=-1)
+
 
 DEFOCUS_MAX_WAVES = 8.0
 """Beyond, the quadrature of the pupil is too coarse, and no measured PSF is so soft."""
@@ -39,24 +127,11 @@ class LensOtf:
     it, which also blurs across n (a lens of 0.8 and 0.4 waves at f/4 is then right to 0.004, one
     with foci on both sides of the sensor, 0.8 and -0.4, to 0.04).
 
-    Parameters
-    ----------
-    cut_off_period_px
-        The symmetric matrix B in px: the pupil passes nothing where ``|B f|`` is 1 or more. With
-        zeros there is no pupil, and no diffraction.
-    defocus_waves2
-        The symmetric matrix ``D^2``, in squared wavelengths of path difference at the pupil's rim;
-        ``(w2, 0, w2)`` for a defocus of w waves without astigmatism.
-    gaussian_px2
-        Covariance S of the Gaussian.
-    correction
-        The part C that is added; None for none.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite, a matrix is not positive semidefinite or the defocus along an
-        axis is beyond ``DEFOCUS_MAX_WAVES``.
+    ``cut_off_period_px`` is the symmetric matrix B in px: the pupil passes nothing where ``|B f|``
+    is 1 or more. With zeros there is no pupil, and no diffraction. ``defocus_waves2`` is the
+    symmetric matrix ``D^2``, in squared wavelengths of path difference at the pupil's rim; ``(w2,
+    0, w2)`` for a defocus of w waves without astigmatism, up to ``DEFOCUS_MAX_WAVES``.
+    ``gaussian_px2`` is the covariance S of the Gaussian, ``correction`` the part C.
 
     References
     ----------
@@ -146,7 +221,7 @@ def _between_tables(angle_rad: FloatArray, defocus_waves2: FloatArray) -> FloatA
     )
 
 
-class PupilSlopes(NamedTuple):
+class _PupilSlopes(NamedTuple):
     """Transfer of a pupil, its slope by relative frequency and by the square of the defocus."""
 
     otf: FloatArray
@@ -154,7 +229,7 @@ class PupilSlopes(NamedTuple):
     by_defocus_waves2: FloatArray
 
 
-def pupil_slopes(relative_freq: FloatArray, defocus_waves2: FloatArray) -> PupilSlopes:
+def pupil_slopes(relative_freq: FloatArray, defocus_waves2: FloatArray) -> _PupilSlopes:
     """Return ``pupil_otf`` with its derivatives, for whoever fits it; right to 3e-6.
 
     The transfer depends on the square of the defocus, in which it is smooth at 0. There is one for
@@ -164,7 +239,7 @@ def pupil_slopes(relative_freq: FloatArray, defocus_waves2: FloatArray) -> Pupil
     each, which = np.unique(defocus_waves2, return_inverse=True)
     if each.size == 1:
         return _slopes_at(relative, float(each[0]))
-    out = PupilSlopes(
+    out = _PupilSlopes(
         *(np.empty(np.broadcast_shapes(relative.shape, which.shape)) for _ in range(3))
     )
     relative = np.broadcast_to(relative, out.otf.shape)
@@ -174,13 +249,13 @@ def pupil_slopes(relative_freq: FloatArray, defocus_waves2: FloatArray) -> Pupil
     return out
 
 
-def _slopes_at(relative: FloatArray, defocus_waves2: float) -> PupilSlopes:
+def _slopes_at(relative: FloatArray, defocus_waves2: float) -> _PupilSlopes:
     inside = relative < 1
     angle = np.arccos(np.minimum(relative, 1.0))
     values, by_angle = _slope_table(defocus_waves2).at(angle)
     # d(angle)/d(nu) = -1 / sin(angle); at the cut-off the transfer falls with the angle's cube.
     by_freq = -by_angle[..., 0] / np.maximum(np.sin(angle), 1e-9)
-    return PupilSlopes(
+    return _PupilSlopes(
         np.where(inside, values[..., 0], 0.0),
         np.where(inside, by_freq, 0.0),
         np.where(inside, values[..., 1], 0.0),

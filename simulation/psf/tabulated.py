@@ -19,7 +19,7 @@ from simulation.arguments import (
 )
 from simulation.arrays import FloatArray
 from simulation.choices import PsfForm
-from simulation.psf.gaussian import GaussianPsf
+from simulation.psf.shapes import GaussianPsf
 
 OtfFunction = Callable[[FloatArray, FloatArray], Any]
 """Transfer at frequencies fx and fy in cycles per pixel; the two broadcast."""
@@ -191,7 +191,7 @@ class TabulatedPsf:
         ArgumentError
             As ``SampledTransfer``.
         """
-        from simulation.psf.transfer import SampledTransfer
+        from simulation.psf.shapes import SampledTransfer
 
         curve = SampledTransfer(
             _checked(freq_cy_per_px, "freq_cy_per_px", 1), _checked(mtf, "mtf", 1)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from typer import BadParameter, Option
 
-from acquisition.session_export import EXPORT_ENDINGS, ExportFormat
+from acquisition.choices import EXPORT_ENDINGS, ExportFormat
 from standoff import library, terminal
 from standoff.errors import ApplicationError
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from acquisition.choices import CaptureKind
+from acquisition.choices import CaptureKind, ExportFormat
 from acquisition.dataframe import dataframe
 from acquisition.errors import SessionError
 from acquisition.files import refusal_text
@@ -35,12 +35,7 @@ from acquisition.session import (
     repair_session,
     verify,
 )
-from acquisition.session_export import (
-    ExportFormat,
-    ExportRequest,
-    export_session as exported,
-    require_exporter,
-)
+from acquisition.session_export import ExportRequest, export_session as exported, require_exporter
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked

@@ -53,7 +53,7 @@ from simulation.followup import (
 )
 from simulation.kernelgan import KernelGanSettings, kernel_operator
 from simulation.pose import homography_fault
-from simulation.resampling import reference_shape
+from simulation.sampling_grid import reference_shape
 from simulation.uncertainty import SimulatedView
 from standoff.errors import ApplicationError
 from standoff.library.call import (

@@ -13,7 +13,7 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from acquisition.files import refusal_text
-from acquisition.spelling import decimal_comma_remedy
+from acquisition.quantities import decimal_comma_remedy
 from standoff import __version__
 from standoff.errors import REPORTED_ERRORS, ArgumentError
 from standoff.streams import STANDARD_OUTPUT, output_fault

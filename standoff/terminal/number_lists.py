@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from typer import BadParameter
 
-from acquisition.spelling import decimals_meant
+from acquisition.quantities import decimals_meant
 from standoff.terminal.output import note
 
 

@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from typer import Argument, BadParameter, Option
 
-from acquisition.quantities import ImplausibleQuantityError, understood
-from acquisition.spelling import decimal_comma_remedy
-from acquisition.units import UnknownUnitError
+from acquisition.quantities import (
+    ImplausibleQuantityError,
+    UnknownUnitError,
+    decimal_comma_remedy,
+    understood,
+)
 from analysis.choices import VALIDATION_MODELS, Observer, ValidationModel
 from simulation.choices import Model, PsfShape
 from standoff import library

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.library import load_aravis
+from acquisition.aravis.device import load_aravis
 from acquisition.bench import CameraConfig
 from acquisition.devices import Frame
 from acquisition.errors import DriverMissingError

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.device import OpenedDevice, open_device
-from acquisition.aravis.library import load_aravis
+from acquisition.aravis.device import OpenedDevice, load_aravis, open_device
 from acquisition.errors import DeviceError
 from tests.acquisition.aravis_bench import camera_config
 

@@ -5,8 +5,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from acquisition.session.journal_chain import HEAD_NAME, JournalHead
-from acquisition.session.journal_event import JournalEvent
+from acquisition.session.journal import HEAD_NAME, JournalEvent, JournalHead
 
 
 def unchained_journal(events: Iterable[JournalEvent]) -> bytes:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from acquisition.session.capture_file import CaptureImages, capture_parts
+from acquisition.session.capture_files import CaptureImages, capture_parts
 from acquisition.session.record import CaptureRecord
 
 RECORD = CaptureRecord(

@@ -6,9 +6,9 @@ from itertools import chain, repeat
 from typing import Any, cast
 
 from acquisition.bench import StageConfig
-from acquisition.stages.grbl.axis import GrblAxis
-from acquisition.stages.grbl.controller import GrblController
-from acquisition.stages.grbl.wire import JOG_CANCEL, Alarm, ErrorReply, StatusReport
+from acquisition.stages.grbl import GrblAxis
+from acquisition.stages.grbl_controller import GrblController
+from acquisition.stages.grbl_wire import JOG_CANCEL, Alarm, ErrorReply, StatusReport
 
 CONFIG = StageConfig.model_validate(
     {

@@ -12,8 +12,7 @@ from acquisition.devices import FrameImage
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
 from acquisition.session.journal import Stamps
 from acquisition.session.reader import Session
-from acquisition.session.record import CaptureRecord
-from acquisition.session.take import Take
+from acquisition.session.record import CaptureRecord, Take
 from acquisition.session.writer import SessionWriter
 from tests.acquisition.fakes import COLS, ROWS, SETTINGS, FakeUids, FakeUtc
 

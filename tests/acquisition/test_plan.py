@@ -1,10 +1,20 @@
+"""Plans and how long they take."""
+
 from pathlib import Path
 
 import pytest
 from hypothesis import given, strategies as st
 
 from acquisition.errors import PlanError
-from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries
+from acquisition.plan import (
+    CapturePlan,
+    PlanEntry,
+    estimate_plan,
+    load_plan,
+    parse_plan,
+    plan_entries,
+)
+from tests.acquisition.session_fixtures import bench_of, plan_of
 
 PLAN = """
 schema = "standoff.plan/1"
@@ -29,7 +39,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def plan_of(**changes: object) -> CapturePlan:
+def planned(**changes: object) -> CapturePlan:
     table = {
         "schema": "standoff.plan/1",
         "name": "p",
@@ -60,12 +70,12 @@ def test_entries_are_numbered_in_the_order_of_work_with_heights_ascending(
 
 
 def test_repeats_follow_each_other_at_one_height() -> None:
-    entries = plan_entries(plan_of(repeats=2))
+    entries = plan_entries(planned(repeats=2))
     assert [(e.height_mm, e.repeat) for e in entries] == [(1, 0), (1, 1), (2, 0), (2, 1)]
 
 
 def test_what_a_plan_leaves_out_has_a_default() -> None:
-    plan = plan_of()
+    plan = planned()
     assert (plan.frames_per_capture, plan.keep_frames, plan.repeats) == (None, False, 1)
 
 
@@ -83,7 +93,7 @@ def test_a_range_of_heights_holds_both_ends_and_no_rounding_error(
         "stop": (start + step * steps) / 100,
         "step": step / 100,
     }
-    heights = plan_of(heights_mm=table).heights_mm
+    heights = planned(heights_mm=table).heights_mm
     assert heights == tuple((start + i * step) / 100 for i in range(steps + 1))
 
 
@@ -120,7 +130,7 @@ def test_a_range_of_heights_holds_both_ends_and_no_rounding_error(
 )
 def test_a_plan_that_is_not_accepted_names_the_key(changes: dict[str, object], key: str) -> None:
     with pytest.raises(PlanError) as caught:
-        plan_of(**changes)
+        planned(**changes)
     assert key in caught.value.keys
     assert "\n" not in str(caught.value)
 
@@ -134,7 +144,7 @@ def test_a_plan_that_is_not_accepted_names_the_key(changes: dict[str, object], k
 )
 def test_targets_that_do_not_fit_together_are_named(changes: dict[str, object], key: str) -> None:
     with pytest.raises(PlanError) as caught:
-        plan_of(**changes)
+        planned(**changes)
     assert key in str(caught.value)
 
 
@@ -180,7 +190,7 @@ def test_a_file_name_carries_index_kind_orientation_and_height(
 def test_each_orientation_is_one_sweep_from_one_side(
     heights_mm: list[int], order: str, repeats: int, is_checked: bool
 ) -> None:
-    plan = plan_of(heights_mm=heights_mm, order=order, repeats=repeats, drift_check=is_checked)
+    plan = planned(heights_mm=heights_mm, order=order, repeats=repeats, drift_check=is_checked)
     entries = plan_entries(plan)
     assert [entry.index for entry in entries] == list(range(len(entries)))
     sweep = sorted(map(float, heights_mm), reverse=order == "descending")
@@ -203,3 +213,28 @@ def test_a_kind_that_is_none_is_refused_with_those_that_are() -> None:
             orientation_deg=0.0,
             height_mm=1.0,
         )
+
+
+def test_time_and_room_of_a_small_plan_by_hand() -> None:
+    plan = plan_of(
+        keep_frames=True, heights_mm=[100.0, 110.0], targets=[{"kind": "edge", "target": "e"}]
+    )
+    estimate = estimate_plan(plan, plan_entries(plan), bench_of(), (4, 6))
+    # From 150 mm down 50 mm and 2 x 0.5 mm of backlash, up 10 mm, at 5 mm/s; two ramps of 0.3 s
+    # and settlings of 0.5 s; two captures of 4 frames at 50 Hz and 0.25 s.
+    assert estimate.seconds == pytest.approx(61 / 5 + 2 * (0.3 + 0.5) + 2 * (4 * 0.02 + 0.25))
+    assert (estimate.captures, estimate.placements) == (2, 1)
+    assert estimate.bytes_ == 2 * 24 * (4 + 4 + 3 * 2)
+
+
+@given(repeats=st.integers(1, 4), settle_s=st.floats(0, 10), is_checked=st.booleans())
+def test_what_is_asked_for_more_takes_longer(
+    repeats: int, settle_s: float, is_checked: bool
+) -> None:
+    plain = plan_of()
+    more = plan_of(repeats=repeats, settle_s=settle_s, drift_check=is_checked)
+    bench = bench_of()
+    one, other = (estimate_plan(p, plan_entries(p), bench, None) for p in (plain, more))
+    assert other.seconds >= one.seconds
+    assert one.bytes_ is None
+    assert other.placements == one.placements == 3

@@ -1,4 +1,4 @@
-"""Every plausible number is taken, every other is asked about, with the slip that explains it."""
+"""Quantities, units and spelling."""
 
 import math
 from contextlib import suppress
@@ -11,12 +11,19 @@ from acquisition.quantities import (
     PLAUSIBLE,
     ImplausibleQuantityError,
     PlausibleRange,
+    UnknownUnitError,
+    converted,
+    decimal_comma_remedy,
+    in_unit,
     likely_slip,
+    nearest_key,
     number_text,
     slip_between,
+    stated_number,
+    toml_slip,
     understood,
+    unit_of,
 )
-from acquisition.units import converted, unit_of
 
 SINGLE = sorted(name for name, plausible in PLAUSIBLE.items() if plausible.of == "each")
 names = st.sampled_from(SINGLE)
@@ -186,3 +193,141 @@ def test_of_several_slips_the_one_nearest_to_the_typical_value_is_named(value: f
             meant = converted(value, other, "mm")
             if wide.low <= meant <= wide.high:
                 assert abs(math.log10(slip.meant / 10)) <= abs(math.log10(meant / 10)) + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("exposure_us", "us"),
+        ("limits_mm", "mm"),
+        ("settle_s", "s"),
+        ("feed_mm_per_min", "mm/min"),
+        ("bandwidth_limit_bytes_per_s", "bytes/s"),
+        ("frame_rate_hz", "Hz"),
+        ("white_e_per_us", None),
+        ("expected_settings", None),
+        ("k1", None),
+    ],
+)
+def test_the_unit_of_a_key_is_what_it_ends_in(name: str, unit: str | None) -> None:
+    assert unit_of(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("9 us", "us", 9),
+        ("9us", "us", 9),
+        ("9 µs", "us", 9),
+        (" 9.5 ms ", "us", 9500),
+        ("1e-2 s", "us", 10_000),
+        ("8 MM", "mm", 8),
+        ("0.3 m", "mm", 300),
+        ("0.0083 mm", "um", 8.3),
+        ("60 fps", "Hz", 60),
+        ("2 min", "s", 120),
+        ("1 Gbit/s", "bytes/s", 125_000_000),
+        ("5 mm/s", "mm/min", 300),
+        ("-12 cm", "mm", -120),
+        ("9000", "us", 9000),
+    ],
+)
+def test_text_is_converted_to_the_unit_of_the_key(text: str, unit: str, value: float) -> None:
+    assert in_unit(text, unit) == value
+
+
+@pytest.mark.parametrize("text", ["", "us", "nine us", "9,0", "9,0 us", "1 2 us", "nan", "[9]"])
+def test_text_that_holds_no_number_is_left_alone(text: str) -> None:
+    assert in_unit(text, "us") is None
+
+
+def test_a_number_of_thousands_of_digits_is_read_without_delay() -> None:
+    stated = stated_number("9" * 50_000 + ",")
+    assert stated is None
+
+
+def test_a_unit_of_another_kind_is_refused_with_those_that_fit() -> None:
+    with pytest.raises(UnknownUnitError) as refused:
+        in_unit("9 mm", "us")
+    assert refused.value.unit == "mm"
+    assert {"us", "ms", "s"} <= set(refused.value.known)
+
+
+KEYS = [
+    *("camera", "camera.driver", "camera.exposure_us", "camera.gain_db"),
+    *(
+        "stage",
+        "stage.driver",
+        "stage.limits_mm",
+        "targets",
+        "targets.target",
+        "targets.heights_mm",
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "remedy"),
+    [
+        ("9000,0", "", "write 9000.0 with a decimal point"),
+        ("-0,01", "k1", "write -0.01 with a decimal point"),
+        ("9,5 ms", "exposure_us", 'write "9.5 ms" with a decimal point'),
+        ("9,000", "exposure_us", "write 9000"),
+        ("0,008", "focal_length_mm", "write 0.008 with a decimal point"),
+        ("1,500", "f_number", "write 1.500 or 1500 with a decimal point"),
+    ],
+)
+def test_a_decimal_comma_is_answered_with_what_to_write(text: str, name: str, remedy: str) -> None:
+    assert decimal_comma_remedy(text, name) == remedy
+
+
+@pytest.mark.parametrize("text", ["9000.0", "1,2,3", "a,b", "1,", ",5", "", "1,5 2,5"])
+def test_other_text_is_no_decimal_comma(text: str) -> None:
+    assert decimal_comma_remedy(text) is None
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("exposure_us = 9000,0", "exposure_us = 9000,0: write 9000.0 with a decimal point"),
+        ("f_number = 5,6  # wide", "f_number = 5,6: write 5.6 with a decimal point"),
+        ("exposure_us = 9 ms", 'exposure_us = 9 ms: write "9 ms" in quotes'),
+        ("stage.settle_s=0,5", "stage.settle_s = 0,5: write 0.5 with a decimal point"),
+    ],
+)
+def test_the_line_of_a_toml_file_with_a_slip_is_named(line: str, said: str) -> None:
+    assert toml_slip(f"[camera]\nx = 1\n{line}\ny = 2\n") == f"line 3: {said}"
+
+
+@pytest.mark.parametrize(
+    "line", ["exposure_us = 9000.0", "limits_mm = [1,5]", "a = 9 bananas", 'b = "1,5"', "# c = 1,5"]
+)
+def test_a_line_without_a_slip_is_not_named(line: str) -> None:
+    assert toml_slip(line) is None
+
+
+@pytest.mark.parametrize(
+    ("key", "nearest"),
+    [
+        ("camera.exposure", "camera.exposure_us"),
+        ("camera.drivr", "camera.driver"),
+        ("stage.drivr", "stage.driver"),
+        ("stage.gain_db", "camera.gain_db"),
+        ("exposure_us", "camera.exposure_us"),
+        ("target", "targets"),
+        ("targets.height_mm", "targets.heights_mm"),
+        ("camra", "camera"),
+        ("camera.zzz", None),
+    ],
+)
+def test_the_nearest_key_is_of_the_same_section_if_one_there_resembles_it(
+    key: str, nearest: str | None
+) -> None:
+    assert nearest_key(key, KEYS) == nearest
+
+
+@given(st.text())
+def test_any_text_is_answered_or_not_but_never_an_error(text: str) -> None:
+    decimal_comma_remedy(text)
+    toml_slip(text)
+    assert nearest_key(text, KEYS) in (None, *KEYS)

@@ -8,7 +8,7 @@ import numpy as np
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
-from acquisition.session.take import Take
+from acquisition.session.record import Take
 from calibration.noise.noise_by_level import LevelNoise
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray

@@ -15,11 +15,19 @@ import pytest
 
 from analysis import design_cache
 from analysis.design_cache import FOLDER_VARIABLE, LIMIT_VARIABLE, DesignCache
-from simulation import GaussianPsf, LensOtf, MeasuredPsf, Model, Psf, SamplingGrid, zoom
+from simulation import (
+    GaussianPsf,
+    LensOtf,
+    MeasuredPsf,
+    Model,
+    Psf,
+    SamplingGrid,
+    zoom,
+    zoom_kernels,
+)
 from simulation.arrays import FloatArray
 from simulation.kept_kernels import Arrays, keep_kernels, kept
 from simulation.psf import CORRECTION_SPLINES, OtfCorrection
-from simulation.zoom_kernels import matched, solver
 
 SHAPE = (90, 110)
 SOFT = GaussianPsf(sigma_x_px=0.7, sigma_y_px=0.6)
@@ -52,15 +60,15 @@ def forgotten() -> Iterator[Callable[[], None]]:
         for remembered in (
             zoom.zoom_operator,
             zoom.lmmse_operator,
-            solver.kernel_solver,
-            solver._scene,
-            solver._far,
-            solver._window,
-            solver._tables,
-            solver._borders,
-            solver._border_kernels,
-            matched._short_rows,
-            matched.spline_prefilter,
+            zoom_kernels.kernel_solver,
+            zoom_kernels._scene,
+            zoom_kernels._far,
+            zoom_kernels._window,
+            zoom_kernels._tables,
+            zoom_kernels._borders,
+            zoom_kernels._border_kernels,
+            zoom_kernels._short_rows,
+            zoom_kernels.spline_prefilter,
         ):
             remembered.cache_clear()
 

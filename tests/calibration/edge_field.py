@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from calibration.edges.image import EdgeImage
-from simulation.psf.field import PsfField
+from simulation.psf.shapes import PsfField
 
 COLS, ROWS = 520, 390
 LOW_DN, HIGH_DN = 500.0, 3300.0

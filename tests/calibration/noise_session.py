@@ -7,7 +7,7 @@ import numpy as np
 
 from acquisition.averaging import AveragedFrames
 from acquisition.session.reader import Session
-from acquisition.session.take import Take
+from acquisition.session.record import Take
 from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer

@@ -36,7 +36,7 @@ from calibration.geometry.document import GEOMETRY_SCHEMA
 from calibration.noise.document import NOISE_SCHEMA
 from calibration.psf.calibration import calibrate_psf
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
-from simulation.kernelgan.estimate import KernelGanSettings
+from simulation.kernelgan import KernelGanSettings
 from standoff.errors import HintError
 from standoff.library.registration import read_points
 from tests.calibration.edge_photographs import photographs

@@ -5,13 +5,10 @@ from pathlib import Path
 from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan, plan_entries
-from acquisition.session.capture_file import parse_capture, read_capture
-from acquisition.session.journal import JournalWriter
-from acquisition.session.journal_event import JournalEvent
-from acquisition.session.journal_reading import read_journal, read_journal_file
-from acquisition.session.manifest import Manifest
+from acquisition.session.capture_files import parse_capture, read_capture
+from acquisition.session.journal import JournalEvent, JournalWriter, read_journal, read_journal_file
 from acquisition.session.reader import captures_of
-from acquisition.session.record import CaptureRecord
+from acquisition.session.record import CaptureRecord, Manifest
 from tests.acquisition.journals import chained_journal, unchained_journal
 from tests.acquisition.records import RECORD, capture_bytes, images
 from tests.acquisition.session_fixtures import DEVICES, bench_of, plan_of

@@ -12,8 +12,8 @@ import tifffile
 from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan
-from acquisition.session.journal_reading import read_journal
-from acquisition.session.manifest import Manifest
+from acquisition.session.journal import read_journal
+from acquisition.session.record import Manifest
 from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
 from analysis.changes import ChangeOptions, find_changes
 from analysis.errors import AnalysisError

@@ -5,10 +5,9 @@ from functools import cache
 
 from hypothesis import strategies as st
 
-from acquisition.aravis.description import require_sound_description
-from acquisition.aravis.description.nodes import DescriptionError
-from acquisition.aravis.description.unpacking import unpack
-from acquisition.aravis.pixel_decoding import decode_pixels
+from acquisition.aravis.description import DescriptionError, require_sound_description
+from acquisition.aravis.network import unpack
+from acquisition.aravis.stream import decode_pixels
 from acquisition.errors import CameraDescriptionError, DeviceError
 from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
 from hil_mocks.gige.control import ControlChannel
@@ -21,8 +20,8 @@ from hil_mocks.stages.grbl import GrblFirmware
 from hil_mocks.stages.plant import StagePlant
 from hil_mocks.stages.serial_line import LineFaults, SerialLine
 from hil_mocks.stages.zaber import ZaberFirmware
-from tests.acquisition.aravis.description.test_unpacking import packed
 from tests.acquisition.aravis.description_texts import simulated, with_nodes
+from tests.acquisition.aravis.test_network import packed
 from tests.fuzz.damage import damaged_bytes
 from tests.fuzz.target import FuzzTarget
 from tests.hil_mocks.gige_wire import (

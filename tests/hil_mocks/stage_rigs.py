@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from acquisition.bench import StageConfig
-from acquisition.stages.grbl.axis import GrblAxis
-from acquisition.stages.grbl.controller import GrblController
-from acquisition.stages.manual import ManualStage
+from acquisition.stages.control import ManualStage
+from acquisition.stages.grbl import GrblAxis
+from acquisition.stages.grbl_controller import GrblController
 from acquisition.stages.motor import MotorStage
-from acquisition.stages.serial_link import SerialLink
-from acquisition.stages.wire_log import WireLog
-from acquisition.stages.zaber.axis import ZaberAxis
-from acquisition.stages.zaber.device import ZaberDevice
+from acquisition.stages.serial_link import SerialLink, WireLog
+from acquisition.stages.zaber import ZaberAxis, ZaberDevice
 from hil_mocks import SimulatedClock
 from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
 from hil_mocks.stages.grbl_lines import GrblDialect

@@ -24,6 +24,18 @@ class Item:
     level_dn: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class GaussianTransfer:
+    """A Gaussian line spread function, with ``over_pixel`` integrated over square pixels."""
+
+    sigma_px: float
+    over_pixel: bool = False
+
+    def __call__(self, freq_cy_per_px: FloatArray) -> FloatArray:
+        gauss = np.exp(-2 * np.pi**2 * self.sigma_px**2 * freq_cy_per_px**2)
+        return np.asarray(gauss * np.sinc(freq_cy_per_px) if self.over_pixel else gauss)
+
+
 def random_scene(seed: int, extent_px: float, count: int = 60) -> list[Item]:
     """Rectangles with sides of 1.5-40 px and blobs with sigmas of 0.7-10 px, centre at (0, 0)."""
     rng = np.random.default_rng(seed)

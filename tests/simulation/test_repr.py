@@ -11,8 +11,8 @@ from simulation import (
     simulate_pose,
     zoom_operator,
 )
-from simulation.kernelgan.estimate import EstimatedKernel
-from simulation.sr_pairs import sr_pairs
+from simulation.kernelgan import EstimatedKernel
+from simulation.zoom import sr_pairs
 
 PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7)
 SHAPE = (60, 80)

@@ -9,12 +9,10 @@ import pytest
 
 import acquisition.aravis
 import standoff.doctor
-from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.controls import StatedValue
-from acquisition.aravis.discovery import CameraProbe, FoundCamera
-from acquisition.aravis.features import Bounds
-from acquisition.aravis.library import AravisLibrary
-from acquisition.aravis.route import NetworkRoute
+from acquisition.aravis.camera import AravisCamera, CameraProbe, FoundCamera
+from acquisition.aravis.device import AravisLibrary
+from acquisition.aravis.features import Bounds, StatedValue
+from acquisition.aravis.network import NetworkRoute
 from acquisition.bench import BenchConfig, StageConfig, load_bench
 from acquisition.errors import DriverMissingError
 from hil_mocks.gige.faults import GigeFaults

@@ -17,7 +17,7 @@ from acquisition.session import (
     whole_file,
     write_shared,
 )
-from acquisition.session.durable_write import move_new, write_new_hashed
+from acquisition.session.files import move_new, write_new_hashed
 from acquisition.session_export.export import _put_in_place
 from standoff.errors import ApplicationError
 from tests.acquisition.session_fixtures import whole_session
@@ -28,12 +28,11 @@ PACKAGES = ("acquisition", "analysis", "calibration", "hil_mocks", "simulation",
 
 WRITERS = {
     "acquisition/session/capture_files.py": "moves to free names only",
-    "acquisition/session/durable_write.py": "tried below",
     "acquisition/session/journal.py": "the head of the journal",
-    "acquisition/session/shared_files.py": "tried below",
+    "acquisition/session/files.py": "tried below",
     "acquisition/session_export/export.py": "tried below",
-    "acquisition/session_export/ome_zarr.py": "in the folder that export.py puts in place",
-    "acquisition/stages/wire_log.py": "appends to a log",
+    "acquisition/session_export/ome.py": "in the folder that export.py puts in place",
+    "acquisition/stages/serial_link.py": "appends to a log",
     "analysis/design_cache.py": "in the cache",
     "analysis/detectability/sweep.py": "in a temporary folder",
     "analysis/detectors/command_host.py": "in a temporary folder",

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from acquisition.bench import BenchConfig, BenchDevices
-from acquisition.bracket import ExposureControl
 from acquisition.choices import FEWEST_POSITIONS
 from acquisition.errors import OperatorStopError, StreamInterruptedError
+from acquisition.exposure_control import ExposureControl
 from acquisition.focus import (
     FocusOptions,
     FocusPeak,

@@ -10,10 +10,10 @@ from typing import Literal
 from pydantic import ValidationError
 
 from acquisition.bench import BenchConfig, BenchDevices, CameraConfig
-from acquisition.bracket import ExposureControl
 from acquisition.capture import CaptureProgress, Placement, RunOperator, run_plan
 from acquisition.devices import Camera
 from acquisition.errors import DeviceError, OperatorStopError, SessionError, StreamInterruptedError
+from acquisition.exposure_control import ExposureControl
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
 from acquisition.session import MANIFEST_NAME, CaptureRecord, Session
 from standoff.console.devices import CameraService, StageService

@@ -8,12 +8,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from acquisition.averaging import average_frames
+from acquisition.averaging import average_frames, restarted
 from acquisition.bench import CameraConfig
-from acquisition.bracket import ExposureControl
 from acquisition.capture import EXPOSURE_AIM, SHORTEST_EXPOSURE_US, FoundExposure, find_exposure
 from acquisition.devices import CameraSettings
-from acquisition.restarting import restarted
+from acquisition.exposure_control import ExposureControl
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import LONG_S, line_profile, pixel_reading
 from standoff.console.jobs import BusyError, Job

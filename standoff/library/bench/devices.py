@@ -10,14 +10,19 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from acquisition.aravis import AravisCamera
 from acquisition.bench import BenchConfig, BenchDevices, CameraConfig, StageConfig
-from acquisition.bracket import ExposureControl
 from acquisition.capture import Placement
 from acquisition.devices import Camera, Stage
 from acquisition.errors import BenchConfigError, DeviceError, PlanError, StageNotHomedError
+from acquisition.exposure_control import ExposureControl
 from acquisition.plan import CapturePlan, PlanEntry, plan_entries
-from acquisition.stages import ManualStage, MotorStage, home_timeout_s, move_timeout_s
-from acquisition.stages.grbl import open_grbl_stage
-from acquisition.stages.zaber import open_zaber_stage
+from acquisition.stages import (
+    ManualStage,
+    MotorStage,
+    home_timeout_s,
+    move_timeout_s,
+    open_grbl_stage,
+    open_zaber_stage,
+)
 from hil_mocks import SimulatedBench
 from simulation.arguments import checked
 from standoff.errors import ArgumentError

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import acquisition.aravis.connection
+import acquisition.aravis.camera
 import acquisition.aravis.device
 from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.device import open_device
-from acquisition.aravis.library import load_aravis
+from acquisition.aravis.device import load_aravis, open_device
 from acquisition.averaging import average_frames
 from acquisition.errors import (
     CameraFeatureError,
@@ -228,7 +227,7 @@ def test_an_address_without_a_camera_is_an_error_within_seconds_and_nothing_is_s
             asked.append(name)
             return getattr(library.api, name)
 
-    guarded = acquisition.aravis.library.AravisLibrary(
+    guarded = acquisition.aravis.device.AravisLibrary(
         api=Guarded(),
         gio=library.gio,
         glib=library.glib,
@@ -303,7 +302,7 @@ def test_waiting_is_bounded_by_the_time_given(bench: PracticeBench) -> None:
 def test_a_small_receive_buffer_is_a_warning(
     bench: PracticeBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(acquisition.aravis.connection, "receive_buffer_limit_bytes", lambda: 212992)
+    monkeypatch.setattr(acquisition.aravis.camera, "receive_buffer_limit_bytes", lambda: 212992)
     with opened(bench) as camera:
         assert "net.core.rmem_max=4194304" in camera.warnings[0]
 

@@ -12,9 +12,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.discovery import list_cameras, probe_camera
-from acquisition.aravis.library import load_aravis
+from acquisition.aravis.camera import AravisCamera, list_cameras, probe_camera
+from acquisition.aravis.device import load_aravis
 from acquisition.averaging import average_frames
 from acquisition.bench import CameraConfig
 from acquisition.errors import (

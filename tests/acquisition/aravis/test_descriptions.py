@@ -16,10 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis.camera import AravisCamera, probe_camera
 from acquisition.aravis.configuration import require_usable
-from acquisition.aravis.description.nodes import LARGEST_BYTES
-from acquisition.aravis.discovery import probe_camera
+from acquisition.aravis.description import LARGEST_BYTES
 from acquisition.errors import CameraDescriptionError, CameraFeatureError, MissingFeatureError
 from hil_mocks.gige.description import describe
 from hil_mocks.gige.features import features_of

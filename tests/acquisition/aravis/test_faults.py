@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.aravis.camera import AravisCamera
+from acquisition.aravis.camera import AravisCamera, AravisConnection
 from acquisition.aravis.configuration import NO_TRIGGER
-from acquisition.aravis.connection import AravisConnection
 from acquisition.aravis.device import OpenedDevice, open_device
 from acquisition.averaging import PATIENCE_S, average_frames
 from acquisition.bench import BenchDevices
@@ -24,8 +23,7 @@ from acquisition.errors import (
     DeviceError,
     StreamInterruptedError,
 )
-from acquisition.session.reader import Session
-from acquisition.session.verification import verify
+from acquisition.session.reader import Session, verify
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.gvcp import ResendRequest
 from hil_mocks.practice_bench import PracticeBench

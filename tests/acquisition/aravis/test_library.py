@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from acquisition.aravis.discovery import FoundCamera, list_cameras
-from acquisition.aravis.library import AravisLibrary, load_aravis
+from acquisition.aravis.camera import FoundCamera, list_cameras
+from acquisition.aravis.device import AravisLibrary, load_aravis
 from acquisition.errors import DriverMissingError
 from tests.acquisition.aravis_bench import needs_aravis
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from acquisition.aravis.camera import AravisCamera
-from acquisition.aravis.discovery import probe_camera
+from acquisition.aravis.camera import AravisCamera, probe_camera
 from acquisition.errors import CameraFeatureError
 from hil_mocks.gige.faults import GigeFaults
 from hil_mocks.gige.feature import Maker

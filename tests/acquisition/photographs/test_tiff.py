@@ -17,7 +17,7 @@ from acquisition.photographs.decoding import DecodingError
 from acquisition.photographs.encoding import SRGB, Encoding
 from acquisition.photographs.reader import ReadOptions
 from acquisition.photographs.tiff import read_tiff_image
-from acquisition.session.capture_file import CaptureImages
+from acquisition.session.capture_files import CaptureImages
 from standoff.errors import ImageFileError
 from tests.acquisition.photographs.made import (
     COLOUR,

@@ -5,7 +5,6 @@ journal is torn at every byte of its last two lines. The truth is the session as
 """
 
 import os
-import shutil
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
@@ -13,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.journal_chain import HEAD_NAME
-from acquisition.session.reader import JOURNAL_NAME
+from acquisition.session.files import JOURNAL_NAME
+from acquisition.session.journal import HEAD_NAME
+from acquisition.session.reader import verify
 from acquisition.session.repair import repair_session
-from acquisition.session.verification import verify
 from tests.acquisition.session_fixtures import add, plan_of, writer
 
 PLAN = plan_of(heights_mm=[100.0], targets=[{"kind": "flat", "target": "paper"}], repeats=2)
@@ -53,9 +52,10 @@ def is_capture(name: str) -> bool:
 
 
 def restore(path: Path, files: Files) -> None:
-    shutil.rmtree(path, ignore_errors=True)
     for folder in ("captures", "frames", "logs"):
-        (path / folder).mkdir(parents=True)
+        (path / folder).mkdir(parents=True, exist_ok=True)
+    for name in files_of(path):
+        (path / name).unlink()
     for name, data in files.items():
         (path / name).write_bytes(data)
 

@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.journal import JournalWriter, Stamps
-from acquisition.session.journal_chain import HEAD_NAME, JournalHead
-from acquisition.session.journal_event import EventKind, JournalEvent
-from acquisition.session.notes import SessionNotes
-from acquisition.session.reader import Session
+from acquisition.session.journal import (
+    HEAD_NAME,
+    EventKind,
+    JournalEvent,
+    JournalHead,
+    JournalWriter,
+    Stamps,
+)
+from acquisition.session.reader import FileCheck, Session, verify
 from acquisition.session.repair import repair_session
-from acquisition.session.verification import FileCheck, verify
+from acquisition.session.writer import SessionNotes
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.journals import chained_journal, cut_last_line
 from tests.acquisition.session_fixtures import (

@@ -6,14 +6,12 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import SessionError
-from acquisition.session.capture_file import capture_seal
-from acquisition.session.journal import JournalWriter, Stamps
-from acquisition.session.journal_chain import HEAD_NAME
-from acquisition.session.notes import SessionNotes
-from acquisition.session.reader import Session
+from acquisition.session.capture_files import capture_seal
+from acquisition.session.journal import HEAD_NAME, JournalWriter, Stamps
+from acquisition.session.reader import Session, verify
 from acquisition.session.record import CaptureRecord
 from acquisition.session.repair import repair_session
-from acquisition.session.verification import verify
+from acquisition.session.writer import SessionNotes
 from tests.acquisition.fakes import FakeUids, FakeUtc
 from tests.acquisition.session_fixtures import whole_session, writer
 

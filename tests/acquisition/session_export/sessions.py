@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
+from acquisition.choices import ExportFormat
 from acquisition.files import InputFile, Provenance
 from acquisition.plan import plan_entries
 from acquisition.session import Photograph, Session, SessionNotes
 from acquisition.session_export import ExportRequest
-from acquisition.session_export.choices import ExportFormat
 from calibration.geometry import GeometryCalibration
 from tests.acquisition.session_fixtures import add, plan_of, whole_session, writer
 

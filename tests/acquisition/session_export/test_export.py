@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acquisition.choices import ExportFormat
 from acquisition.errors import ExportError, SessionError
 from acquisition.session import Photograph, Session
 from acquisition.session_export import export_session
-from acquisition.session_export.choices import ExportFormat
 from tests.acquisition.session_export.sessions import exported_session, geometry, request_of
 from tests.acquisition.session_fixtures import plan_of, writer
 

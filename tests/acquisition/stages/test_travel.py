@@ -13,8 +13,8 @@ from acquisition.errors import (
     StageLimitError,
     StageNotHomedError,
 )
-from acquisition.stages.manual import ManualStage
-from acquisition.stages.travel import (
+from acquisition.stages.control import ManualStage
+from acquisition.stages.motor import (
     approach_heights_mm,
     home_timeout_s,
     move_timeout_s,

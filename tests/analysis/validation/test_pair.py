@@ -12,9 +12,9 @@ from analysis.validation.pair import AlignedPair, Expectation, PairErrors, PairM
 from calibration.registration import DistortedPose, Registration, register
 from simulation import MODELS, GaussianPsf, zoom_out_on_grid
 from simulation.arrays import FloatArray
-from simulation.resampling import simulate_at
+from simulation.sampling_grid import simulate_at
 from tests.analysis.bench_session import PSF, SHAPE, texture_dn
-from tests.simulation.uncertainty.wave_scene import WaveScene
+from tests.simulation.wave_scene import WaveScene
 
 PHOTOGRAPH_SHAPE, ZOOM, SIGMA_PX, NOISE_DN = (200, 240), 1.5, 0.8, 1.0
 

@@ -5,7 +5,7 @@ import pytest
 
 from acquisition.errors import SessionError
 from acquisition.session.reader import Session
-from acquisition.session.take import Photograph
+from acquisition.session.record import Photograph
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise.correction_maps import CorrectionMaps
 from calibration.psf.calibration import calibrate_psf

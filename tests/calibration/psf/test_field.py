@@ -6,7 +6,7 @@ import pytest
 from calibration.psf.calibration import calibrate_psf
 from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
 from simulation.arrays import FloatArray
-from simulation.psf.field import PsfField
+from simulation.psf.shapes import PsfField
 from tests.calibration.edge_field import COLS, FIELD, ROWS, frame_of_edges
 
 CONSTANT = PsfField(

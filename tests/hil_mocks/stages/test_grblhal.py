@@ -13,10 +13,9 @@ from acquisition.errors import (
     StageLimitError,
     StageNotHomedError,
 )
-from acquisition.stages.grbl.codes import BEYOND_TRAVEL
-from acquisition.stages.grbl.envelope import work_envelope
-from acquisition.stages.grbl.wire import jog_command
-from acquisition.stages.wire_log import WireLog
+from acquisition.stages.grbl_setup import work_envelope
+from acquisition.stages.grbl_wire import BEYOND_TRAVEL, jog_command
+from acquisition.stages.serial_link import WireLog
 from hil_mocks.stages.grbl import GrblFirmware
 from hil_mocks.stages.grbl_lines import GrblDialect
 from hil_mocks.stages.plant import PlantFaults, StagePlant

@@ -11,7 +11,7 @@ zaber_motion = pytest.importorskip("zaber_motion")
 from zaber_motion import CommandFailedException, Units  # noqa: E402
 from zaber_motion.ascii import Axis, Connection  # noqa: E402
 
-from acquisition.stages.zaber.wire import checksum  # noqa: E402
+from acquisition.stages.zaber import checksum  # noqa: E402
 from hil_mocks.stages.plant import StagePlant  # noqa: E402
 from hil_mocks.stages.pty_port import PtyPort  # noqa: E402
 from hil_mocks.stages.serial_line import LineFaults, SerialLine  # noqa: E402

@@ -10,19 +10,20 @@ torch = pytest.importorskip("torch")
 from torch import Tensor  # noqa: E402 - behind importorskip
 from torch.nn import functional  # noqa: E402
 
-from simulation.kernelgan.crops import CropPicker, nearest_positions  # noqa: E402
-from simulation.kernelgan.discriminator import PatchDiscriminator  # noqa: E402
-from simulation.kernelgan.errors import KernelGanError  # noqa: E402
-from simulation.kernelgan.generator import (  # noqa: E402
-    DeepLinearGenerator,
-    GaussianGenerator,
-    composed_kernel,
-    sampled,
+from simulation.kernelgan.crops import (  # noqa: E402
+    CropPicker,
+    KernelGanError,
+    nearest_positions,
 )
 from simulation.kernelgan.training import (  # noqa: E402
+    DeepLinearGenerator,
+    GaussianGenerator,
     KernelGanTraining,
     KernelRegulariser,
+    PatchDiscriminator,
     boundary_mask,
+    composed_kernel,
+    sampled,
 )
 
 

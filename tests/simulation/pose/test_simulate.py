@@ -1,3 +1,5 @@
+"""Follow-ups from any pose: closed forms, a zoom and one PSF as limits, and their noise."""
+
 from math import cos, radians
 
 import numpy as np
@@ -5,8 +7,19 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.ndimage import map_coordinates
 
-from simulation import GaussianPsf, PoseOptions, SamplingGrid, simulate_pose, zoom_out_on_grid
+from simulation import (
+    GaussianPsf,
+    PoseOptions,
+    PsfField,
+    SamplingGrid,
+    simulate_pose,
+    zoom_operator,
+    zoom_out_on_grid,
+)
 from simulation.arrays import FloatArray
+from simulation.capture_noise import propagated_variance
+from simulation.choices import POSE_MODELS, PoseModel
+from simulation.pose.view_filter import pose_noise_gain
 from tests.simulation.poses import (
     PHOTOGRAPH,
     PSF,
@@ -379,3 +392,147 @@ def test_a_follow_up_of_the_reference_s_own_pixels_is_the_reference(
     # The spline through the pixels gives them back to the length of its inverse.
     inner = np.s_[16:-16, 16:-16]
     np.testing.assert_allclose(seen.image[inner], expected[inner], atol=0.02)
+
+
+SIZE = (150, 130)
+GRID = SamplingGrid(zoom_y=1.4, zoom_x=1.8, origin_y_px=33.2, origin_x_px=-20.4, rows=130, cols=150)
+MIRRORED = np.array([[-1.5, 0, 290.0], [0, 1.2, -30.3], [0, 0, 1]])
+TURN = 1e-13
+"""Enough to make every pixel a case of its own, and too little to move any."""
+
+
+@pytest.mark.parametrize("model", POSE_MODELS)
+@pytest.mark.parametrize("matrix", [GRID.matrix, MIRRORED], ids=["beyond the edge", "mirrored"])
+def test_a_zoom_is_the_limit_of_one_that_is_turned(
+    matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]], model: PoseModel
+) -> None:
+    options = PoseOptions(model=model)
+    turned = matrix + TURN * np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 0]])
+    zoomed = simulate_pose(PHOTOGRAPH, matrix, SIZE, TILTED_PSF, options)
+    limit = simulate_pose(PHOTOGRAPH, turned, SIZE, TILTED_PSF, options)
+    assert limit.outside.any()
+    np.testing.assert_array_equal(zoomed.outside, limit.outside)
+    np.testing.assert_array_equal(zoomed.nearer, limit.nearer)
+    np.testing.assert_allclose(zoomed.image, limit.image, rtol=0, atol=1e-9 * 255)
+
+
+def test_masks_of_a_zoom_follow_a_psf_that_varies() -> None:
+    rows, cols = PHOTOGRAPH.shape[:2]
+    coefficients = np.zeros((3, 3))
+    coefficients[[0, 2], 0] = 0.6
+    coefficients[[0, 2], 1] = 0.4
+    field = PsfField(width_px=cols, height_px=rows, coefficients_px2=coefficients)
+    matrix = np.diag([-1.05, 1.05, 1.0])
+    matrix[0, 2] = cols
+    turned = matrix + TURN * np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 0]])
+    options = PoseOptions(model="matched", origin_px=(0.0, 0.0))
+    zoomed = simulate_pose(PHOTOGRAPH, matrix, (cols, rows), field, options)
+    limit = simulate_pose(PHOTOGRAPH, turned, (cols, rows), field, options)
+    assert zoomed.nearer.any()
+    assert not zoomed.nearer.all()
+    np.testing.assert_array_equal(zoomed.nearer, limit.nearer)
+
+
+@pytest.mark.slow
+def test_an_even_field_is_one_psf() -> None:
+    matrix = tilted(300.0, (280, 200), 15.0, 1.2)
+    one = simulate_pose(PHOTOGRAPH, matrix, (280, 200), TILTED_PSF)
+    field = simulate_pose(PHOTOGRAPH, matrix, (280, 200), constant_field(280, 200, TILTED_PSF))
+    assert field.image == pytest.approx(one.image, abs=1e-9)
+    assert (field.nearer == one.nearer).all()
+
+
+def test_a_shift_over_a_field_blurs_by_the_difference_of_its_two_places() -> None:
+    # Sigma grows to the right by 1 px^2 per r; the follow-up sees everything 40 px further right.
+    size, shift = (201, 101), 40
+    coefficients = np.zeros((3, 3))
+    coefficients[[0, 2], 0] = 1.5
+    coefficients[[0, 2], 1] = 1.0
+    field = PsfField(width_px=size[0], height_px=size[1], coefficients_px2=coefficients)
+    matrix = np.array([[1.0, 0, -shift], [0, 1, 0], [0, 0, 1]])
+    image = blob((101, 201), np.array([70.0, 50.0]), 9 * np.eye(2))
+    simulated = simulate_pose(image, matrix, size, field)
+    seen = ~simulated.outside
+    assert not simulated.nearer.any()
+    gained = shift / field.corner_radius_px
+    expected = blob((101, 201), np.array([110.0, 50.0]), (9 + gained) * np.eye(2))
+    # The common blur's kernel is cut as zoom_out's is: 5e-4 of the peak.
+    assert simulated.image[seen] == pytest.approx(expected[seen], abs=1e-3 * expected.max())
+    # Back to the left the follow-up is the sharper one.
+    back = simulate_pose(image, np.linalg.inv(matrix), size, field)
+    assert back.nearer[~back.outside].all()
+
+
+@pytest.mark.slow
+def test_a_part_of_the_follow_up_has_the_psf_of_its_place_in_the_frame() -> None:
+    coefficients = np.zeros((3, 6))
+    coefficients[[0, 2], 0] = 0.5
+    coefficients[[0, 2], 1:] = 0.1, -0.05, 0.2, 0.0, 0.3
+    field = PsfField(width_px=280, height_px=200, coefficients_px2=coefficients)
+    matrix = tilted(300.0, (280, 200), 10.0, 1.2)
+    whole = simulate_pose(PHOTOGRAPH, matrix, (280, 200), field).image
+    moved = matrix @ np.array([[1.0, 0, 60], [0, 1, 30], [0, 0, 1]])
+    part = simulate_pose(
+        PHOTOGRAPH, moved, (150, 120), field, PoseOptions(origin_px=(60.0, 30.0))
+    ).image
+    # The common blur is chosen for what is seen, and its kernel is cut off at 1e-3 of 255.
+    assert part == pytest.approx(whole[30:150, 60:210], abs=0.6)
+    wrong = simulate_pose(
+        PHOTOGRAPH, moved, (150, 120), field, PoseOptions(origin_px=(0.0, 0.0))
+    ).image
+    assert abs(wrong - whole[30:150, 60:210]).max() > 1
+
+
+MORE_TILTED_PSF = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=0.4)
+
+
+def test_a_follow_up_from_the_same_place_keeps_the_noise() -> None:
+    gain = pose_noise_gain(np.eye(3), (30, 40), (40, 30), PSF, MATCHED)
+    assert gain == pytest.approx(np.ones((30, 40)), abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("psf", [PSF, MORE_TILTED_PSF])
+@pytest.mark.parametrize("zooms", [(1.0, 1.0), (1.1, 1.1), (1.37, 1.37), (2.0, 1.6)])
+def test_an_axial_follow_up_has_the_exact_sum_of_squared_weights(
+    psf: GaussianPsf, zooms: tuple[float, float]
+) -> None:
+    # The exact sum comes from the operator itself, which is another code path.
+    grid = SamplingGrid(
+        zoom_y=zooms[0], zoom_x=zooms[1], origin_y_px=30.3, origin_x_px=30.6, rows=25, cols=30
+    )
+    shape = (150, 160)
+    exact = propagated_variance(zoom_operator(shape, grid, psf, "matched"), np.ones(shape))
+    gain = pose_noise_gain(grid.matrix, shape, (30, 25), psf, MATCHED)
+    # The operator's bands are short: its sums are off by up to 1.09 % at zoom 1.37 with rho 0.4.
+    assert gain == pytest.approx(exact, rel=1.2e-2)
+
+
+@pytest.mark.slow
+def test_a_tilted_follow_up_has_the_scatter_of_simulated_noise() -> None:
+    shape, size = (200, 280), (280, 200)
+    matrix = tilted(300.0, size, 20.0, 1.3)
+    rng = np.random.default_rng(5)
+    count = 60
+    squares = np.zeros(shape)
+    for _ in range(count):
+        squares += (
+            simulate_pose(rng.normal(size=shape), matrix, size, MORE_TILTED_PSF, MATCHED).image ** 2
+        )
+    inside = ~simulate_pose(np.zeros(shape), matrix, size, MORE_TILTED_PSF, MATCHED).outside
+    inside[:12], inside[-12:], inside[:, :12], inside[:, -12:] = False, False, False, False
+    gain = pose_noise_gain(matrix, shape, size, MORE_TILTED_PSF, MATCHED)
+    # Strips across the tilt, of some 5000 correlated pixels: 60 draws scatter by about 0.5 %.
+    for left in range(0, 280, 40):
+        strip = np.s_[:, left : left + 40]
+        chosen = inside[strip]
+        if chosen.sum() < 2000:
+            continue
+        measured = (squares[strip] / count)[chosen].mean()
+        assert measured == pytest.approx(gain[strip][chosen].mean(), rel=0.02)
+    assert gain[inside].max() > 1.5 * gain[inside].min()
+
+
+def test_a_missing_psf_is_refused() -> None:
+    with pytest.raises(ValueError):
+        pose_noise_gain(np.eye(3), (30, 40), (40, 30), None, MATCHED)

@@ -17,9 +17,8 @@ from types import SimpleNamespace
 import pytest
 
 from acquisition.bench import BenchConfig
-from acquisition.session.durable_write import FileParts, write_new_hashed
-from acquisition.session.reader import Session
-from acquisition.session.verification import verify
+from acquisition.session.files import FileParts, write_new_hashed
+from acquisition.session.reader import Session, verify
 from hil_mocks import SimulatedBench
 from hil_mocks.camera import CameraFaults
 from hil_mocks.stage import StageFaults

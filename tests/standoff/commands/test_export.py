@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import tifffile
 
-from acquisition.session_export import ExportFormat
+from acquisition.choices import ExportFormat
 from tests.acquisition.session_export.sessions import exported_session
 from tests.standoff.conftest import Command
 

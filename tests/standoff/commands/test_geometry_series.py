@@ -8,7 +8,7 @@ import pytest
 
 from acquisition.bench import BenchConfig
 from acquisition.plan import parse_plan
-from acquisition.session.take import Photograph
+from acquisition.session.record import Photograph
 from acquisition.session.writer import SessionWriter
 from calibration.geometry.series import GeometryCapture
 from tests.acquisition.session_fixtures import bench_of

@@ -17,8 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.reader import Session
-from acquisition.session.verification import verify
+from acquisition.session.reader import Session, verify
 from tests.acquisition.aravis_bench import needs_aravis
 from tests.hil_mocks.gige_bench import free_addresses
 from tests.standoff.commands.test_hostile_camera import aravis_bench_file
@@ -63,7 +62,7 @@ main()
 
 FAKE = """
 import sys
-from acquisition.aravis.library import load_aravis
+from acquisition.aravis.device import load_aravis
 fake = load_aravis().api.GvFakeCamera.new(sys.argv[1], "GV01")
 assert fake.is_running()
 print("ready", flush=True)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from acquisition.bench import load_bench, parse_overrides
-from acquisition.stages.grbl.axis import open_grbl_stage
-from acquisition.stages.zaber.axis import open_zaber_stage
+from acquisition.stages.grbl import open_grbl_stage
+from acquisition.stages.zaber import open_zaber_stage
 from hil_mocks.practice_bench import PracticeBench
 from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
 from standoff.shipped_configs import shipped_config

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from analysis.validation import kernels
-from simulation.kernelgan.estimate import EstimatedKernel, KernelGanSettings
+from simulation.kernelgan import EstimatedKernel, KernelGanSettings
 from standoff.library import Call, validation as validation_run
 from tests.analysis.height_series import height_series
 from tests.standoff.conftest import Command

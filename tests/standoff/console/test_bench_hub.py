@@ -8,8 +8,7 @@ import pytest
 
 from acquisition.capture.runner import CaptureProgress
 from acquisition.errors import StageLimitError
-from acquisition.session.reader import Session
-from acquisition.session.verification import verify
+from acquisition.session.reader import Session, verify
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs.job_runner import BusyError
 from standoff.console.web import messages

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.session.notes import SessionNotes
 from acquisition.session.reader import Session
+from acquisition.session.writer import SessionNotes
 from standoff.console.session_library import SessionLibrary, UnknownSessionError
 from tests.acquisition.session_fixtures import add, writer
 

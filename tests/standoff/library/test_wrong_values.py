@@ -14,7 +14,7 @@ import pytest
 import standoff
 from scripts.example_files import make_example_files
 from scripts.library_reference import TYPES
-from simulation.arguments.ranges import RANGES
+from simulation.arguments.errors import RANGES
 from standoff.errors import REPORTED_ERRORS, ArgumentError
 
 CALLS = 2500

@@ -6,8 +6,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from acquisition.session.reader import Session
-from acquisition.session.verification import verify
+from acquisition.session.reader import Session, verify
 from tests.standoff.console.console_rig import (
     FEW_PICTURES,
     ConsoleRig,

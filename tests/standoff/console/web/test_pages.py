@@ -17,7 +17,7 @@ pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 from starlette.testclient import TestClient
 
 from acquisition.errors import DeviceDisconnectedError, OperatorStopError
-from acquisition.session.notes import SessionNotes
+from acquisition.session.writer import SessionNotes
 from standoff.console.bench_checks import bench_checks
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices.device_status import DeviceStatus

@@ -12,7 +12,7 @@ pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 from starlette.testclient import TestClient
 
 from acquisition.choices import CaptureKind
-from acquisition.session.notes import SessionNotes
+from acquisition.session.writer import SessionNotes
 from standoff.console.session_library import SessionLibrary
 from standoff.console.web.application import console_app
 from standoff.console.web.session_page import ROWS_A_PAGE, _pair, session_document

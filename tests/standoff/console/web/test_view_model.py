@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from acquisition.errors import SessionError
+from acquisition.focus.live import FocusReading
 from acquisition.focus.measures import Region
-from acquisition.focus.trace import FocusReading
 from acquisition.plan import PlanEntry, PlanEstimate, parse_plan
 from acquisition.session import SessionWriter
 from analysis.pose import PoseVerdict, Verdict
