@@ -1,12 +1,7 @@
 """Reading and writing psf.json, noise.json, geometry.json and H.json; no other module does it."""
 
 from calibration.documents import read_document, write_document
-from calibration.errors import (
-    GeometryFileError,
-    HomographyFileError,
-    NoiseFileError,
-    PsfFileError,
-)
+from calibration.errors import GeometryFileError, HomographyFileError, NoiseFileError, PsfFileError
 from calibration.geometry import GeometryCalibration
 from calibration.noise import (
     CorrectionMaps,

@@ -13,7 +13,7 @@ from math import pi, sqrt
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.edge_search import band_half_width
+from calibration.edges import band_half_width
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 

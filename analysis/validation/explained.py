@@ -13,8 +13,7 @@ from scipy.ndimage import gaussian_filter
 from acquisition.session import CaptureImages
 from analysis.validation.pair import AlignedPair
 from analysis.validation.processing import crop_centre_half, subtract_background
-from calibration.psf import PsfCalibration
-from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
+from calibration.psf import PsfCalibration, focus_scatter_px2, psf_steps
 from simulation import PoseOptions, Psf
 from simulation.arrays import FloatArray
 from simulation.uncertainty import KnownErrors, SimulatedView, pixel_uncertainty

@@ -13,8 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import GeometryError
-from calibration.geometry.camera import LENS_SIZE, SHARED_SIZE, CapturePose, PlaneLens
-from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
+from calibration.geometry.camera import (
+    LENS_SIZE,
+    SHARED_SIZE,
+    CapturePose,
+    GeometryCapture,
+    PlaneLens,
+    PlaneMatches,
+    PosedCapture,
+    Series,
+)
 from simulation.arrays import BoolArray, FloatArray
 
 _POSE_SIZE = 4
@@ -47,7 +55,7 @@ class LensPrior:
         return np.array([self.k1, self.k2, self.principal_px, self.principal_px]) ** -2.0
 
 
-class ParameterColumns:
+class _ParameterColumns:
     """Columns of lens, tilts and poses among the parameters of an adjustment."""
 
     def __init__(self, series: Sequence[Series]) -> None:
@@ -97,9 +105,9 @@ class Adjustment:
         return tuple(one for own in self.series for one in own.captures)
 
     @property
-    def columns(self) -> ParameterColumns:
+    def columns(self) -> _ParameterColumns:
         """Columns of the parameters in ``covariance``."""
-        return ParameterColumns(self.series)
+        return _ParameterColumns(self.series)
 
     @property
     def first_in_mm(self) -> int | None:
@@ -112,13 +120,7 @@ class Adjustment:
         return tuple(np.sqrt(np.diag(self.covariance)[:LENS_SIZE]).tolist())
 
     def without(self, left_out: Collection[GeometryCapture]) -> Self:
-        """Adjust again without some captures, and without whatever depends on them.
-
-        Raises
-        ------
-        GeometryError
-            If nothing is left to adjust.
-        """
+        """Adjust again without some captures, and without whatever depends on them."""
         series = []
         for own in self.series:
             captures = tuple(one for one in own.captures if one.capture not in left_out)
@@ -192,14 +194,8 @@ def adjust(
 ) -> Adjustment:
     """Adjust lens, tilts and poses to the matches.
 
-    Parameters
-    ----------
-    series
-        The starting point, with poses accurate to some pixels. The focal length is kept.
-    matches
-        At least one set for each capture whose pose is not fixed.
-    prior
-        Prior knowledge of the lens.
+    The starting poses are right to some pixels, and the focal length is kept. Every capture whose
+    pose is not fixed needs a set of matches.
 
     References
     ----------
@@ -208,7 +204,7 @@ def adjust(
     standard errors for linear regression with multi-stage samples", 2002.
     """
     known = prior or LensPrior()
-    columns = ParameterColumns(series)
+    columns = _ParameterColumns(series)
     precisions = np.zeros(columns.size)
     precisions[:LENS_SIZE] = known.precisions
     free = np.ix_(columns.free, columns.free)
@@ -258,7 +254,7 @@ def _with_fits(
 
 
 def equations(
-    series: Sequence[Series], matches: Sequence[PlaneMatches], columns: ParameterColumns
+    series: Sequence[Series], matches: Sequence[PlaneMatches], columns: _ParameterColumns
 ) -> list[EquationRows]:
     """Equations of all matches at the present parameters, one part for each set of them."""
     numbers = {one.capture: n for n, own in enumerate(series) for one in own.captures}
@@ -274,7 +270,7 @@ def _rows(
     number: int,
     poses: Mapping[GeometryCapture, CapturePose],
     sets: PlaneMatches,
-    columns: ParameterColumns,
+    columns: _ParameterColumns,
 ) -> EquationRows:
     lens, pose = series.lens, poses[sets.capture]
     point, shared, own = _plane_equations(lens, pose, sets.seen_px)
@@ -362,7 +358,7 @@ def jackknife(
     return np.asarray(spread + gain @ np.diag(precisions[free]) @ gain)
 
 
-def _values(series: Sequence[Series], columns: ParameterColumns) -> FloatArray:
+def _values(series: Sequence[Series], columns: _ParameterColumns) -> FloatArray:
     values = np.zeros(columns.size)
     for number, own in enumerate(series):
         values[columns.shared(number)] = own.lens.parameters
@@ -372,7 +368,7 @@ def _values(series: Sequence[Series], columns: ParameterColumns) -> FloatArray:
 
 
 def _unpacked(
-    values: FloatArray, series: Sequence[Series], columns: ParameterColumns
+    values: FloatArray, series: Sequence[Series], columns: _ParameterColumns
 ) -> tuple[Series, ...]:
     return tuple(
         replace(

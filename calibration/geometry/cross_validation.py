@@ -16,16 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from calibration.geometry.bundle_adjustment import (
-    Adjustment,
-    EquationRows,
-    equations,
-    jackknife,
-)
-from calibration.geometry.camera import LENS_SIZE, CapturePose, PlaneLens
+from calibration.geometry.bundle_adjustment import Adjustment, EquationRows, equations, jackknife
+from calibration.geometry.camera import LENS_SIZE, CapturePose, PlaneLens, PlaneMatches
 from calibration.geometry.document import CrossValidation, HeldOut, PlaneSag
 from calibration.geometry.pupil import HEIGHT_FLOOR_MM, PupilFit, SeriesDistances
-from calibration.geometry.series import PlaneMatches
 from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _SURE_P = 1e-3

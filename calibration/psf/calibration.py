@@ -6,8 +6,9 @@ from math import ceil, hypot
 
 import numpy as np
 
-from calibration.edge_search import least_side_px
+from calibration.choices import Pattern
 from calibration.edges import (
+    PITCH_PX,
     REJECTING_FLAGS,
     EdgeImage,
     EdgeMeasurement,
@@ -15,25 +16,28 @@ from calibration.edges import (
     MeasuredTransfer,
     Method,
     Orientation,
+    PlanePlace,
+    least_side_px,
     mean_transfer,
+    plane_places,
 )
 from calibration.errors import NoEdgeError
+from calibration.estimate import Estimate
 from calibration.psf.consistency import (
     HeightGroup,
     HeightTrend,
     cross_validate,
     fit_height_trend,
-    measure_softness,
     shared_of,
 )
 from calibration.psf.covariance import (
     CovarianceFit,
-    Estimate,
     fit_covariance,
     independent,
     median_width,
+    with_shared,
 )
-from calibration.psf.document import PsfCalibration
+from calibration.psf.document import ColourPsf, PsfCalibration
 from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
 from calibration.psf.repeatability import (
     FocusScatter,
@@ -43,6 +47,7 @@ from calibration.psf.repeatability import (
     shared_reach_px2,
     without_blur,
 )
+from calibration.psf.softness import measure_softness
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
 from calibration.sharpness import with_sharpness
 from simulation.arrays import FloatArray
@@ -93,7 +98,7 @@ def calibrate_psf(
         del source  # before the next one is read
     used = [edge for edge in edges if edge.is_used]
     if not used:
-        raise no_edge_error(names, edges)
+        raise _no_edge_error(names, edges)
     return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
 
 
@@ -104,14 +109,8 @@ def psf_of_edges(
 ) -> PsfCalibration:
     """Compute the PSF from measured edges, at least one of which is usable.
 
-    Parameters
-    ----------
-    edges
-        All edges; the rejected ones are kept in the list.
-    method
-        How they were measured.
-    frame
-        Rows and columns of the photographs; None if they differ, and then no field is fitted.
+    Rejected edges are kept in the list. Photographs of different frames have none, and then no
+    field is fitted.
     """
     seen = [edge for edge in edges if edge.is_used]
     softness = measure_softness(seen)
@@ -196,7 +195,7 @@ def _medians(edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None) -
     """The paper's medians, whose errors hold what the captures share."""
     by_capture = _fit(edges, shared, is_optical=False).by_capture
     x, y = (
-        None if median is None else median.with_shared(by_capture)
+        None if median is None else with_shared(median, by_capture)
         for median in (_median_width(edges, "vertical"), _median_width(edges, "horizontal"))
     )
     return CovarianceFit(
@@ -326,7 +325,9 @@ def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None
     return None if axis is None else axis.value
 
 
-def no_edge_error(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) -> NoEdgeError:
+def _no_edge_error(
+    names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1
+) -> NoEdgeError:
     """Build the error that says why no edge of these photographs is usable, and the remedy."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
@@ -357,3 +358,67 @@ def _least_side_px(edges: list[EdgeMeasurement], pitch_px: int) -> int:
     widths = [edge.sigma_px for edge in edges if "too_short" in edge.flags]
     width = float(np.median(widths)) if widths else 0.0
     return ceil(pitch_px * least_side_px(width / pitch_px))
+
+
+COLOURS = ("red", "green", "blue")
+
+
+def _plane_source(source: EdgeImage, place: PlanePlace) -> EdgeImage:
+    """Return one colour plane of a mosaic photograph."""
+    clipped, masked = (
+        None if mask is None else place.plane(mask).astype(np.bool_)
+        for mask in (source.clipped, source.masked)
+    )
+    return replace(
+        source,
+        image_dn=place.plane(source.image_dn),
+        clipped=clipped,
+        masked=masked,
+        pitch_px=PITCH_PX,
+        first_x_px=place.first_x_px,
+        first_y_px=place.first_y_px,
+        sensor_shape=source.frame,
+    )
+
+
+def calibrate_mosaic(
+    sources: Iterable[EdgeImage],
+    pattern: Pattern,
+    channel: str = "green",
+    *,
+    method: Method = "all-angles",
+    selection: EdgeSelection = _TARGET,
+    progress: Callable[[int], None] = lambda _: None,
+) -> PsfCalibration:
+    """Measure the PSF of every colour of a mosaic, in pixels of the sensor.
+
+    Mosaics are read one at a time; the values are those of ``channel``, and the others are in
+    ``channels``.
+    """
+    edges: dict[str, list[EdgeMeasurement]] = {colour: [] for colour in COLOURS}
+    names: list[str] = []
+    frames: set[tuple[int, int]] = set()
+    for source in sources:
+        names.append(source.name)
+        frames.add(source.frame)
+        coloured = replace(source, pattern=pattern)
+        for place in plane_places(pattern):
+            plane = _plane_source(source, place)
+            found = selection.measured_in(plane, method)
+            shown = coloured if place.colour == channel else source
+            edges[place.colour].extend(with_sharpness(found, shown))
+        progress(len(names))
+        del source, coloured, shown, plane
+    if not any(edge.is_used for edge in edges[channel]):
+        raise _no_edge_error([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
+    frame = frames.pop() if len(frames) == 1 else None
+    channels = {
+        colour: psf_of_edges(found, method, frame if colour == channel else None)
+        for colour, found in edges.items()
+        if any(edge.is_used for edge in found)
+    }
+    colours = {
+        colour: ColourPsf.of(one.total, one.optical, edge_count=len(one.edges_used))
+        for colour, one in channels.items()
+    }
+    return channels[channel].model_copy(update={"channels": colours})

@@ -7,23 +7,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.session import CaptureRecord, Session
+from calibration.choices import Channel
 from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
 from calibration.psf.document import CameraIdentity, PsfOrigin
+from simulation.arrays import AnyArray, FloatArray
+
+REC601_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601-7, section 2.5.1
+
+
+def luma_plane(image: AnyArray, channel: Channel = "luma") -> FloatArray:
+    """Return one float64 plane of a grey or colour image.
+
+    Colours are red, green, blue, then an alpha channel that is ignored; luma is Rec. 601's, the
+    only channel of a grey image.
+    """
+    plane = np.asarray(image)
+    if plane.ndim == 3 and plane.shape[2] in (1, 2):
+        plane = plane[:, :, 0]
+    if plane.ndim == 2:
+        if channel != "luma":
+            raise ValueError(f"a grey image has no {channel} channel")
+        return plane.astype(np.float64)
+    if plane.ndim != 3 or plane.shape[2] not in (3, 4):
+        raise ValueError(f"an image has shape (rows, cols) or (rows, cols, 3), got {plane.shape}")
+    colours = plane[:, :, :3].astype(np.float64)
+    if channel == "luma":
+        return np.asarray(colours @ np.array(REC601_LUMA))
+    return np.asarray(colours[:, :, ("red", "green", "blue").index(channel)])
+
 
 EDGE_KINDS = ("edge", "board")
 SCENE_KINDS = ("texture", "chart")
 
 
 def edge_records(session: Session) -> list[CaptureRecord]:
-    """Return the captures from which a PSF can be measured.
-
-    Raises
-    ------
-    NoEdgeError
-        If the session has none.
-    """
+    """Return the captures from which a PSF can be measured."""
     records = [record for record in session.records if record.kind in EDGE_KINDS]
     if not records:
         raise NoEdgeError(
@@ -33,13 +53,7 @@ def edge_records(session: Session) -> list[CaptureRecord]:
 
 
 def scene_records(session: Session) -> list[list[CaptureRecord]]:
-    """Return the captures of each placement of a textured target, nearest first, without repeats.
-
-    Raises
-    ------
-    CalibrationError
-        If no target was captured at two heights.
-    """
+    """Captures of each placement of a textured target, nearest first, without repeats."""
     targets: dict[tuple[str, float], dict[float, CaptureRecord]] = {}
     for record in session.records:
         if record.kind in SCENE_KINDS:
@@ -64,13 +78,7 @@ def edge_images(
     correction: CorrectionMaps | None = None,
     frame_noise: LevelNoise | None = None,
 ) -> Iterator[EdgeImage]:
-    """Load the edge captures one by one; see ``capture_images``.
-
-    Raises
-    ------
-    NoEdgeError
-        If the session has no edge capture.
-    """
+    """Load the edge captures one by one; see ``capture_images``."""
     return capture_images(
         session, edge_records(session), correction=correction, frame_noise=frame_noise
     )
@@ -87,25 +95,7 @@ def capture_images(
 
     The noise is fitted to the temporal variance stored with the capture. A single frame has no
     variance: its noise is ``frame_noise``, or, without that, what the edge fit estimates from its
-    residuals.
-
-    Parameters
-    ----------
-    session
-        The session with the captures.
-    records
-        The captures to load.
-    correction
-        Correction maps of the sensor, applied to every capture and its variance.
-    frame_noise
-        Noise of one frame of the camera.
-
-    Raises
-    ------
-    CalibrationError
-        If the maps and a capture differ in size.
-    SessionError
-        If a capture file is missing or changed.
+    residuals. The maps of ``correction`` apply to every capture and its variance.
     """
     for record in records:
         images = session.load(record)

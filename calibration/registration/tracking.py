@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
-from calibration.registration.dense import zoom_at_centre
+from calibration.registration.descent import zoom_at_centre
 from calibration.registration.features import homography_pose, match_features
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
@@ -106,15 +106,7 @@ class TrackingReference:
     def anchored(self, frame: AnyArray) -> TrackedPose:
         """Find the pose with no prior knowledge: by matched features, then by the flow.
 
-        Parameters
-        ----------
-        frame
-            Grey, shape ``(rows, cols)``, finite.
-
-        Raises
-        ------
-        RegistrationError
-            If the reference is not recognised in the frame.
+        The frame is grey and finite; a reference that is not recognised is an error.
         """
         levels = _bytes_of(frame)
         matrix, _ = homography_pose(match_features(self._levels, levels))
@@ -123,18 +115,8 @@ class TrackingReference:
     def followed(self, frame: AnyArray, matrix: FloatArray) -> TrackedPose:
         """Measure the pose of a frame that is close to a known one.
 
-        Parameters
-        ----------
-        frame
-            Grey, shape ``(rows, cols)``, finite.
-        matrix
-            Shape (3, 3): the pose to start from, such as that of the previous frame.
-
-        Raises
-        ------
-        RegistrationError
-            If too few corners agree on a pose: the motion was too large, or something blocks the
-            view.
+        The pose to start from is that of the previous frame, for example. Too few corners that
+        agree are an error: the motion was too large, or something blocks the view.
         """
         return self._flowed(_bytes_of(frame), np.asarray(matrix, dtype=np.float64), 2)
 

@@ -97,10 +97,7 @@ from analysis.validation import (
     Validation as Validation,
     read_validation as read_validation,
 )
-from calibration.edges import (
-    EdgeMeasurement as EdgeMeasurement,
-    Region as Region,
-)
+from calibration.edges import EdgeMeasurement as EdgeMeasurement, Region as Region
 from calibration.files import (
     read_correction as read_correction,
     read_geometry as read_geometry,
@@ -118,13 +115,8 @@ from calibration.noise import (
     NoiseCalibration as NoiseCalibration,
     NoiseMeasurement as NoiseMeasurement,
 )
-from calibration.psf import (
-    PsfCalibration as PsfCalibration,
-)
-from calibration.registration import (
-    Homography as Homography,
-    Registration as Registration,
-)
+from calibration.psf import PsfCalibration as PsfCalibration
+from calibration.registration import Homography as Homography, Registration as Registration
 from hil_mocks import (
     SimulatedBench as SimulatedBench,
 )

@@ -10,7 +10,7 @@ from acquisition.averaging import AveragedFrames
 from acquisition.plan import CapturePlan, PlanEntry
 from acquisition.session.reader import Session
 from acquisition.session.take import Take
-from calibration.noise.noise_by_level import LevelNoise
+from calibration.noise import LevelNoise
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc

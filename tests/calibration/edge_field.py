@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.edges.image import EdgeImage
+from calibration.edges import EdgeImage
 from simulation.psf.field import PsfField
 
 COLS, ROWS = 520, 390

@@ -7,8 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from analysis.reports.page import ReportFigure, ReportSection, in_report_style, new_figure
-from calibration.edge_fit import edge_profile
-from calibration.edges import EdgeMeasurement
+from calibration.edges import EdgeMeasurement, edge_profile
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration
 from calibration.sharpness import edge_name, reported_mtf50, with_reach
 from simulation.arrays import FloatArray

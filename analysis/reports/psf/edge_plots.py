@@ -8,8 +8,7 @@ from scipy.ndimage import uniform_filter
 
 from analysis.reports.page import in_report_style, new_figure
 from analysis.reports.psf.edge_labels import LABEL_POINTS, placed_labels
-from calibration.edge_fit import edge_profile
-from calibration.edges import EdgeMeasurement
+from calibration.edges import EdgeMeasurement, edge_profile
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
 from simulation.arrays import FloatArray, FloatImage
 

@@ -9,12 +9,7 @@ import numpy as np
 
 from acquisition.printable import on_one_line
 from calibration.files import read_homography
-from calibration.registration import (
-    FeatureMatches,
-    Homography,
-    RegistrationHints,
-    parse_points,
-)
+from calibration.registration import FeatureMatches, Homography, RegistrationHints, parse_points
 from simulation.arguments import checked
 from simulation.arrays import BoolArray, FloatArray
 from simulation.by_value import ByValue

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
+from calibration.psf import focus_scatter_px2, psf_steps
 from simulation.arguments import check_fields
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.capture_noise import CaptureNoise

@@ -9,17 +9,10 @@ from numpy.typing import NDArray
 
 from acquisition.session import Session
 from calibration.choices import Channel, Pattern
-from calibration.edge_fit import JpegCompression
-from calibration.edges import EdgeImage, plane_places
+from calibration.edges import EdgeImage, JpegCompression, plane_places
 from calibration.errors import CalibrationError
 from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
-from calibration.psf import (
-    PsfOrigin,
-    edge_images,
-    edge_records,
-    luma_plane,
-    origin_of,
-)
+from calibration.psf import PsfOrigin, edge_images, edge_records, luma_plane, origin_of
 from simulation.arrays import FloatArray
 from standoff.library.call import Call
 from standoff.library.inputs import ImageLike

@@ -13,7 +13,7 @@ from analysis.changes.options import ChangeOptions
 from benchmarks.lens_optics import f_number, gaussian
 from benchmarks.pair_photographs import Development, Pair, PairPose, pair_of, seen_spot
 from benchmarks.pair_scenes import scene
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray, FloatImage
 
 FRAME = (170, 220)

@@ -18,7 +18,7 @@ from analysis.errors import AnalysisError, OverlapError
 from analysis.reports.results import plot_changes
 from analysis.results_file import write_results
 from benchmarks.change_roc import roc_of
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise

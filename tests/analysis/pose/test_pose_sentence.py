@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.pose.pose_sentence import describe_pose
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from analysis.reports.bench import (
     plot_stage,
     stage_section,
 )
-from calibration.noise.noise_by_level import LevelNoise
-from calibration.psf.document import PsfCalibration
+from calibration.noise import LevelNoise
+from calibration.psf import PsfCalibration
 from tests.acquisition.session_fixtures import session_with
 from tests.calibration.edge_session import FRAME_NOISE, FRAMES
 

@@ -6,7 +6,7 @@ from acquisition.session.reader import Session
 from analysis.reports.page import CONVENTION
 from analysis.reports.session import SessionNotes, render_session_report, versions, with_curves
 from analysis.validation.document import ExcludedCapture, Validation
-from calibration.psf.document import PsfCalibration
+from calibration.psf import PsfCalibration
 from calibration.sharpness import SharpnessLimits
 from tests.acquisition.session_fixtures import whole_session
 from tests.analysis.html_page import Page

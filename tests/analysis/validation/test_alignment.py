@@ -4,7 +4,7 @@ from hypothesis import given, strategies as st
 
 from analysis.errors import OverlapError
 from analysis.validation.alignment import bicubic_at, scaled_up, shared_window
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 
 
 @given(

@@ -8,7 +8,7 @@ from analysis.validation.metrics import ImageMetrics
 from analysis.validation.models import ModelInputs
 from analysis.validation.pair import AlignedPair, PairMetrics, compare_pair
 from analysis.validation.session import mean_metrics
-from calibration.registration.pair import Registration, register
+from calibration.registration import Registration, register
 from simulation import MODELS
 from tests.analysis.bench_session import PSF, SHAPE, texture_dn
 

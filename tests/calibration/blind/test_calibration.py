@@ -9,11 +9,11 @@ import pytest
 from scipy.optimize import brentq
 
 from acquisition.bench import load_bench
-from calibration.blind.calibration import calibrate_from_distances, calibrate_from_scene
-from calibration.edges.image import EdgeImage, Region
+from calibration.blind import calibrate_from_distances, calibrate_from_scene
+from calibration.edges import EdgeImage, Region
 from calibration.errors import NoEdgeError, PairError
-from calibration.noise.noise_by_level import LevelNoise
-from calibration.psf.document import PsfCalibration
+from calibration.noise import LevelNoise
+from calibration.psf import PsfCalibration
 from hil_mocks.scene import BenchTruth, CameraPose
 from tests.calibration.blob_scene import blob_photograph
 from tests.calibration.edge_photographs import (

@@ -5,11 +5,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 from scipy.integrate import quad
 
-from calibration.blind.single_image import (
-    FEWEST_EDGES,
-    _log_modified_gaussian,
-    fit_sharpest_widths,
-)
+from calibration.blind.calibration import FEWEST_EDGES, _log_modified_gaussian, fit_sharpest_widths
 from simulation.arrays import FloatArray
 
 

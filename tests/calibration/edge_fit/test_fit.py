@@ -5,10 +5,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
-from calibration.edge_fit.fit import EdgeFit, fit_edge
-from calibration.edge_search.detection import find_edges
-from calibration.edge_search.segments import EdgeSegment
-from calibration.noise.noise_by_level import LevelNoise
+from calibration.edges import EdgeFit, EdgeSegment, find_edges, fit_edge
+from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.special import log_ndtr
 
-from calibration.edge_fit.level_steps import level_steps
-from calibration.edge_fit.rounded import interval_terms
+from calibration.edges.residuals import level_steps
+from calibration.edges.rounded import interval_terms
 from tests.calibration.closed_form import edge_image
 
 

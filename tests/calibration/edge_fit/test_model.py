@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.edge_fit.model import edge_profile
+from calibration.edges import edge_profile
 from tests.calibration.closed_form import pixel_edge, point_edge
 
 DISTANCES = np.linspace(-6.0, 6.0, 97)

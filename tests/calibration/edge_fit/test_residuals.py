@@ -3,12 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.special import ndtr
 
-from calibration.edge_fit.residuals import (
-    noise_part,
-    outlier_weights,
-    profile_figures,
-    profile_flags,
-)
+from calibration.edges.residuals import noise_part, outlier_weights, profile_figures, profile_flags
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import point_edge
 

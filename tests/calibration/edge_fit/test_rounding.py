@@ -5,10 +5,8 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.special import ndtr
 
-from calibration.edge_fit.rounding import Rounding, rounding_bias
-from calibration.edges.gaussian_mtf import gaussian_mtf50
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import measure_edges
+from calibration.edges import EdgeImage, gaussian_mtf50, measure_edges
+from calibration.edges.residuals import Rounding, rounding_bias
 from tests.calibration.closed_form import edge_image
 
 

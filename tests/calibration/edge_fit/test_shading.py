@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration.edge_fit.shading import Shading, is_even, slope_left, slopes_across
-from calibration.edge_search import EdgeLine
-from calibration.edges import EdgeImage, measure_edges, pixel_mtf50
+from calibration.edges import EdgeImage, EdgeLine, measure_edges, pixel_mtf50
+from calibration.edges.shading import Shading, is_even, slope_left, slopes_across
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.squares import square_cover

@@ -6,10 +6,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from benchmarks.bench_edge_levels import compressed, level_errors
-from calibration.edge_fit.fit import fit_edge
-from calibration.edge_fit.jpeg import JpegCompression
-from calibration.edge_search.detection import find_edges
-from calibration.noise.noise_by_level import LevelNoise
+from calibration.edges import JpegCompression, find_edges, fit_edge
+from calibration.noise import LevelNoise
 from tests.calibration.closed_form import edge_image
 
 LINEAR_CODES = np.arange(256.0)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.edge_search.detection import find_edges
+from calibration.edges import find_edges
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
 from tests.calibration.squares import square_cover

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edge_search.segments import (
-    EdgeLine,
-    EdgeSegment,
-    band_half_width,
-    band_pixels,
-    side_level,
-)
+from calibration.edges import EdgeLine, EdgeSegment, band_half_width, band_pixels, side_level
 from tests.calibration.closed_form import edge_image
 
 SEGMENT = EdgeSegment(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.edge_search.segments import EdgeSegment
-from calibration.edge_search.target import beside_target
+from calibration.edges import EdgeSegment
+from calibration.edges.detection import beside_target
 from simulation.arrays import BoolArray, FloatArray
 
 SIGMA_PX = 0.8

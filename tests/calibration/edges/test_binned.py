@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.edges.binned import BinnedEdge, bin_centres_px
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import measure_edges
+from calibration.edges import BinnedEdge, EdgeImage, bin_centres_px, measure_edges
 from simulation.arrays import FloatArray
 from tests.calibration.lens_edges import (
     HIGH_DN,

@@ -2,19 +2,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.edge_fit.fit import EdgeFit
-from calibration.edges.binned import BinnedEdge, bin_edge
-from calibration.edges.esfr import (
+from calibration.edges import (
     SFR_FREQ_CY_PER_PX,
-    EdgeSfr,
-    is_aliased,
+    BinnedEdge,
+    EdgeFit,
+    EdgeImage,
+    EdgeMeasurement,
+    EdgeSamples,
+    bin_edge,
+    gaussian_mtf50,
+    measure_edges,
     measure_esfr,
-    widest_gap_px,
+    pixel_mtf50,
 )
-from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import EdgeMeasurement, measure_edges
-from calibration.edges.samples import EdgeSamples
+from calibration.edges.esfr import EdgeSfr, is_aliased, widest_gap_px
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
 from tests.calibration.diffraction import diffracted_edge, system_mtf, system_mtf50

@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
 
-from calibration.edges.axis_transfer import mean_transfer
-from calibration.edges.image import EdgeImage
+from calibration.edges import EdgeImage, mean_transfer
 from calibration.errors import PsfFileError
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.document import PsfCalibration
+from calibration.psf import PsfCalibration, calibrate_psf
 from tests.calibration.closed_form import edge_image
 
 

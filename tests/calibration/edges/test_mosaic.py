@@ -8,13 +8,10 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
 from calibration.choices import PATTERNS, Pattern
-from calibration.edge_fit.fit import fit_edge
-from calibration.edge_search.detection import find_edges
-from calibration.edges.image import EdgeImage, Region
-from calibration.edges.mosaic import in_sensor_pixels, optical_of_total, plane_places
-from calibration.edges.selection import EdgeSelection
+from calibration.edges import EdgeImage, EdgeSelection, Region, find_edges, fit_edge, plane_places
+from calibration.edges.image import in_sensor_pixels, optical_of_total
 from calibration.errors import NoEdgeError
-from calibration.psf.mosaic import calibrate_mosaic
+from calibration.psf import calibrate_mosaic
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, pixel_edge
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
+from calibration.edges import gaussian_mtf50, pixel_mtf50
 from tests.calibration.closed_form import pixel_edge
 
 

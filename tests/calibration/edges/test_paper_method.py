@@ -3,13 +3,9 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from calibration.edge_fit.fit import fit_edge
-from calibration.edge_search.detection import find_edges
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import measure_edges
-from calibration.edges.paper_method import BIN_PX, lsf_fit
-from calibration.edges.samples import EdgeSamples
-from calibration.psf.calibration import calibrate_psf
+from calibration.edges import EdgeImage, EdgeSamples, find_edges, fit_edge, measure_edges
+from calibration.edges.measurement import BIN_PX, lsf_fit
+from calibration.psf import calibrate_psf
 from calibration.psf.covariance import median_width
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_photographs import photographs

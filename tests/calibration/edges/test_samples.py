@@ -3,11 +3,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.edge_fit.fit import fit_edge
-from calibration.edge_search.detection import find_edges
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import EdgeMeasurement, measure_edges
-from calibration.edges.samples import EdgeSamples, edge_samples, roughness_px
+from calibration.edges import (
+    EdgeImage,
+    EdgeMeasurement,
+    EdgeSamples,
+    edge_samples,
+    find_edges,
+    fit_edge,
+    measure_edges,
+    roughness_px,
+)
 from tests.calibration.closed_form import edge_image, point_edge
 
 

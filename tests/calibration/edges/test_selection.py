@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import measure_edges
-from calibration.edges.selection import EdgeSelection, told_apart
+from calibration.edges import EdgeImage, EdgeSelection, measure_edges
+from calibration.edges.measurement import told_apart
 from hil_mocks import BenchTruth
 from tests.calibration.squares import chart
 from tests.hil_mocks.benches import bench_config

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.edge_search import least_side_px
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import EdgeMeasurement, measure_edges
+from calibration.edges import EdgeImage, EdgeMeasurement, least_side_px, measure_edges
 from calibration.errors import NoEdgeError
-from calibration.psf.calibration import calibrate_psf
+from calibration.psf import calibrate_psf
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import pixel_edge
 from tests.calibration.squares import crossing, square_cover

@@ -6,11 +6,10 @@ from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
 from benchmarks.no_edge_scenes import with_edges, without_edges
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import measure_edges
-from calibration.edges.straightness import Deviations, _deviations
+from calibration.edges import EdgeImage, measure_edges
+from calibration.edges.samples import Deviations, _deviations
 from calibration.errors import NoEdgeError
-from calibration.psf.calibration import calibrate_psf
+from calibration.psf import calibrate_psf
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calibration.geometry import Levelling, level_by_board, level_by_focus
 from calibration.geometry.board import BoardCorners
-from calibration.geometry.levelling import Levelling, level_by_board, level_by_focus
 from simulation.arrays import FloatArray
 
 SHAPE = (580, 780)

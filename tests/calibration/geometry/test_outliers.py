@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import GeometryError
-from calibration.geometry.outliers import ConsistentSeries, without_outliers
+from calibration.geometry.pupil import ConsistentSeries, without_outliers
 from tests.calibration.exact_survey import Survey
 from tests.calibration.geometry_bench import HEIGHTS_MM, PUPIL_MM, poses_over
 

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.geometry.pupil import (
-    HEIGHT_FLOOR_MM,
-    SeriesDistances,
-    fit_pupil,
-    height_outlier,
-)
+from calibration.geometry.pupil import HEIGHT_FLOOR_MM, SeriesDistances, fit_pupil, height_outlier
 from simulation.arrays import FloatArray
 
 HEIGHTS = np.array([180.0, 220.0, 275.0, 340.0, 430.0, 500.0])

@@ -8,9 +8,9 @@ import pytest
 
 from acquisition.session.reader import Session
 from calibration.errors import NoiseError
-from calibration.noise.capture_list import noise_records
-from calibration.noise.captures import measure_noise
-from calibration.noise.correction_maps import NOISE_DEFECT
+from calibration.noise import measure_noise
+from calibration.noise.document import NOISE_DEFECT
+from calibration.noise.measurement import noise_records
 from tests.acquisition.session_fixtures import session_with
 from tests.calibration.noise_session import DARKS_US, FLATS_US, FRAMES, SHAPE, noise_session
 from tests.calibration.poisson_frames import BLACK_DN, GAIN_E_PER_DN, READ_NOISE_E

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.noise.correction_maps import (
+from calibration.noise import CorrectionMaps
+from calibration.noise.document import (
     DARK_DEFECT,
     NOISE_DEFECT,
     RESPONSE_DEFECT,
-    CorrectionMaps,
     correction_maps,
     nonuniformity,
 )

@@ -13,8 +13,7 @@ from acquisition.untrusted import TiffDamageError
 from calibration.documents import json_object
 from calibration.errors import NoiseFileError
 from calibration.files import read_correction, read_noise, write_noise
-from calibration.noise.captures import NoiseMeasurement, measure_noise
-from calibration.noise.document import NoiseCalibration, write_map_files
+from calibration.noise import NoiseCalibration, NoiseMeasurement, measure_noise, write_map_files
 from tests.calibration.noise_session import SHAPE, noise_session
 from tests.calibration.poisson_frames import GAIN_E_PER_DN
 

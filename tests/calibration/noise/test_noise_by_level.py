@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.noise.noise_by_level import LevelNoise, fit_level_noise
+from calibration.noise import LevelNoise, fit_level_noise
 from simulation.arrays import FloatArray
 
 OFFSET_DN2, SLOPE_DN = 6.0, 0.11

@@ -5,9 +5,9 @@ import pytest
 from pydantic import ValidationError
 
 from calibration.errors import NoiseError, NoiseReason
-from calibration.noise.captures import VarianceByLevel
-from calibration.noise.linearity import measure_linearity
-from calibration.noise.photon_transfer import LevelSample, Saturation, fit_photon_transfer
+from calibration.noise import LevelSample, Saturation, fit_photon_transfer
+from calibration.noise.measurement import VarianceByLevel
+from calibration.noise.photon_transfer import measure_linearity
 from tests.calibration.poisson_frames import (
     BLACK_DN,
     GAIN_E_PER_DN,

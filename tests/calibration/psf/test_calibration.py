@@ -5,13 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.edge_fit.fit import EdgeFit, fit_edge
-from calibration.edges.image import EdgeImage, Region
-from calibration.edges.measurement import measure_edges
-from calibration.edges.selection import EdgeSelection
+from calibration.edges import EdgeFit, EdgeImage, EdgeSelection, Region, fit_edge, measure_edges
 from calibration.errors import NoEdgeError
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.covariance import Estimate
+from calibration.psf import Estimate, calibrate_psf
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_photographs import (
     EIGHT_NORMALS_DEG,

@@ -7,9 +7,8 @@ from acquisition.errors import SessionError
 from acquisition.session.reader import Session
 from acquisition.session.take import Photograph
 from calibration.errors import CalibrationError, NoEdgeError
-from calibration.noise.correction_maps import CorrectionMaps
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.captures import edge_images, edge_records, scene_records
+from calibration.noise import CorrectionMaps
+from calibration.psf import calibrate_psf, edge_images, edge_records, scene_records
 from tests.acquisition.session_fixtures import add, plan_of, writer
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG, SIGMA_X_PX, SIGMA_Y_PX
 from tests.calibration.edge_session import FRAME_NOISE, FRAMES, edge_session, photograph_dn

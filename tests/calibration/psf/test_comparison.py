@@ -5,8 +5,7 @@ from hypothesis import given, strategies as st
 
 from calibration.errors import CalibrationError
 from calibration.provenance import InputFile, Provenance
-from calibration.psf.comparison import compare_psfs, focus_repeatability
-from calibration.psf.document import PsfCalibration
+from calibration.psf import PsfCalibration, compare_psfs, focus_repeatability
 
 
 def psf(**values: object) -> PsfCalibration:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from calibration.edge_fit import JpegCompression
-from calibration.edges import EdgeImage
-from calibration.psf.calibration import calibrate_psf, psf_of_edges
+from calibration.edges import EdgeImage, JpegCompression
+from calibration.psf import calibrate_psf
+from calibration.psf.calibration import psf_of_edges
 from simulation.arrays import FloatArray
 from tests.calibration.psf.consistency.measured_edges import edge
 from tests.calibration.squares import chart

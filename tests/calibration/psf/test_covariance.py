@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.edges.orientation import orientation_of
-from calibration.psf.covariance import Estimate, fit_covariance
+from calibration.edges import orientation_of
+from calibration.psf import Estimate, fit_covariance
 from simulation.arrays import FloatArray
 
 

@@ -12,18 +12,18 @@ from hypothesis import given, strategies as st
 from calibration.documents import json_object
 from calibration.errors import PsfFileError
 from calibration.files import read_psf, write_psf
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.covariance import Estimate, PsfEstimates
-from calibration.psf.document import (
-    PSF_SCHEMA,
+from calibration.psf import (
     CameraIdentity,
     ColourPsf,
+    Estimate,
+    FieldFit,
     PairWidths,
     PsfCalibration,
+    PsfEstimates,
     PsfOrigin,
-    PsfWidths,
+    calibrate_psf,
 )
-from calibration.psf.field import FieldFit
+from calibration.psf.document import PSF_SCHEMA, PsfWidths
 from simulation.arrays import FloatArray
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG, photographs
 
@@ -157,7 +157,7 @@ def test_the_covariance_belongs_to_the_widths(calibration: PsfCalibration) -> No
 def test_an_estimate_comes_out_as_it_was_put_in(
     value: float, err: float, low: float, high: float
 ) -> None:
-    width = Estimate(value=value, err=err, low=low, high=high)
+    width = Estimate(value=value, err=err, interval_95=(low, high))
     total = PsfEstimates(sigma_x_px=width, sigma_y_px=None, rho=None, covariance_px2=None)
     for psf in (PsfWidths.of(total, None), PsfCalibration.of(total, total)):
         assert psf.total.sigma_x_px == width

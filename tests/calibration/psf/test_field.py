@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
+from calibration.psf import FieldFit, calibrate_psf
+from calibration.psf.field import FieldEdges, field_or_reason, fit_psf_field
 from simulation.arrays import FloatArray
 from simulation.psf.field import PsfField
 from tests.calibration.edge_field import COLS, FIELD, ROWS, frame_of_edges

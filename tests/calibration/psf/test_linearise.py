@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibration.choices import Channel
-from calibration.psf.linearise import luma_plane
+from calibration.psf import luma_plane
 
 
 def test_the_luma_weights_are_those_of_rec_601() -> None:

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.edges.binned import BinnedEdge
-from calibration.edges.measurement import measure_edges
-from calibration.psf.otf_choice import choose_otf, distinct_directions_deg, widest_gap_deg
-from calibration.psf.otf_forms import ELLIPTIC
-from calibration.psf.otf_slices import EdgeStack, StackedBins
+from calibration.edges import BinnedEdge, measure_edges
+from calibration.psf.otf_forms import ELLIPTIC, EdgeStack, StackedBins
+from calibration.psf.transfer_2d import choose_otf, distinct_directions_deg, widest_gap_deg
 from simulation.arrays import FloatArray
 from tests.calibration.lens_edges import AstigmaticLens, Lens, edge_photographs, pupil_transfer
 

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from calibration.edges.binned import BinnedEdge, bin_centres_px
-from calibration.psf.otf_choice import choose_otf
-from calibration.psf.otf_fit import OtfFit, fit_form, settled
-from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, ROUND
-from calibration.psf.otf_pool import pooled
-from calibration.psf.otf_slices import EdgeStack, StackedBins
+from calibration.edges import BinnedEdge, bin_centres_px
+from calibration.psf.otf_fit import OtfFit, fit_form, pooled, settled
+from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, ROUND, EdgeStack, StackedBins
+from calibration.psf.transfer_2d import choose_otf
 from simulation.arrays import FloatArray
 from tests.calibration.lens_edges import Lens, profile
 

@@ -10,11 +10,14 @@ from pydantic import ValidationError
 
 from calibration.errors import PsfFileError
 from calibration.files import read_psf, write_psf
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.document import PsfCalibration
-from calibration.psf.field import FieldFit
-from calibration.psf.mosaic import calibrate_mosaic
-from calibration.psf.transfer_2d import OtfTable, Transfer2d
+from calibration.psf import (
+    FieldFit,
+    OtfTable,
+    PsfCalibration,
+    Transfer2d,
+    calibrate_mosaic,
+    calibrate_psf,
+)
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, MeasuredPsf
 from tests.calibration.lens_edges import AstigmaticLens, Lens, edge_photographs

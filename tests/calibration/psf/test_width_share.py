@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.psf.covariance import fit_covariance, share_of_correlation
+from calibration.psf import fit_covariance, share_of_correlation
 
 
 def test_an_edge_five_degrees_off_upright_hides_nearly_a_tenth_of_rho() -> None:

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from calibration.files import read_psf
-from calibration.psf import FieldFit, PsfCalibration, Transfer2d
-from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
+from calibration.psf import FieldFit, PsfCalibration, Transfer2d, focus_scatter_px2, psf_steps
 from simulation import GaussianPsf, MeasuredPsf, PsfField, SampledTransfer, SeparablePsf
 
 PSF = PsfCalibration(

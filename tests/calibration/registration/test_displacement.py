@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.registration.displacement import SmoothDisplacement
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
+from calibration.registration.distorted_pose import SmoothDisplacement
 
 SHAPE = (60, 80)
 Y, X = (at.astype(np.float64) for at in np.mgrid[2:58:7, 3:77:7])

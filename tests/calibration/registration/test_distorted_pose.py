@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 
 SHAPE = (58, 78)

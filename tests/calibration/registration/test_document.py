@@ -9,7 +9,7 @@ import pytest
 
 from calibration.errors import HomographyFileError
 from calibration.files import read_homography, write_homography
-from calibration.registration.document import Homography
+from calibration.registration import Homography
 
 MATRIX = np.array([[1.5, 0.1, -20.0], [-0.1, 1.5, 5.0], [1e-5, 0.0, 1.0]])
 

@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from calibration.errors import RegistrationError
-from calibration.registration.displacement import SmoothDisplacement
-from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.feature_matches import FeatureMatches
+from calibration.registration import DistortedPose, FeatureMatches, RegistrationHints, register
+from calibration.registration.distorted_pose import SmoothDisplacement
 from calibration.registration.features import features_of
-from calibration.registration.hints import RegistrationHints
-from calibration.registration.pair import register
 from simulation.arrays import FloatArray
 from tests.calibration.registration.test_any_two import (
     Waves,

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from calibration.errors import RegistrationError
-from calibration.registration.features import ImageFeatures, features_of
-from calibration.registration.pair import Registration, register
-from calibration.registration.reference import RegistrationReference
+from calibration.registration import ImageFeatures, Registration, RegistrationReference, register
+from calibration.registration.features import features_of
 from simulation import GaussianPsf
 from simulation.arrays import Float32Array, FloatArray
 from tests.simulation.closed_form import Item, photograph, random_scene

@@ -4,18 +4,23 @@ import numpy as np
 import pytest
 
 from calibration.errors import RegistrationError
-from calibration.registration import pair as pair_module
-from calibration.registration.acceptance import ELSEWHERE_MOST
-from calibration.registration.candidates import Candidate, Choice, PhotographPair
-from calibration.registration.dense import (
+from calibration.registration import (
     Agreement,
     AlignedPhotograph,
     RefinedPose,
     block_votes,
+    pair as pair_module,
 )
-from calibration.registration.dense.place_errors import PlaceErrors
+from calibration.registration.candidates import (
+    ELSEWHERE_MOST,
+    Candidate,
+    Choice,
+    PhotographPair,
+    looked_again,
+    second_look,
+)
 from calibration.registration.hypotheses import PoseHypothesis
-from calibration.registration.second_look import looked_again, second_look
+from calibration.registration.refinement import PlaceErrors
 from simulation.arrays import FloatArray
 from tests.calibration.registration.test_any_two import error_px, middle, similarity, waves
 

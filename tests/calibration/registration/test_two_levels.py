@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.registration.dense import AlignedPhotograph
-from calibration.registration.pair import register
+from calibration.registration import AlignedPhotograph, register
 from simulation.arrays import FloatArray
 
 

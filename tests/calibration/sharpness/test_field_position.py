@@ -1,6 +1,6 @@
 import pytest
 
-from calibration.sharpness.field_position import position_in_field
+from calibration.sharpness import position_in_field
 from tests.calibration.sharpness.edges import edge_of
 
 

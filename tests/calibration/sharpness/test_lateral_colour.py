@@ -2,11 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.edge_fit.model import edge_profile
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import measure_edges
-from calibration.edges.mosaic import plane_places
-from calibration.sharpness.lateral_colour import edge_place, with_colour_shifts
+from calibration.edges import EdgeImage, edge_profile, measure_edges, plane_places
+from calibration.sharpness.resolution import edge_place, with_colour_shifts
 from simulation.arrays import FloatArray
 
 SHIFTS_PX = {"red": 0.30, "green": 0.0, "blue": -0.17}

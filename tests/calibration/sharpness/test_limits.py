@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from calibration.errors import LimitsFileError
-from calibration.sharpness.limits import read_limits
+from calibration.sharpness import read_limits
 from standoff.shipped_configs import shipped_config
 
 

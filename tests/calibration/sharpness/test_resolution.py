@@ -2,17 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import measure_edges
-from calibration.sharpness.resolution import (
-    gaussian_mtf50_err,
-    lp_per_mm,
-    lw_per_ph,
-    picture_height_px,
-    reported_mtf50,
-    with_sharpness,
-)
+from calibration.edges import EdgeImage, gaussian_mtf50, measure_edges, pixel_mtf50
+from calibration.sharpness import lp_per_mm, lw_per_ph, reported_mtf50, with_sharpness
+from calibration.sharpness.resolution import gaussian_mtf50_err, picture_height_px
 from tests.calibration.closed_form import edge_image
 from tests.calibration.sharpness.edges import edge_of
 

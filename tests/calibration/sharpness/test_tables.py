@@ -2,10 +2,8 @@ from math import radians
 
 import pytest
 
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import measure_edges
-from calibration.sharpness.resolution import reported_mtf50
-from calibration.sharpness.tables import edge_row
+from calibration.edges import EdgeImage, measure_edges
+from calibration.sharpness import edge_row, reported_mtf50
 from tests.calibration.closed_form import edge_image
 from tests.calibration.diffraction import diffracted_edge, system_mtf50
 from tests.calibration.sharpness.edges import edge_of

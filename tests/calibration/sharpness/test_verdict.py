@@ -3,15 +3,15 @@ from collections.abc import Sequence
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edges.measurement import EdgeMeasurement
-from calibration.sharpness.limits import SharpnessLimits
-from calibration.sharpness.tables import verdict_rows
-from calibration.sharpness.verdict import (
+from calibration.edges import EdgeMeasurement
+from calibration.sharpness import (
     LimitVerdict,
     Picture,
+    SharpnessLimits,
     judge_sharpness,
-    outcome_of,
+    verdict_rows,
 )
+from calibration.sharpness.verdict import outcome_of
 from tests.calibration.sharpness.edges import edge_of
 
 PICTURE = Picture(width_px=801, height_px=601, pixel_pitch_um=5.0)

@@ -13,7 +13,7 @@ import tifffile
 from analysis.detectability.curves import DetectabilityCurves
 from analysis.pose.series import read_pose_series
 from analysis.results_file import write_results
-from calibration.registration.pair import Registration, register
+from calibration.registration import Registration, register
 from simulation.arrays import FloatArray
 from standoff.library.series import pose_work, references
 from standoff.photographs.reader import read_image

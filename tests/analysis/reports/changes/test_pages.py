@@ -26,7 +26,7 @@ from analysis.reports.changes.sections import q_text, render_changes_report
 from analysis.reports.changes.time_line import plot_track_map, render_series_report
 from analysis.reports.changes.views import view_figures
 from analysis.screen import on_screen, white_level_dn
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 from tests.analysis.html_page import Page
 

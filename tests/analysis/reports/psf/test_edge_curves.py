@@ -2,11 +2,9 @@ import numpy as np
 import pytest
 
 from analysis.reports.psf.edge_curves import curves_section, plot_curves_of_edges
-from calibration.edge_fit.model import edge_profile
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import EdgeMeasurement, measure_edges
-from calibration.psf.document import PsfCalibration
-from calibration.sharpness.resolution import with_sharpness
+from calibration.edges import EdgeImage, EdgeMeasurement, edge_profile, measure_edges
+from calibration.psf import PsfCalibration
+from calibration.sharpness import with_sharpness
 from tests.calibration.closed_form import edge_image
 from tests.calibration.sharpness.edges import edge_of
 

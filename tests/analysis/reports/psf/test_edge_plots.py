@@ -3,7 +3,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from analysis.reports.psf.edge_plots import plot_edges, plot_profile, plot_widths_by_angle
-from calibration.psf.document import PsfCalibration
+from calibration.psf import PsfCalibration
 from tests.calibration.closed_form import edge_image
 from tests.calibration.sharpness.edges import edge_of
 

@@ -10,8 +10,8 @@ from analysis.reports.psf.field_map import (
     plot_field_map,
     plot_lateral_colour,
 )
-from calibration.edges.measurement import EdgeMeasurement
-from calibration.psf.document import PsfCalibration
+from calibration.edges import EdgeMeasurement
+from calibration.psf import PsfCalibration
 from tests.analysis.reports.psf.test_edge_plots import legend_of
 from tests.calibration.sharpness.edges import edge_of
 

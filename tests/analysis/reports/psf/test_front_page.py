@@ -2,8 +2,8 @@ import pytest
 
 from analysis.reports.psf.front_page import calibration_front, verdict_section
 from calibration.provenance import Provenance
-from calibration.psf.document import CameraIdentity, PsfCalibration
-from calibration.sharpness.limits import SharpnessLimits
+from calibration.psf import CameraIdentity, PsfCalibration
+from calibration.sharpness import SharpnessLimits
 from tests.calibration.sharpness.edges import edge_of
 
 

@@ -4,7 +4,7 @@ from analysis.reports.psf.history import (
     ordered_history,
     plot_history,
 )
-from calibration.psf.document import PsfCalibration
+from calibration.psf import PsfCalibration
 
 
 def psf(sigma_x_px: float, captured_utc: str | None, serial: str | None = "A7") -> PsfCalibration:

@@ -2,10 +2,8 @@ import numpy as np
 import pytest
 
 from analysis.reports.psf.plots import plot_field, plot_heights, plot_mtf, plot_transfer_2d
-from calibration.edges.axis_transfer import AxisTransfer, MeasuredTransfer
-from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
-from calibration.psf.document import PsfCalibration
-from calibration.psf.transfer_2d import Transfer2d
+from calibration.edges import AxisTransfer, MeasuredTransfer, gaussian_mtf50, pixel_mtf50
+from calibration.psf import PsfCalibration, Transfer2d
 from tests.analysis.reports.psf.test_edge_plots import legend_of
 from tests.calibration.edge_field import FIELD
 from tests.calibration.sharpness.edges import edge_of

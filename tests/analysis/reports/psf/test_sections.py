@@ -5,9 +5,8 @@ from acquisition.session.reader import Session
 from analysis.reports.psf.edge_table import edge_table_section
 from analysis.reports.psf.plots import field_section, widths_section
 from analysis.reports.psf.sections import calibration_sections, calibration_verdicts
-from calibration.edges.measurement import EdgeMeasurement
-from calibration.psf.document import PsfCalibration
-from calibration.psf.field import FieldFit
+from calibration.edges import EdgeMeasurement
+from calibration.psf import FieldFit, PsfCalibration
 from calibration.sharpness import reported_mtf50
 from simulation.arrays import Float32Array, FloatArray
 from tests.calibration.sharpness.edges import edge_of

@@ -5,7 +5,7 @@ import pytest
 
 from calibration.edges import EdgeMeasurement
 from calibration.psf.calibration import psf_of_edges
-from calibration.psf.consistency.halves import check_edges, check_heights
+from calibration.psf.consistency import check_edges, check_heights
 from tests.calibration.psf.consistency.measured_edges import edge, series, square
 
 HEIGHTS_MM = (180.0, 220.0, 270.0, 330.0, 400.0)

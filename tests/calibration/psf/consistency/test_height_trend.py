@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.consistency.height_trend import HeightTrend, fit_height_trend
+from calibration.psf import calibrate_psf
+from calibration.psf.consistency import HeightTrend, fit_height_trend
 from tests.calibration.edge_photographs import photographs
 
 HEIGHTS_MM = np.repeat([100.0, 200.0, 300.0, 400.0], 8)

@@ -5,10 +5,9 @@ from math import sqrt
 import numpy as np
 import pytest
 
+from calibration.psf import fit_covariance, measure_softness
 from calibration.psf.calibration import psf_of_edges
-from calibration.psf.consistency import measure_softness
-from calibration.psf.consistency.scales import capture_scales, side_px
-from calibration.psf.covariance import fit_covariance
+from calibration.psf.softness import capture_scales, side_px
 from tests.calibration.psf.consistency.measured_edges import (
     FOCAL_PX,
     PUPIL_MM,

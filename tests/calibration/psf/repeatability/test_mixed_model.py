@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.psf.covariance import CovarianceFit, fit_covariance
+from calibration.psf import fit_covariance
+from calibration.psf.covariance import CovarianceFit
 from calibration.psf.repeatability import FocusScatter, SharedByCapture
 from simulation.arrays import FloatArray, IntArray
 

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from PIL import Image
 
 from calibration.errors import CalibrationError
-from calibration.registration.point_table import POINT_COLUMNS
+from calibration.registration.features import POINT_COLUMNS
 from standoff.errors import ApplicationError, HintError
 from standoff.library.comparison.alignment_hints import (
     AlignmentHints,
