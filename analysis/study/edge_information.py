@@ -1,6 +1,6 @@
 """What the pixels of one straight edge tell about its width: Fisher information, before any frame.
 
-The edge is the one that ``calibration.edge_fit`` fits: two levels, a Gaussian rise, an offset, a
+The edge is the one that ``calibration.edges`` fits: two levels, a Gaussian rise, an offset, a
 turn and a curvature, in a band of pixels on either side. The pixels of a slanted edge lie at all
 distances from it, so that sums over pixels are integrals over the band; what varies along the edge
 is a power of the place, whose means are known. For white noise and a wide band the error has a

@@ -236,23 +236,9 @@ class _InterImageKernel:
     """Normal equations of the weights of the kernel between two photographs.
 
     ``far(p) = sum_q weights[r + q] near(H p + q) + offset``. The unknowns are the weights, row by
-    row, and the offset.
-
-    Parameters
-    ----------
-    radius_px
-        Reach r of the kernel on either side, near pixels.
-    normal
-        Normal matrix without the near image's noise, shape ``(n, n)``; it may be negative in
-        directions in which the near image has nothing but noise.
-    noisy_normal
-        The normal matrix as the pixels give it, noise included.
-    right
-        Right-hand side, shape ``(n,)``.
-    squares
-        Sum of the squares of the far pixels.
-    pixels
-        Number of far pixels used.
+    row, and the offset; r is ``radius_px``, in near pixels. ``normal`` is without the near image's
+    noise, so that it may be negative in directions in which that image has nothing else;
+    ``noisy_normal`` is what the pixels give. ``squares`` is the sum of the squared far pixels.
     """
 
     radius_px: int

@@ -5,7 +5,7 @@ taken off; weights from the residuals; the total and the optical width; slopes a
 the pixels ask for them. Together they take some six passes over the pixels, compiled as a whole:
 calls from Python in between would double the time, as ``benchmarks/bench_edge_fit.py`` says. Where
 levels are rounded or clipped so that it matters, a second part goes on from there.
-``calibration.edge_fit.fit`` makes the result readable.
+``calibration.edges.fit`` makes the result readable.
 """
 
 from math import log, sqrt
@@ -68,7 +68,7 @@ from simulation.compiled import compiled, compiled_part
 class WidthFit(NamedTuple):
     """One edge shape fitted to the pixels; valid only if ``is_found``.
 
-    The parameters are in the order of ``calibration.edge_fit.model``, the width as log sigma.
+    The parameters are in the order of ``calibration.edges.model``, the width as log sigma.
     """
 
     is_found: bool

@@ -80,18 +80,9 @@ class _ParameterColumns:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Adjustment:
-    """Adjusted series, the matches they were adjusted to, and their covariance.
+    """Adjusted series, whose lenses differ only in tilt, the matches, and the covariance.
 
-    Parameters
-    ----------
-    series
-        The series; their lenses differ only in tilt.
-    matches
-        The matches they were adjusted to.
-    prior
-        Prior knowledge of the lens.
-    covariance
-        Covariance of all parameters, zero for fixed ones; see ``columns``.
+    The covariance is of all parameters, by ``columns``, and zero for fixed ones.
     """
 
     series: tuple[Series, ...]

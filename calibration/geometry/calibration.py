@@ -33,17 +33,9 @@ _STEP = 1e-6
 class _StageAxis:
     """The stage's travel as seen by one series.
 
-    Parameters
-    ----------
-    pierce_px
-        Pixel (x, y) from which the image expands: where the line of travel through the pupil
-        intersects the image.
-    offset_px
-        The same, relative to the centre of the image.
-    covariance_px2
-        Covariance of either, shape (2, 2).
-    sideways
-        Distance of each capture from the straight line, shape (n, 2), in the unit of the series.
+    The image expands from the pixel ``pierce_px`` (x, y), where the line of travel through the
+    pupil intersects it; ``offset_px`` is the same relative to the centre. ``sideways`` are the
+    distances of the captures from the straight line, shape (n, 2), in the unit of the series.
     """
 
     pierce_px: FloatArray
@@ -457,14 +449,8 @@ _ALONE = "the other captures of its target are left out, and one capture alone i
 class GeometryOptions:
     """What is known beforehand.
 
-    Parameters
-    ----------
-    nominal_focal_px
-        Focal length divided by pixel pitch, both from the bench file.
-    scale_px_per_mm
-        Scale at the lowest height, if it was measured.
-    board
-        The ChArUco board that captures of kind board show.
+    The focal length is over the pixel pitch, both from the bench file; the scale is that at the
+    lowest height, if it was measured.
     """
 
     nominal_focal_px: float | None = None

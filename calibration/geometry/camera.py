@@ -259,17 +259,10 @@ class PosedCapture:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Series:
-    """The captures of one placement of a target.
+    """The captures of one placement of a target, and the lens, inclined as it is to this target.
 
-    Parameters
-    ----------
-    lens
-        The camera's lens, inclined as it is to this target.
-    captures
-        At least one.
-    is_in_mm
-        Whether the target has a known size. If not, lengths are in units of the first capture's
-        distance, and that capture's pose is fixed.
+    Lengths are in mm where the target has a known size; if not, in units of the first capture's
+    distance, and that capture's pose is fixed.
     """
 
     lens: PlaneLens
@@ -296,18 +289,9 @@ class Series:
 class PlaneMatches:
     """Pixels of one capture that show the same plane points as those of another, or of a board.
 
-    Parameters
-    ----------
-    capture
-        The capture.
-    seen_px
-        Its pixels (x, y), shape (n, 2).
-    other
-        The other capture; None where ``other_points`` are known plane points in mm.
-    other_points
-        Pixels of the other capture, or plane points, shape (n, 2).
-    covariance_px2
-        Covariance of the disagreement, in pixels of ``capture``, shape (n, 2, 2), up to a factor.
+    Pixels and points are x and y, shape (n, 2); ``other`` is None where the points are known ones
+    of a plane, in mm. The covariance is that of the disagreement in pixels of ``capture``, shape
+    (n, 2, 2), up to a factor.
     """
 
     capture: GeometryCapture

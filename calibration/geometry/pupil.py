@@ -34,22 +34,11 @@ _REVERSED = -0.5
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PupilFit:
-    """The pupil offset and the unit of each series, with residuals.
+    """The pupil offset and the unit of each series, its distance per mm, with residuals.
 
-    Parameters
-    ----------
-    pupil_offset_mm
-        Distance of the entrance pupil from the plane at height zero.
-    log_units
-        Logarithm of each series' unit: its distance per mm.
-    covariance
-        Covariance of the offset and the log units, in this order.
-    scatter_mm
-        Error of a height beyond that explained by the images.
-    degrees_of_freedom
-        Number of captures beyond those needed; with none, nothing was checked.
-    height_residuals_mm
-        Height read back minus the one that fits each capture's distance.
+    The offset is the distance of the pupil from the plane at height zero; the covariance is of the
+    offset and the log units, in this order. ``scatter_mm`` is the error of a height beyond that
+    explained by the images. With no degrees of freedom, nothing was checked.
     """
 
     pupil_offset_mm: float
@@ -88,14 +77,8 @@ class PupilFit:
 class SeriesDistances:
     """Heights of captures, and the distances of the camera according to the images.
 
-    Parameters
-    ----------
-    heights_mm
-        Read back, shape (n,); at least one series has two different ones.
-    series
-        Number of each capture's series, from 0 without gaps.
-    log_distances, covariance
-        From the images, in each series' own unit, shapes (n,) and (n, n).
+    Series are numbered from 0 without gaps, and at least one has two different heights; log
+    distances and their covariance are in each series' own unit.
     """
 
     heights_mm: FloatArray

@@ -64,24 +64,11 @@ class _NoiseCapture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseCaptures:
-    """Dark and flat captures of one camera at one gain.
+    """Dark and flat captures of one camera at one gain, at least one of each.
 
-    Parameters
-    ----------
-    captures
-        At least one dark and one flat.
-    max_level_dn
-        Largest level that the pixels can have.
-    frames_averaged
-        Frames in an ordinary capture of this camera.
-    usual_exposure_us
-        That of ordinary captures: with a dark current the dark map is of the darks nearest to it.
-    quantisation_dn2
-        Variance of the rounding to whole levels.
-    facts
-        Further fields of noise.json, by name: the gain, the camera, the time.
-    notes
-        What there is to say of them.
+    ``frames_averaged`` and ``usual_exposure_us`` are those of ordinary captures: with a dark
+    current the dark map is of the darks nearest to it. ``quantisation_dn2`` is the variance of the
+    rounding to whole levels, ``facts`` are further fields of noise.json by name.
     """
 
     captures: tuple[_NoiseCapture, ...]
@@ -180,20 +167,11 @@ _INTEGERS = (np.uint8, np.uint16)
 
 
 class FrameGroup:
-    """Frames of one dark or flat level, at one exposure and gain.
+    """Frames of one dark or flat level, at one exposure (None where it is not known) and gain.
 
     Levels of 8 and 16 bits are summed exactly, as in a capture of the bench; those of other types
     as Welford does ("Note on a method for calculating corrected sums of squares and products",
     Technometrics 4, 1962, 419).
-
-    Parameters
-    ----------
-    kind
-        What the frames show.
-    name
-        Of the group, for tables and messages.
-    exposure_us
-        None where it is not known.
     """
 
     def __init__(self, kind: NoiseKind, name: str, exposure_us: float | None = None) -> None:
@@ -364,11 +342,6 @@ class VarianceByLevel:
 
     Because it works by pixel and not by capture, uneven light does not smear the level at which
     pixels clip.
-
-    Parameters
-    ----------
-    max_level_dn
-        Largest level the pixel format holds.
 
     References
     ----------

@@ -209,19 +209,10 @@ _CORRELATION_MOST = 0.9995
 class Agreement:
     """Agreement of two photographs at a pose.
 
-    Parameters
-    ----------
-    correlation
-        Of the locally normalised photographs over the overlap.
-    significance
-        That correlation in standard deviations of those at other shifts, both after Fisher's
-        transformation.
-    overlap_px, overlap
-        Pixels of the coarser photograph in common, at the resolution of the comparison, and as a
-        share of its usable ones.
-    rival_correlation, rival_shift_px
-        The highest correlation elsewhere, and its shift ``(x, y)`` in pixels of the coarser
-        photograph.
+    ``significance`` is the correlation in standard deviations of those at other shifts, both after
+    Fisher's transformation. The overlap counts pixels of the coarser photograph at the resolution
+    of the comparison, and is a share of its usable ones. The rival is the highest correlation
+    elsewhere, at a shift ``(x, y)`` in pixels of the coarser photograph.
     """
 
     correlation: float

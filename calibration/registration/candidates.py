@@ -381,14 +381,8 @@ def not_mirrored(says: str = "") -> RegistrationError:
 class MirrorImage:
     """The mirror image of a follow-up, to be compared with the reference like the follow-up.
 
-    Parameters
-    ----------
-    pair
-        The photographs.
-    features
-        Of the reference and of the follow-up.
-    zoom
-        Expected ratio of distances, follow-up over reference; None for any.
+    ``features`` are those of the reference and of the follow-up; the zoom is the expected ratio of
+    distances, follow-up over reference, None for any.
     """
 
     def __init__(
@@ -462,16 +456,9 @@ _SIGNIFICANT = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _SecondLook:
-    """Matches of the target with the source as a pose shows it.
+    """Matches of the target with the source as a pose shows it, ``factor`` to a target pixel.
 
-    Parameters
-    ----------
-    matches
-        Of the target and of the source.
-    factor
-        Target pixels to one of the view.
-    chance_count
-        Matches by chance, which lie anywhere within reach: twice those of the outer half of it.
+    Those by chance lie anywhere within reach: they are twice those of the outer half of it.
     """
 
     matches: FeatureMatches

@@ -50,22 +50,11 @@ _AROUND = 0.25
 
 
 class LevelPair:
-    """Two photographs brought to one resolution near a pose.
+    """Two photographs, the finer source and the coarser target, at one resolution near a pose.
 
-    Parameters
-    ----------
-    photographs
-        The finer one, the source, and the coarser one, the target.
-    pose
-        Approximate, target to source.
-    psf
-        Total PSF of the camera.
-    factor
-        Pixels of the target that are averaged along each axis.
-    samples
-        Most pixels to compare; with the smoothing, neighbours tell hardly anything new.
-
-    ``scatters`` are the samples whose residuals tell how large residuals are.
+    The pose maps target to source, approximately; ``factor`` pixels of the target are averaged
+    along each axis. Of the ``samples`` at most are compared: with the smoothing, neighbours tell
+    hardly anything new. ``scatters`` are those whose residuals tell how large residuals are.
     """
 
     def __init__(
@@ -223,16 +212,8 @@ class _Prior:
 class PoseMotions:
     """The parameters of a pose but its displacement, and how each of them moves samples.
 
-    Parameters
-    ----------
-    y_px, x_px
-        Samples of the target, shape (n,).
-    shape
-        ``(rows, cols)`` of the target.
-    fits_distortion
-        Whether the lens's distortion is a parameter, the last one.
-
-    ``projective`` are the displacements of ``_projective_flows``.
+    Samples are pixels of the target; the lens's distortion is the last parameter where it is
+    fitted, and ``projective`` are the displacements of ``_projective_flows``.
     """
 
     def __init__(
@@ -348,18 +329,9 @@ _DAMPING_MAX = 1e4
 class Residuals:
     """The photographs at one pose: the light fitted, what is left and what it weighs.
 
-    Parameters
-    ----------
-    pose
-        Target to source.
-    inside
-        Samples that the source shows, shape (n,).
-    light, light_columns
-        Coefficients and columns of ``LevelPair.light_columns``.
-    residual, scale, weight
-        Target less prediction, 0 outside; its scatter by blocks; robust weight over variance.
-    cost
-        Mean of the biweight's loss, between 0 and 1.
+    The source shows the samples ``inside``; residuals are target less prediction, 0 outside, scales
+    their scatter by blocks, weights robust ones over the variance. The cost is the mean of the
+    biweight's loss, between 0 and 1.
     """
 
     pose: DistortedPose
@@ -378,15 +350,7 @@ class Residuals:
 
 
 class PoseDescent:
-    """Descent of a pose at one resolution.
-
-    Parameters
-    ----------
-    pair
-        The photographs.
-    motions
-        The pose's degrees of freedom.
-    """
+    """Descent of a pose at one resolution, in the pose's degrees of freedom."""
 
     def __init__(self, pair: LevelPair, motions: PoseMotions) -> None:
         self._pair = pair

@@ -63,16 +63,10 @@ _INVERSE_TOLERANCE_PX = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SmoothDisplacement:
-    """A uniform cubic B-spline over one of two photographs.
+    """A uniform cubic B-spline over one of two photographs, whose pixels it displaces.
 
-    Parameters
-    ----------
-    knots_px
-        Shape (2, n, m), at least 4 x 4: coefficients of the displacement along y and x.
-    shape
-        ``(rows, cols)`` of the photograph.
-    photograph
-        Whose pixels are displaced.
+    Knots are coefficients of the displacement along y and x, shape (2, n, m), at least 4 x 4; the
+    shape is the photograph's.
     """
 
     knots_px: FloatArray = field(repr=False)

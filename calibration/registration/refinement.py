@@ -46,20 +46,10 @@ _LEAST_BLOCKS = 12
 class _Bend:
     """Smooth displacement of a target's blocks from what its residuals say.
 
-    Parameters
-    ----------
-    basis
-        Shape (blocks, knots): the displacement's basis functions at the blocks' centres.
-    curvature
-        Shape (blocks, 2, 2): information on each block's displacement ``(y, x)``, px^-2.
-    pull
-        Shape (blocks, 2): score of each block's displacement, px^-1.
-    cost
-        Shape (blocks,): weighted squares of the residuals.
-    is_odd
-        Half of the blocks, like the black squares of a chessboard.
-    shape
-        ``(rows, cols)`` of the target.
+    By blocks: the displacement's basis functions at their centres, shape (blocks, knots), the
+    information on each displacement ``(y, x)`` in px^-2, its score in px^-1, and the weighted
+    squares of the residuals. ``is_odd`` are half of the blocks, like the black squares of a
+    chessboard.
     """
 
     basis: FloatArray = field(repr=False)

@@ -51,18 +51,10 @@ _CLIPPED_PERCENT = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TrackedPose:
-    """Pose of a frame in the reference.
+    """Pose of a frame in the reference, from frame to reference pixel centres.
 
-    Parameters
-    ----------
-    matrix
-        Shape (3, 3), last element 1: frame pixel centres ``(x, y, 1)`` to reference pixel centres.
-    zoom
-        Reference pixels per frame pixel at the frame's centre.
-    inlier_count
-        Number of corners that agree with the pose.
-    rms_px
-        Rms distance of these corners from the pose in frame px.
+    The zoom is in reference pixels per frame pixel at the frame's centre; ``rms_px`` is the
+    distance in frame px of the corners that agree.
     """
 
     matrix: FloatArray = field(repr=False)
@@ -80,17 +72,9 @@ class _Softened:
 
 
 class TrackingReference:
-    """A reference image, prepared for finding it in frame after frame.
+    """A grey reference image, prepared for finding it in frame after frame.
 
-    Parameters
-    ----------
-    reference
-        Grey, shape ``(rows, cols)``, finite.
-
-    Raises
-    ------
-    RegistrationError
-        If it has too few corners to track.
+    It is an error if it has too few corners to track.
     """
 
     def __init__(self, reference: AnyArray) -> None:

@@ -10,7 +10,7 @@ from PIL import Image
 
 from calibration.edges import gaussian_mtf50
 from tests.calibration.closed_form import edge_image
-from tests.calibration.edges.test_mosaic import SIGMAS, mosaic
+from tests.calibration.edges.test_image import SIGMAS, mosaic
 from tests.standoff.conftest import Command
 
 

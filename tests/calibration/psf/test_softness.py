@@ -8,14 +8,7 @@ import pytest
 from calibration.psf import fit_covariance, measure_softness
 from calibration.psf.calibration import psf_of_edges
 from calibration.psf.softness import capture_scales, side_px
-from tests.calibration.psf.consistency.measured_edges import (
-    FOCAL_PX,
-    PUPIL_MM,
-    SIDE_MM,
-    edge,
-    series,
-    square,
-)
+from tests.calibration.psf.measured_edges import FOCAL_PX, PUPIL_MM, SIDE_MM, edge, series, square
 
 
 def test_the_side_of_a_square_is_the_distance_of_its_edges() -> None:
