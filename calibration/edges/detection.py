@@ -1,16 +1,14 @@
 """Find all straight edges of an image, at any angle, and tell those of a target from its scene.
 
-Find all straight edges of an image, at any angle. Ridges of the gradient (Canny's non-maximum
-suppression and hysteresis) are grown into regions of one direction; each region gets a line by
-total least squares weighted with the squared gradient; collinear pieces are joined; what is too
-near is kept out of the fit's band.
+Ridges of the gradient (Canny's non-maximum suppression and hysteresis) are grown into regions of
+one direction; each region gets a line by total least squares weighted with the squared gradient;
+collinear pieces are joined; what is too near is kept out of the fit's band.
 
-Which edges of a photograph belong to a target, and which to the scene beside it. A target is a
-printed pattern: many edges of the same two levels that meet in corners. Levels are compared between
-neighbours, so that the light may fall off over the frame, and directions with those nearby, so that
-perspective may turn them; an edge far wider than the pattern's near by is no part of it. Where no
-such pattern stands out, all edges are the target's: one slanted edge, a fan of edges, or a chart of
-a few large patches.
+A target is a printed pattern: many edges of the same two levels that meet in corners. Levels are
+compared between neighbours, so that the light may fall off over the frame, and directions with
+those nearby, so that perspective may turn them; an edge far wider than the pattern's near by is no
+part of it. Where no such pattern stands out, all edges are the target's: one slanted edge, a fan of
+edges, or a chart of a few large patches.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,7 @@
 """A straight or slightly curved edge as the sensor sees it, and its least-squares fit.
 
-A straight or slightly curved edge as the sensor sees it, and its derivatives. Two edge shapes share
-one parametrisation, with ``d`` the signed distance of a pixel centre from the edge and ``E(d)``
-rising from 0 to 1:
+Two edge shapes share one parametrisation, with ``d`` the signed distance of a pixel centre from the
+edge and ``E(d)`` rising from 0 to 1:
 
 - *plain*: ``E = Phi(d / sigma)``, an edge sampled at points; sigma is the **total** width.
 - *pixel square*: the same edge averaged over the unit pixel, whose projection on the edge

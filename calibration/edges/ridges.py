@@ -1,12 +1,10 @@
 """Ridges of an image's gradient, found strip by strip and grouped into regions with a line each.
 
-Ridges of an image's gradient, found strip by strip, and its noise in dark and bright areas. An
-image is never copied as a whole: memory that is touched for the first time costs more than the
+An image is never copied as a whole: memory that is touched for the first time costs more than the
 filters do. What is kept are the ridge pixels, each with what a line through it needs.
 
-Ridges of an image's gradient, grouped into regions of one direction, each with its line. The loops
-are compiled: an image has hundreds of regions of a hundred pixels each, and numpy's cost per call
-would be most of the time. ``benchmarks/bench_edge_fit.py`` shows what that gains.
+The loops are compiled: an image has hundreds of regions of a hundred pixels each, and numpy's cost
+per call would be most of the time. ``benchmarks/bench_edge_fit.py`` shows what that gains.
 """
 
 from dataclasses import dataclass

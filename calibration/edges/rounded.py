@@ -5,11 +5,11 @@ saturation level a pixel is at least that bright, at black at most that dark. Le
 level of a clipped pixel for its own and find the edge too narrow: by 0.6 to 3 % where a third of
 the pixels is clipped. Their likelihood has no such bias, and its error grows with what is not seen.
 
-The most likely edge for rounded pixels: each tells an interval of levels, not a level. Where the
-noise is below half a step, what rounding adds is neither independent of the level nor of mean 0: a
-flat side comes out at one or two codes whose mean is off by up to half a step, and least squares
-take that for a change of the width. The likelihood of a pixel is therefore the probability that its
-level plus Gaussian noise of standard deviation s lies in the interval that is stored as its code,
+Where the noise is below half a step, what rounding adds is neither independent of the level nor of
+mean 0: a flat side comes out at one or two codes whose mean is off by up to half a step, and least
+squares take that for a change of the width. The likelihood of a pixel is therefore the probability
+that its level plus Gaussian noise of standard deviation s lies in the interval that is stored as
+its code,
 
     P = Phi((upper - mu) / s) - Phi((lower - mu) / s),
 

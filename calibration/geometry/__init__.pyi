@@ -6,19 +6,19 @@ from .board import (
     level_by_board as level_by_board,
     level_by_focus as level_by_focus,
 )
-from .bundle_adjustment import LensPrior as LensPrior
+from .bundle_adjustment import (
+    LENS_SIZE as LENS_SIZE,
+    SHARED_SIZE as SHARED_SIZE,
+    GeometryCapture as GeometryCapture,
+    LensPrior as LensPrior,
+    PlaneLens as PlaneLens,
+)
 from .calibration import (
     GeometryOptions as GeometryOptions,
     calibrate_geometry as calibrate_geometry,
     geometry_captures as geometry_captures,
     geometry_records as geometry_records,
     nominal_focal_px as nominal_focal_px,
-)
-from .camera import (
-    LENS_SIZE as LENS_SIZE,
-    SHARED_SIZE as SHARED_SIZE,
-    GeometryCapture as GeometryCapture,
-    PlaneLens as PlaneLens,
 )
 from .document import (
     CaptureGeometry as CaptureGeometry,

@@ -12,8 +12,7 @@ from acquisition.session import CaptureRecord, Session
 from calibration.errors import GeometryError
 from calibration.estimate import Estimate
 from calibration.geometry.board import DEFAULT_BOARD, CharucoBoard
-from calibration.geometry.bundle_adjustment import Adjustment
-from calibration.geometry.camera import Exclusion, GeometryCapture, PlaneLens
+from calibration.geometry.bundle_adjustment import Adjustment, Exclusion, GeometryCapture, PlaneLens
 from calibration.geometry.cross_validation import cross_validation
 from calibration.geometry.document import (
     CaptureGeometry,

@@ -16,8 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from calibration.geometry.bundle_adjustment import Adjustment, EquationRows, equations, jackknife
-from calibration.geometry.camera import LENS_SIZE, CapturePose, PlaneLens, PlaneMatches
+from calibration.geometry.bundle_adjustment import (
+    LENS_SIZE,
+    Adjustment,
+    CapturePose,
+    EquationRows,
+    PlaneLens,
+    PlaneMatches,
+    equations,
+    jackknife,
+)
 from calibration.geometry.document import CrossValidation, HeldOut, PlaneSag
 from calibration.geometry.pupil import HEIGHT_FLOOR_MM, PupilFit, SeriesDistances
 from simulation.arrays import BoolArray, FloatArray, IntArray

@@ -18,15 +18,17 @@ from scipy.ndimage import correlate1d, gaussian_filter, map_coordinates
 
 from calibration.errors import GeometryError, RegistrationError
 from calibration.geometry.board import BoardCorners, CharucoBoard, find_board
-from calibration.geometry.bundle_adjustment import Adjustment, LensPrior, adjust
-from calibration.geometry.camera import (
+from calibration.geometry.bundle_adjustment import (
+    Adjustment,
     CapturePose,
     Exclusion,
     GeometryCapture,
+    LensPrior,
     PlaneLens,
     PlaneMatches,
     PosedCapture,
     Series,
+    adjust,
 )
 from calibration.registration import ImageFeatures, find_features, homography_pose
 from simulation.arrays import BoolArray, FloatArray

@@ -16,8 +16,7 @@ from scipy.optimize import brentq
 from scipy.stats import t as student_t
 
 from calibration.errors import GeometryError
-from calibration.geometry.bundle_adjustment import Adjustment
-from calibration.geometry.camera import Exclusion, Series
+from calibration.geometry.bundle_adjustment import Adjustment, Exclusion, Series
 from simulation.arrays import BoolArray, FloatArray
 
 HEIGHT_FLOOR_MM = 0.0005

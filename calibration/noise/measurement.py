@@ -417,9 +417,7 @@ class NoiseMeasurement(Shown, ByValue):
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the variance of a frame against the light, with the fit."""
-        from calibration.noise.photon_transfer import (
-            draw_photon_transfer,  # matplotlib, for whoever looks
-        )
+        from calibration.noise.photon_transfer import draw_photon_transfer
         from simulation.figures import drawn
 
         def draw(axes: "Axes") -> None:

@@ -1,6 +1,7 @@
-from .calibration import calibrate_mosaic as calibrate_mosaic, calibrate_psf as calibrate_psf
-from .captures import (
+from .calibration import (
     REC601_LUMA as REC601_LUMA,
+    calibrate_mosaic as calibrate_mosaic,
+    calibrate_psf as calibrate_psf,
     capture_images as capture_images,
     edge_images as edge_images,
     edge_records as edge_records,

@@ -4,9 +4,8 @@ Lateral colour: how far red and blue stand from green across the same edge. The 
 in each colour, with position, width and both levels free. What all colours share (a curved edge,
 shading, a PSF that is not Gaussian) drops out of the difference.
 
-MTF50 in the units that people ask for, with its uncertainty. ISO 12233:2023, clause 4: line widths
-per picture height are ``2 f H``, with the frequency ``f`` in cycles per pixel and the picture's
-height ``H`` in pixels; a line pair is one cycle.
+ISO 12233:2023, clause 4: line widths per picture height are ``2 f H``, with the frequency ``f`` in
+cycles per pixel and the picture's height ``H`` in pixels; a line pair is one cycle.
 """
 
 from collections.abc import Iterator, Sequence

@@ -22,12 +22,7 @@ from calibration.edges import EdgeMeasurement
 from calibration.errors import LimitsFileError
 from calibration.estimate import NORMAL_95, Estimate, with_reach as with_reach
 from calibration.robust import robust_sigma
-from calibration.sharpness.resolution import (
-    lp_per_mm,
-    lw_per_ph,
-    picture_height_px,
-    reported_mtf50,
-)
+from calibration.sharpness.resolution import lp_per_mm, lw_per_ph, picture_height_px, reported_mtf50
 
 Direction = Literal["meridional", "sagittal"]
 Corner = Literal["top left", "top right", "bottom left", "bottom right"]

@@ -6,8 +6,7 @@ from typing import Literal
 import numpy as np
 
 from calibration.geometry import GeometryCapture
-from calibration.geometry.bundle_adjustment import Adjustment, adjust
-from calibration.geometry.camera import PlaneMatches
+from calibration.geometry.bundle_adjustment import Adjustment, PlaneMatches, adjust
 from calibration.geometry.pupil import ConsistentSeries, without_outliers
 from simulation.arrays import FloatArray
 from tests.calibration.exact_survey import Survey

@@ -19,12 +19,12 @@ from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
 from calibration.errors import PsfFileError
 from calibration.psf import (
     ORIENTATION_COLOURS,
+    HeightTrend,
     PsfCalibration,
     Transfer2d,
     draw_mtf,
     draw_transfer_2d,
 )
-from calibration.psf.consistency import HeightTrend
 from calibration.sharpness import NORMAL_95, with_reach
 from simulation.psf import PsfField
 

@@ -19,8 +19,8 @@ from calibration.geometry import (
     calibrate_geometry,
     calibration,
 )
+from calibration.geometry.bundle_adjustment import Exclusion
 from calibration.geometry.calibration import length_of
-from calibration.geometry.camera import Exclusion
 from calibration.geometry.matching import MatchedCaptures
 from tests.calibration.exact_survey import Survey
 from tests.calibration.geometry_bench import FOCAL_PX, HEIGHTS_MM, PUPIL_MM, poses_over

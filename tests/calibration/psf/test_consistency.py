@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.edges import EdgeMeasurement
-from calibration.psf import calibrate_psf
+from calibration.psf import HeightTrend, calibrate_psf
 from calibration.psf.calibration import psf_of_edges
-from calibration.psf.consistency import HeightTrend, check_edges, check_heights, fit_height_trend
+from calibration.psf.consistency import check_edges, check_heights, fit_height_trend
 from tests.calibration.edge_photographs import photographs
 from tests.calibration.psf.measured_edges import edge, series, square
 
