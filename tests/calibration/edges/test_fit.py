@@ -9,6 +9,7 @@ from calibration.edges import EdgeFit, EdgeSegment, edge_profile, find_edges, fi
 from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, pixel_edge, point_edge
+from tests.calibration.known import known
 
 DISTANCES = np.linspace(-6.0, 6.0, 97)
 
@@ -42,9 +43,7 @@ def only_fit(
 ) -> EdgeFit:
     segments = find_edges(image, cell_px=1000.0)
     assert len(segments) == 1
-    fit = fit_edge(image, segments[0], noise=noise, saturation_dn=saturation_dn)
-    assert fit is not None
-    return fit
+    return known(fit_edge(image, segments[0], noise=noise, saturation_dn=saturation_dn))
 
 
 @pytest.mark.parametrize("sigma_px", [0.4, 0.5, 0.8, 1.5, 2.5])
@@ -109,8 +108,7 @@ def test_the_standard_error_is_what_repeated_fits_scatter_by(snr: float) -> None
     rng = np.random.default_rng(5)
     sigmas, errors = [], []
     for _ in range(150):
-        fit = fit_edge(clean + rng.normal(0.0, 44_000.0 / snr, clean.shape), segment)
-        assert fit is not None
+        fit = known(fit_edge(clean + rng.normal(0.0, 44_000.0 / snr, clean.shape), segment))
         assert fit.optical_sigma_px is not None
         assert fit.optical_sigma_err_px is not None
         sigmas.append(fit.optical_sigma_px)
@@ -137,21 +135,20 @@ def test_shot_noise_is_weighted_also_where_it_is_not_known() -> None:
     rng = np.random.default_rng(11)
     noise = LevelNoise(offset_dn2=4e4, slope_dn=60.0, floor_dn2=1.0)
     spread = np.sqrt(noise.variance_dn2(clean))
-    known: list[float] = []
+    stated: list[float] = []
     estimated: list[float] = []
     flat: list[float] = []
     for _ in range(120):
         image = clean + rng.normal(size=clean.shape) * spread
         for sigmas, model in (
-            (known, noise),
+            (stated, noise),
             (estimated, None),
             (flat, LevelNoise(offset_dn2=1.0, slope_dn=0.0, floor_dn2=1.0)),
         ):
-            fit = fit_edge(image, segment, noise=model)
-            assert fit is not None
+            fit = known(fit_edge(image, segment, noise=model))
             sigmas.append(fit.sigma_px)
-    assert np.std(estimated) < 1.1 * np.std(known)
-    assert np.std(known) < 0.9 * np.std(flat)
+    assert np.std(estimated) < 1.1 * np.std(stated)
+    assert np.std(stated) < 0.9 * np.std(flat)
 
 
 def test_hot_pixels_do_not_move_sigma() -> None:
@@ -265,16 +262,14 @@ class TestFlags:
         clean = edge_image(0.8, 5.0)
         segment = find_edges(clean)[0]
         for snr, expected in ((2.0, True), (12.0, False)):
-            fit = fit_edge(clean + rng.normal(0.0, 44_000.0 / snr, clean.shape), segment)
-            assert fit is not None
+            fit = known(fit_edge(clean + rng.normal(0.0, 44_000.0 / snr, clean.shape), segment))
             assert ("too_noisy" in fit.flags) is expected
 
     def test_an_edge_of_which_less_than_6_px_can_be_fitted_is_too_short(self) -> None:
         image = edge_image(0.8, 2.0)
         [segment] = find_edges(image, cell_px=1000.0)
         for length_px, expected in ((5.9, True), (6.1, False)):
-            fit = fit_edge(image, replace(segment, length_px=length_px))
-            assert fit is not None
+            fit = known(fit_edge(image, replace(segment, length_px=length_px)))
             assert ("too_short" in fit.flags) is expected
 
 

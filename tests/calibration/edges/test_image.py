@@ -14,6 +14,7 @@ from calibration.errors import NoEdgeError
 from calibration.psf import calibrate_mosaic
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, pixel_edge
+from tests.calibration.known import known
 
 SIGMAS = {"red": 0.75, "green": 0.6, "blue": 0.9}
 
@@ -112,8 +113,7 @@ def test_a_colour_without_an_edge_is_named() -> None:
 
 def test_an_edge_as_sharp_as_a_sensor_pixel_alone_has_no_optical_width() -> None:
     image = edge_image(0.8, 5.0)
-    fit = fit_edge(image, find_edges(image)[0])
-    assert fit is not None
+    fit = known(fit_edge(image, find_edges(image)[0]))
     # 0.24 sensor px in all, where the square alone has sqrt(1/12) = 0.29.
     sharp = in_sensor_pixels(replace(fit, sigma_px=0.12), 2)
     assert sharp.sigma_px == pytest.approx(0.24)

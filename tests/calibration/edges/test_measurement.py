@@ -31,6 +31,7 @@ from hil_mocks import BenchTruth
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, pixel_edge
 from tests.calibration.edge_photographs import photographs
+from tests.calibration.known import known
 from tests.calibration.squares import chart, crossing, square_cover
 from tests.hil_mocks.benches import bench_config
 
@@ -130,8 +131,7 @@ def test_the_error_of_a_median_by_hand() -> None:
 )
 def test_pixels_that_tell_no_width_have_none(reach_px: float, rise: float) -> None:
     image = edge_image(0.8, 5.0)
-    fit = fit_edge(image, find_edges(image)[0])
-    assert fit is not None
+    fit = known(fit_edge(image, find_edges(image)[0]))
     distance = np.linspace(-reach_px, reach_px, 2000)
     samples = EdgeSamples(
         distance_px=distance,

@@ -28,6 +28,7 @@ from calibration.errors import NoEdgeError
 from calibration.psf import calibrate_psf
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
+from tests.calibration.known import known
 from tests.calibration.lens_edges import (
     HIGH_DN,
     LOW_DN,
@@ -70,8 +71,7 @@ def test_noise_is_not_taken_for_roughness() -> None:
 def test_another_edge_nearby_limits_the_band() -> None:
     image = edge_image(0.8, 5.0)
     [segment] = find_edges(image, cell_px=1000.0)
-    fit = fit_edge(image, segment)
-    assert fit is not None
+    fit = known(fit_edge(image, segment))
     free = edge_samples(image, segment, fit, 8.0).distance_px
     limited = edge_samples(image, replace(segment, clearance_px=4.0), fit, 8.0).distance_px
     assert 7.0 < np.abs(free).max() <= 8.0 + 1e-3

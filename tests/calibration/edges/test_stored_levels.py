@@ -9,6 +9,7 @@ from benchmarks.bench_edge_levels import compressed, level_errors
 from calibration.edges import JpegCompression, find_edges, fit_edge
 from calibration.noise import LevelNoise
 from tests.calibration.closed_form import edge_image
+from tests.calibration.known import known
 
 LINEAR_CODES = np.arange(256.0)
 
@@ -63,8 +64,7 @@ def test_light_from_gamma_codes_gives_the_width_in_light() -> None:
     rng = np.random.default_rng(6)
     codes = np.rint(255 * (light / 255) ** (1 / 2.2) + rng.normal(0.0, 0.25, light.shape))
     image = 255 * (codes / 255) ** 2.2
-    fit = fit_edge(image, find_edges(image, cell_px=1000.0)[0])
-    assert fit is not None
+    fit = known(fit_edge(image, find_edges(image, cell_px=1000.0)[0]))
     assert abs(fit.sigma_px - 1.0) < 4 * fit.sigma_err_px
     assert fit.sigma_err_px < 0.01
 
@@ -77,8 +77,7 @@ def test_a_jpeg_gives_the_width_before_compression(quality: int) -> None:
     for _ in range(6):
         image, how = compressed(clean + rng.normal(0.0, 1.0, clean.shape), quality)
         segment = max(find_edges(image, cell_px=1000.0), key=lambda e: e.length_px)
-        fit = fit_edge(image, segment, compression=how)
-        assert fit is not None
+        fit = known(fit_edge(image, segment, compression=how))
         assert fit.optical_sigma_px is not None
         assert fit.optical_sigma_err_px is not None
         errors.append((fit.optical_sigma_px - 0.9) / fit.optical_sigma_err_px)
@@ -105,16 +104,19 @@ def test_a_crop_of_a_jpeg_keeps_the_grid_of_its_blocks() -> None:
     clean = edge_image(0.9, 12.0, low_dn=40.0, high_dn=180.0)
     image, how = compressed(clean + np.random.default_rng(2).normal(0.0, 1.0, clean.shape), 80)
     segment = max(find_edges(image, cell_px=1000.0), key=lambda e: e.length_px)
-    whole = fit_edge(image, segment, compression=how)
-    cut = fit_edge(
-        np.ascontiguousarray(image[:, 3:]),
-        type(segment)(
-            **{**{k: getattr(segment, k) for k in segment.__slots__}, "x_px": segment.x_px - 3.0}
-        ),
-        compression=how.cropped(0, 3),
+    whole = known(fit_edge(image, segment, compression=how))
+    cut = known(
+        fit_edge(
+            np.ascontiguousarray(image[:, 3:]),
+            type(segment)(
+                **{
+                    **{k: getattr(segment, k) for k in segment.__slots__},
+                    "x_px": segment.x_px - 3.0,
+                }
+            ),
+            compression=how.cropped(0, 3),
+        )
     )
-    assert whole is not None
-    assert cut is not None
     # The same blocks; all that differs is where Newton's steps end.
     assert cut.sigma_px == pytest.approx(whole.sigma_px, abs=0.1 * whole.sigma_err_px)
 

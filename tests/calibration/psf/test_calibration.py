@@ -19,7 +19,7 @@ from calibration.edges import (
     measure_edges,
 )
 from calibration.errors import NoEdgeError
-from calibration.psf import Estimate, calibrate_psf
+from calibration.psf import calibrate_psf
 from calibration.psf.calibration import psf_of_edges
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
@@ -30,13 +30,9 @@ from tests.calibration.edge_photographs import (
     SIGMA_Y_PX,
     photographs,
 )
+from tests.calibration.known import known
 from tests.calibration.psf.measured_edges import edge
 from tests.calibration.squares import chart
-
-
-def known(estimate: Estimate | None) -> Estimate:
-    assert estimate is not None
-    return estimate
 
 
 def test_a_tilted_lens_behind_square_pixels_is_recovered_from_eight_angles() -> None:
@@ -182,8 +178,7 @@ def test_a_width_less_sure_than_itself_is_no_width(
     monkeypatch: pytest.MonkeyPatch, optical_only: bool, edges: int
 ) -> None:
     def unsure(*args: Any, **options: Any) -> EdgeFit | None:
-        fit = fit_edge(*args, **options)
-        assert fit is not None
+        fit = known(fit_edge(*args, **options))
         infinite = replace(fit, optical_sigma_err_px=np.inf)
         return infinite if optical_only else replace(infinite, sigma_err_px=np.inf)
 
@@ -271,8 +266,7 @@ def test_short_edges_beside_one_that_decides_do_not_decide_what_is_lost() -> Non
         for angle, err in zip(angles, errs, strict=False)
     ]
     whole = psf_of_edges([one.model_copy(update={"flags": ("jpeg",)}) for one in plain])
-    own = psf_of_edges(plain).sigma_x_err_px
-    assert own is not None
+    own = known(psf_of_edges(plain).sigma_x_err_px)
     assert whole.sigma_x_err_px is not None
     # By hand: weights of 1e4 and 30 of 1/0.15^2 = 44.4, so (100 + 30/0.15) / (1e4 + 1333) = 0.0265.
     assert np.sqrt(whole.sigma_x_err_px**2 - own**2) == pytest.approx(0.25 * 0.0265, rel=0.01)

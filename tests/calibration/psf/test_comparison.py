@@ -19,6 +19,7 @@ from calibration.psf import (
     psf_steps,
 )
 from simulation import GaussianPsf, MeasuredPsf, PsfField, SampledTransfer, SeparablePsf
+from tests.calibration.known import known
 
 
 def psf(**values: object) -> PsfCalibration:
@@ -125,8 +126,7 @@ def test_calibrations_that_share_the_cameras_noise_alone_are_independent() -> No
 def test_the_focus_repeats_by_what_variances_scatter_beyond_their_errors() -> None:
     # By hand: mean variances 0.5650 and 0.5978, each with an error of hypot(0.8 * 0.003,
     # 0.7 * 0.004) px^2; two values that are d apart have the variance d^2 / 2.
-    found = focus_repeatability([psf(), psf(sigma_x_px=0.84)])
-    assert found is not None
+    found = known(focus_repeatability([psf(), psf(sigma_x_px=0.84)]))
     first_px4 = (0.8 * 0.003) ** 2 + (0.7 * 0.004) ** 2
     second_px4 = (0.84 * 0.003) ** 2 + (0.7 * 0.004) ** 2
     expected_px4 = 0.0328**2 / 2 - (first_px4 + second_px4) / 2
@@ -139,8 +139,7 @@ def test_the_focus_repeats_by_what_variances_scatter_beyond_their_errors() -> No
 
 
 def test_equal_calibrations_show_no_scatter_of_the_focus() -> None:
-    found = focus_repeatability([psf(), psf(), psf(method="paper", sigma_x_px=0.9)])
-    assert found is not None
+    found = known(focus_repeatability([psf(), psf(), psf(method="paper", sigma_x_px=0.9)]))
     assert found.scatter_px2 == 0
     assert found.calibrations == 2
     assert found.p_value == 1
@@ -185,8 +184,7 @@ PSF = PsfCalibration(
 
 
 def test_the_errors_of_widths_become_steps_of_a_standard_error() -> None:
-    steps = psf_steps(PSF, PSF.total_psf("psf"), 2.0)
-    assert steps is not None
+    steps = known(psf_steps(PSF, PSF.total_psf("psf"), 2.0))
     total = np.zeros((3, 3))
     for step in steps:
         assert isinstance(step.plus, GaussianPsf)
@@ -201,9 +199,8 @@ def test_the_errors_of_widths_become_steps_of_a_standard_error() -> None:
 
 def test_widths_that_go_together_make_one_step() -> None:
     together = [[1e-4, 1e-4], [1e-4, 1e-4]]
-    known = PSF.model_copy(update={"rho": None, "rho_err": None, "estimate_covariance": together})
-    steps = psf_steps(known, known.total_psf("psf"), 2.0)
-    assert steps is not None
+    joint = PSF.model_copy(update={"rho": None, "rho_err": None, "estimate_covariance": together})
+    steps = known(psf_steps(joint, joint.total_psf("psf"), 2.0))
     (step,) = steps
     assert isinstance(step.plus, GaussianPsf)
     assert isinstance(step.minus, GaussianPsf)
@@ -235,8 +232,7 @@ def test_the_steps_of_a_measured_shape_are_its_band() -> None:
         scatter=1.0,
     )
     calibration = PSF.model_copy(update={"transfer_2d": measured})
-    steps = psf_steps(calibration, calibration.best_psf("psf"), 1.5)
-    assert steps is not None
+    steps = known(psf_steps(calibration, calibration.best_psf("psf"), 1.5))
     freq = np.linspace(0.05, 0.5, 10)
     variance = np.zeros(10)
     for step in steps:
@@ -257,8 +253,7 @@ def test_each_coefficient_of_a_field_is_a_step() -> None:
         coefficients_err_px2=errs,
     )
     calibration = PSF.model_copy(update={"field": fit})
-    steps = psf_steps(calibration, fit.total, 2.0)
-    assert steps is not None
+    steps = known(psf_steps(calibration, fit.total, 2.0))
     assert len(steps) == 3
     sides = (steps[0].plus, steps[0].minus)
     assert isinstance(sides[0], PsfField)

@@ -10,14 +10,14 @@ from calibration.psf import HeightTrend, calibrate_psf
 from calibration.psf.calibration import psf_of_edges
 from calibration.psf.consistency import check_edges, check_heights, fit_height_trend
 from tests.calibration.edge_photographs import photographs
+from tests.calibration.known import known
 from tests.calibration.psf.measured_edges import edge, series, square
 
 HEIGHTS_MM = (180.0, 220.0, 270.0, 330.0, 400.0)
 
 
 def named(edges: list[EdgeMeasurement]) -> set[str]:
-    found = psf_of_edges(edges).cross_validation
-    assert found is not None
+    found = known(psf_of_edges(edges).cross_validation)
     return {one.kind for one in found.named}
 
 
@@ -79,15 +79,12 @@ def trend_of(bend: float = 0.0, slope_per_mm: float = 0.0, seed: int = 1) -> Hei
     rng = np.random.default_rng(seed)
     away = TREND_HEIGHTS_MM - 250.0
     width = 1 + slope_per_mm * away + bend * away**2 + rng.normal(size=TREND_HEIGHTS_MM.size) * ERR
-    trend = fit_height_trend(TREND_HEIGHTS_MM, width, np.full(TREND_HEIGHTS_MM.size, ERR))
-    assert trend is not None
-    return trend
+    return known(fit_height_trend(TREND_HEIGHTS_MM, width, np.full(TREND_HEIGHTS_MM.size, ERR)))
 
 
 def test_the_slope_of_a_straight_line_by_hand() -> None:
     width = 1 + 2e-4 * (TREND_HEIGHTS_MM - 250.0)
-    trend = fit_height_trend(TREND_HEIGHTS_MM, width, np.full(TREND_HEIGHTS_MM.size, 1e-3))
-    assert trend is not None
+    trend = known(fit_height_trend(TREND_HEIGHTS_MM, width, np.full(TREND_HEIGHTS_MM.size, 1e-3)))
     assert trend.slope_per_mm == pytest.approx(2e-4)
     # 32 edges of error 1e-3, heights with a standard deviation of sqrt(12500) mm.
     assert trend.slope_err_per_mm == pytest.approx(1e-3 / np.sqrt(32 * 12_500))
@@ -114,8 +111,7 @@ def test_a_bend_through_best_focus_is_found_though_it_has_no_slope() -> None:
 def test_scatter_beyond_the_errors_makes_the_test_milder() -> None:
     rng = np.random.default_rng(5)
     width = 1 + rng.normal(size=TREND_HEIGHTS_MM.size) * 0.02
-    trend = fit_height_trend(TREND_HEIGHTS_MM, width, np.full(TREND_HEIGHTS_MM.size, 1e-4))
-    assert trend is not None
+    trend = known(fit_height_trend(TREND_HEIGHTS_MM, width, np.full(TREND_HEIGHTS_MM.size, 1e-4)))
     assert trend.heights[0].relative_width_err == pytest.approx(0.02 / np.sqrt(8), rel=0.4)
     assert trend.p_value > 0.01
 
@@ -134,8 +130,7 @@ def test_heights_of_diagonal_edges_alone_have_a_relative_width_and_none_along_an
         for seed, height_mm in enumerate((100.0, 150.0, 200.0))
         for source in photographs((45.0, 50.0, 130.0, 135.0), seed=seed)
     ]
-    trend = calibrate_psf(sources).height_trend
-    assert trend is not None
+    trend = known(calibrate_psf(sources).height_trend)
     assert [group.height_mm for group in trend.heights] == [100.0, 150.0, 200.0]
     for group in trend.heights:
         assert group.edges == 4

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibration.edges import orientation_of
-from calibration.psf import Estimate, fit_covariance, share_of_correlation
+from calibration.psf import fit_covariance, share_of_correlation
 from simulation.arrays import FloatArray
+from tests.calibration.known import known
 
 
 def widths(angles_deg: FloatArray, sigma_x: float, sigma_y: float, rho: float) -> FloatArray:
@@ -16,11 +17,6 @@ def widths(angles_deg: FloatArray, sigma_x: float, sigma_y: float, rho: float) -
     normal = np.deg2rad(angles_deg + 90.0)
     n = np.stack([np.cos(normal), np.sin(normal)])
     return np.asarray(np.sqrt(np.einsum("in,ij,jn->n", n, covariance, n)))
-
-
-def known(estimate: Estimate | None) -> Estimate:
-    assert estimate is not None
-    return estimate
 
 
 @settings(max_examples=60, deadline=None)
@@ -169,7 +165,6 @@ def test_the_fitted_width_is_off_by_that_share(lean_deg: float, rho: float) -> N
     normal = np.deg2rad(angles + 90.0)
     nx, ny = np.cos(normal), np.sin(normal)
     across = np.sqrt(nx**2 + 2 * rho * nx * ny + ny**2)  # widths of 1 px
-    found = fit_covariance(angles, across, np.full(1, 0.001)).sigma_x_px
-    assert found is not None
+    found = known(fit_covariance(angles, across, np.full(1, 0.001)).sigma_x_px)
     expected = abs(rho) * share_of_correlation(angles)
     assert abs(found.value - 1.0) == pytest.approx(expected, rel=0.1, abs=1e-12)

@@ -8,6 +8,7 @@ from calibration.psf.otf_fit import OtfFit, fit_form, pooled, settled
 from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, ROUND, EdgeStack, StackedBins
 from calibration.psf.transfer_2d import choose_otf
 from simulation.arrays import FloatArray
+from tests.calibration.known import known
 from tests.calibration.lens_edges import Lens, profile
 
 LENS = Lens(0.55, 0.35, turn_deg=30.0)
@@ -54,13 +55,12 @@ def fits(edges: list[BinnedEdge]) -> tuple[OtfFit, OtfFit]:
     every = EdgeStack(StackedBins.of(edges))
     guess = np.full(2, 0.25)
     first = every.left_by(AXIAL_GAUSSIAN.slices(guess, every.normal_rad))
-    few = fit_form(pooled(every, AXIAL_GAUSSIAN, guess, first), ROUND, np.array([0.4, 0.0, 0.01]))
-    assert few is not None
+    few = known(
+        fit_form(pooled(every, AXIAL_GAUSSIAN, guess, first), ROUND, np.array([0.4, 0.0, 0.01]))
+    )
     left = every.left_by(ROUND.slices(few.parameters, every.normal_rad))
-    means = fit_form(pooled(every, ROUND, few.parameters, left), ELLIPTIC, TRUTH)
-    whole = fit_form(every, ELLIPTIC, TRUTH)
-    assert means is not None
-    assert whole is not None
+    means = known(fit_form(pooled(every, ROUND, few.parameters, left), ELLIPTIC, TRUTH))
+    whole = known(fit_form(every, ELLIPTIC, TRUTH))
     return whole, settled(every, means.over(every))
 
 
@@ -125,8 +125,7 @@ def test_the_95_percent_band_of_many_edges_holds_the_truth() -> None:
     inside = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        choice = choose_otf(edges_of(LENS, normals(120, rng), rng, noise=0.02))
-        assert choice is not None
+        choice = known(choose_otf(edges_of(LENS, normals(120, rng), rng, noise=0.02)))
         # Five of an edge's 113 levels go into its own numbers; 13,560 levels scatter by 0.012.
         assert choice.chi2_reduced == pytest.approx(108 / 113, abs=0.04)
         found = choice.fit.form.lens(choice.fit.parameters)(fx, fy)

@@ -8,6 +8,7 @@ import pytest
 from calibration.psf import fit_covariance, measure_softness
 from calibration.psf.calibration import psf_of_edges
 from calibration.psf.softness import capture_scales, side_px
+from tests.calibration.known import known
 from tests.calibration.psf.measured_edges import FOCAL_PX, PUPIL_MM, SIDE_MM, edge, series, square
 
 
@@ -22,9 +23,8 @@ def test_edges_that_do_not_face_each_other_are_no_sides() -> None:
 
 
 def test_without_squares_the_heights_tell_the_scales() -> None:
-    known = [edge(capture=k, height_mm=h) for k, h in enumerate((100.0, 200.0, 300.0))]
-    scales = capture_scales(known)
-    assert scales is not None
+    captures = [edge(capture=k, height_mm=h) for k, h in enumerate((100.0, 200.0, 300.0))]
+    scales = known(capture_scales(captures))
     assert scales.source == "heights"
     assert scales.relative(100.0) == pytest.approx([1.0, 200 / 300, 200 / 400])
 
@@ -33,8 +33,7 @@ def test_without_squares_the_heights_tell_the_scales() -> None:
 def test_the_blur_of_a_print_is_taken_off(blur_mm: float) -> None:
     edges = series(np.random.default_rng(2), blur_mm=blur_mm)
     psf = psf_of_edges(edges)
-    soft = psf.target_softness
-    assert soft is not None
+    soft = known(psf.target_softness)
     assert soft.is_removed
     truth_px2 = (blur_mm * FOCAL_PX / (180.0 + PUPIL_MM)) ** 2
     assert abs(soft.variance_px2 - truth_px2) < 4 * soft.variance_err_px2
@@ -49,8 +48,7 @@ def test_the_blur_of_a_print_is_taken_off(blur_mm: float) -> None:
 
 def test_a_sharp_target_leaves_the_widths_as_they_are() -> None:
     edges = series(np.random.default_rng(3))
-    found = measure_softness(edges)
-    assert found is not None
+    found = known(measure_softness(edges))
     assert not found.document.is_removed
     assert found.blur_px2 == {}
     widths = np.array([(one.angle_deg, one.sigma_px, one.sigma_err_px) for one in edges]).T
@@ -63,8 +61,7 @@ def test_a_focus_that_drifts_is_not_taken_for_a_soft_target() -> None:
     edges = []
     for capture, height_mm in enumerate((180.0, 220.0, 270.0, 330.0, 400.0)):
         edges += square(0.4 + 0.001 * (height_mm - 180.0), height_mm, capture, rng)
-    found = measure_softness(edges)
-    assert found is not None
+    found = known(measure_softness(edges))
     assert found.document.variance_px2 < 0
     assert not found.document.is_removed
 

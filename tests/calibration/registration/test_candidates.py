@@ -35,6 +35,7 @@ from calibration.registration.features import features_of
 from calibration.registration.hypotheses import PoseHypothesis
 from calibration.registration.refinement import PlaceErrors
 from simulation.arrays import FloatArray
+from tests.calibration.known import known
 from tests.calibration.registration.test_any_two import (
     Waves,
     error_px,
@@ -90,10 +91,8 @@ def test_a_pose_that_is_some_pixels_off_is_corrected() -> None:
 
 def test_matches_say_how_far_details_lie_from_where_a_pose_puts_them() -> None:
     _, true = candidate(TRUE)
-    look = second_look(true.directed)
-    assert look is not None
-    own_px = look.displacement_px(true.directed.pose)
-    assert own_px is not None
+    look = known(second_look(true.directed))
+    own_px = known(look.displacement_px(true.directed.pose))
     assert own_px < 0.5
     aside = TRUE.copy()
     aside[:2, 2] += 9.0

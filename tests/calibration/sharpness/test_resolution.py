@@ -19,6 +19,7 @@ from calibration.sharpness.resolution import (
 )
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
+from tests.calibration.known import known
 from tests.calibration.sharpness.edges import edge_of
 
 
@@ -171,8 +172,7 @@ def test_a_place_is_found_from_any_likely_start(
 ) -> None:
     distance = np.linspace(-9, 9, 800)
     levels = edge_profile(distance - shift, sigma)
-    found = edge_place(distance, 1 - levels if is_falling else levels, guess * sigma)
-    assert found is not None
+    found = known(edge_place(distance, 1 - levels if is_falling else levels, guess * sigma))
     assert found[0] == pytest.approx(shift, abs=1e-5)
 
 
