@@ -16,13 +16,7 @@ from simulation.arguments import FilePath, checked, path_of
 
 
 def write_psf(path: FilePath, calibration: PsfCalibration) -> None:
-    """Write psf.json, whole or not at all.
-
-    Raises
-    ------
-    PsfFileError
-        If the file cannot be written.
-    """
+    """Write psf.json, whole or not at all."""
     write_document(path, calibration, PsfFileError)
 
 
@@ -54,13 +48,7 @@ def read_psf(path: FilePath) -> PsfCalibration:
 
 
 def write_geometry(path: FilePath, geometry: GeometryCalibration) -> None:
-    """Write geometry.json, whole or not at all.
-
-    Raises
-    ------
-    GeometryFileError
-        If the file cannot be written.
-    """
+    """Write geometry.json, whole or not at all."""
     write_document(path, geometry, GeometryFileError)
 
 
@@ -173,13 +161,7 @@ def read_noise(path: FilePath) -> NoiseCalibration:
 
 
 def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
-    """Write the maps, then noise.json, each whole or not at all; return the document written.
-
-    Raises
-    ------
-    NoiseFileError
-        If a file cannot be written.
-    """
+    """Write the maps, then noise.json, each whole or not at all; return the document written."""
     written = noise.calibration.model_copy(
         update={"maps": write_map_files(path_of(path, "path"), noise.maps)}
     )

@@ -70,7 +70,7 @@ def _nearest_others(
 
 
 @compiled()
-def clear_stretches(nearest: FloatArray, least_px: float, margin_steps: int) -> IntArray:
+def _stretches_beyond(nearest: FloatArray, least_px: float, margin_steps: int) -> IntArray:
     """First and last step of each stretch with nothing nearer than ``least_px``.
 
     ``nearest`` is as from ``_nearest_others``; a stretch ends ``margin_steps`` before what is too
@@ -320,7 +320,7 @@ def _clear_stretches(
     """Stretches of an edge that leave a band of this half width clear."""
     tail = corner_reach(line.sigma_px)
     step = line.length_px / len(nearest)
-    found = clear_stretches(nearest, half_width_px + tail, ceil(tail / step))
+    found = _stretches_beyond(nearest, half_width_px + tail, ceil(tail / step))
     stretches = []
     for first, last in found.tolist():
         if last - first + 1 == len(nearest):

@@ -215,7 +215,17 @@ def border_flags(samples: EdgeSamples, fit: EdgeFit, *, is_jpeg: bool) -> tuple[
 
     Slopes of the levels are taken off the samples; JPEG leaves marks of its own.
     """
-    found = deviations(samples, fit)
+    noise = fit.noise_dn / (samples.high_dn - samples.low_dn)
+    found = Deviations(
+        *_deviations(
+            samples.distance_px,
+            samples.along_px,
+            samples.unit_levels,
+            fit.sigma_px,
+            float(np.sin(samples.normal_rad)),
+            max(_SINGLE_SIGMAS * noise, _SINGLE_LEAST),
+        )
+    )
     flags = []
     is_beyond_noise = found.pairs >= _FEWEST_PAIRS and found.uneven_sigmas > _UNEVEN_SIGMAS
     if is_beyond_noise and found.uneven > (UNEVEN_LEAST_JPEG if is_jpeg else UNEVEN_LEAST):
@@ -227,21 +237,6 @@ def border_flags(samples: EdgeSamples, fit: EdgeFit, *, is_jpeg: bool) -> tuple[
     return tuple(flags)
 
 
-def deviations(samples: EdgeSamples, fit: EdgeFit) -> Deviations:
-    """Compare neighbouring pixels near an edge."""
-    contrast_dn = samples.high_dn - samples.low_dn
-    noise = fit.noise_dn / contrast_dn
-    found = _deviations(
-        samples.distance_px,
-        samples.along_px,
-        samples.unit_levels,
-        fit.sigma_px,
-        float(np.sin(samples.normal_rad)),
-        max(_SINGLE_SIGMAS * noise, _SINGLE_LEAST),
-    )
-    return Deviations(*found)
-
-
 @compiled()
 def _deviations(
     distance: FloatArray,
@@ -251,6 +246,7 @@ def _deviations(
     sine: float,
     largest: float,
 ) -> tuple[float, float, int, float]:
+    """Compare neighbouring pixels near an edge: the fields of ``Deviations``."""
     reach = _REACH_SIGMAS * sigma_px + _REACH_EXTRA_PX
     n = distance.size
     bins = int(2 * reach / _BIN_PX) + 2

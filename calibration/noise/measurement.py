@@ -26,6 +26,7 @@ from calibration.noise.photon_transfer import (
     LevelSample,
     PhotonTransfer,
     Saturation,
+    draw_photon_transfer,
     fit_photon_transfer,
     is_in_fit_range,
 )
@@ -417,8 +418,7 @@ class NoiseMeasurement(Shown, ByValue):
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of the variance of a frame against the light, with the fit."""
-        from calibration.noise.photon_transfer import draw_photon_transfer
-        from simulation.figures import drawn
+        from simulation.figures import drawn  # matplotlib, for whoever looks
 
         def draw(axes: "Axes") -> None:
             draw_photon_transfer(axes, self.transfer)

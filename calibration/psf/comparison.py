@@ -40,7 +40,7 @@ _NAMED = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _ParameterChange:
+class ParameterChange:
     """One parameter in both calibrations, and a z-test of their difference.
 
     ``p_value`` is two-sided; ``p_value_holm`` is the same after Holm's correction for testing
@@ -94,12 +94,12 @@ class PsfChange:
     The test takes errors for independent, so that with any of them it tells nothing.
     """
 
-    parameters: tuple[_ParameterChange, ...]
+    parameters: tuple[ParameterChange, ...]
     remarks: tuple[str, ...]
     shared_inputs: tuple[str, ...] = ()
 
     @property
-    def changed(self) -> tuple[_ParameterChange, ...]:
+    def changed(self) -> tuple[ParameterChange, ...]:
         """Parameters that have changed significantly; none where the test tells nothing."""
         if self.shared_inputs:
             return ()
@@ -148,7 +148,7 @@ def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
     p_values = [_two_sided((b.value - a.value) / hypot(a.err, b.err)) for _, a, b in known]
     return PsfChange(
         parameters=tuple(
-            _ParameterChange(
+            ParameterChange(
                 name=name,
                 first=a.value,
                 first_err=a.err,
@@ -275,7 +275,7 @@ def _holm(p_values: list[float]) -> list[float]:
     return adjusted
 
 
-def _described(one: _ParameterChange) -> str:
+def _described(one: ParameterChange) -> str:
     if "rho" in one.name:
         return f"{one.name} by {one.difference:+.4f} (p = {one.p_value_holm:.1g})"
     share = 100 * one.difference / one.first

@@ -7,7 +7,7 @@ Measured edges and verdicts as cells of tables, for the terminal and for reports
 95 % interval.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import atan2, cos, hypot, pi, sqrt
 from pathlib import Path, PurePath
@@ -288,7 +288,7 @@ class LimitVerdict(BaseModel):
     @property
     def is_least(self) -> bool:
         """Whether the limit is the least that is allowed, not the most."""
-        return _is_least(self.limit)
+        return "min" in self.limit.partition(".")[2].split("_")
 
 
 class SharpnessVerdict(BaseModel):
@@ -299,11 +299,6 @@ class SharpnessVerdict(BaseModel):
     outcome: Outcome
     limits_file: str
     limits: tuple[LimitVerdict, ...]
-
-
-def _is_least(key: str) -> bool:
-    """Whether a limit of this key is the least that is allowed, not the most."""
-    return "min" in key.partition(".")[2].split("_")
 
 
 def outcome_of(low: float, high: float, bound: float, *, at_least: bool) -> Outcome:
@@ -349,23 +344,20 @@ def judge_sharpness(
 
 def _judged(key: str, bound: float, measured: "_Measured") -> LimitVerdict:
     table, name = key.split(".")
-    figure_of, unit = _FIGURES[table](name)
+    unit = "" if table == "uniformity" else "px"
+    if table == "mtf50":
+        unit = _FREQUENCY_UNITS[name.rpartition("min_")[2]]
+    limit = LimitVerdict(limit=key, bound=bound, unit=unit, outcome="unsure")
     try:
-        figure = figure_of(measured)
+        figure = measured.figure(table, name, unit)
     except _NotMeasuredError as missing:
-        return LimitVerdict(
-            limit=key, bound=bound, unit=unit, outcome="unsure", reason=str(missing)
-        )
-    return LimitVerdict(
-        limit=key,
-        bound=bound,
-        unit=unit,
-        value=figure.value,
-        low=figure.low,
-        high=figure.high,
-        where=figure.where,
-        outcome=outcome_of(figure.low, figure.high, bound, at_least=_is_least(key)),
-    )
+        return limit.model_copy(update={"reason": str(missing)})
+    outcome = outcome_of(figure.low, figure.high, bound, at_least=limit.is_least)
+    known = {"value": figure.value, "low": figure.low, "high": figure.high, "where": figure.where}
+    return limit.model_copy(update={**known, "outcome": outcome})
+
+
+_FREQUENCY_UNITS = {"cy_per_px": "cy/px", "lw_per_ph": "LW/PH", "lp_per_mm": "lp/mm"}
 
 
 class _Measured:
@@ -376,7 +368,54 @@ class _Measured:
         self.picture = picture
         self._zones = zones
 
-    def factor(self, unit: str) -> float:
+    def figure(self, table: str, name: str, unit: str) -> Figure:
+        """The figure that a limit of this table and name bounds."""
+        if table == "mtf50":
+            factor = self._factor(unit)
+            return self._mtf50(name).scaled(factor)
+        if table == "uniformity":
+            corners = self._corners()
+            is_to_centre = name == "corner_to_centre_min"
+            return ratio(smallest(corners), self._centre() if is_to_centre else largest(corners))
+        if table == "lateral_colour":
+            return largest(self._shifts())
+        return largest(self._optical_widths() if name == "optical_max_px" else self._widths())
+
+    def _mtf50(self, name: str) -> Figure:
+        if name.startswith("centre_"):
+            return self._centre()
+        if name.startswith("corner_"):
+            return smallest(self._corners())
+        return smallest([_mtf50(edge) for edge in self.used])
+
+    def _widths(self) -> list[Figure]:
+        return [Figure(value=e.sigma_px, err=e.sigma_err_px, where=_place(e)) for e in self.used]
+
+    def _optical_widths(self) -> list[Figure]:
+        widths = [
+            Figure(value=e.optical_sigma_px, err=e.optical_sigma_err_px, where=_place(e))
+            for e in self.used
+            if e.optical_sigma_px is not None and e.optical_sigma_err_px is not None
+        ]
+        if not widths:
+            raise _NotMeasuredError("every edge is as sharp as the pixel alone; limit sigma.max_px")
+        return widths
+
+    def _shifts(self) -> list[Figure]:
+        shifts = [
+            Figure(value=shift, err=err, where=f"{colour}, {_place(edge)}").modulus()
+            for edge in self.used
+            for colour, shift, err in (
+                ("red", edge.red_shift_px, edge.red_shift_err_px),
+                ("blue", edge.blue_shift_px, edge.blue_shift_err_px),
+            )
+            if shift is not None and err is not None
+        ]
+        if not shifts:
+            raise _NotMeasuredError("the photographs have no colours; give colour or raw files")
+        return shifts
+
+    def _factor(self, unit: str) -> float:
         """What a frequency in cy/px is multiplied by."""
         if unit == "LW/PH":
             return lw_per_ph(1.0, self._size()[1])
@@ -386,11 +425,7 @@ class _Measured:
             return lp_per_mm(1.0, self.picture.pixel_pitch_um)
         return 1.0
 
-    def every_edge(self) -> Figure:
-        """MTF50 of the softest edge."""
-        return smallest([_mtf50(edge) for edge in self.used])
-
-    def centre(self) -> Figure:
+    def _centre(self) -> Figure:
         """Median MTF50 of the central zone."""
         radius = self._zones.centre_radius
         edges = [edge for edge, at in self._positions() if at.radius <= radius]
@@ -401,7 +436,7 @@ class _Measured:
             )
         return median_of([_mtf50(edge) for edge in edges], "centre")
 
-    def corners(self) -> list[Figure]:
+    def _corners(self) -> list[Figure]:
         """Median MTF50 of every corner, meridional and sagittal apart."""
         radius = self._zones.corner_radius
         groups: dict[str, list[Figure]] = {}
@@ -444,82 +479,6 @@ def _mtf50(edge: EdgeMeasurement) -> Figure:
 def median_of_edges(edges: Sequence[EdgeMeasurement]) -> Figure:
     """Return the median MTF50 of edges, in cy/px."""
     return median_of([_mtf50(edge) for edge in edges], "all")
-
-
-_FigureOf = Callable[[_Measured], Figure]
-
-
-def _mtf50_limit(name: str) -> tuple[_FigureOf, str]:
-    zone, _, unit_name = name.rpartition("min_")
-    unit = {"cy_per_px": "cy/px", "lw_per_ph": "LW/PH", "lp_per_mm": "lp/mm"}[unit_name]
-
-    def figure(measured: _Measured) -> Figure:
-        factor = measured.factor(unit)
-        if zone == "centre_":
-            found = measured.centre()
-        elif zone == "corner_":
-            found = smallest(measured.corners())
-        else:
-            found = measured.every_edge()
-        return found.scaled(factor)
-
-    return figure, unit
-
-
-def _sigma_limit(name: str) -> tuple[_FigureOf, str]:
-    def total(measured: _Measured) -> Figure:
-        return largest(
-            [Figure(value=e.sigma_px, err=e.sigma_err_px, where=_place(e)) for e in measured.used]
-        )
-
-    def optical(measured: _Measured) -> Figure:
-        known = [
-            Figure(value=e.optical_sigma_px, err=e.optical_sigma_err_px, where=_place(e))
-            for e in measured.used
-            if e.optical_sigma_px is not None and e.optical_sigma_err_px is not None
-        ]
-        if not known:
-            raise _NotMeasuredError("every edge is as sharp as the pixel alone; limit sigma.max_px")
-        return largest(known)
-
-    return (optical if name == "optical_max_px" else total), "px"
-
-
-def _lateral_colour_limit(_: str) -> tuple[_FigureOf, str]:
-    def figure(measured: _Measured) -> Figure:
-        shifts = [
-            Figure(value=shift, err=err, where=f"{colour}, {_place(edge)}").modulus()
-            for edge in measured.used
-            for colour, shift, err in (
-                ("red", edge.red_shift_px, edge.red_shift_err_px),
-                ("blue", edge.blue_shift_px, edge.blue_shift_err_px),
-            )
-            if shift is not None and err is not None
-        ]
-        if not shifts:
-            raise _NotMeasuredError("the photographs have no colours; give colour or raw files")
-        return largest(shifts)
-
-    return figure, "px"
-
-
-def _uniformity_limit(name: str) -> tuple[_FigureOf, str]:
-    def figure(measured: _Measured) -> Figure:
-        corners = measured.corners()
-        softest = smallest(corners)
-        if name == "corner_to_centre_min":
-            return ratio(softest, measured.centre())
-        return ratio(softest, largest(corners))
-
-    return figure, ""
-
-
-_FIGURES: dict[str, Callable[[str], tuple[_FigureOf, str]]] = {
-    "mtf50": _mtf50_limit,
-    "sigma": _sigma_limit,
-    "lateral_colour": _lateral_colour_limit,
-    "uniformity": _uniformity_limit,
-}
 
 
 MODEL_REMARK = "* of the fitted Gaussian, where an edge has no e-SFR with an error"
