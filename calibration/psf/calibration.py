@@ -262,8 +262,8 @@ def psf_of_edges(
 ) -> PsfCalibration:
     """Compute the PSF from measured edges, at least one of which is usable.
 
-    Rejected edges are kept in the list. Photographs of different frames have none, and then no
-    field is fitted.
+    Rejected edges are kept in the list. Without a ``frame``, as where photographs differ in size,
+    no field is fitted.
     """
     seen = [edge for edge in edges if edge.is_used]
     softness = measure_softness(seen)
