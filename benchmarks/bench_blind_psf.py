@@ -16,11 +16,7 @@ import numpy as np
 
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, bench_parser
-from calibration.blind import (
-    calibrate_from_distances,
-    calibrate_from_scene,
-    is_clear,
-)
+from calibration.blind import calibrate_from_distances, calibrate_from_scene, is_clear
 from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
 from calibration.noise import LevelNoise

@@ -15,8 +15,7 @@ import numpy as np
 
 from benchmarks.bench_edge_fit import exact_edge
 from benchmarks.harness import Recorder, bench_parser
-from calibration.edge_fit import EdgeFit, fit_edge
-from calibration.edge_search import find_edges
+from calibration.edges import EdgeFit, find_edges, fit_edge
 from calibration.noise import LevelNoise
 from calibration.psf import fit_covariance
 from simulation.arrays import FloatArray

@@ -16,12 +16,12 @@ from scipy.special import ndtr
 
 from benchmarks.harness import Recorder, bench_parser
 from benchmarks.timing import best_s, shortest_s
-from calibration.edge_fit import fit_edge
-from calibration.edge_search import (
+from calibration.edges import (
     EdgeSegment,
     band_half_width,
     band_pixels,
     find_edges,
+    fit_edge,
     side_level,
 )
 from simulation.arrays import FloatArray

@@ -17,9 +17,7 @@ from PIL import Image
 from benchmarks.bench_edge_fit import exact_edge
 from benchmarks.edge_scenes import Rectangle, patches, pixel_means
 from benchmarks.harness import Recorder, bench_parser
-from calibration.edge_fit import EdgeFit, JpegCompression, fit_edge
-from calibration.edge_search import EdgeSegment, find_edges
-from calibration.edges import EdgeImage
+from calibration.edges import EdgeFit, EdgeImage, EdgeSegment, JpegCompression, find_edges, fit_edge
 from calibration.psf import calibrate_psf
 from simulation.arrays import FloatArray
 

@@ -19,13 +19,7 @@ from benchmarks.harness import Recorder, bench_parser
 from benchmarks.peers.edges import curve_by_bins, quick_mtf, samples_of
 from benchmarks.peers.program import PeerError
 from benchmarks.timing import best_s
-from calibration.edges import (
-    EdgeImage,
-    gaussian_mtf50,
-    measure_edges,
-    measure_esfr,
-    pixel_mtf50,
-)
+from calibration.edges import EdgeImage, gaussian_mtf50, measure_edges, measure_esfr, pixel_mtf50
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.diffraction import diffracted_edge, system_mtf50

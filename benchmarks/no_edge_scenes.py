@@ -17,8 +17,7 @@ from PIL import Image
 from scipy.special import ndtr
 
 from benchmarks.bench_edge_fit import exact_edge
-from calibration.edge_fit import JpegCompression
-from calibration.edges import EdgeImage
+from calibration.edges import EdgeImage, JpegCompression
 from hil_mocks import BenchTruth
 from simulation.arrays import FloatArray
 from tests.hil_mocks.benches import bench_config

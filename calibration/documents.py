@@ -40,12 +40,7 @@ def json_object(document: BaseModel) -> dict[str, Any]:
 def write_document(path: FilePath, document: BaseModel, failure: type[DocumentError]) -> None:
     """Write a document as JSON, whole or not at all.
 
-    Raises
-    ------
-    DocumentError
-        As ``failure``, if the file cannot be written, or a text in it not be stored as UTF-8.
-    ValueError
-        If a number is infinite or NaN.
+    Raises ``failure`` where the file cannot be written or holds a text that is no UTF-8.
     """
     path, content = path_of(path, "path"), json_object(document)
     json.dumps(content, allow_nan=False)  # refuses numbers that are none; indented, it is slow
@@ -66,21 +61,8 @@ def read_document(
 ) -> Document:
     """Read a JSON file into the model of its schema.
 
-    Parameters
-    ----------
-    path
-        The file.
-    model
-        Names its schema as the default of the field ``schema_name``, whose alias is ``schema``.
-    failure
-        The error to raise.
-    remedy
-        What to do about a file of another schema.
-
-    Raises
-    ------
-    DocumentError
-        As ``failure``, if the file cannot be read, is of another schema or does not fit the model.
+    The model names its schema as the default of its field ``schema_name``; ``failure`` is raised,
+    with the ``remedy``, for a file of another schema.
     """
     path = path_of(path, "path")
     source = str(path)
@@ -132,10 +114,7 @@ def fitted(
 ) -> Document:
     """Return plain lists, numbers and text as a model.
 
-    Raises
-    ------
-    DocumentError
-        As ``failure``, if they do not fit; it names ``source`` and the value at fault.
+    Raises ``failure``, which names ``source`` and the value at fault, if they do not fit.
     """
     keys = _boolean_for_number(document, frozenset({model}))
     if keys is not None:

@@ -17,8 +17,7 @@ left_out="$left_out or as_sharp_as_the_pixel_alone"
 NUMBA_DISABLE_JIT=1 $python -m pytest -n 2 -m "not slow" -k "not ($left_out)" \
     --cov --cov-append --cov-report= \
     tests/acquisition/{test_averaging,focus/test_measures,aravis/test_stream}.py \
-    tests/calibration/edge_search/test_{detection,segments}.py \
-    tests/calibration/edges/test_{esfr,fit,model,penalised_spline,residuals,samples}.py \
+    tests/calibration/edges/test_{detection,segments,esfr,fit,penalised_spline,residuals,samples}.py \
     tests/hil_mocks/scene/test_render.py tests/simulation/test_resampling.py
 NUMBA_DISABLE_JIT=1 $python -m pytest -n 2 --cov --cov-append --cov-report= \
     tests/simulation/pose/test_warp.py tests/simulation/pose/test_simulate.py \

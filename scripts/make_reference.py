@@ -53,12 +53,7 @@ from analysis.study import (
     StudyNeeds,
 )
 from calibration.edges import AxisTransfer, EdgeMeasurement, MeasuredTransfer
-from calibration.geometry import (
-    CaptureGeometry,
-    ExcludedCapture,
-    GeometryCalibration,
-    HeightZoom,
-)
+from calibration.geometry import CaptureGeometry, ExcludedCapture, GeometryCalibration, HeightZoom
 from calibration.noise import LevelSample, MapFile, NoiseCalibration
 from calibration.psf import (
     CameraIdentity,

@@ -48,7 +48,7 @@ def _imported_and_run(arguments: list[str]) -> int:
         os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")
         refuse_hidden_packages()
         drop_stale_code()
-        provide_folder(Path(__file__).parents[1] / "calibration" / "edge_fit", user_cache())
+        provide_folder(Path(__file__).parents[1] / "calibration" / "edges", user_cache())
         announce_compiling(_tell_of_compiling)
         return run(arguments)
     except HiddenPackageError as error:

@@ -86,7 +86,7 @@ def _can_be_written(folder: Path) -> bool:
 def holds_code() -> bool:
     """Whether edges were measured here before, with code that is kept."""
     kept = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(kept) if kept else Path(__file__).parents[1] / "calibration" / "edge_fit"
+    folder = Path(kept) if kept else Path(__file__).parents[1] / "calibration" / "edges"
     return any(folder.rglob("likelihood._by_squares-*.nbi"))
 
 

@@ -24,13 +24,13 @@ from acquisition.devices import FrameImage
 from acquisition.focus import FOCUS_MEASURES, focus_value
 from analysis.changes import ChangeOptions, find_changes
 from analysis.validation import scaled_up
-from calibration.edge_fit import EdgeFit
-from calibration.edge_search import find_edges
 from calibration.edges import (
+    EdgeFit,
     bin_edge,
     border_flags,
     edge_samples,
     esfr_half_width_px,
+    find_edges,
     measure_esfr,
     roughness_px,
     without_shading,

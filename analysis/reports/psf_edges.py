@@ -18,8 +18,7 @@ from analysis.reports.page import (
     in_report_style,
     new_figure,
 )
-from calibration.edge_fit import edge_profile
-from calibration.edges import SFR_FREQ_CY_PER_PX, EdgeMeasurement
+from calibration.edges import SFR_FREQ_CY_PER_PX, EdgeMeasurement, edge_profile
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
 from calibration.sharpness import (
     MODEL_REMARK,

@@ -18,8 +18,7 @@ from math import cos, pi, radians, sin, sqrt
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.edge_search import band_half_width
-from calibration.edges import orientation_of
+from calibration.edges import band_half_width, orientation_of
 from calibration.noise import LevelNoise
 from calibration.psf import Transfer2d, fit_covariance
 from simulation.arrays import FloatArray

@@ -30,8 +30,7 @@ from analysis.validation.metrics import (
     shared_window,
     subtract_background,
 )
-from calibration.psf import PsfCalibration
-from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
+from calibration.psf import PsfCalibration, focus_scatter_px2, psf_steps
 from calibration.registration import DistortedPose
 from simulation import PoseOptions, Psf, SamplingGrid
 from simulation.arrays import FloatArray, FloatImage

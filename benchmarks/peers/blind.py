@@ -14,8 +14,7 @@ import standoff
 from benchmarks.peers.edges import Curve, GaussianEdge
 from benchmarks.peers.program import EdgeContrast, PeerError, Program
 from benchmarks.peers.tasks import Task
-from calibration.blind.alignment import align_smoothly
-from calibration.blind.inter_image_kernel import estimate_kernel as kernel_between
+from calibration.blind.two_distance import align_smoothly, estimate_kernel as kernel_between
 from calibration.errors import CalibrationError, PairError
 from calibration.psf import PsfCalibration
 from simulation.arrays import FloatArray

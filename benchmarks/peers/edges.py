@@ -16,14 +16,14 @@ from benchmarks.peers.program import (
     Program,
 )
 from benchmarks.peers.tasks import Task
-from calibration.edge_fit import fit_edge
-from calibration.edge_search import find_edges
 from calibration.edges import (
     BinnedEdge,
     EdgeSamples,
     bin_edge,
     edge_samples,
     esfr_half_width_px,
+    find_edges,
+    fit_edge,
     gaussian_mtf50,
 )
 from simulation.arrays import FloatArray

@@ -3,6 +3,6 @@ from .calibration import (
     SCENE_ERR as SCENE_ERR,
     calibrate_from_distances as calibrate_from_distances,
     calibrate_from_scene as calibrate_from_scene,
+    is_clear as is_clear,
 )
-from .single_image import is_clear as is_clear
 from .two_distance import pair_psf as pair_psf

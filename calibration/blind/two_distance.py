@@ -1,5 +1,17 @@
 """The PSF from two photographs of any textured scene at two distances, without an edge target.
 
+Smooth corrections to the position and brightness of far pixels in a near photograph. A homography
+leaves out the lens's distortion, and two photographs see the same point under different vignetting.
+Both change slowly over the frame: a cubic displacement and a quartic gain are added to the
+homography, found by Gauss-Newton from coarse to fine.
+
+The blur kernel between a near photograph and a far one of the same scene. Delbracio, Almansa, Musé,
+Morel: Subpixel point spread function estimation from two photographs at different distances. SIAM
+J. Imaging Sciences 5 (2012) 1234-1260. With the near image interpolated at the positions of the far
+pixels, the far image is linear in the kernel between them. Two things are added here: the near
+image's own noise is removed from the normal equations (it would widen the kernel), and a model of
+the kernel can be fitted to them just as to the pixels themselves.
+
 The camera blurs both photographs equally in its own pixels. In near pixels, the far PSF is the same
 PSF stretched by A = d near / d far, so that the kernel between the photographs has the covariance
 ``A Sigma A' - Sigma``, which is linear in Sigma. For a pure zoom-out z it is ``(z^2 - 1) Sigma``.
@@ -7,14 +19,374 @@ PSF stretched by A = d near / d far, so that the kernel between the photographs 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import ceil, sqrt
+from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, spline_filter
 
-from calibration.blind.alignment import ClippedPixels, align_smoothly
-from calibration.blind.inter_image_kernel import InterImageKernel, estimate_kernel
 from calibration.errors import PairError
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
+
+_DISPLACEMENT_DEGREE = 3
+_GAIN_DEGREE = 4
+_BLURS_PX = (6.0, 3.0, 1.5, 0.8, 0.8, 0.8)  # of the far image, level by level
+_PSF_GUESS_PX = 0.7
+_MARGIN_PX = 4.0
+_LEAST_PIXELS = 2000
+_CLIPPED_REACH_PX = 3.0
+"""Distance from a clipped pixel, in far ones, that the blur of the finest level reaches."""
+
+_FINE_PX = 1.5
+"""Levels at which the correlation is looked at: the coarse ones leave little in small frames, the
+finest more noise."""
+
+_SLOW_PX = 8.0
+"""Width beyond which what both photographs show is taken for their light."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClippedPixels:
+    """Pixels of the near and of the far photograph that are clipped, each of its own shape."""
+
+    near: BoolArray
+    far: BoolArray
+
+    @classmethod
+    def none(cls, near_shape: tuple[int, ...], far_shape: tuple[int, ...]) -> Self:
+        """Nothing is clipped."""
+        return cls(near=np.zeros(near_shape, dtype=bool), far=np.zeros(far_shape, dtype=bool))
+
+    def away(self, y_px: FloatArray, x_px: FloatArray, reach_px: float, zoom: float) -> BoolArray:
+        """Far pixels with no clipped one within reach, in far pixels, in either photograph.
+
+        ``y_px`` and ``x_px`` are their near coordinates.
+        """
+        beside = _within(self.near, reach_px * zoom)
+        rows, cols = (
+            np.clip(np.rint(at), 0, most - 1).astype(np.intp)
+            for at, most in zip((y_px, x_px), beside.shape, strict=True)
+        )
+        return np.asarray(~beside[rows, cols] & ~_within(self.far, reach_px))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _SmoothAlignment:
+    """Near coordinates and gain of every far pixel, each in the shape of the far image.
+
+    ``far(p) = gain(p) (blurred near)(y(p), x(p)) + offset``. ``jacobian``, shape (2, 2), is the
+    mean of d(near x, near y) / d(far x, far y) over the overlap. ``correlation`` is that of the
+    two photographs once aligned, slow changes of light removed.
+    """
+
+    y_px: FloatArray
+    x_px: FloatArray
+    gain: FloatArray
+    jacobian: FloatArray
+    residual_rms_dn: float
+    correlation: float
+
+
+def align_smoothly(
+    near_dn: FloatArray,
+    far_dn: FloatArray,
+    far_to_near: FloatArray,
+    clipped: ClippedPixels | None = None,
+) -> _SmoothAlignment:
+    """Refine a homography by a smooth displacement and gain.
+
+    The homography maps far to near pixel centres and is accurate to a few px; ``clipped`` far
+    pixels and their neighbours do not count.
+    """
+    rows, cols = np.mgrid[: far_dn.shape[0], : far_dn.shape[1]].astype(np.float64)
+    start_y, start_x = _projected(far_to_near, rows, cols)
+    inside = _inside(start_y, start_x, near_dn.shape)
+    if np.count_nonzero(inside) < _LEAST_PIXELS:
+        raise PairError(
+            "the two photographs hardly overlap: photograph the same scene in both",
+            reason="little_overlap",
+        )
+    clipped = clipped or ClippedPixels.none(near_dn.shape, far_dn.shape)
+    u, v = _normalised(cols, inside), _normalised(rows, inside)
+    moves, gains = _monomials(u, v, _DISPLACEMENT_DEGREE), _monomials(u, v, _GAIN_DEGREE)
+    zoom = sqrt(abs(float(np.linalg.det(_mean_jacobian(start_y, start_x, inside)))))
+    move_x, move_y = np.zeros(len(moves)), np.zeros(len(moves))
+    gain = np.zeros(len(gains))
+    residual_rms = correlation = 0.0
+    for blur in _BLURS_PX:
+        x = start_x + np.tensordot(move_x, moves, axes=1)
+        y = start_y + np.tensordot(move_y, moves, axes=1)
+        used = inside & _inside(y, x, near_dn.shape)
+        used &= clipped.away(y, x, _CLIPPED_REACH_PX, zoom)
+        _refuse_too_few(used)
+        own_px = sqrt((zoom * blur) ** 2 + _PSF_GUESS_PX**2 * (zoom**2 - 1))
+        smooth = gaussian_filter(near_dn, own_px)
+        slope_y, slope_x = _slopes(smooth)
+        points = np.stack([y[used], x[used]])
+        seen = map_coordinates(smooth, points, order=1)
+        seen_y = map_coordinates(slope_y, points, order=1)
+        seen_x = map_coordinates(slope_x, points, order=1)
+        blurred = gaussian_filter(far_dn, blur)
+        target = blurred[used]
+        shapes, lights = moves[:, used], gains[:, used]
+        brightness = 1.0 if not gain.any() else gain @ lights
+        design = np.vstack([
+            brightness * seen_x * shapes,
+            brightness * seen_y * shapes,
+            seen * lights,
+            np.ones_like(seen)[None],
+        ])  # fmt: skip
+        normal = design @ design.T
+        solution: FloatArray = np.asarray(np.linalg.lstsq(normal, design @ target)[0], np.float64)
+        count = len(moves)
+        move_x, move_y = move_x + solution[:count], move_y + solution[count : 2 * count]
+        gain = solution[2 * count : -1]
+        residual = solution @ design - target
+        residual_rms = float(np.sqrt(np.mean(residual**2)))
+        if blur <= _FINE_PX:
+            correlation = max(correlation, _correlation(blurred, residual, used))
+    x = start_x + np.tensordot(move_x, moves, axes=1)
+    y = start_y + np.tensordot(move_y, moves, axes=1)
+    seen_by_both = inside & _inside(y, x, near_dn.shape)
+    return _SmoothAlignment(
+        y_px=y,
+        x_px=x,
+        gain=np.tensordot(gain, gains, axes=1),
+        jacobian=_mean_jacobian(y, x, seen_by_both),
+        residual_rms_dn=residual_rms,
+        correlation=correlation,
+    )
+
+
+def _projected(
+    far_to_near: FloatArray, y_px: FloatArray, x_px: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Near coordinates ``(y, x)`` of far ones."""
+    x, y, scale = np.tensordot(far_to_near, np.stack([x_px, y_px, np.ones_like(x_px)]), axes=1)
+    return y / scale, x / scale
+
+
+def _refuse_too_few(used: BoolArray) -> None:
+    if np.count_nonzero(used) < _LEAST_PIXELS:
+        raise PairError(
+            f"clipped pixels and their neighbours leave {np.count_nonzero(used)} pixels that both "
+            f"photographs show, {_LEAST_PIXELS} are needed; shorten the exposure",
+            reason="saturated",
+        )
+
+
+def _correlation(seen: FloatArray, residual: FloatArray, used: BoolArray) -> float:
+    """Correlation of what is seen with what was fitted to it, without what is slow."""
+    fitted, target = np.zeros((2, *seen.shape))
+    target[used] = seen[used]
+    fitted[used] = seen[used] + residual
+    share = np.maximum(gaussian_filter(used.astype(np.float64), _SLOW_PX), 1e-9)
+    fitted, target = (
+        (image - gaussian_filter(image, _SLOW_PX) / share)[used] for image in (fitted, target)
+    )
+    power = float(np.sqrt(np.sum(fitted**2) * np.sum(target**2)))
+    return float(fitted @ target) / power if power > 0 else 0.0
+
+
+def _within(mask: BoolArray, reach_px: float) -> BoolArray:
+    """Pixels so near to one of the mask."""
+    if not mask.any():
+        return mask
+    return np.asarray(distance_transform_edt(~mask) <= reach_px)
+
+
+def _inside(y: FloatArray, x: FloatArray, shape: tuple[int, ...]) -> BoolArray:
+    within_y = (y >= _MARGIN_PX) & (y <= shape[0] - 1 - _MARGIN_PX)
+    return np.asarray(within_y & (x >= _MARGIN_PX) & (x <= shape[1] - 1 - _MARGIN_PX))
+
+
+def _normalised(coordinate: FloatArray, inside: BoolArray) -> FloatArray:
+    low, high = float(coordinate[inside].min()), float(coordinate[inside].max())
+    return np.asarray(2 * (coordinate - low) / max(high - low, 1.0) - 1)
+
+
+def _monomials(u: FloatArray, v: FloatArray, degree: int) -> FloatArray:
+    return np.stack([u**i * v**j for i in range(degree + 1) for j in range(degree + 1 - i)])
+
+
+def _mean_jacobian(y: FloatArray, x: FloatArray, inside: BoolArray) -> FloatArray:
+    (x_down, x_right), (y_down, y_right) = _slopes(x), _slopes(y)
+    mean = [float(slope[inside].mean()) for slope in (x_right, x_down, y_right, y_down)]
+    return np.array(mean).reshape(2, 2)
+
+
+def _slopes(image: FloatArray) -> tuple[FloatArray, FloatArray]:
+    down, right = np.gradient(image)
+    return np.asarray(down), np.asarray(right)
+
+
+_ORDER: Final = 5  # of the interpolating spline: flat to 1 % up to 0.85 of the Nyquist frequency
+_TAPS = _ORDER + 1
+_CHUNK = 2048
+_MOST_PIXELS = 120_000
+_PHASES = 32
+_REACH = 24  # samples after which the cardinal spline is negligible
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _InterImageKernel:
+    """Normal equations of the weights of the kernel between two photographs.
+
+    ``far(p) = sum_q weights[r + q] near(H p + q) + offset``. The unknowns are the weights, row by
+    row, and the offset; r is ``radius_px``, in near pixels. ``normal`` is without the near image's
+    noise, so that it may be negative in directions in which that image has nothing else;
+    ``noisy_normal`` is what the pixels give. ``squares`` is the sum of the squared far pixels.
+    """
+
+    radius_px: int
+    normal: FloatArray
+    noisy_normal: FloatArray
+    right: FloatArray
+    squares: float
+    pixels: int
+
+    def squared_error(self, unknowns: FloatArray) -> float:
+        """Sum of the squared differences at the far pixels, without the near image's noise."""
+        return float(self.squares - 2 * self.right @ unknowns + unknowns @ self.normal @ unknowns)
+
+
+def estimate_kernel(
+    near_dn: FloatArray,
+    far_dn: FloatArray,
+    alignment: _SmoothAlignment,
+    *,
+    radius_px: int,
+    near_noise_dn2: float = 0.0,
+    clipped: ClippedPixels | None = None,
+) -> _InterImageKernel:
+    """Normal equations of the kernel from a near photograph to a far one.
+
+    The images are linear in light; the kernel reaches ``radius_px`` near pixels and absorbs a
+    remaining shift. The near noise is that of a pixel, 0 where it is not known; pixels whose kernel
+    reaches a ``clipped`` one do not count.
+    """
+    points = _far_points(alignment, near_dn.shape, radius_px, clipped)
+    unknowns = (2 * radius_px + 1) ** 2 + 1
+    if len(points.rows) < 4 * unknowns:
+        is_clipped = len(_far_points(alignment, near_dn.shape, radius_px, None).rows) > 4 * unknowns
+        raise PairError(
+            f"only {len(points.rows)} pixels of the far image are inside the near one"
+            f"{' and away from clipped ones' if is_clipped else ''}, {4 * unknowns} are needed: "
+            f"{'shorten the exposure' if is_clipped else 'photograph the same scene in both'}",
+            reason="saturated" if is_clipped else "little_overlap",
+        )
+    # Means are subtracted to reduce rounding errors; the offset absorbs them.
+    coefficients = spline_filter(near_dn - near_dn.mean(), order=_ORDER, mode="mirror")
+    values = (far_dn / alignment.gain)[points.rows, points.cols]
+    values = values - values.mean()
+    normal, right = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    for start in range(0, len(values), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        block = np.ones((len(values[part]), unknowns))
+        block[:, :-1] = _samples(coefficients, points.y[part], points.x[part], radius_px)
+        normal += block.T @ block
+        right += block.T @ values[part]
+    squares = float(values @ values)
+    noisy = normal.copy()
+    if near_noise_dn2 > 0:
+        normal[:-1, :-1] -= near_noise_dn2 * len(values) * _noise_covariance(points, radius_px)
+    return _InterImageKernel(
+        radius_px=radius_px,
+        normal=normal,
+        noisy_normal=noisy,
+        right=right,
+        squares=squares,
+        pixels=len(values),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _FarPoints:
+    rows: NDArray[np.intp]
+    cols: NDArray[np.intp]
+    y: FloatArray
+    x: FloatArray
+
+
+def _far_points(
+    alignment: _SmoothAlignment,
+    near_shape: tuple[int, ...],
+    radius_px: int,
+    clipped: ClippedPixels | None,
+) -> _FarPoints:
+    """Far pixels whose kernel is inside the near image, unclipped, thinned evenly to a limit."""
+    y, x = alignment.y_px, alignment.x_px
+    margin = radius_px + _TAPS
+    inside = (x >= margin) & (x <= near_shape[1] - 1 - margin)
+    inside &= (y >= margin) & (y <= near_shape[0] - 1 - margin)
+    if clipped is not None:
+        # The weights in the corners of the kernel are next to nothing.
+        inside &= clipped.away(y, x, 1.0, float(radius_px + 1))
+    chosen = np.flatnonzero(inside)
+    # A stride with no common factor with the rows spreads the pixels over the frame.
+    chosen = chosen[:: max(1, -(-len(chosen) // _MOST_PIXELS))]
+    rows, cols = np.unravel_index(chosen, inside.shape)
+    return _FarPoints(rows=rows, cols=cols, y=y.ravel()[chosen], x=x.ravel()[chosen])
+
+
+def _samples(coefficients: FloatArray, y: FloatArray, x: FloatArray, radius_px: int) -> FloatArray:
+    """The near image at (y, x) plus every offset of the kernel, shape ``(n, (2 r + 1)^2)``."""
+    width = 2 * radius_px + 1
+    first_y = np.floor(y).astype(np.intp) - _TAPS // 2 + 1 - radius_px
+    first_x = np.floor(x).astype(np.intp) - _TAPS // 2 + 1 - radius_px
+    span = width + _TAPS - 1
+    windows = np.lib.stride_tricks.sliding_window_view(coefficients, (span, span))
+    patches = windows[first_y, first_x]
+    taps_y, taps_x = _spline_taps(y - np.floor(y)), _spline_taps(x - np.floor(x))
+    along = np.zeros((len(y), span, width))
+    both = np.zeros((len(y), width, width))
+    for t in range(_TAPS):
+        along += taps_x[:, t, None, None] * patches[:, :, t : t + width]
+    for t in range(_TAPS):
+        both += taps_y[:, t, None, None] * along[:, t : t + width]
+    return both.reshape(len(y), -1)
+
+
+def _spline_taps(fraction: FloatArray) -> FloatArray:
+    """Weights of the six B-spline coefficients around each position, shape ``(n, 6)``."""
+    distance = fraction[:, None] - (np.arange(_TAPS) - _TAPS // 2 + 1)
+    return np.asarray(_basis()(distance))
+
+
+@cache
+def _basis() -> BSpline:
+    half = (_ORDER + 1) / 2
+    return BSpline.basis_element(np.arange(_ORDER + 2) - half, extrapolate=False)
+
+
+@cache
+def _interpolated_noise() -> FloatArray:
+    """Covariance of white noise interpolated at f and f + lag, by phase of f and by lag >= 0."""
+    unit = np.zeros(2 * _REACH + 1)
+    unit[_REACH] = 1.0
+    coefficients = spline_filter(unit, order=_ORDER, mode="mirror")
+    table = np.zeros((_PHASES, 2 * _REACH + 1))
+    for phase in range(_PHASES):
+        offsets = np.arange(-_REACH, _REACH + 1) + (phase + 0.5) / _PHASES
+        distance = offsets[:, None] - np.arange(-_REACH, _REACH + 1)
+        cardinal = np.nan_to_num(_basis()(distance)) @ coefficients
+        table[phase] = np.correlate(cardinal, cardinal, "full")[2 * _REACH :]
+    return table
+
+
+def _noise_covariance(points: _FarPoints, radius_px: int) -> FloatArray:
+    """Contribution of unit noise in the near image to the normal matrix, averaged over pixels."""
+    table = _interpolated_noise()
+    lag = np.abs(np.subtract.outer(np.arange(2 * radius_px + 1), np.arange(2 * radius_px + 1)))
+    axes = []
+    for position in (points.y, points.x):
+        phase = np.floor((position - np.floor(position)) * _PHASES).astype(np.intp) % _PHASES
+        axes.append((np.bincount(phase, minlength=_PHASES) / len(position)) @ table)
+    return np.asarray(np.kron(axes[0][lag], axes[1][lag]), dtype=np.float64)
+
 
 LEAST_ZOOM = 1.15
 _LEAST_CORRELATION = 0.6
@@ -51,22 +423,8 @@ def pair_psf(
 ) -> PairPsf:
     """Total PSF from a near and a far photograph.
 
-    Parameters
-    ----------
-    near_dn, far_dn
-        Linear in light, shape ``(rows, cols)``.
-    far_to_near
-        Homography from far to near pixel centres, shape (3, 3).
-    near_noise_dn2
-        Noise variance of a pixel in the near image; if it is left out, noise is taken for blur.
-    clipped
-        Pixels that do not count; None for none.
-
-    Raises
-    ------
-    PairError
-        If the two do not match there, the distances are too similar, or the photographs have too
-        little detail.
+    The images are linear in light; the homography maps far to near pixel centres. Without the
+    variance of a near pixel's noise, noise is taken for blur.
     """
     alignment = align_smoothly(near_dn, far_dn, far_to_near, clipped)
     if alignment.correlation < _LEAST_CORRELATION:
@@ -136,7 +494,7 @@ def combined(pairs: Sequence[PairPsf]) -> tuple[FloatArray, FloatArray]:
     return mean, covariance
 
 
-def _gaussian_of(kernel: InterImageKernel) -> tuple[FloatArray, FloatArray]:
+def _gaussian_of(kernel: _InterImageKernel) -> tuple[FloatArray, FloatArray]:
     """Covariance elements (xx, xy, yy) of the Gaussian that fits the pixels best, and their error.
 
     Gauss-Newton on the squared error of the far pixels, which the normal equations contain in full;

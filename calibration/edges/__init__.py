@@ -1,4 +1,4 @@
-"""Measure the edges of photographs: fits on the raw pixels, and their e-SFR."""
+"""Find and measure the edges of photographs: fits on the raw pixels, and their e-SFR."""
 
 import lazy_loader as lazy
 

@@ -1,34 +1,47 @@
-from .axis_transfer import (
-    AxisTransfer as AxisTransfer,
-    MeasuredTransfer as MeasuredTransfer,
-    mean_transfer as mean_transfer,
-)
-from .binned import (
-    BinnedEdge as BinnedEdge,
-    bin_centres_px as bin_centres_px,
-    bin_edge as bin_edge,
-)
+from .detection import find_edges as find_edges
 from .esfr import (
     SFR_FREQ_CY_PER_PX as SFR_FREQ_CY_PER_PX,
-    EdgeSfr as EdgeSfr,
     esfr_half_width_px as esfr_half_width_px,
+    gaussian_mtf50 as gaussian_mtf50,
     measure_esfr as measure_esfr,
+    pixel_mtf50 as pixel_mtf50,
 )
-from .gaussian_mtf import gaussian_mtf50 as gaussian_mtf50, pixel_mtf50 as pixel_mtf50
-from .image import EdgeImage as EdgeImage, Region as Region
+from .fit import EdgeFit as EdgeFit, JpegCompression as JpegCompression, fit_edge as fit_edge
+from .image import (
+    PITCH_PX as PITCH_PX,
+    EdgeImage as EdgeImage,
+    PlanePlace as PlanePlace,
+    Region as Region,
+    plane_places as plane_places,
+)
 from .measurement import (
     REJECTING_FLAGS as REJECTING_FLAGS,
+    AxisTransfer as AxisTransfer,
     EdgeMeasurement as EdgeMeasurement,
+    EdgeSelection as EdgeSelection,
+    MeasuredTransfer as MeasuredTransfer,
     Method as Method,
+    mean_transfer as mean_transfer,
     measure_edges as measure_edges,
 )
-from .mosaic import PITCH_PX as PITCH_PX, PlanePlace as PlanePlace, plane_places as plane_places
-from .orientation import Orientation as Orientation, orientation_of as orientation_of
+from .model import edge_profile as edge_profile
 from .samples import (
+    BinnedEdge as BinnedEdge,
     EdgeSamples as EdgeSamples,
+    bin_centres_px as bin_centres_px,
+    bin_edge as bin_edge,
+    border_flags as border_flags,
     edge_samples as edge_samples,
     roughness_px as roughness_px,
     without_shading as without_shading,
 )
-from .selection import EdgeSelection as EdgeSelection, told_apart as told_apart
-from .straightness import border_flags as border_flags
+from .segments import (
+    EdgeLine as EdgeLine,
+    EdgeSegment as EdgeSegment,
+    Orientation as Orientation,
+    band_half_width as band_half_width,
+    band_pixels as band_pixels,
+    least_side_px as least_side_px,
+    orientation_of as orientation_of,
+    side_level as side_level,
+)

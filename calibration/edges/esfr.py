@@ -7,15 +7,13 @@ the curve, and only as much noise is let in as the pixels ask for.
 """
 
 from dataclasses import dataclass, field
-from math import atan, atan2, cos, exp, pi, sin
+from math import atan, atan2, cos, exp, log, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.edge_fit import EdgeShape, edge_shape, shape_slopes, shape_value
-from calibration.edges.binned import BinnedEdge
-from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_transfer
+from calibration.edges.model import EdgeShape, edge_shape, shape_slopes, shape_value
 from calibration.edges.penalised_spline import (
     DEGREE,
     SplineFit,
@@ -23,8 +21,54 @@ from calibration.edges.penalised_spline import (
     fit_penalised_spline,
     variances,
 )
+from calibration.edges.samples import BinnedEdge
 from simulation.arrays import FloatArray
 from simulation.compiled import compiled, compiled_part
+
+_STEPS = 60  # of bisection and secant together: 12 are usual
+_EXACT = 1e-13
+
+
+def gaussian_mtf50(sigma_px: float) -> float:
+    """Frequency in cy/px at which a Gaussian of this width transfers half the contrast."""
+    return sqrt(log(2) / 2) / (pi * sigma_px)
+
+
+def pixel_mtf50(optical_sigma_px: float, normal_rad: float) -> float:
+    """Frequency in cy/px along an edge normal at which half the contrast is left.
+
+    The transfer is ``exp(-2 pi^2 sigma^2 f^2) sinc(f cos) sinc(f sin)``: the optical Gaussian
+    and the pixel square (ISO 12233:2023, annex D, system MTF as a product).
+    """
+    return float(_half_contrast(optical_sigma_px, cos(normal_rad), sin(normal_rad)))
+
+
+@compiled_part()
+def _pixel_transfer(freq_cy_per_px: float, sigma_px: float, cosine: float, sine: float) -> float:
+    """Contrast that a Gaussian behind the unit square passes; without cosine and sine, alone."""
+    contrast = exp(-2.0 * (pi * sigma_px * freq_cy_per_px) ** 2)
+    return contrast * np.sinc(freq_cy_per_px * cosine) * np.sinc(freq_cy_per_px * sine)
+
+
+@compiled()
+def _half_contrast(sigma_px: float, cosine: float, sine: float) -> float:
+    # The square alone has its first zero at 1 cy/px or beyond and falls below a half before.
+    low, high = 0.0, 1.0
+    at_low, at_high = 0.5, _pixel_transfer(1.0, sigma_px, cosine, sine) - 0.5
+    for _ in range(_STEPS):
+        # The secant of Illinois: an end that stays counts half.
+        middle = high - at_high * (high - low) / (at_high - at_low)
+        here = _pixel_transfer(middle, sigma_px, cosine, sine) - 0.5
+        if abs(here) < _EXACT:
+            return middle
+        if here > 0:
+            low, at_low = middle, here
+            at_high *= 0.5
+        else:
+            high, at_high = middle, here
+            at_low *= 0.5
+    return 0.5 * (low + high)
+
 
 SFR_FREQ_CY_PER_PX = tuple(round(0.05 * k, 2) for k in range(1, 11))
 """Frequencies at which tables list the contrast, up to Nyquist."""
@@ -114,16 +158,8 @@ def esfr_half_width_px(sigma_px: float) -> float:
 def measure_esfr(edge: BinnedEdge) -> EdgeSfr | None:
     """Measure the contrast by frequency across an edge.
 
-    Parameters
-    ----------
-    edge
-        Its pixels in bins, best within ``esfr_half_width_px`` of it.
-
-    Returns
-    -------
-    EdgeSfr or None
-        None where the levels do not rise along the normal, or change beside the edge as much as no
-        PSF spreads them.
+    None where the levels do not rise along the normal, or change beside the edge as much as no PSF
+    spreads them.
     """
     distance = edge.distance_px
     shapes = (
@@ -269,7 +305,7 @@ def _transform(curve: _Curve, freq_cy_per_px: FloatArray) -> NDArray[np.complex1
 @compiled_part()
 def _transform_at(curve: _Curve, freq: float) -> complex:
     shape, terms, steps = curve.shape, curve.fit.terms, curve.steps
-    gauss = pixel_transfer(freq, shape.sigma_px, shape.cosine, shape.sine)
+    gauss = _pixel_transfer(freq, shape.sigma_px, shape.cosine, shape.sine)
     by_log_sigma = -((2.0 * pi * shape.sigma_px * freq) ** 2) * gauss
     total = (1.0 + terms[0]) * gauss + terms[1] * by_log_sigma
     total += terms[3] * (exp(-2.0 * pi * curve.tail_px * abs(freq)) - gauss)
@@ -304,7 +340,7 @@ def _errors(curve: _Curve, freq_cy_per_px: FloatArray, phase_rad: FloatArray) ->
         freq = freq_cy_per_px[i]
         c, s = cos(phase_rad[i]), sin(phase_rad[i])
         here = c * transform[i].real + s * transform[i].imag
-        gauss = pixel_transfer(freq, shape.sigma_px, shape.cosine, shape.sine)
+        gauss = _pixel_transfer(freq, shape.sigma_px, shape.cosine, shape.sine)
         by_term[0, i] = c * gauss - here
         by_term[1, i] = -((2.0 * pi * shape.sigma_px * freq) ** 2) * c * gauss
         by_term[2, i] = 2.0 * pi * freq * s * gauss

@@ -1,14 +1,17 @@
 """A smooth deviation from a few known shapes: a P-spline beside free terms, solved in its band.
 
-Cubic B-splines on equal knots with a penalty on the third differences of the coefficients
-(Eilers and Marx, "Flexible smoothing with B-splines and penalties", Statistical Science 11,
-1996), flat at both ends, beside a few unpenalised terms. As a mixed model the penalty is a prior on
-the deviation; its weight has the greatest restricted likelihood (Wood, "Fast stable restricted
-maximum likelihood and marginal likelihood estimation of semiparametric generalized linear models",
-JRSS B 73, 2011), and the posterior covariance holds what the smoothing takes away as well as the
-noise (Wahba, "Bayesian confidence intervals for the cross-validated smoothing spline", JRSS B 45,
-1983). The spline's normal equations have three off-diagonals: a banded Cholesky factor solves them,
-and the terms are a border of the system.
+Cholesky factors of a band and of a few terms beside it, and what is solved with them. All is
+written out: LAPACK's routines take longer to compile for so small systems than to run.
+
+Cubic B-splines on equal knots with a penalty on the third differences of the coefficients (Eilers
+and Marx, "Flexible smoothing with B-splines and penalties", Statistical Science 11, 1996), flat at
+both ends, beside a few unpenalised terms. As a mixed model the penalty is a prior on the deviation;
+its weight has the greatest restricted likelihood (Wood, "Fast stable restricted maximum likelihood
+and marginal likelihood estimation of semiparametric generalized linear models", JRSS B 73, 2011),
+and the posterior covariance holds what the smoothing takes away as well as the noise (Wahba,
+"Bayesian confidence intervals for the cross-validated smoothing spline", JRSS B 45, 1983). The
+spline's normal equations have three off-diagonals: a banded Cholesky factor solves them, and the
+terms are a border of the system.
 """
 
 from math import log, sqrt
@@ -16,18 +19,112 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration.edges.banded_cholesky import (
-    BAND,
-    backward_solved,
-    band_factor,
-    column_products,
-    forward_solved,
-    log_of_diagonal,
-    lower_factor,
-    lower_solved,
-)
 from simulation.arrays import FloatArray
 from simulation.compiled import compiled_part
+
+BAND = 4  # the diagonal and three beside it
+
+
+@compiled_part()
+def _band_factor(data: FloatArray, penalty: FloatArray, weight: float) -> FloatArray:
+    """Lower Cholesky factor in the band; its first element is 0 where there is none."""
+    count = data.shape[0]
+    factor = np.zeros((count + BAND - 1, BAND))  # three rows of zeros come before the first
+    inverse3 = inverse2 = inverse1 = 0.0  # of the diagonal in the rows before
+    for i in range(count):
+        k = i + BAND - 1
+        third = (data[i, 3] + weight * penalty[i, 3]) * inverse3
+        second = data[i, 2] + weight * penalty[i, 2] - third * factor[k - 2, 1]
+        second *= inverse2
+        first = data[i, 1] + weight * penalty[i, 1]
+        first -= third * factor[k - 1, 2] + second * factor[k - 1, 1]
+        first *= inverse1
+        pivot = data[i, 0] + weight * penalty[i, 0]
+        pivot -= first * first + second * second + third * third
+        if not pivot > 0.0:
+            factor[BAND - 1, 0] = 0.0
+            break
+        root = np.sqrt(pivot)
+        inverse3, inverse2, inverse1 = inverse2, inverse1, 1.0 / root
+        factor[k, 0], factor[k, 1], factor[k, 2], factor[k, 3] = root, first, second, third
+    return factor[BAND - 1 :]
+
+
+@compiled_part()
+def _forward_solved(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve with the lower factor for columns of right sides, shape ``(n, k)``."""
+    out = right.copy()
+    for i in range(out.shape[0]):
+        first, second, third = factor[i, 1], factor[i, 2], factor[i, 3]
+        scale = 1.0 / factor[i, 0]
+        # What lies before the first row has factors of 0.
+        one, two, three = max(i - 1, 0), max(i - 2, 0), max(i - 3, 0)
+        for k in range(out.shape[1]):
+            left = first * out[one, k] + second * out[two, k] + third * out[three, k]
+            out[i, k] = (out[i, k] - left) * scale
+    return out
+
+
+@compiled_part()
+def _backward_solved(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve with the transposed factor."""
+    out = right.copy()
+    count = out.size
+    for i in range(count - 1, -1, -1):
+        for d in range(1, min(BAND, count - i)):
+            out[i] -= factor[i + d, d] * out[i + d]
+        out[i] /= factor[i, 0]
+    return out
+
+
+@compiled_part()
+def _lower_factor(square: FloatArray) -> FloatArray:
+    """Lower Cholesky factor of the few terms."""
+    factor = np.zeros_like(square)
+    for i in range(square.shape[0]):
+        for j in range(i + 1):
+            total = square[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = np.sqrt(max(total, 0.0)) if i == j else total / factor[j, j]
+    return factor
+
+
+@compiled_part()
+def _lower_solved(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve with a small lower factor for columns of right sides, shape ``(m, k)``."""
+    out = np.empty_like(right)
+    for i in range(factor.shape[0]):
+        for k in range(out.shape[1]):
+            left = right[i, k]
+            for j in range(i):
+                left -= factor[i, j] * out[j, k]
+            out[i, k] = left / factor[i, i]
+    return out
+
+
+@compiled_part()
+def _column_products(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Products of the columns, ``left.T @ right``."""
+    out = np.zeros((left.shape[1], right.shape[1]))
+    for i in range(left.shape[0]):
+        for j in range(left.shape[1]):
+            for k in range(right.shape[1]):
+                out[j, k] += left[i, j] * right[i, k]
+    return out
+
+
+@compiled_part()
+def _log_of_diagonal(factor: FloatArray) -> float:
+    """Logarithm of the product of the diagonal, in parts that do not overflow."""
+    total, product = 0.0, 1.0
+    for i in range(factor.shape[0]):
+        product *= factor[i, 0]
+        if not 1e-100 < product < 1e100:
+            total += log(product)
+            product = 1.0
+    return total + log(product)
+
 
 DEGREE = 3
 _PENALTY = (-1.0, 3.0, -3.0, 1.0)  # third difference
@@ -163,7 +260,7 @@ class _Reduced(NamedTuple):
 def _reduced(equations: _Equations, penalty: FloatArray, weight: float) -> _Reduced:
     """Eliminate the spline at a penalty's weight."""
     count, several = equations.cross.shape
-    factor = band_factor(equations.band, penalty, weight)
+    factor = _band_factor(equations.band, penalty, weight)
     if factor[0, 0] == 0.0:
         none = np.empty((1, 0))
         return _Reduced(False, -np.inf, 0.0, factor, none, none, none)
@@ -172,16 +269,16 @@ def _reduced(equations: _Equations, penalty: FloatArray, weight: float) -> _Redu
         for m in range(several):
             sides[i, m] = equations.cross[i, m]
         sides[i, several] = equations.right[i]
-    sides = forward_solved(factor, sides)
-    products = column_products(sides, sides)
+    sides = _forward_solved(factor, sides)
+    products = _column_products(sides, sides)
     square, right = np.empty((several, several)), np.empty((several, 1))
     for m in range(several):
         for k in range(several):
             square[m, k] = equations.terms[m, k] - products[m, k]
         square[m, m] = max(square[m, m], 0.0) + _RIDGE * equations.terms[m, m]
         right[m, 0] = equations.terms_right[m] - products[m, several]
-    border = lower_factor(square)
-    right = lower_solved(border, right)
+    border = _lower_factor(square)
+    right = _lower_solved(border, right)
     left = equations.squares - products[several, several]
     for m in range(several):
         left -= right[m, 0] * right[m, 0]
@@ -191,7 +288,7 @@ def _reduced(equations: _Equations, penalty: FloatArray, weight: float) -> _Redu
     if scale < 1.0 + _SURPRISING * sqrt(2.0 / freedom):
         scale = 1.0
     likelihood = (count - 1) * log(weight) - left
-    likelihood -= 2.0 * log_of_diagonal(factor)
+    likelihood -= 2.0 * _log_of_diagonal(factor)
     for m in range(several):
         likelihood -= 2.0 * log(border[m, m])
     return _Reduced(True, likelihood, scale, factor, sides, border, right)
@@ -217,7 +314,7 @@ def _solved(reduced: _Reduced) -> SplineFit:
         for m in range(several):
             cross[i, m] = reduced.sides[i, m]
             left[i] -= cross[i, m] * terms[m]
-    coefficients = backward_solved(reduced.factor, left)
+    coefficients = _backward_solved(reduced.factor, left)
     return SplineFit(True, coefficients, terms, reduced.factor, cross, border, reduced.scale)
 
 
@@ -232,19 +329,10 @@ def fit_penalised_spline(
 ) -> SplineFit:
     """Fit known terms and a smooth deviation that is flat at and beyond both its ends.
 
-    Parameters
-    ----------
-    positions
-        Positions of the samples in knots, from 0 to ``count + 1`` with ``count`` coefficients.
-    values, weights
-        Levels there and their inverse variances, shape ``(n,)``.
-    terms
-        The terms at the samples, shape ``(n, m)``.
-    precision
-        Inverse variance of each term's prior about 0, shape ``(m,)``; 0 for a free term.
-    stiffness
-        Weight of each third difference relative to the others, shape ``(count + 3,)``; the
-        one at k lies ``k - 0.5`` knots from the left end.
+    Positions are in knots, from 0 to ``count + 1`` with ``count`` coefficients; weights are inverse
+    variances, ``terms`` has shape ``(n, m)`` and ``precision`` the inverse variance of each term's
+    prior about 0, 0 for a free one. The stiffness, shape ``(count + 3,)``, is the weight of each
+    third difference; that at k lies ``k - 0.5`` knots from the left end.
     """
     equations = _assemble(positions, values, weights, terms, stiffness.size - 3)
     for m in range(precision.size):
@@ -297,19 +385,14 @@ def _lightest_likely(
 def variances(fit: SplineFit, by_coefficient: FloatArray, by_term: FloatArray) -> FloatArray:
     """Posterior variances of what depends so on the coefficients and on the terms.
 
-    Parameters
-    ----------
-    fit
-        A fit that was found.
-    by_coefficient, by_term
-        Derivatives, shapes ``(count, k)`` and ``(m, k)`` for k quantities.
+    The derivatives have shapes ``(count, k)`` and ``(m, k)`` for k quantities.
     """
-    inner = forward_solved(fit.factor, by_coefficient)
-    outer = column_products(fit.cross, inner)
+    inner = _forward_solved(fit.factor, by_coefficient)
+    outer = _column_products(fit.cross, inner)
     for m in range(outer.shape[0]):
         for k in range(outer.shape[1]):
             outer[m, k] = by_term[m, k] - outer[m, k]
-    outer = lower_solved(fit.border, outer)
+    outer = _lower_solved(fit.border, outer)
     out = np.zeros(by_coefficient.shape[1])
     for k in range(out.size):
         for i in range(inner.shape[0]):

@@ -1,38 +1,31 @@
 from .board import (
     DEFAULT_BOARD as DEFAULT_BOARD,
     CharucoBoard as CharucoBoard,
+    Levelling as Levelling,
     find_board as find_board,
+    level_by_board as level_by_board,
+    level_by_focus as level_by_focus,
 )
-from .bundle_adjustment import LensPrior as LensPrior
+from .bundle_adjustment import (
+    LENS_SIZE as LENS_SIZE,
+    SHARED_SIZE as SHARED_SIZE,
+    GeometryCapture as GeometryCapture,
+    LensPrior as LensPrior,
+    PlaneLens as PlaneLens,
+)
 from .calibration import (
     GeometryOptions as GeometryOptions,
     calibrate_geometry as calibrate_geometry,
-)
-from .camera import (
-    LENS_SIZE as LENS_SIZE,
-    SHARED_SIZE as SHARED_SIZE,
-    PlaneLens as PlaneLens,
-)
-from .captures import (
     geometry_captures as geometry_captures,
     geometry_records as geometry_records,
     nominal_focal_px as nominal_focal_px,
 )
 from .document import (
-    GEOMETRY_SCHEMA as GEOMETRY_SCHEMA,
     CaptureGeometry as CaptureGeometry,
     ExcludedCapture as ExcludedCapture,
     GeometryCalibration as GeometryCalibration,
     HeightZoom as HeightZoom,
-)
-from .levelling import (
-    Levelling as Levelling,
-    level_by_board as level_by_board,
-    level_by_focus as level_by_focus,
-)
-from .plot import (
     captures_by_target as captures_by_target,
     draw_scale_by_height as draw_scale_by_height,
     target_colours as target_colours,
 )
-from .series import GeometryCapture as GeometryCapture

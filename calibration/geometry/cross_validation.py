@@ -17,15 +17,17 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from calibration.geometry.bundle_adjustment import (
+    LENS_SIZE,
     Adjustment,
+    CapturePose,
     EquationRows,
+    PlaneLens,
+    PlaneMatches,
     equations,
     jackknife,
 )
-from calibration.geometry.camera import LENS_SIZE, CapturePose, PlaneLens
 from calibration.geometry.document import CrossValidation, HeldOut, PlaneSag
 from calibration.geometry.pupil import HEIGHT_FLOOR_MM, PupilFit, SeriesDistances
-from calibration.geometry.series import PlaneMatches
 from simulation.arrays import BoolArray, FloatArray, IntArray
 
 _SURE_P = 1e-3

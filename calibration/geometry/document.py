@@ -2,20 +2,68 @@
 
 from typing import TYPE_CHECKING, Final, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from acquisition.dataframe import dataframe
 from acquisition.files import Provenance
+from calibration.estimate import NORMAL_95
 from simulation.notebook import Shown
+from simulation.palette import INK, PALETTE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
+TARGET_COLOURS = PALETTE
+
+
+def draw_scale_by_height(axes: "Axes", geometry: "GeometryCalibration") -> None:
+    """Draw every capture's scale against its height, with the fit."""
+    low, high = geometry.heights_mm[0], geometry.heights_mm[-1]
+    margin = 0.04 * (high - low)
+    heights = np.linspace(low - margin, high + margin, 300)
+    focal = geometry.focal_length_px
+    unit = 1.0 if focal is None else focal
+    reference = 1.0 if focal is not None else low + geometry.pupil_offset_mm
+    axes.plot(
+        heights,
+        unit * reference / (heights + geometry.pupil_offset_mm),
+        color=INK,
+        linewidth=1,
+        label=f"fit, pupil {geometry.pupil_offset_mm:.3f} mm above height 0",
+    )
+    by_target = captures_by_target(geometry).items()
+    for (name, captures), colour in zip(by_target, target_colours(), strict=False):
+        own = np.array([one.height_mm for one in captures])
+        left = np.array([one.height_residual_mm for one in captures])
+        measured = unit * reference / (own - left + geometry.pupil_offset_mm)
+        axes.plot(own, measured, "o", markersize=4.5, color=colour, label=name)
+    axes.set(
+        ylabel="scale / (px/mm)" if focal is not None else f"scale, 1 at {low:g} mm",
+        xlim=(low - margin, high + margin),
+    )
+    axes.legend(loc="upper right")
+
+
+def captures_by_target(geometry: "GeometryCalibration") -> "dict[str, list[CaptureGeometry]]":
+    """Return the captures of each target, by height."""
+    groups: dict[str, list[CaptureGeometry]] = {}
+    for capture in geometry.captures:
+        name = (
+            capture.target if capture.target == capture.kind else f"{capture.kind} {capture.target}"
+        )
+        groups.setdefault(name, []).append(capture)
+    return {name: sorted(group, key=lambda c: c.height_mm) for name, group in groups.items()}
+
+
+def target_colours() -> tuple[str, ...]:
+    """Return colours for as many targets as there may be."""
+    return TARGET_COLOURS * 20
+
 
 GEOMETRY_SCHEMA: Final = "standoff.geometry/1"
-_NORMAL_95 = 1.959963984540054
 _BEYOND_MM = 0.1
 """Heights read back scatter by the tolerance of the stage, which is less."""
 
@@ -210,7 +258,7 @@ class GeometryCalibration(Shown, _Stored):
         heights scatter more than the images explain: with three heights 12.7.
         """
         if self.pupil_offset_interval_95_mm is None or not self.pupil_offset_err_mm:
-            return _NORMAL_95
+            return NORMAL_95
         low, high = self.pupil_offset_interval_95_mm
         return 0.5 * (high - low) / self.pupil_offset_err_mm
 
@@ -250,7 +298,6 @@ class GeometryCalibration(Shown, _Stored):
 
     def plot(self, ax: "Axes | None" = None) -> "Figure":
         """Return a figure of every capture's scale against its height, with the fit."""
-        from calibration.geometry.plot import draw_scale_by_height  # matplotlib, for whoever looks
         from simulation.figures import drawn
 
         def draw(axes: "Axes") -> None:

@@ -8,26 +8,184 @@ corners of a board have known positions.
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from math import atan2, log
+from math import atan2, log, sqrt
+from typing import TypeVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d, gaussian_filter, map_coordinates
 
 from calibration.errors import GeometryError, RegistrationError
 from calibration.geometry.board import BoardCorners, CharucoBoard, find_board
-from calibration.geometry.bundle_adjustment import Adjustment, LensPrior, adjust
-from calibration.geometry.camera import CapturePose, PlaneLens
-from calibration.geometry.dense_matches import match_blocks
-from calibration.geometry.series import (
+from calibration.geometry.bundle_adjustment import (
+    Adjustment,
+    CapturePose,
     Exclusion,
     GeometryCapture,
+    LensPrior,
+    PlaneLens,
     PlaneMatches,
     PosedCapture,
     Series,
+    adjust,
 )
 from calibration.registration import ImageFeatures, find_features, homography_pose
-from simulation.arrays import FloatArray
+from simulation.arrays import BoolArray, FloatArray
 from simulation.pose import project, projection_slopes
+
+_Value = TypeVar("_Value", bound=np.generic)
+
+BLOCK_PX = 32
+"""Side of a block: some tens of texture grains, and still hundreds of blocks per capture."""
+
+_BLUR_PX = 0.65
+"""Total PSF assumed for blurring the nearer capture to the further one's sharpness.
+
+A wrong width blurs every detail symmetrically, and so moves nothing.
+"""
+_BORDER_PX = 3.0
+_CORRELATION_MIN = 0.8
+_SHIFT_MAX_PX = 1.0
+_ERROR_MAX_PX = 0.3
+_CONDITION_MAX = 1e12
+_UNKNOWNS = 6
+_RAMPS = tuple(
+    ramp.ravel() for ramp in np.meshgrid(*[np.linspace(-1.0, 1.0, BLOCK_PX)] * 2, indexing="xy")
+)
+_SLOPE_WEIGHTS = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
+_ERROR_FLOOR_PX = 0.01
+"""Approximate error of a block's shift by aliasing; it keeps single blocks from dominating."""
+
+
+def _match_blocks(
+    lens: PlaneLens, nears: Sequence[PosedCapture], far: PosedCapture
+) -> list[PlaneMatches]:
+    """Find each block of the furthest capture in nearer ones.
+
+    The nearer capture is blurred to the further one's sharpness and sampled at the positions given
+    by the two poses; the remaining shift of every block is found by least squares, with its gain,
+    the slopes of the gain (vignetting) and its offset free. The poses are right to a fraction of a
+    pixel, the lens is inclined as it is to the target.
+
+    References
+    ----------
+    A. Gruen, "Adaptive least squares correlation: a powerful image matching technique", South
+    African Journal of Photogrammetry, Remote Sensing and Cartography 14 (3), 1985.
+    """
+    image = np.asarray(far.capture.image, dtype=np.float64)
+    rows, cols = (size // BLOCK_PX * BLOCK_PX for size in image.shape)
+    top, left = (image.shape[0] - rows) // 2, (image.shape[1] - cols) // 2
+    y, x = np.mgrid[top : top + rows, left : left + cols].astype(np.float64)
+    plane = far.pose.plane(lens.slopes(np.column_stack([x.ravel(), y.ravel()])))
+    blocks = _Blocks(
+        measured=image[top : top + rows, left : left + cols],
+        plane=plane.reshape(rows, cols, 2),
+        x_px=x[0],
+        y_px=y[:, 0],
+    )
+    return [_match(lens, near, far, blocks) for near in nears]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Blocks:
+    """The whole blocks of a capture: levels, plane points and pixel coordinates."""
+
+    measured: FloatArray
+    plane: FloatArray
+    x_px: FloatArray
+    y_px: FloatArray
+
+
+def _match(lens: PlaneLens, near: PosedCapture, far: PosedCapture, blocks: _Blocks) -> PlaneMatches:
+    simulated, whole = _simulated(lens, near, far, blocks.plane)
+    slope_y, slope_x = (_slope(simulated, axis) for axis in (0, 1))
+    levels = _flat(simulated, whole)
+    design = np.stack(
+        [
+            _flat(slope_x, whole),
+            _flat(slope_y, whole),
+            levels,
+            np.ones_like(levels),
+            *(levels * ramp for ramp in _RAMPS),
+        ],
+        axis=2,
+    )
+    target = _flat(blocks.measured, whole)
+    # Centred levels keep the equations well conditioned.
+    for column in (2, 4, 5):
+        design[:, :, column] -= design[:, :, column].mean(axis=1, keepdims=True)
+    target = target - target.mean(axis=1, keepdims=True)
+    transposed = design.swapaxes(1, 2)
+    normal = transposed @ design
+    good = np.linalg.cond(normal) < _CONDITION_MAX
+    inverse = np.linalg.inv(np.where(good[:, None, None], normal, np.eye(_UNKNOWNS)))
+    solution = (inverse @ (transposed @ target[:, :, None]))[:, :, 0]
+    residual = target - (design @ solution[:, :, None])[:, :, 0]
+    left_over = np.sum(residual**2, axis=1)
+    gain = np.where(solution[:, 2] > 0, solution[:, 2], np.inf)
+    shift = solution[:, :2] / gain[:, None]
+    variance = left_over / (design.shape[1] - _UNKNOWNS) / gain**2
+    covariance = inverse[:, :2, :2] * variance[:, None, None]
+    good &= np.isfinite(gain)
+    good &= left_over < (1 - _CORRELATION_MIN**2) * np.sum(target**2, axis=1)
+    good &= np.hypot(shift[:, 0], shift[:, 1]) < _SHIFT_MAX_PX
+    good &= np.trace(covariance, axis1=1, axis2=2) < _ERROR_MAX_PX**2
+    centre_y, centre_x = np.meshgrid(
+        blocks.y_px.reshape(-1, BLOCK_PX).mean(axis=1),
+        blocks.x_px.reshape(-1, BLOCK_PX).mean(axis=1),
+        indexing="ij",
+    )
+    centres = np.column_stack([centre_x.ravel(), centre_y.ravel()])[whole][good]
+    moved = far.pose.plane(lens.slopes(centres + shift[good]))
+    return PlaneMatches(
+        capture=far.capture,
+        seen_px=centres,
+        other=near.capture,
+        other_points=lens.pixels(near.pose.slopes(moved)),
+        covariance_px2=covariance[good] + np.eye(2) * _ERROR_FLOOR_PX**2,
+    )
+
+
+def _simulated(
+    lens: PlaneLens, near: PosedCapture, far: PosedCapture, plane: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """The nearer capture on the further one's pixels, and which blocks are completely inside it."""
+    rows, cols = plane.shape[:2]
+    image = np.asarray(near.capture.image, dtype=np.float64)
+    source = lens.pixels(near.pose.slopes(plane.reshape(-1, 2))).reshape(rows, cols, 2)
+    height, width = image.shape
+    inside = (
+        (source[:, :, 0] > _BORDER_PX)
+        & (source[:, :, 0] < width - 1 - _BORDER_PX)
+        & (source[:, :, 1] > _BORDER_PX)
+        & (source[:, :, 1] < height - 1 - _BORDER_PX)
+    )
+    zoom = far.pose.distance / near.pose.distance
+    blurred = gaussian_filter(image, _BLUR_PX * sqrt(max(zoom**2 - 1, 0.0)), mode="nearest")
+    simulated = np.zeros((rows, cols))
+    simulated[inside] = map_coordinates(
+        blurred, [source[inside, 1], source[inside, 0]], order=3, mode="nearest"
+    )
+    return simulated, _blocks(inside).all(axis=(2, 3)).ravel()
+
+
+def _slope(image: FloatArray, axis: int) -> FloatArray:
+    """Fourth-order derivative: a second-order one comes out too small for fine detail."""
+    return np.asarray(correlate1d(image, _SLOPE_WEIGHTS, axis=axis, mode="nearest"))
+
+
+def _blocks(image: NDArray[_Value]) -> NDArray[_Value]:
+    """Blocks of an image, shape (block rows, block columns, side, side)."""
+    rows, cols = image.shape
+    cut = image.reshape(rows // BLOCK_PX, BLOCK_PX, cols // BLOCK_PX, BLOCK_PX)
+    return cut.swapaxes(1, 2)
+
+
+def _flat(image: FloatArray, chosen: BoolArray) -> FloatArray:
+    """Pixels of the chosen blocks, shape (blocks, pixels)."""
+    return _blocks(image).reshape(-1, BLOCK_PX * BLOCK_PX)[chosen]
+
 
 _FEATURE_ERROR_PX = 0.4
 _REACH = 2
@@ -69,23 +227,8 @@ def adjust_captures(
 ) -> MatchedCaptures:
     """Match the captures of each placement and adjust them all together.
 
-    Parameters
-    ----------
-    captures
-        The captures, grouped by placement, heights ascending.
-    lens
-        The starting point; its image size and focal length are kept.
-    board
-        The board that captures of kind board show.
-    progress
-        Called with the number of captures done.
-    prior
-        Prior knowledge of the lens.
-
-    Raises
-    ------
-    GeometryError
-        If no placement is left; the message names a capture, its fault and the remedy.
+    They are grouped by placement, heights ascending; the lens keeps its image size and focal
+    length. ``progress`` is called with the number of captures done.
     """
     found = []
     done = 0
@@ -135,7 +278,7 @@ def _dense_matches(adjustment: Adjustment, strides: Sequence[int]) -> list[Plane
         rising = sorted(series.captures, key=lambda one: one.pose.log_distance)
         for number, far in enumerate(rising[1:], start=1):
             nears = sorted({0, *(number - s for s in strides if s <= number)})
-            matches += match_blocks(series.lens, [rising[near] for near in nears], far)
+            matches += _match_blocks(series.lens, [rising[near] for near in nears], far)
     return [part for part in matches if len(part.seen_px)]
 
 
@@ -189,12 +332,7 @@ def _pose_over_board(corners: BoardCorners, lens: PlaneLens) -> CapturePose:
 def match_textures(captures: Sequence[GeometryCapture], lens: PlaneLens) -> MatchedSeries:
     """Match the captures of one textured target by their features.
 
-    Parameters
-    ----------
-    captures
-        From the nearest to the furthest.
-    lens
-        For the poses; a rough focal length will do.
+    They go from the nearest to the furthest; a rough focal length will do.
     """
     if len(captures) < 2:
         reason = "it is the only capture of its target; capture it at two heights or more"

@@ -1,29 +1,27 @@
-from .capture_list import (
-    NoiseCapture as NoiseCapture,
-    NoiseCaptures as NoiseCaptures,
-    NoiseKind as NoiseKind,
-)
-from .captures import NoiseMeasurement as NoiseMeasurement, measure_noise as measure_noise
-from .correction_maps import CorrectionMaps as CorrectionMaps
 from .document import (
-    NOISE_SCHEMA as NOISE_SCHEMA,
+    CorrectionMaps as CorrectionMaps,
     MapFile as MapFile,
     NoiseCalibration as NoiseCalibration,
     map_paths as map_paths,
     read_map_files as read_map_files,
     write_map_files as write_map_files,
 )
-from .frame_group import FrameGroup as FrameGroup, noise_captures as noise_captures
-from .linearity import Linearity as Linearity
-from .noise_by_level import (
-    LevelNoise as LevelNoise,
-    fit_level_noise as fit_level_noise,
-    level_noise as level_noise,
+from .measurement import (
+    FrameGroup as FrameGroup,
+    NoiseCaptures as NoiseCaptures,
+    NoiseKind as NoiseKind,
+    NoiseMeasurement as NoiseMeasurement,
+    measure_noise as measure_noise,
+    noise_captures as noise_captures,
 )
 from .photon_transfer import (
+    LevelNoise as LevelNoise,
     LevelSample as LevelSample,
+    Linearity as Linearity,
     PhotonTransfer as PhotonTransfer,
     Saturation as Saturation,
+    draw_photon_transfer as draw_photon_transfer,
+    fit_level_noise as fit_level_noise,
     fit_photon_transfer as fit_photon_transfer,
+    level_noise as level_noise,
 )
-from .plot import draw_photon_transfer as draw_photon_transfer

@@ -1,5 +1,6 @@
-from .calibration import calibrate_psf as calibrate_psf
-from .captures import (
+from .calibration import (
+    calibrate_mosaic as calibrate_mosaic,
+    calibrate_psf as calibrate_psf,
     capture_images as capture_images,
     edge_images as edge_images,
     edge_records as edge_records,
@@ -7,19 +8,13 @@ from .captures import (
     scene_records as scene_records,
 )
 from .comparison import (
-    FocusRepeatability as FocusRepeatability,
     PsfChange as PsfChange,
     compare_psfs as compare_psfs,
     focus_repeatability as focus_repeatability,
+    focus_scatter_px2 as focus_scatter_px2,
+    psf_steps as psf_steps,
 )
-from .consistency import (
-    CrossValidation as CrossValidation,
-    HalvesCheck as HalvesCheck,
-    HeightGroup as HeightGroup,
-    HeightTrend as HeightTrend,
-    Misfit as Misfit,
-    TargetSoftness as TargetSoftness,
-)
+from .consistency import HeightGroup as HeightGroup, HeightTrend as HeightTrend
 from .covariance import (
     USUAL_RHO as USUAL_RHO,
     Estimate as Estimate,
@@ -29,7 +24,6 @@ from .covariance import (
     share_of_correlation as share_of_correlation,
 )
 from .document import (
-    PSF_SCHEMA as PSF_SCHEMA,
     CameraIdentity as CameraIdentity,
     ColourPsf as ColourPsf,
     PairWidths as PairWidths,
@@ -37,14 +31,13 @@ from .document import (
     PsfOrigin as PsfOrigin,
 )
 from .field import FEWEST_FIELD_EDGES as FEWEST_FIELD_EDGES, FieldFit as FieldFit
-from .mosaic import calibrate_mosaic as calibrate_mosaic
 from .plot import (
     ORIENTATION_COLOURS as ORIENTATION_COLOURS,
     draw_mtf as draw_mtf,
     draw_transfer_2d as draw_transfer_2d,
     draw_widths_by_angle as draw_widths_by_angle,
 )
-from .repeatability import FocusScatter as FocusScatter, capture_of as capture_of
+from .softness import measure_softness as measure_softness
 from .transfer_2d import (
     OtfTable as OtfTable,
     Transfer2d as Transfer2d,

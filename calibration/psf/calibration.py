@@ -1,13 +1,17 @@
-"""From photographs of edges to the PSF of the camera: the whole measurement, without files."""
+"""From photographs of edges, or the captures of a session, to the PSF of the camera."""
 
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import ceil, hypot
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibration.edge_search import least_side_px
+from acquisition.session import CaptureRecord, Session
+from calibration.choices import Pattern
 from calibration.edges import (
+    PITCH_PX,
     REJECTING_FLAGS,
     EdgeImage,
     EdgeMeasurement,
@@ -15,25 +19,29 @@ from calibration.edges import (
     MeasuredTransfer,
     Method,
     Orientation,
+    PlanePlace,
+    least_side_px,
     mean_transfer,
+    plane_places,
 )
-from calibration.errors import NoEdgeError
+from calibration.errors import CalibrationError, NoEdgeError
+from calibration.estimate import Estimate
+from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
 from calibration.psf.consistency import (
     HeightGroup,
     HeightTrend,
     cross_validate,
     fit_height_trend,
-    measure_softness,
     shared_of,
 )
 from calibration.psf.covariance import (
     CovarianceFit,
-    Estimate,
     fit_covariance,
     independent,
     median_width,
+    with_shared,
 )
-from calibration.psf.document import PsfCalibration
+from calibration.psf.document import CameraIdentity, ColourPsf, PsfCalibration, PsfOrigin
 from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
 from calibration.psf.repeatability import (
     FocusScatter,
@@ -43,9 +51,135 @@ from calibration.psf.repeatability import (
     shared_reach_px2,
     without_blur,
 )
+from calibration.psf.softness import measure_softness
 from calibration.psf.transfer_2d import Transfer2d, measure_transfer_2d
 from calibration.sharpness import with_sharpness
 from simulation.arrays import FloatArray
+
+EDGE_KINDS = ("edge", "board")
+SCENE_KINDS = ("texture", "chart")
+
+
+def edge_records(session: Session) -> list[CaptureRecord]:
+    """Return the captures from which a PSF can be measured."""
+    records = [record for record in session.records if record.kind in EDGE_KINDS]
+    if not records:
+        raise NoEdgeError(
+            f"{session.path}: the session has no capture of kind edge or board; capture one"
+        )
+    return records
+
+
+def scene_records(session: Session) -> list[list[CaptureRecord]]:
+    """Captures of each placement of a textured target, nearest first, without repeats."""
+    targets: dict[tuple[str, float], dict[float, CaptureRecord]] = {}
+    for record in session.records:
+        if record.kind in SCENE_KINDS:
+            heights = targets.setdefault((record.target, record.orientation_deg), {})
+            heights.setdefault(round(record.height_asked_mm, 3), record)
+    series = [
+        sorted(heights.values(), key=lambda record: record.height_mm)
+        for heights in targets.values()
+        if len(heights) > 1
+    ]
+    if not series:
+        raise CalibrationError(
+            f"{session.path}: no target of kind texture or chart was captured at two heights; "
+            "capture one"
+        )
+    return series
+
+
+def edge_images(
+    session: Session,
+    *,
+    correction: CorrectionMaps | None = None,
+    frame_noise: LevelNoise | None = None,
+) -> Iterator[EdgeImage]:
+    """Load the edge captures one by one; see ``capture_images``."""
+    return capture_images(
+        session, edge_records(session), correction=correction, frame_noise=frame_noise
+    )
+
+
+def capture_images(
+    session: Session,
+    records: Sequence[CaptureRecord],
+    *,
+    correction: CorrectionMaps | None = None,
+    frame_noise: LevelNoise | None = None,
+) -> Iterator[EdgeImage]:
+    """Load captures one by one, each with its own noise.
+
+    The noise is fitted to the temporal variance stored with the capture. A single frame has no
+    variance: its noise is ``frame_noise``, or, without that, what the edge fit estimates from its
+    residuals. The maps of ``correction`` apply to every capture and its variance.
+    """
+    for record in records:
+        images = session.load(record)
+        mean = images.mean_dn.astype(np.float64)
+        variance: NDArray[np.floating[Any]] | None = images.variance_dn2
+        clipped = None
+        if correction is not None:
+            try:
+                # Dividing by the response moves the level at which a pixel clips.
+                clipped = mean >= record.max_level_dn
+                mean = correction.correct(mean)
+                variance = None if variance is None else correction.correct_variance(variance)
+            except ValueError as error:
+                raise CalibrationError(f"{record.file}: {error}") from error
+        noise = frame_noise
+        if variance is not None:
+            single = fit_level_noise(mean, variance, record.max_level_dn)
+            noise = single.averaged(record.frames_used)
+        yield EdgeImage(
+            name=record.file,
+            image_dn=mean,
+            capture=record.index,
+            height_mm=record.height_mm,
+            noise=noise,
+            saturation_dn=record.max_level_dn,
+            clipped=clipped,
+        )
+
+
+def origin_of(session: Session, records: Sequence[CaptureRecord]) -> PsfOrigin:
+    """Return the camera of a session, and when the first of these captures was taken."""
+    camera = session.devices.get("camera", {})
+    return PsfOrigin(
+        camera=CameraIdentity(
+            serial=_text(camera, "DeviceSerialNumber"),
+            model=_text(camera, "DeviceModelName"),
+            vendor=_text(camera, "DeviceVendorName"),
+        ),
+        captured_utc=min(record.started_utc for record in records),
+        photograph=_taken_with(session, records),
+    )
+
+
+def _taken_with(
+    session: Session, records: Sequence[CaptureRecord]
+) -> dict[str, str | float] | None:
+    """Lens, exposure and pixel pitch of a session: of its bench, or of imported photographs."""
+    bench = session.bench or {}
+    tables = (session.devices.get("camera"), session.devices.get("lens"), bench.get("optics"))
+    stated = {key: value for one in tables if isinstance(one, dict) for key, value in one.items()}
+    facts: dict[str, str | float] = {}
+    for name in ("lens", "focal_length_mm", "f_number", "iso", "pixel_pitch_um"):
+        value = stated.get(name)
+        if isinstance(value, str | int | float) and value:
+            facts[name] = value
+    exposures = {record.exposure_us for record in records}
+    exposure_us = exposures.pop() if len(exposures) == 1 else None
+    if exposure_us is not None:
+        facts["exposure_s"] = exposure_us / 1e6
+    return facts or None
+
+
+def _text(snapshot: Mapping[str, object], key: str) -> str | None:
+    value = snapshot.get(key)
+    return None if value in (None, "") else str(value)
+
 
 _TARGET = EdgeSelection()
 _TRUSTED = 0.5  # robust weight from which an edge counts
@@ -93,7 +227,7 @@ def calibrate_psf(
         del source  # before the next one is read
     used = [edge for edge in edges if edge.is_used]
     if not used:
-        raise no_edge_error(names, edges)
+        raise _no_edge_error(names, edges)
     return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
 
 
@@ -104,14 +238,8 @@ def psf_of_edges(
 ) -> PsfCalibration:
     """Compute the PSF from measured edges, at least one of which is usable.
 
-    Parameters
-    ----------
-    edges
-        All edges; the rejected ones are kept in the list.
-    method
-        How they were measured.
-    frame
-        Rows and columns of the photographs; None if they differ, and then no field is fitted.
+    Rejected edges are kept in the list. Without a ``frame``, as where photographs differ in size,
+    no field is fitted.
     """
     seen = [edge for edge in edges if edge.is_used]
     softness = measure_softness(seen)
@@ -196,7 +324,7 @@ def _medians(edges: Sequence[EdgeMeasurement], shared: SharedByCapture | None) -
     """The paper's medians, whose errors hold what the captures share."""
     by_capture = _fit(edges, shared, is_optical=False).by_capture
     x, y = (
-        None if median is None else median.with_shared(by_capture)
+        None if median is None else with_shared(median, by_capture)
         for median in (_median_width(edges, "vertical"), _median_width(edges, "horizontal"))
     )
     return CovarianceFit(
@@ -326,7 +454,9 @@ def _expected_width(edge: EdgeMeasurement, total: CovarianceFit) -> float | None
     return None if axis is None else axis.value
 
 
-def no_edge_error(names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1) -> NoEdgeError:
+def _no_edge_error(
+    names: list[str], edges: list[EdgeMeasurement], pitch_px: int = 1
+) -> NoEdgeError:
     """Build the error that says why no edge of these photographs is usable, and the remedy."""
     where = names[0] if len(names) == 1 else f"{len(names)} images"
     if not edges:
@@ -357,3 +487,67 @@ def _least_side_px(edges: list[EdgeMeasurement], pitch_px: int) -> int:
     widths = [edge.sigma_px for edge in edges if "too_short" in edge.flags]
     width = float(np.median(widths)) if widths else 0.0
     return ceil(pitch_px * least_side_px(width / pitch_px))
+
+
+COLOURS = ("red", "green", "blue")
+
+
+def _plane_source(source: EdgeImage, place: PlanePlace) -> EdgeImage:
+    """Return one colour plane of a mosaic photograph."""
+    clipped, masked = (
+        None if mask is None else place.plane(mask).astype(np.bool_)
+        for mask in (source.clipped, source.masked)
+    )
+    return replace(
+        source,
+        image_dn=place.plane(source.image_dn),
+        clipped=clipped,
+        masked=masked,
+        pitch_px=PITCH_PX,
+        first_x_px=place.first_x_px,
+        first_y_px=place.first_y_px,
+        sensor_shape=source.frame,
+    )
+
+
+def calibrate_mosaic(
+    sources: Iterable[EdgeImage],
+    pattern: Pattern,
+    channel: str = "green",
+    *,
+    method: Method = "all-angles",
+    selection: EdgeSelection = _TARGET,
+    progress: Callable[[int], None] = lambda _: None,
+) -> PsfCalibration:
+    """Measure the PSF of every colour of a mosaic, in pixels of the sensor.
+
+    Mosaics are read one at a time; the values are those of ``channel``, and the others are in
+    ``channels``.
+    """
+    edges: dict[str, list[EdgeMeasurement]] = {colour: [] for colour in COLOURS}
+    names: list[str] = []
+    frames: set[tuple[int, int]] = set()
+    for source in sources:
+        names.append(source.name)
+        frames.add(source.frame)
+        coloured = replace(source, pattern=pattern)
+        for place in plane_places(pattern):
+            plane = _plane_source(source, place)
+            found = selection.measured_in(plane, method)
+            shown = coloured if place.colour == channel else source
+            edges[place.colour].extend(with_sharpness(found, shown))
+        progress(len(names))
+        del source, coloured, shown, plane
+    if not any(edge.is_used for edge in edges[channel]):
+        raise _no_edge_error([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
+    frame = frames.pop() if len(frames) == 1 else None
+    channels = {
+        colour: psf_of_edges(found, method, frame if colour == channel else None)
+        for colour, found in edges.items()
+        if any(edge.is_used for edge in found)
+    }
+    colours = {
+        colour: ColourPsf.of(one.total, one.optical, edge_count=len(one.edges_used))
+        for colour, one in channels.items()
+    }
+    return channels[channel].model_copy(update={"channels": colours})

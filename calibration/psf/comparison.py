@@ -1,8 +1,8 @@
-"""Has the lens moved? Compares two calibrations parameter by parameter."""
+"""Has the lens moved? Two calibrations compared, and the neighbours of one by its errors."""
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import erfc, hypot, sqrt
 from typing import Any
 
@@ -11,10 +11,14 @@ from scipy.optimize import brentq
 from scipy.special import chdtrc
 
 from calibration.errors import CalibrationError
-from calibration.psf.covariance import Estimate
+from calibration.estimate import Estimate
 from calibration.psf.document import PsfCalibration
+from calibration.psf.field import FieldFit
 from calibration.psf.repeatability import scatter_err
+from calibration.psf.transfer_2d import Transfer2d
 from simulation.arrays import FloatArray
+from simulation.psf import GaussianPsf, Psf, PsfField
+from simulation.uncertainty import PsfStep, principal_steps
 
 PARAMETERS = (
     "sigma_x_px",
@@ -160,7 +164,7 @@ def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FocusRepeatability:
+class _FocusRepeatability:
     """Scatter of the PSF's variance, averaged over both axes, between calibrations of a camera.
 
     ``scatter_px2`` is beyond the calibrations' own errors, ``p_value`` of so much difference
@@ -179,16 +183,12 @@ class FocusRepeatability:
         )
 
 
-def focus_repeatability(psfs: Sequence[PsfCalibration]) -> FocusRepeatability | None:
+def focus_repeatability(psfs: Sequence[PsfCalibration]) -> _FocusRepeatability | None:
     """Return how well the focus of a camera repeats from calibration to calibration.
 
     Calibrations of the same captures count once, the first of them, and of several methods, colours
-    or parts of the frame those that there are most of.
-
-    Returns
-    -------
-    FocusRepeatability or None
-        None with fewer than two calibrations that give both widths with errors.
+    or parts of the frame those that there are most of. None with fewer than two calibrations that
+    give both widths with errors.
     """
     chosen: list[PsfCalibration] = []
     kinds = Counter((psf.method, psf.channel, psf.region) for psf in psfs)
@@ -210,7 +210,7 @@ def focus_repeatability(psfs: Sequence[PsfCalibration]) -> FocusRepeatability | 
     power = float(weight.sum() - np.sum(weight**2) / weight.sum())
     spread2 = sqrt(2 * freedom) / power
     scatter = sqrt(scatter2)
-    return FocusRepeatability(
+    return _FocusRepeatability(
         scatter_px2=scatter,
         scatter_err_px2=scatter_err(scatter2, spread2),
         calibrations=len(known),
@@ -318,3 +318,90 @@ def _remarks(first: PsfCalibration, second: PsfCalibration) -> tuple[str, ...]:
     if None not in serials and serials[0] != serials[1]:
         remarks.append(f"they are from different cameras: {serials[0]} and {serials[1]}")
     return tuple(remarks)
+
+
+_GAUSSIAN_WIDTHS = ("sigma_x_px", "sigma_y_px", "rho")
+
+
+def psf_steps(
+    calibration: PsfCalibration, psf: Psf | PsfField, zoom: float
+) -> tuple[PsfStep, ...] | None:
+    """Return independent steps of one standard error from the PSF that was taken.
+
+    None where the calibration does not state the error of this PSF: files of before, and PSFs
+    measured along the two axes alone. The zoom need only be about right. Of a field the errors of
+    the coefficients are known, and not how they go together: they are taken as independent, which
+    is too large away from the middle of the frame.
+    """
+    if isinstance(psf, PsfField):
+        return None if calibration.field is None else _of_field(calibration.field, psf)
+    measured = calibration.transfer_2d
+    if measured is not None and measured.psf(psf.gaussian) == psf:
+        return _of_transfer(measured, psf.gaussian, zoom)
+    return _of_widths(calibration, psf, zoom) if isinstance(psf, GaussianPsf) else None
+
+
+def focus_scatter_px2(calibration: PsfCalibration) -> float | None:
+    """Scatter of the PSF's variance from capture to capture, None where it was not measured."""
+    return None if calibration.focus is None else calibration.focus.scatter_px2
+
+
+def _of_transfer(
+    measured: Transfer2d, gaussian: GaussianPsf, zoom: float
+) -> tuple[PsfStep, ...] | None:
+    names = tuple(measured.parameters)
+
+    def psf_of(values: FloatArray) -> Psf:
+        parameters = dict(zip(names, values.tolist(), strict=True))
+        return measured.model_copy(update={"parameters": parameters}).psf(gaussian)
+
+    values = np.array(list(measured.parameters.values()))
+    return principal_steps(psf_of, values, measured.covariance_matrix, zoom)
+
+
+def _of_widths(
+    calibration: PsfCalibration, psf: GaussianPsf, zoom: float
+) -> tuple[PsfStep, ...] | None:
+    total = calibration.total
+    errs = {
+        name: estimate.err
+        for name in _GAUSSIAN_WIDTHS
+        if (estimate := getattr(total, name)) is not None and np.isfinite(estimate.err)
+    }
+    if not {"sigma_x_px", "sigma_y_px"} <= errs.keys():
+        return None
+    covariance = np.diag(np.array(list(errs.values())) ** 2)
+    joint = total.estimate_covariance
+    if joint is not None and joint.shape == covariance.shape:
+        covariance = joint
+
+    def psf_of(values: FloatArray) -> Psf:
+        return _with_widths(psf, dict(zip(errs, values.tolist(), strict=True)))
+
+    values = np.array([getattr(psf, name) for name in errs])
+    return principal_steps(psf_of, values, covariance, zoom)
+
+
+def _with_widths(psf: GaussianPsf, changed: dict[str, float]) -> GaussianPsf:
+    """Return a Gaussian with some of its widths and its correlation changed."""
+    known = {name: getattr(psf, name) for name in _GAUSSIAN_WIDTHS}
+    return GaussianPsf(**{**known, **changed})
+
+
+def _of_field(fit: FieldFit, field: PsfField) -> tuple[PsfStep, ...] | None:
+    if fit.coefficients_err_px2 is None:
+        return None
+    errs = np.array(fit.coefficients_err_px2)
+    if errs.shape != field.coefficients_px2.shape:
+        return None
+    return tuple(_field_steps(field, errs))
+
+
+def _field_steps(field: PsfField, errs: FloatArray) -> Iterator[PsfStep]:
+    for index in zip(*np.nonzero(errs), strict=True):
+        sides = []
+        for sign in (1.0, -1.0):
+            coefficients = field.coefficients_px2.copy()
+            coefficients[index] += sign * errs[index]
+            sides.append(replace(field, coefficients_px2=coefficients))
+        yield PsfStep(plus=sides[0], minus=sides[1], length=2.0)

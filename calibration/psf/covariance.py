@@ -1,8 +1,11 @@
 """From widths across edges at many angles to the covariance of the PSF.
 
+Robust weighted least squares on squared widths that allows for scatter beyond the errors. Serves
+every model that is linear in the elements of a covariance: one PSF, or a PSF field.
+
 Across an edge with unit normal n the PSF has the variance ``n' Sigma n``, which is linear in the
-three elements of Sigma: weighted least squares on the squared widths gives them all at once
-(the paper's medians of vertical and horizontal edges are the special case of two angles).
+three elements of Sigma: weighted least squares on the squared widths gives them all at once (the
+paper's medians of vertical and horizontal edges are the special case of two angles).
 """
 
 from dataclasses import dataclass, replace
@@ -10,14 +13,150 @@ from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
+from scipy.special import stdtrit
 
 from calibration.edges import orientation_of
-from calibration.psf.repeatability import CaptureFit, SharedByCapture, shared_reach_px2
-from calibration.psf.variance import RESAMPLES, VarianceFit, fit_variances
+from calibration.estimate import NORMAL_95, Estimate as Estimate
+from calibration.psf.repeatability import (
+    CaptureFit,
+    EdgeSquares,
+    SharedByCapture,
+    excess_variance,
+    fit_by_capture,
+    shared_reach_px2,
+)
 from calibration.robust import robust_sigma
 from simulation.arrays import BoolArray, FloatArray
 
-_NORMAL_95 = 1.959963984540054
+RESAMPLES = 2000
+_TUKEY_SIGMAS = 5.0
+_ROUNDS = 12
+_BOOTSTRAP_EDGES = 12  # with fewer edges there is no resampling: the interval is the normal one
+_BOOTSTRAP_SEED = 20190906
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VarianceFit:
+    """Elements of a covariance, from a linear model of squared widths.
+
+    ``covariance`` is that of ``values``; ``replicates`` holds the solutions of resampled edges,
+    shape ``(resamples, unknowns)``, or None for few edges. ``scatter_px`` is the scatter of the
+    widths beyond their errors; ``weights``, in [0, 1], are the robust weights of the edges.
+    ``by_capture`` is the fit with what captures share, None where they cannot be told apart.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    replicates: FloatArray | None
+    scatter_px: float
+    weights: FloatArray
+    by_capture: CaptureFit | None = None
+
+    @property
+    def is_by_capture(self) -> bool:
+        """Whether the values are those of the fit with what captures share."""
+        return self.by_capture is not None and self.values is self.by_capture.values
+
+
+def fit_variances(
+    design: FloatArray,
+    sigma: FloatArray,
+    err: FloatArray,
+    *,
+    shared: SharedByCapture | None = None,
+    is_resampled: bool = True,
+) -> VarianceFit:
+    """Robust weighted least squares on ``sigma**2``, allowing for scatter beyond the errors.
+
+    The design, shape ``(n, unknowns)``, has full rank; without ``shared`` captures every edge is
+    independent. Edges are resampled for the intervals where ``is_resampled``.
+    """
+    count, unknowns = design.shape
+    squares = sigma**2
+    centre = sigma.copy()  # the model's value of each width, after the first round
+    trust = np.ones(count)
+    scatter2 = 0.0
+    values: FloatArray = np.zeros(unknowns)
+    weight = np.ones(count)
+    for round_ in range(_ROUNDS):
+        spread = 2 * centre * np.sqrt(err**2 + scatter2)
+        weight = trust / spread**2
+        normal = design.T @ (weight[:, None] * design)
+        values = np.asarray(
+            np.linalg.solve(normal, design.T @ (weight * squares)), dtype=np.float64
+        )
+        model = design @ values
+        centre = np.sqrt(np.maximum(model, 0.25 * squares))
+        deviation = (squares - model) / (2 * centre)
+        freedom = trust.sum() - unknowns
+        if freedom >= 1:
+            scatter2 = excess_variance(deviation, err, trust, freedom)
+            if count >= 6 and round_ > 0:
+                scale = max(robust_sigma(deviation / np.sqrt(err**2 + scatter2)), 1.0)
+                ratio = deviation / (_TUKEY_SIGMAS * scale * np.sqrt(err**2 + scatter2))
+                trust = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
+                trust = np.where(np.abs(ratio) < 0.5, 1.0, trust)
+    covariance: FloatArray = np.asarray(
+        np.linalg.inv(design.T @ (weight[:, None] * design)), dtype=np.float64
+    )
+    fit = VarianceFit(
+        values=values,
+        covariance=covariance,
+        replicates=None,
+        scatter_px=sqrt(scatter2),
+        weights=trust,
+    )
+    if shared is not None and shared.captures > 1:
+        edges = EdgeSquares(
+            design=design, squares_px2=squares, err_px=err, spread_px=2 * centre, trust=trust
+        )
+        fit = _by_capture(fit, fit_by_capture(edges, shared), shared)
+    if is_resampled and not fit.is_by_capture:
+        return replace(fit, replicates=_bootstrap(design, squares, weight))
+    return fit
+
+
+def _by_capture(fit: VarianceFit, found: CaptureFit | None, shared: SharedByCapture) -> VarianceFit:
+    """The fit that knows of captures, where these share something that is significant."""
+    if found is None or not (found.is_scattered or shared.precision.size):
+        return replace(fit, by_capture=found)
+    return replace(
+        fit,
+        values=found.values,
+        covariance=found.covariance,
+        scatter_px=found.scatter_px,
+        weights=found.trust,
+        by_capture=found,
+    )
+
+
+def _bootstrap(design: FloatArray, squares: FloatArray, weight: FloatArray) -> FloatArray | None:
+    """Solutions of resampled edges, shape ``(resamples, unknowns)``; None for few edges.
+
+    The replicates are widened by sqrt(n / (n - p)), because resampled residuals are too small, and
+    by the ratio of Student's quantile to the normal one, because their spread is itself uncertain.
+    """
+    count, unknowns = design.shape
+    if count < _BOOTSTRAP_EDGES:
+        return None
+    rng = np.random.default_rng(_BOOTSTRAP_SEED)
+    drawn = rng.integers(count, size=(RESAMPLES, count))
+    drawn += count * np.arange(RESAMPLES)[:, None]
+    copies = np.bincount(drawn.ravel(), minlength=RESAMPLES * count).reshape(RESAMPLES, count)
+    # One product of matrices gives both sides of all normal equations.
+    products = (design[:, :, None] * design[:, None, :]).reshape(count, -1)
+    sides = copies @ (weight[:, None] * np.column_stack([products, squares[:, None] * design]))
+    normal = sides[:, : unknowns**2].reshape(RESAMPLES, unknowns, unknowns)
+    right = sides[:, unknowns**2 :]
+    # A resample that misses one of the directions has no solution: its row is dropped.
+    usable = np.linalg.cond(normal) < 1e10
+    solved = np.linalg.solve(normal[usable], right[usable][:, :, None])[:, :, 0]
+    middle = np.linalg.solve(design.T @ (weight[:, None] * design), design.T @ (weight * squares))
+    student = float(stdtrit(count - unknowns, 0.975) / stdtrit(np.inf, 0.975))
+    widened = student * sqrt(count / (count - unknowns))
+    return np.asarray(middle + (solved - middle) * widened)
+
+
 _MEDIAN_ERR = sqrt(np.pi / 2)  # standard error of a median over that of a mean, Gaussian scatter
 _RHO_ERR_MOST = 0.25  # a correlation with a larger error counts as undetermined
 _WIDTH_ERR_MOST = 0.25  # relative
@@ -26,61 +165,18 @@ USUAL_RHO: Final = 0.1
 """Correlation that a lens may well have where the directions of the edges do not tell it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
-    """A value, its standard error and its 95 % interval."""
-
-    value: float
-    err: float
-    low: float
-    high: float
-
-    @classmethod
-    def normal(cls, value: float, err: float) -> "Estimate":
-        """Return an estimate with the interval of a normal distribution."""
-        reach = _NORMAL_95 * err
-        return cls(value=value, err=err, low=value - reach, high=value + reach)
-
-    @property
-    def half_width(self) -> float:
-        """Half of the 95 % interval."""
-        return 0.5 * (self.high - self.low)
-
-    def with_shared(self, captures: CaptureFit | None) -> "Estimate":
-        """Return a width whose error holds what edges of one capture share."""
-        if captures is None or captures.shared_err_px2 == 0:
-            return self
-        per_px = 1 / (2 * self.value)
-        err = hypot(self.err, captures.shared_err_px2 * per_px)
-        half = hypot(self.half_width, _NORMAL_95 * shared_reach_px2(captures) * per_px)
-        return Estimate(value=self.value, err=err, low=self.value - half, high=self.value + half)
-
-    def with_relative(self, error: float) -> "Estimate":
-        """Return the estimate with a further, independent relative error."""
-        if error == 0:
-            return self
-        more = error * self.value
-        below = hypot(self.value - self.low, _NORMAL_95 * more)
-        above = hypot(self.high - self.value, _NORMAL_95 * more)
-        return Estimate(
-            value=self.value,
-            err=hypot(self.err, more),
-            low=self.value - below,
-            high=self.value + above,
-        )
-
-    def __str__(self) -> str:
-        return f"{self.value:.4f} ± {self.err:.4f}"
+def with_shared(width: Estimate, captures: CaptureFit | None) -> Estimate:
+    """Return a width whose error holds what edges of one capture share."""
+    if captures is None or captures.shared_err_px2 == 0:
+        return width
+    value, per_px = width.value, 1 / (2 * width.value)
+    err = hypot(width.err, captures.shared_err_px2 * per_px)
+    half = hypot(width.half_width, NORMAL_95 * shared_reach_px2(captures) * per_px)
+    return Estimate(value=value, err=err, interval_95=(value - half, value + half))
 
 
 def median_width(sigma_px: FloatArray, sigma_err_px: FloatArray) -> Estimate:
-    """Median of widths, with an error from their scatter; a single width keeps its own error.
-
-    Raises
-    ------
-    ValueError
-        If there is no width.
-    """
+    """Median of widths, with an error from their scatter; a single width keeps its own error."""
     widths = np.asarray(sigma_px, dtype=np.float64)
     if widths.size == 0:
         raise ValueError("a median needs at least one width")
@@ -89,7 +185,7 @@ def median_width(sigma_px: FloatArray, sigma_err_px: FloatArray) -> Estimate:
     if widths.size > 1:
         scatter = robust_sigma(widths - value)
         err = _MEDIAN_ERR * scatter / sqrt(widths.size)
-    return Estimate.normal(value, err)
+    return Estimate(value=value, err=err)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,21 +208,16 @@ def estimates_of_covariance(
 ) -> PsfEstimates:
     """Return the widths and the correlation of a covariance, with their errors.
 
-    Parameters
-    ----------
-    covariance_px2
-        Shape ``(2, 2)``, positive definite.
-    element_covariance
-        Covariance matrix of its elements xx, xy and yy; shape ``(3, 3)``.
+    The element covariance is that of xx, xy and yy.
     """
     xx, xy, yy = covariance_px2[[0, 0, 1], [0, 1, 1]].tolist()
     slopes = _slopes(xx, xy, yy)
     joint = slopes @ element_covariance @ slopes.T
     x_err, y_err, rho_err = np.sqrt(np.diag(joint)).tolist()
     return PsfEstimates(
-        sigma_x_px=Estimate.normal(sqrt(xx), x_err),
-        sigma_y_px=Estimate.normal(sqrt(yy), y_err),
-        rho=Estimate.normal(xy / sqrt(xx * yy), rho_err),
+        sigma_x_px=Estimate(value=sqrt(xx), err=x_err),
+        sigma_y_px=Estimate(value=sqrt(yy), err=y_err),
+        rho=Estimate(value=xy / sqrt(xx * yy), err=rho_err),
         covariance_px2=covariance_px2,
         estimate_covariance=joint,
     )
@@ -189,25 +280,9 @@ def fit_covariance(
 ) -> CovarianceFit:
     """Fit the PSF covariance to widths across edges.
 
-    Parameters
-    ----------
-    angles_deg
-        Angle of each edge line from +x, with y down; shape ``(n,)``.
-    sigma_px, sigma_err_px
-        Width across each edge and its standard error, in px; shape ``(n,)``.
-    shared
-        The captures of the edges; None if each edge is independent of the others.
-
-    Returns
-    -------
-    CovarianceFit
-        Edges of one orientation determine only that width; vertical and horizontal edges together
-        determine both widths but no correlation.
-
-    Raises
-    ------
-    ValueError
-        If there are no edges, or a width or error is not positive.
+    Angles are those of the edge lines from +x, with y down; without ``shared`` captures every edge
+    is independent. Edges of one orientation determine only that width; vertical and horizontal
+    edges together determine both widths but no correlation.
     """
     angles = np.asarray(angles_deg, dtype=np.float64)
     sigma = np.asarray(sigma_px, dtype=np.float64)
@@ -282,8 +357,8 @@ def _some(shared: SharedByCapture | None, chosen: BoolArray) -> SharedByCapture 
 def _estimate(value: float, err: float, replicates: FloatArray | None) -> Estimate:
     if replicates is not None and replicates.size >= RESAMPLES // 2:
         low, high = np.quantile(replicates, [0.025, 0.975])
-        return Estimate(value=value, err=err, low=float(low), high=float(high))
-    return Estimate.normal(value, err)
+        return Estimate(value=value, err=err, interval_95=(float(low), float(high)))
+    return Estimate(value=value, err=err)
 
 
 def _width(fit: VarianceFit, index: int) -> Estimate | None:
@@ -299,7 +374,7 @@ def _width(fit: VarianceFit, index: int) -> Estimate | None:
         # The variance is what is distributed as Student says.
         reach = variance_err * shared.reach(np.eye(fit.values.size)[index])
         low, high = sqrt(max(variance - reach, 0.0)), sqrt(variance + reach)
-        return Estimate(value=value, err=err, low=low, high=high)
+        return Estimate(value=value, err=err, interval_95=(low, high))
     replicates = None
     if fit.replicates is not None:
         replicates = np.sqrt(np.maximum(fit.replicates[:, index], 0.0))
@@ -314,7 +389,7 @@ def _correlation(fit: VarianceFit, slope: FloatArray) -> Estimate:
     shared = fit.by_capture if fit.is_by_capture else None
     if shared is not None and shared.holds_scatter:
         reach = err * shared.reach(slope)
-        return Estimate(value=value, err=err, low=value - reach, high=value + reach)
+        return Estimate(value=value, err=err, interval_95=(value - reach, value + reach))
     replicates = None
     if fit.replicates is not None:
         r = fit.replicates[(fit.replicates[:, 0] > 0) & (fit.replicates[:, 2] > 0)]
@@ -335,7 +410,7 @@ def _determined_fully(
     slopes = _slopes(xx, xy, yy)
     joint = slopes @ fit.covariance @ slopes.T
     rho = _correlation(fit, slopes[2])
-    if x is None or y is None or max(rho.err, rho.half_width / _NORMAL_95) > _RHO_ERR_MOST:
+    if x is None or y is None or max(rho.err, rho.half_width / NORMAL_95) > _RHO_ERR_MOST:
         return None
     if max(x.err / x.value, y.err / y.value) > _WIDTH_ERR_MOST:
         return None

@@ -12,10 +12,12 @@ from acquisition.dataframe import dataframe
 from acquisition.files import Provenance
 from calibration.edges import EdgeMeasurement, MeasuredTransfer
 from calibration.errors import PsfFileError
-from calibration.psf.consistency import CrossValidation, HeightTrend, TargetSoftness
-from calibration.psf.covariance import Estimate, PsfEstimates
+from calibration.estimate import Estimate
+from calibration.psf.consistency import CrossValidation, HeightTrend
+from calibration.psf.covariance import PsfEstimates
 from calibration.psf.field import FieldFit
 from calibration.psf.repeatability import FocusScatter
+from calibration.psf.softness import TargetSoftness
 from calibration.psf.transfer_2d import Transfer2d
 from calibration.sharpness import (
     Picture,
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
-
 
 PSF_SCHEMA: Final = "standoff.psf/1"
 
@@ -134,7 +135,7 @@ class PsfWidths(ByValue, BaseModel):
                 if estimate is not None:
                     values[prefix + name] = estimate.value
                     values[_err_name(prefix + name)] = estimate.err
-                    intervals[prefix + name] = (estimate.low, estimate.high)
+                    intervals[prefix + name] = estimate.interval_95
             if known.covariance_px2 is not None:
                 values[f"{prefix}covariance_px2"] = known.covariance_px2.tolist()
             if known.estimate_covariance is not None:
@@ -158,9 +159,8 @@ class PsfWidths(ByValue, BaseModel):
         if value is None or err is None:
             return None
         if name not in self.intervals_95:
-            return Estimate.normal(value, err)
-        low, high = self.intervals_95[name]
-        return Estimate(value=value, err=err, low=low, high=high)
+            return Estimate(value=value, err=err)
+        return Estimate(value=value, err=err, interval_95=self.intervals_95[name])
 
     def _estimates(self, prefix: str) -> PsfEstimates:
         covariance: Covariance | None = getattr(self, f"{prefix}covariance_px2")

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.special import fdtrc
 
-from calibration.psf.variance import VarianceFit, fit_variances
+from calibration.psf.covariance import VarianceFit, fit_variances
 from simulation.arrays import FloatArray
 from simulation.psf import MeasuredPsf, PsfField, field_monomials
 
@@ -120,21 +120,10 @@ def fit_psf_field(
 ) -> FieldFit | None:
     """Fit the covariance over the frame.
 
-    Parameters
-    ----------
-    edges
-        At least 36 edges, at several angles and all over the frame.
-    width_px, height_px
-        Size of the frame.
-    is_asked
-        Whether the F-test against one PSF must support the field (p below 0.001).
-
-    Returns
-    -------
-    FieldFit or None
-        None if there are too few edges or directions, if a width anywhere in the frame has an error
-        above 5 %, if the PSF does not change over the frame, or if the fit is not a valid
-        covariance.
+    It takes 36 edges, at several angles and all over the frame. None with fewer edges or
+    directions, if a width anywhere in the frame has an error above 5 %, if the PSF does not change
+    over the frame (an F-test with p below 0.001, if it is asked), or if the fit is not a valid
+    covariance.
     """
     fit = field_or_reason(edges, width_px, height_px, is_asked=is_asked)
     return fit if isinstance(fit, FieldFit) else None

@@ -31,13 +31,8 @@ _AXES = (("x", "vertical"), ("y", "horizontal"))
 def psf_figure(psf: "PsfCalibration", ax: Axes | None = None) -> Figure:
     """Plot a PSF's edge widths against angle, its contrast and its transfer against frequency.
 
-    Parameters
-    ----------
-    psf
-        A PSF read from a file without edges, or without a transfer over both axes, has no panel
-        for them.
-    ax
-        Draw the contrast against frequency here, and no other panel.
+    With ``ax`` there is the contrast against frequency alone. Without edges, or a transfer over
+    both axes, there is no panel for them.
     """
     if ax is not None:
         draw_mtf(ax, psf)
@@ -64,7 +59,7 @@ def draw_widths_by_angle(
 
     Edges with one of the flags ``rejected`` are left out.
     """
-    draw_widths(axes, psf, rejected, [edge.angle_deg for edge in psf.edges])
+    _draw_widths(axes, psf, rejected, [edge.angle_deg for edge in psf.edges])
     angles = np.linspace(0, 180, 361)
     normal = np.deg2rad(angles + 90)
     nx, ny = np.cos(normal), np.sin(normal)
@@ -146,7 +141,7 @@ def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:
     return True
 
 
-def draw_widths(
+def _draw_widths(
     axes: Axes, psf: "PsfCalibration", rejected: frozenset[str], positions: Sequence[float]
 ) -> None:
     """Draw the total and optical width across every edge, each at its position on the x axis."""

@@ -1,16 +1,128 @@
-"""Positions of follow-up pixels in the reference when one lens distorts both images."""
+"""Positions of follow-up pixels in the reference, when the lens distorts and the scene bends."""
 
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Literal, Self
 
 import cv2
 import numpy as np
+from scipy.ndimage import map_coordinates
 
-from calibration.registration.displacement import SmoothDisplacement
-from calibration.registration.feature_matches import FeatureMatches
+from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import BoolArray, FloatArray
 from simulation.by_value import ByValue
-from simulation.pose import lens_of, warped
+from simulation.pose import lens_of, project, warped
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureMatches(ByValue):
+    """Pairs of points ``(x, y)``, shape (n, 2): follow-up and reference.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> followup_px = np.array([[20.0, 20.0], [300.0, 20.0], [300.0, 220.0], [20.0, 220.0]])
+    >>> pose = standoff.register("before.tif", "after.tif")
+    >>> seen = np.c_[followup_px, np.ones(4)] @ pose.matrix.T
+    >>> points = standoff.FeatureMatches(followup_px, seen[:, :2] / seen[:, 2:])
+    >>> hints = standoff.RegistrationHints(points=points)
+    >>> round(standoff.register("before.tif", "after.tif", hints=hints).zoom, 2)
+    1.19
+    """
+
+    followup_px: FloatArray
+    reference_px: FloatArray
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name in ("followup_px", "reference_px"):
+            points = getattr(self, name)
+            if points.shape != (len(self.reference_px), 2) or not np.isfinite(points).all():
+                raise ArgumentError(
+                    f"expected as many finite pairs as of the other, shape (n, 2), got "
+                    f"{points.shape}",
+                    argument=name,
+                )
+
+    def swapped(self) -> Self:
+        """Return the same pairs where the two photographs have changed roles."""
+        return type(self)(followup_px=self.reference_px, reference_px=self.followup_px)
+
+    def distances_px(self, matrix: FloatArray) -> FloatArray:
+        """Distance in the reference between each match and its position by ``matrix``."""
+        x, y = project(matrix, *self.followup_px.T)
+        return np.asarray(np.hypot(x - self.reference_px[:, 0], y - self.reference_px[:, 1]))
+
+    def rms_px(self, matrix: FloatArray, inlier: BoolArray) -> float:
+        """Rms of ``distances_px`` over the chosen matches."""
+        return float(np.sqrt(np.mean(self.distances_px(matrix)[inlier] ** 2)))
+
+
+_INVERSE_ROUNDS = 30
+_INVERSE_TOLERANCE_PX = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SmoothDisplacement:
+    """A uniform cubic B-spline over one of two photographs, whose pixels it displaces.
+
+    Knots are coefficients of the displacement along y and x, shape (2, n, m), at least 4 x 4; the
+    shape is the photograph's.
+    """
+
+    knots_px: FloatArray = field(repr=False)
+    shape: tuple[int, int]
+    photograph: Literal["reference", "followup"]
+
+    def displaced(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where pixels at ``(y, x)`` would lie if the scene were planar, in the same shape."""
+        moved_y, moved_x = self._at(y_px, x_px)
+        return y_px + moved_y, x_px + moved_x
+
+    def restored(self, y_px: FloatArray, x_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Inverse of ``displaced``, by fixed-point iteration: the displacement varies slowly."""
+        y, x = y_px, x_px
+        for _ in range(_INVERSE_ROUNDS):
+            moved_y, moved_x = self._at(y, x)
+            last_y, last_x = y, x
+            y, x = y_px - moved_y, x_px - moved_x
+            if max(_largest(y - last_y), _largest(x - last_x)) < _INVERSE_TOLERANCE_PX:
+                break
+        return y, x
+
+    def swapped(self) -> Self:
+        """Return the same displacement where the two photographs have changed roles."""
+        return type(self)(
+            knots_px=self.knots_px,
+            shape=self.shape,
+            photograph="followup" if self.photograph == "reference" else "reference",
+        )
+
+    def mirrored(self) -> Self:
+        """Return the displacement of the photograph with its columns reversed."""
+        signs = np.array([1.0, -1.0])[:, None, None]
+        return type(self)(
+            knots_px=self.knots_px[..., ::-1] * signs, shape=self.shape, photograph=self.photograph
+        )
+
+    def _at(self, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
+        """Displacement along y and x; constant beyond the frame."""
+        places = [
+            1 + np.clip((along + 0.5) / size, 0.0, 1.0) * (count - 3)
+            for along, size, count in zip(
+                (y_px, x_px), self.shape, self.knots_px.shape[1:], strict=True
+            )
+        ]
+        return np.stack(
+            [
+                map_coordinates(knots, places, order=3, mode="nearest", prefilter=False)
+                for knots in self.knots_px
+            ]
+        )
+
+
+def _largest(values: FloatArray) -> float:
+    return float(np.abs(values).max(initial=0.0))
+
 
 _GRID = 21
 _OVERLAP_GRID = 48

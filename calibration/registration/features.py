@@ -1,11 +1,14 @@
-"""Matched image features: pairs of points that a pose must agree with.
+"""Pairs of points that a pose must agree with: matched features, and an operator's hints.
 
-Features are looked for in the locally normalised image: a shadow, a vignette or little contrast
-changes nothing.
+Matched image features: pairs of points that a pose must agree with. Features are looked for in the
+locally normalised image: a shadow, a vignette or little contrast changes nothing.
 """
 
+import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from io import StringIO
+from math import isfinite, nan
 from typing import Any, Literal, Self
 
 import cv2
@@ -13,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
-from calibration.registration.feature_matches import FeatureMatches
+from calibration.registration.distorted_pose import FeatureMatches, mirrored_matrix
+from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
-from simulation.pose import project, projection_depth
+from simulation.by_value import ByValue
+from simulation.pose import homography_fault, project, projection_depth
 
 _FEATURES = 4000
 _CONTRAST_THRESHOLD = 0.02
@@ -120,19 +125,8 @@ def match_features(
 ) -> FeatureMatches:
     """SIFT features that the follow-up and the reference share.
 
-    Parameters
-    ----------
-    reference, followup
-        Grey images.
-    expected
-        Shape (3, 3): approximate map from follow-up pixels ``(x, y, 1)`` to the reference. Features
-        are then looked for only near there, so that a repeating pattern is not matched with a
-        neighbouring copy of itself.
-
-    Raises
-    ------
-    RegistrationError
-        If an image has too few features, or too few of them match.
+    With the ``expected`` map from follow-up pixels to the reference, features are looked for only
+    near there, so that a repeating pattern is not matched with a neighbouring copy of itself.
     """
     near, far = find_features(reference, "reference"), find_features(followup, "followup")
     return near.matched_with(far, expected)
@@ -141,15 +135,7 @@ def match_features(
 def find_features(
     image: AnyArray, role: Literal["reference", "followup"] | None = None
 ) -> ImageFeatures:
-    """SIFT features of a grey image; ``role`` names the image in errors.
-
-    Raises
-    ------
-    RegistrationError
-        If it has too few features.
-    ValueError
-        If it is not a grey image with finite values.
-    """
+    """SIFT features of a grey image; ``role`` names the image in errors."""
     values = np.asarray(image, dtype=np.float32)
     if values.ndim != 2 or values.size == 0 or not np.isfinite(values).all():
         raise ValueError(f"alignment needs grey images with finite values, got shape {image.shape}")
@@ -224,10 +210,7 @@ def homography_pose(
 ) -> tuple[FloatArray, BoolArray]:
     """Homography, shape (3, 3), from follow-up to reference, and the matches that agree with it.
 
-    Raises
-    ------
-    RegistrationError
-        If fewer than ``inliers_min`` agree, or only on a pose that turns the scene inside out.
+    It refuses a pose on which fewer than ``inliers_min`` agree, or that turns the scene inside out.
     """
     found, mask = cv2.findHomography(
         matches.followup_px, matches.reference_px, cv2.USAC_MAGSAC, _MATCH_TOLERANCE_PX
@@ -274,3 +257,155 @@ def _mean(values: NDArray[Any], window_px: int) -> Float32Array:
     """Twice over a square: nearly a Gaussian."""
     size = (window_px, window_px)
     return np.asarray(cv2.blur(cv2.blur(values, size), size), dtype=np.float32)
+
+
+POINT_COLUMNS = ("followup_x_px", "followup_y_px", "reference_x_px", "reference_y_px")
+FEWEST_POINTS = 4
+"""A homography has eight unknowns, and each pair of points gives two equations."""
+
+_MOST_POINTS = 100_000
+
+
+def parse_points(text: str) -> FeatureMatches:
+    """Return the pairs of points of a table; columns may stand in any order, among others.
+
+    Four pairs of distinct points are the least; errors say where the table is at fault.
+    """
+    try:
+        table = csv.DictReader(StringIO(text, newline=""), strict=True)
+        present = [column.strip() for column in table.fieldnames or ()]
+        missing = [column for column in POINT_COLUMNS if column not in present]
+        if missing:
+            raise ValueError(
+                f"no column {missing[0]}; the first line must be {','.join(POINT_COLUMNS)}"
+            )
+        table.fieldnames = present
+        rows = [_numbers(row, f"line {table.line_num}") for row in _few(table)]
+    except csv.Error as error:
+        raise ValueError(f"not a table of values with commas: {error}") from error
+    points = np.array(rows, dtype=np.float64).reshape(-1, len(POINT_COLUMNS))
+    for part in (points[:, :2], points[:, 2:]):
+        count = len(np.unique(part, axis=0))
+        if count < FEWEST_POINTS:
+            raise ValueError(
+                f"{count} distinct pairs of points; mark at least {FEWEST_POINTS}, well apart and "
+                "not on one line"
+            )
+    return FeatureMatches(points[:, :2], points[:, 2:])
+
+
+def _few(table: "csv.DictReader[str]") -> list[dict[str, str | None]]:
+    rows: list[dict[str, str | None]] = []
+    for row in table:
+        if len(rows) == _MOST_POINTS:
+            raise ValueError(f"more than {_MOST_POINTS} pairs of points")
+        rows.append(row)
+    return rows
+
+
+def _numbers(row: dict[str, str | None], where: str) -> list[float]:
+    return [_number(row[column], column, where) for column in POINT_COLUMNS]
+
+
+def _number(text: str | None, column: str, where: str) -> float:
+    written = (text or "").strip()
+    try:
+        value = float(written)
+    except ValueError:
+        value = nan
+    if not isfinite(value):
+        said = f"{written[:40]!r} is no number" if written else "is missing"
+        raise ValueError(f"{where}: {column} {said}")
+    return value
+
+
+POINTS_MIN = 4
+"""Pairs of points that determine a homography."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RegistrationHints(ByValue):
+    """What is known of a pose before two photographs are aligned; None where nothing is.
+
+    Parameters
+    ----------
+    zoom
+        Approximate ratio of the distances, follow-up over reference; right to some 15 %.
+    matrix
+        Shape (3, 3): approximate map from follow-up pixels ``(x, y, 1)`` to reference pixels. It is
+        refined; where that fails it is kept as given, and the result warns of it.
+    points
+        At least 4 pairs of points, no three on a line, right to a few pixels. What they give is
+        refined, and kept with a warning where that fails.
+    left_out
+        Follow-up pixels that do not count, of the follow-up's shape.
+    mirrored
+        Whether one of the two shows the scene as in a mirror. A pose that is given is then the one
+        of the follow-up as it is: its determinant is negative.
+
+    Raises
+    ------
+    ArgumentError
+        If a value is not of its kind or range.
+
+    Examples
+    --------
+    >>> hints = standoff.RegistrationHints(zoom=1.2)
+    >>> round(standoff.register("before.tif", "after.tif", hints=hints).zoom, 2)
+    1.19
+    """
+
+    zoom: float | None = None
+    matrix: FloatArray | None = None
+    points: FeatureMatches | None = None
+    left_out: BoolArray | None = None
+    mirrored: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.matrix is not None:
+            fault = homography_fault(self.matrix)
+            if fault is not None:
+                raise ArgumentError(fault, argument="matrix")
+        if self.left_out is not None and self.left_out.ndim != 2:
+            raise ArgumentError(
+                f"expected shape (rows, cols), got {self.left_out.shape}", argument="left_out"
+            )
+        if self.points is not None and len(self.points.followup_px) < POINTS_MIN:
+            raise ArgumentError(
+                f"{POINTS_MIN} pairs are needed, got {len(self.points.followup_px)}",
+                argument="points",
+            )
+
+    @property
+    def is_of_pose(self) -> bool:
+        """Whether they say anything of the pose, and not only what does not count."""
+        return self.mirrored or any(
+            one is not None for one in (self.zoom, self.matrix, self.points)
+        )
+
+    def with_columns_reversed(self, shape: tuple[int, int]) -> Self:
+        """Return the hints for the mirror image of a follow-up of ``(rows, cols)``."""
+        matrix, points, left_out = self.matrix, self.points, self.left_out
+        if matrix is not None:
+            matrix = mirrored_matrix(matrix, shape)
+        if points is not None:
+            reversed_px = points.followup_px * (-1, 1) + (shape[1] - 1, 0)
+            points = FeatureMatches(reversed_px, points.reference_px)
+        if left_out is not None:
+            left_out = np.ascontiguousarray(left_out[:, ::-1])
+        return replace(
+            self, matrix=matrix, points=points, left_out=left_out, mirrored=not self.mirrored
+        )
+
+
+def leaving_out(
+    hints: RegistrationHints | None, left_out: BoolArray | None
+) -> RegistrationHints | None:
+    """Return hints that leave out other follow-up pixels as well."""
+    if left_out is None:
+        return hints
+    hints = hints or RegistrationHints()
+    if hints.left_out is not None and hints.left_out.shape == left_out.shape:
+        left_out = left_out | hints.left_out
+    return replace(hints, left_out=left_out)

@@ -1,19 +1,41 @@
-"""Poses that matched features or an operator's hints speak for, the most promising first."""
+"""Poses that features, an operator's hints or a search speak for, the most promising first.
+
+Poses between photographs from very different directions. Features are recognised up to a tilt of
+some 60 degrees. Beyond, one of the two photographs is foreshortened on purpose in every direction,
+as it would look from aside, and the features of each such view are matched with the other
+photograph's.
+
+Poses found without features: every zoom and turn tried, every shift correlated. For scenes without
+corners or blobs, or so noisy that none is found twice. Both photographs are reduced to thumbnails;
+where they agree best over a large overlap is worth a refinement.
+
+References
+----------
+J.-M. Morel and G. Yu, "ASIFT: a new framework for fully affine invariant image comparison", 2009,
+for the tilts, the turns and the blur before the sampling.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from math import atan2, cos, pi, sin, sqrt
 
 import cv2
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
-from calibration.registration.feature_matches import FeatureMatches
-from calibration.registration.features import ImageFeatures, homography_pose
-from calibration.registration.hints import RegistrationHints
-from simulation.arrays import FloatArray
+from calibration.registration.agreement import AlignedPhotograph, locally_normalised
+from calibration.registration.distorted_pose import FeatureMatches
+from calibration.registration.features import (
+    ImageFeatures,
+    RegistrationHints,
+    features_of,
+    homography_pose,
+)
+from simulation.arrays import Float32Array, FloatArray
 from simulation.compiled import compiled
-from simulation.pose import projection_depth, projection_slopes
+from simulation.pose import project, projection_depth, projection_slopes
 
 _RATIO = 0.8
 _LOOSE_RATIO = 0.92
@@ -83,12 +105,7 @@ def feature_poses(
 ) -> Iterator[PoseHypothesis]:
     """Hypotheses of matched features, near the expected zoom if there is one.
 
-    Parameters
-    ----------
-    near, far
-        Features of the reference and of the follow-up.
-    zoom
-        Expected ratio of distances, follow-up over reference.
+    The zoom is the ratio of distances, follow-up over reference.
     """
     if zoom is not None:
         for one in _consistent(near, far, _centred_mask(near, far, zoom), zoom):
@@ -212,3 +229,253 @@ def is_plausible(matrix: FloatArray, shape: tuple[int, ...], zoom: float | None)
     if zoom is not None and abs(np.log(found / zoom)) > _ZOOM_TOLERANCE:
         return False
     return bool(largest < _ANISOTROPY_MAX * smallest and _ZOOM_RANGE[0] < found < _ZOOM_RANGE[1])
+
+
+_VIEWS = ((2.8, 7), (5.6, 14))
+"""Foreshortening and the number of directions over half a turn: 72 degrees over the former."""
+
+_BLUR_PX = 0.8
+_WORKED_ON_PX = 0.3e6
+"""Pixels above which a photograph is reduced first."""
+
+_BORDER_PX = 5
+_ASKED = 6
+"""Hypotheses of the views of one photograph that are handed on."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TiltedView:
+    """Features of a photograph seen from aside; ``matrix`` takes the view to the photograph."""
+
+    features: ImageFeatures
+    matrix: FloatArray
+
+
+def tilted_poses(
+    photographs: tuple[AlignedPhotograph, AlignedPhotograph],
+    features: tuple[ImageFeatures, ImageFeatures],
+    zoom: float | None,
+) -> Iterator[PoseHypothesis]:
+    """Hypotheses of matched features of views from aside, those of most matches first.
+
+    ``features`` are those of the photographs as they are; the zoom is follow-up over reference.
+    """
+    (reference, followup), (near, far) = photographs, features
+    seen = [
+        _of_reference(one, view.matrix)
+        for view in _views(reference)
+        for one in feature_poses(view.features, far, None)
+    ]
+    yield from _most_promising(seen, followup.shape, zoom)
+    seen = [
+        _of_followup(one, view.matrix)
+        for view in _views(followup)
+        for one in feature_poses(near, view.features, None)
+    ]
+    yield from _most_promising(seen, followup.shape, zoom)
+
+
+def _most_promising(
+    found: list[PoseHypothesis], shape: tuple[int, int], zoom: float | None
+) -> list[PoseHypothesis]:
+    possible = [one for one in found if is_plausible(one.matrix, shape, zoom)]
+    return sorted(possible, key=lambda one: -one.match_count)[:_ASKED]
+
+
+def _of_reference(found: PoseHypothesis, view: FloatArray) -> PoseHypothesis:
+    """A hypothesis whose reference is a view, as one of the photograph."""
+    matches = found.matches
+    if matches is not None:
+        matches = FeatureMatches(matches.followup_px, _moved(view, matches.reference_px))
+    return PoseHypothesis(matrix=view @ found.matrix, matches=matches, is_tilted=True)
+
+
+def _of_followup(found: PoseHypothesis, view: FloatArray) -> PoseHypothesis:
+    """A hypothesis whose follow-up is a view, as one of the photograph."""
+    matches = found.matches
+    if matches is not None:
+        matches = FeatureMatches(_moved(view, matches.followup_px), matches.reference_px)
+    matrix = np.asarray(found.matrix @ np.linalg.inv(view))
+    return PoseHypothesis(matrix=matrix, matches=matches, is_tilted=True)
+
+
+def _moved(matrix: FloatArray, points_px: FloatArray) -> FloatArray:
+    return np.column_stack(project(matrix, *points_px.T))
+
+
+def _views(photograph: AlignedPhotograph) -> Iterator[_TiltedView]:
+    rows, cols = photograph.shape
+    factor = max(round(sqrt(rows * cols / _WORKED_ON_PX)), 1)
+    small = photograph.reduced(factor)
+    whole = np.array([[factor, 0, (factor - 1) / 2], [0, factor, (factor - 1) / 2], [0, 0, 1.0]])
+    for tilt, turns in _VIEWS:
+        for number in range(turns):
+            view = _seen_aside(small, tilt, number * pi / turns)
+            yield _TiltedView(view.features, whole @ view.matrix)
+
+
+def _seen_aside(photograph: AlignedPhotograph, tilt: float, turn: float) -> _TiltedView:
+    """The photograph turned, and foreshortened along x."""
+    rows, cols = photograph.shape
+    turned = np.array([[cos(turn), -sin(turn)], [sin(turn), cos(turn)]])
+    corners = turned @ np.array([[0, cols - 1, 0, cols - 1], [0, 0, rows - 1, rows - 1]])
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    width, height = (int(along) + 1 for along in high - low)
+    to_turned = np.column_stack([turned, -low])
+    levels = cv2.warpAffine(
+        photograph.levels, to_turned, (width, height), borderMode=cv2.BORDER_REPLICATE
+    )
+    levels = cv2.GaussianBlur(levels, (0, 0), _BLUR_PX * sqrt(tilt**2 - 1), sigmaY=1e-3)
+    usable = np.ones((rows, cols), np.uint8)
+    if photograph.usable is not None:
+        usable = photograph.usable.astype(np.uint8)
+    usable = np.asarray(cv2.warpAffine(usable, to_turned, (width, height)), dtype=np.uint8)
+    size, shrink = (max(int(width / tilt), 1), height), np.diag([1 / tilt, 1.0, 1.0])
+    levels = cv2.warpAffine(levels, shrink[:2], size, borderMode=cv2.BORDER_REPLICATE)
+    usable = np.asarray(
+        cv2.warpAffine(usable, shrink[:2], size, flags=cv2.INTER_NEAREST), dtype=np.uint8
+    )
+    square = np.ones((2 * _BORDER_PX + 1,) * 2, dtype=np.uint8)
+    usable = np.asarray(cv2.erode(usable, square, borderType=cv2.BORDER_CONSTANT, borderValue=0))
+    to_view = shrink @ np.vstack([to_turned, [0, 0, 1.0]])
+    return _TiltedView(
+        features_of(np.asarray(levels, dtype=np.float32), usable.astype(np.bool_)),
+        np.asarray(np.linalg.inv(to_view)),
+    )
+
+
+_LONG_SIDE_PX = 64
+_WINDOW_PX = 15
+_TURN_STEP_RAD = pi / 18
+_ZOOM_STEP = 0.13
+"""Of the log zoom: at the thumbnail's edge neither step moves a detail by more than its size."""
+
+_SEARCHED_ZOOMS = (0.4, 2.8)
+_OVERLAP_LEAST = 0.2
+"""Of the smaller of the two views."""
+
+_FOUND = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Thumbnail:
+    """Normalised levels and which count; ``factor`` photograph pixels to one."""
+
+    levels: Float32Array
+    counted: Float32Array
+    factor: float
+
+    def to_photograph(self) -> FloatArray:
+        """Thumbnail pixel ``(x, y, 1)`` to photograph pixel."""
+        aside = (self.factor - 1) / 2
+        return np.array([[self.factor, 0, aside], [0, self.factor, aside], [0, 0, 1.0]])
+
+
+def searched_poses(
+    reference: AlignedPhotograph, followup: AlignedPhotograph, zoom: float | None
+) -> Iterator[PoseHypothesis]:
+    """Similarities for which thumbnails agree best, the best first.
+
+    The zoom is the ratio of distances, follow-up over reference; None tries 0.4 to 2.8.
+    """
+    low, high = _SEARCHED_ZOOMS if zoom is None else (zoom * 0.85, zoom * 1.18)
+    zooms = np.exp(np.arange(np.log(low), np.log(high) + _ZOOM_STEP, _ZOOM_STEP))
+    near = _thumbnail(reference, _LONG_SIDE_PX)
+    found: list[tuple[float, FloatArray]] = []
+    for one in zooms.tolist():
+        # The follow-up's thumbnail has about the pixels that the reference shows of it.
+        far = _thumbnail(followup, max(round(_LONG_SIDE_PX * min(one, 1.0)), 16))
+        scale = one * far.factor / near.factor
+        spectra = _Spectra(near, far, scale)
+        turns = np.arange(0.0, 2 * pi, _TURN_STEP_RAD).tolist()
+        found += [spectra.best_shift(turn) for turn in turns]
+        found.sort(key=lambda pair: -pair[0])
+        del found[4 * _FOUND :]
+    kept: list[FloatArray] = []
+    for _, matrix in found:
+        if not any(_is_same(matrix, other) for other in kept):
+            kept.append(matrix)
+        if len(kept) == _FOUND:
+            break
+    for matrix in kept:
+        yield PoseHypothesis(matrix=matrix)
+
+
+def _thumbnail(photograph: AlignedPhotograph, long_side_px: int) -> _Thumbnail:
+    rows, cols = photograph.shape
+    factor = max(max(rows, cols) / long_side_px, 1.0)
+    # Blurred before it is sampled.
+    coarse = photograph.reduced(max(int(factor / 2), 1))
+    rest = factor / max(int(factor / 2), 1)
+    blurred = coarse.smoothed(0.5 * rest, 0.5 * rest)
+    matrix = np.array([[rest, 0, (rest - 1) / 2], [0, rest, (rest - 1) / 2]])
+    size = (int(coarse.shape[1] / rest), int(coarse.shape[0] / rest))
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    levels = np.asarray(cv2.warpAffine(blurred.levels, matrix, size, flags=flags), dtype=np.float32)
+    counted = np.ones(levels.shape, dtype=np.bool_)
+    if blurred.usable is not None:
+        share = cv2.warpAffine(blurred.usable.astype(np.float32), matrix, size, flags=flags)
+        counted = np.asarray(share > 0.9)
+    return _Thumbnail(
+        locally_normalised(levels, counted, _WINDOW_PX), counted.astype(np.float32), factor
+    )
+
+
+class _Spectra:
+    """The reference's thumbnail and a follow-up's, to be correlated at one turn after another.
+
+    ``scale`` pixels of the reference's thumbnail to one of the follow-up's.
+    """
+
+    def __init__(self, near: _Thumbnail, far: _Thumbnail, scale: float) -> None:
+        self._near, self._far, self._scale = near, far, scale
+        self._side = int(np.hypot(*far.levels.shape) * scale) + 2
+        self._size = scipy.fft.next_fast_len(self._side + max(near.levels.shape), real=True)
+        self._levels = self._spectrum(near.levels)
+        self._squares = self._spectrum(np.square(near.levels))
+        self._counted = self._spectrum(near.counted)
+
+    def best_shift(self, turn: float) -> tuple[float, FloatArray]:
+        """Evidence and matrix, follow-up to reference photograph, of the best shift."""
+        far = self._far
+        rows, cols = far.levels.shape
+        middle, own = self._side / 2, np.array([(cols - 1) / 2, (rows - 1) / 2])
+        linear = self._scale * np.array([[cos(turn), -sin(turn)], [sin(turn), cos(turn)]])
+        matrix = np.column_stack([linear, middle - linear @ own])
+        size = (self._side, self._side)
+        levels = np.asarray(cv2.warpAffine(far.levels, matrix, size), dtype=np.float32)
+        counted = np.asarray(cv2.warpAffine(far.counted, matrix, size) > 0.9, dtype=np.float32)
+        levels *= counted
+        mask = np.conj(self._spectrum(counted))
+        number = self._inverse(mask * self._counted)
+        product = self._inverse(np.conj(self._spectrum(levels)) * self._levels)
+        ours = self._inverse(np.conj(self._spectrum(np.square(levels))) * self._counted)
+        theirs = self._inverse(mask * self._squares)
+        least = _OVERLAP_LEAST * min(float(counted.sum()), float(self._near.counted.sum()))
+        square = np.where(
+            (number > least) & (product > 0), product**2 / np.maximum(ours * theirs, 1e-6), 0.0
+        )
+        evidence = -0.5 * number * np.log(1 - np.minimum(square, 0.999))
+        best = int(np.argmax(evidence))
+        shift_y, shift_x = (
+            at if at < self._size - self._side else at - self._size
+            for at in np.unravel_index(best, evidence.shape)
+        )
+        whole = np.vstack([matrix, [0, 0, 1.0]])
+        whole[:2, 2] += shift_x, shift_y
+        back = np.asarray(np.linalg.inv(far.to_photograph()))
+        return float(evidence.flat[best]), self._near.to_photograph() @ whole @ back
+
+    def _spectrum(self, values: Float32Array) -> FloatArray:
+        return np.asarray(scipy.fft.rfft2(values, s=(self._size, self._size)))
+
+    def _inverse(self, series: FloatArray) -> Float32Array:
+        return np.asarray(scipy.fft.irfft2(series, s=(self._size, self._size)))
+
+
+def _is_same(one: FloatArray, other: FloatArray) -> bool:
+    """Whether two similarities are neighbours among those tried."""
+    ours, theirs = (complex(matrix[0, 0], matrix[1, 0]) for matrix in (one, other))
+    ratio = ours / theirs
+    turned = abs(atan2(ratio.imag, ratio.real))
+    return turned < 1.5 * _TURN_STEP_RAD and abs(np.log(abs(ratio))) < 1.5 * _ZOOM_STEP

@@ -8,43 +8,127 @@ fine. What cannot be told from chance is refused; what may be one of several is 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Self
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
+from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer
 
+from acquisition.files import Provenance
 from calibration.errors import RegistrationError
-from calibration.registration.acceptance import ELSEWHERE_MOST, SURE_MATCHES
+from calibration.registration.agreement import AlignedPhotograph, block_votes
 from calibration.registration.candidates import (
+    ELSEWHERE_MOST,
+    SURE_MATCHES,
     Candidate,
     Choice,
     DirectedPose,
+    MirrorImage,
     PhotographPair,
     best_of,
-    with_rival,
-)
-from calibration.registration.dense import (
-    AlignedPhotograph,
-    RefinedPose,
-    block_votes,
-    refined_pose,
-)
-from calibration.registration.distorted_pose import DistortedPose, mirrored_matrix
-from calibration.registration.hints import RegistrationHints
-from calibration.registration.hypotheses import PoseHypothesis, feature_poses, given_poses
-from calibration.registration.mirrored import (
-    MirrorImage,
+    looked_again,
     mirrored,
     not_mirrored,
     refuse_contradiction,
+    second_look,
+    with_rival,
 )
-from calibration.registration.reference import RegistrationReference
-from calibration.registration.search import searched_poses
-from calibration.registration.second_look import looked_again, second_look
-from calibration.registration.tilted_views import tilted_poses
+from calibration.registration.distorted_pose import DistortedPose, mirrored_matrix
+from calibration.registration.features import ImageFeatures, RegistrationHints, features_of
+from calibration.registration.hypotheses import (
+    PoseHypothesis,
+    feature_poses,
+    given_poses,
+    searched_poses,
+    tilted_poses,
+)
+from calibration.registration.refinement import RefinedPose, refined_pose
 from simulation import GaussianPsf
-from simulation.arrays import AnyArray, FloatArray
+from simulation.arguments import CheckedModel
+from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
+from simulation.pose import homography_fault
+
+HOMOGRAPHY_SCHEMA: Final = "standoff.homography/1"
+
+
+def _matrix(value: object) -> FloatArray:
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError("expected 3 x 3 numbers") from error
+    fault = homography_fault(matrix)
+    if fault is not None:
+        raise ValueError(fault)
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _distortion(value: object) -> float:
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1:
+        return float(value)
+    raise ValueError(f"{value!r} is not a number between -1 and 1")
+
+
+class Homography(Shown, ByValue, CheckedModel):
+    """A homography from a follow-up to its reference.
+
+    Parameters
+    ----------
+    matrix
+        Shape (3, 3): maps follow-up pixel centres ``(x, y, 1)`` to reference pixel centres; with
+        a distortion, those of an ideal lens.
+    size
+        ``(width, height)`` of the follow-up in px.
+    distortion_k1
+        Relative radial distortion of the common lens at the corner of the reference.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="ignore", allow_inf_nan=False, arbitrary_types_allowed=True
+    )
+
+    schema_name: Literal["standoff.homography/1"] = Field(default=HOMOGRAPHY_SCHEMA, alias="schema")
+    matrix: Annotated[
+        FloatArray,
+        BeforeValidator(_matrix),
+        PlainSerializer(lambda matrix: matrix.tolist(), return_type=list[list[float]]),
+    ]
+    size: tuple[Annotated[int, Field(strict=True, gt=0)], Annotated[int, Field(strict=True, gt=0)]]
+    distortion_k1: Annotated[float, BeforeValidator(_distortion)] = 0.0
+    provenance: Provenance | None = None
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"{type(self).__name__}({width} x {height} px, distortion_k1={self.distortion_k1:g})"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegistrationReference:
+    """A photograph prepared for alignment: its features are looked for once, and no sooner.
+
+    `register` takes it in place of the array, which may not change meanwhile.
+    """
+
+    photograph: AlignedPhotograph
+    _features: dict[bool, ImageFeatures] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, image: AnyArray, left_out: BoolArray | None = None) -> Self:
+        """Take a grey image, shape ``(rows, cols)``; what is ``left_out`` does not count."""
+        return cls(AlignedPhotograph.of(image, left_out))
+
+    def features(self, *, is_closer_look: bool) -> ImageFeatures:
+        """Features of the photograph, as `features_of` finds them."""
+        if is_closer_look not in self._features:
+            self._features[is_closer_look] = features_of(
+                self.photograph.levels, self.photograph.usable, is_closer_look=is_closer_look
+            )
+        return self._features[is_closer_look]
+
 
 _PLACE_ERR_WARN_PX = 0.25
 _PLACE_ERR_MAX_PX = 3.0

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import RegistrationError
-from calibration.registration.dense import zoom_at_centre
+from calibration.registration.descent import zoom_at_centre
 from calibration.registration.features import homography_pose, match_features
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.pose import project, projection_depth
@@ -51,18 +51,10 @@ _CLIPPED_PERCENT = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TrackedPose:
-    """Pose of a frame in the reference.
+    """Pose of a frame in the reference, from frame to reference pixel centres.
 
-    Parameters
-    ----------
-    matrix
-        Shape (3, 3), last element 1: frame pixel centres ``(x, y, 1)`` to reference pixel centres.
-    zoom
-        Reference pixels per frame pixel at the frame's centre.
-    inlier_count
-        Number of corners that agree with the pose.
-    rms_px
-        Rms distance of these corners from the pose in frame px.
+    The zoom is in reference pixels per frame pixel at the frame's centre; ``rms_px`` is the
+    distance in frame px of the corners that agree.
     """
 
     matrix: FloatArray = field(repr=False)
@@ -80,17 +72,9 @@ class _Softened:
 
 
 class TrackingReference:
-    """A reference image, prepared for finding it in frame after frame.
+    """A grey reference image, prepared for finding it in frame after frame.
 
-    Parameters
-    ----------
-    reference
-        Grey, shape ``(rows, cols)``, finite.
-
-    Raises
-    ------
-    RegistrationError
-        If it has too few corners to track.
+    It is an error if it has too few corners to track.
     """
 
     def __init__(self, reference: AnyArray) -> None:
@@ -106,15 +90,7 @@ class TrackingReference:
     def anchored(self, frame: AnyArray) -> TrackedPose:
         """Find the pose with no prior knowledge: by matched features, then by the flow.
 
-        Parameters
-        ----------
-        frame
-            Grey, shape ``(rows, cols)``, finite.
-
-        Raises
-        ------
-        RegistrationError
-            If the reference is not recognised in the frame.
+        The frame is grey and finite; a reference that is not recognised is an error.
         """
         levels = _bytes_of(frame)
         matrix, _ = homography_pose(match_features(self._levels, levels))
@@ -123,18 +99,8 @@ class TrackingReference:
     def followed(self, frame: AnyArray, matrix: FloatArray) -> TrackedPose:
         """Measure the pose of a frame that is close to a known one.
 
-        Parameters
-        ----------
-        frame
-            Grey, shape ``(rows, cols)``, finite.
-        matrix
-            Shape (3, 3): the pose to start from, such as that of the previous frame.
-
-        Raises
-        ------
-        RegistrationError
-            If too few corners agree on a pose: the motion was too large, or something blocks the
-            view.
+        The pose to start from is that of the previous frame, for example. Too few corners that
+        agree are an error: the motion was too large, or something blocks the view.
         """
         return self._flowed(_bytes_of(frame), np.asarray(matrix, dtype=np.float64), 2)
 

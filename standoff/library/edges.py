@@ -17,10 +17,10 @@ from acquisition.photographs import (
     shared_facts,
 )
 from calibration.choices import Channel, Pattern
-from calibration.edge_fit import JpegCompression
 from calibration.edges import (
     EdgeImage,
     EdgeMeasurement,
+    JpegCompression,
     Method,
     Region,
     measure_edges as measured_edges,
@@ -28,9 +28,14 @@ from calibration.edges import (
 )
 from calibration.errors import CalibrationError
 from calibration.noise import CorrectionMaps, LevelNoise, fit_level_noise
-from calibration.psf import PsfCalibration, PsfOrigin, edge_images, edge_records, origin_of
+from calibration.psf import (
+    PsfCalibration,
+    PsfOrigin,
+    edge_images,
+    edge_records,
+    origin_of,
+)
 from calibration.sharpness import with_sharpness
-from simulation import GaussianPsf as GaussianPsf, TabulatedPsf as TabulatedPsf
 from simulation.arguments import ArgumentError, checked
 from simulation.arrays import FloatArray
 from standoff.library.call import (

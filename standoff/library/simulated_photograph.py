@@ -18,7 +18,7 @@ from acquisition.photographs import (
     write_mask,
 )
 from analysis.validation import KernelCache, default_cache_folder
-from calibration.psf_uncertainty import focus_scatter_px2, psf_steps
+from calibration.psf import focus_scatter_px2, psf_steps
 from simulation.arguments import check_fields
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 from simulation.by_value import ByValue

@@ -8,9 +8,9 @@ import numpy as np
 
 from acquisition.averaging import AveragedFrames
 from acquisition.plan import CapturePlan, PlanEntry
+from acquisition.session import Take
 from acquisition.session.reader import Session
-from acquisition.session.record import Take
-from calibration.noise.noise_by_level import LevelNoise
+from calibration.noise import LevelNoise
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc

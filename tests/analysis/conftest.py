@@ -6,9 +6,7 @@ from acquisition.session.reader import Session
 from analysis.validation.document import Validation
 from analysis.validation.session import validate
 from calibration.files import read_psf, write_psf
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.captures import edge_images
-from calibration.psf.document import PsfCalibration
+from calibration.psf import PsfCalibration, calibrate_psf, edge_images
 from tests.analysis.bench_session import PSF, bench_session
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.averaging import AveragedFrames
+from acquisition.session import Take
 from acquisition.session.reader import Session
-from acquisition.session.record import Take
-from calibration.noise.noise_by_level import LevelNoise
+from calibration.noise import LevelNoise
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc

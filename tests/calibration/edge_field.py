@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.edges.image import EdgeImage
-from simulation.psf.shapes import PsfField
+from calibration.edges import EdgeImage
+from simulation.psf import PsfField
 
 COLS, ROWS = 520, 390
 LOW_DN, HIGH_DN = 500.0, 3300.0

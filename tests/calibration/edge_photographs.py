@@ -6,8 +6,8 @@ from math import sqrt
 
 import numpy as np
 
-from calibration.edges.image import EdgeImage
-from calibration.noise.noise_by_level import LevelNoise
+from calibration.edges import EdgeImage
+from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 

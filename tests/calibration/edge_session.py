@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from acquisition.averaging import AveragedFrames
+from acquisition.session import Take
 from acquisition.session.reader import Session
-from acquisition.session.record import Take
-from calibration.noise.noise_by_level import LevelNoise
+from calibration.noise import LevelNoise
 from simulation.arrays import FloatArray
 from tests.acquisition.fakes import SETTINGS, FakeUtc
 from tests.acquisition.session_fixtures import plan_of, writer

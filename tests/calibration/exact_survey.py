@@ -6,9 +6,15 @@ from itertools import groupby
 
 import numpy as np
 
-from calibration.geometry.bundle_adjustment import Adjustment, adjust
-from calibration.geometry.camera import CapturePose, PlaneLens
-from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
+from calibration.geometry import GeometryCapture, PlaneLens
+from calibration.geometry.bundle_adjustment import (
+    Adjustment,
+    CapturePose,
+    PlaneMatches,
+    PosedCapture,
+    Series,
+    adjust,
+)
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 from tests.calibration.geometry_bench import (
     HEIGHT_PX,

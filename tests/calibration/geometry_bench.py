@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 
 from acquisition.bench import BenchConfig
-from calibration.geometry.camera import CapturePose, PlaneLens
-from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
+from calibration.geometry import GeometryCapture, PlaneLens
+from calibration.geometry.bundle_adjustment import CapturePose, PlaneMatches, PosedCapture, Series
 from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
 from hil_mocks.scene.truth import BenchTruth
 from simulation.arrays import FloatArray

@@ -12,7 +12,7 @@ from math import cos, pi, sin
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from calibration.edges.image import EdgeImage
+from calibration.edges import EdgeImage
 from simulation.arrays import FloatArray
 
 LOW_DN, HIGH_DN = 8_000.0, 48_000.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibration.noise.photon_transfer import LevelSample, Saturation
+from calibration.noise import LevelSample, Saturation
 from simulation.arrays import FloatArray
 
 GAIN_E_PER_DN, READ_NOISE_E, BLACK_DN, TOP_DN = 5.0, 12.0, 64.0, 4095.0

@@ -25,18 +25,13 @@ from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
 from analysis.validation.document import read_validation
 from analysis.validation.kernels import KernelCache
 from calibration.documents import json_object
-from calibration.errors import (
-    GeometryFileError,
-    HomographyFileError,
-    NoiseFileError,
-    PsfFileError,
-)
+from calibration.errors import GeometryFileError, HomographyFileError, NoiseFileError, PsfFileError
 from calibration.files import read_correction, read_geometry, read_homography, read_noise, read_psf
 from calibration.geometry.document import GEOMETRY_SCHEMA
 from calibration.noise.document import NOISE_SCHEMA
-from calibration.psf.calibration import calibrate_psf
-from calibration.registration.document import HOMOGRAPHY_SCHEMA
-from simulation.kernelgan import KernelGanSettings
+from calibration.psf import calibrate_psf
+from calibration.registration.pair import HOMOGRAPHY_SCHEMA
+from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import HintError
 from standoff.library.registration import read_points
 from tests.calibration.edge_photographs import photographs

@@ -3,9 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition.session import Session
-from analysis.reports import captures_section, noise_section, stage_section
-from analysis.reports.bench import NoiseSample, plot_noise, plot_stage
+from acquisition.session.reader import Session
+from analysis.reports.bench import (
+    NoiseSample,
+    captures_section,
+    noise_section,
+    plot_noise,
+    plot_stage,
+    stage_section,
+)
 from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration
 from tests.acquisition.session_fixtures import session_with

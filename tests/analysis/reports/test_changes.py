@@ -17,14 +17,10 @@ from analysis.change_series import (
     TimeLineFollowup,
     TrackPoint,
 )
-from analysis.changes import (
-    ChangeResult,
-    ChangeSummary,
-    FilterWidth,
-    changes_figure,
-    describe_focus,
-)
-from analysis.changes.filter import ChangeMasks
+from analysis.changes import FilterWidth, describe_focus
+from analysis.changes.document import ChangeSummary
+from analysis.changes.filter import ChangeMasks, ChangeResult
+from analysis.changes.plot import changes_figure
 from analysis.reports import (
     ColourPair,
     compared_pictures,

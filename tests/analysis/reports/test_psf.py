@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from acquisition.files import Provenance
-from acquisition.session import Session
+from acquisition.session.reader import Session
 from analysis.reports import (
     calibration_front,
     calibration_sections,

@@ -12,8 +12,7 @@ from analysis.reports.psf_edges import (
     plot_profile,
     plot_widths_by_angle,
 )
-from calibration.edge_fit import edge_profile
-from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges
+from calibration.edges import EdgeImage, EdgeMeasurement, edge_profile, measure_edges
 from calibration.psf import PsfCalibration
 from calibration.sharpness import with_sharpness
 from tests.calibration.closed_form import edge_image

@@ -3,11 +3,9 @@ from pathlib import Path
 import pytest
 
 from acquisition.session import Session
-from analysis.reports import SessionNotes, render_session_report, versions
 from analysis.reports.page import CONVENTION
-from analysis.reports.session import with_curves
-from analysis.validation import Validation
-from analysis.validation.document import ExcludedCapture
+from analysis.reports.session import SessionNotes, render_session_report, versions, with_curves
+from analysis.validation.document import ExcludedCapture, Validation
 from calibration.psf import PsfCalibration
 from calibration.sharpness import SharpnessLimits
 from tests.acquisition.session_fixtures import whole_session

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from analysis.choices import ValidationModel
-from analysis.validation import ImageMetrics, mean_metrics
 from analysis.validation.kernels import ModelInputs
+from analysis.validation.metrics import ImageMetrics
 from analysis.validation.pair import AlignedPair, Expectation, PairErrors, PairMetrics, compare_pair
+from analysis.validation.session import mean_metrics
 from calibration.registration import DistortedPose, Registration, register
 from simulation import MODELS, GaussianPsf, zoom_out_on_grid
 from simulation.arrays import FloatArray

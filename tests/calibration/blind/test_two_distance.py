@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.blind.two_distance import PairPsf, combined, pair_psf
+from calibration.blind import pair_psf
+from calibration.blind.two_distance import PairPsf, combined
 from calibration.errors import PairError
 from simulation.arrays import FloatArray
 from tests.calibration.blob_scene import blob_photograph, far_to_near

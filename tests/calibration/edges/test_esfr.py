@@ -2,22 +2,72 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.edge_fit.fit import EdgeFit
-from calibration.edges.binned import BinnedEdge, bin_edge
-from calibration.edges.esfr import (
+from calibration.edges import (
     SFR_FREQ_CY_PER_PX,
-    EdgeSfr,
-    is_aliased,
+    BinnedEdge,
+    EdgeFit,
+    EdgeImage,
+    EdgeMeasurement,
+    EdgeSamples,
+    bin_edge,
+    gaussian_mtf50,
+    measure_edges,
     measure_esfr,
-    widest_gap_px,
+    pixel_mtf50,
 )
-from calibration.edges.gaussian_mtf import gaussian_mtf50, pixel_mtf50
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import EdgeMeasurement, measure_edges
-from calibration.edges.samples import EdgeSamples
+from calibration.edges.esfr import EdgeSfr, is_aliased, widest_gap_px
 from simulation.arrays import FloatArray
-from tests.calibration.closed_form import edge_image, point_edge
+from tests.calibration.closed_form import edge_image, pixel_edge, point_edge
 from tests.calibration.diffraction import diffracted_edge, system_mtf, system_mtf50
+from tests.calibration.known import known
+
+
+def test_the_mtf50_of_a_gaussian_by_hand() -> None:
+    # exp(-2 pi^2 f^2) = 1/2 at f = sqrt(ln 2 / 2) / pi.
+    assert gaussian_mtf50(1.0) == pytest.approx(0.187390625, rel=1e-8)
+    assert gaussian_mtf50(0.5) == pytest.approx(2 * 0.187390625, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("normal_deg", "frequency"),
+    [
+        (0.0, 0.603354564),  # sinc(f) = 1/2
+        (45.0, 0.626420906),  # sinc(f / sqrt 2)^2 = 1/2
+        (90.0, 0.603354564),
+    ],
+)
+def test_a_perfect_lens_leaves_the_pixel_square(normal_deg: float, frequency: float) -> None:
+    assert pixel_mtf50(1e-9, np.deg2rad(normal_deg)) == pytest.approx(frequency, rel=1e-6)
+
+
+@pytest.mark.parametrize("normal_deg", [0.0, 12.0, 45.0])
+@pytest.mark.parametrize("sigma_px", [0.3, 0.6, 1.2])
+def test_half_the_contrast_of_the_exact_edge_is_left(sigma_px: float, normal_deg: float) -> None:
+    normal = float(np.deg2rad(normal_deg))
+    frequency = pixel_mtf50(sigma_px, normal)
+    # The transfer is the Fourier transform of the line spread function, the edge's derivative.
+    distance = np.arange(-12.0, 12.0, 0.01)
+    line = np.diff(pixel_edge(distance, sigma_px, normal))
+    transfer = np.sum(line * np.cos(2 * np.pi * frequency * (distance[:-1] + 0.005)))
+    assert transfer == pytest.approx(0.5, abs=2e-4)  # steps of 0.01 px
+
+
+def test_a_wide_psf_hides_the_shape_of_the_pixel() -> None:
+    total = np.sqrt(3.0**2 + 1 / 12)
+    assert pixel_mtf50(3.0, 0.4) == pytest.approx(gaussian_mtf50(float(total)), rel=1e-4)
+
+
+@given(sigma=st.floats(0.05, 5.0), turn=st.floats(-7.0, 7.0))
+def test_mirrored_and_turned_edges_have_the_same_mtf50(sigma: float, turn: float) -> None:
+    frequency = pixel_mtf50(sigma, turn)
+    assert pixel_mtf50(sigma, -turn) == pytest.approx(frequency)
+    assert pixel_mtf50(sigma, turn + np.pi / 2) == pytest.approx(frequency)
+
+
+@given(sigma=st.floats(0.05, 5.0), factor=st.floats(1.001, 3.0), turn=st.floats(0.0, 3.2))
+def test_a_wider_psf_has_a_lower_mtf50(sigma: float, factor: float, turn: float) -> None:
+    assert pixel_mtf50(sigma * factor, turn) < pixel_mtf50(sigma, turn)
+    assert gaussian_mtf50(sigma * factor) < gaussian_mtf50(sigma)
 
 
 def measured(image: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> EdgeMeasurement:
@@ -114,9 +164,7 @@ def binned(distance: FloatArray, unit_levels: FloatArray, sigma_px: float = 0.7)
         chi2_reduced=None,
         flags=(),
     )
-    edge = bin_edge(samples, fit)
-    assert edge is not None
-    return edge
+    return known(bin_edge(samples, fit))
 
 
 def spread(seed: int, reach_px: float = 15.0, size: int = 6000) -> FloatArray:
@@ -128,10 +176,8 @@ def spread(seed: int, reach_px: float = 15.0, size: int = 6000) -> FloatArray:
 def test_the_modulus_does_not_depend_on_where_the_edge_lies(shift: float, seed: int) -> None:
     distance = spread(seed)
     freq = np.array(SFR_FREQ_CY_PER_PX)
-    here = measure_esfr(binned(distance, point_edge(distance, 0.7)))
-    there = measure_esfr(binned(distance + shift, point_edge(distance, 0.7)))
-    assert here is not None
-    assert there is not None
+    here = known(measure_esfr(binned(distance, point_edge(distance, 0.7))))
+    there = known(measure_esfr(binned(distance + shift, point_edge(distance, 0.7))))
     np.testing.assert_allclose(here.at(freq), there.at(freq), atol=2e-4)
     assert there.at(np.zeros(1))[0] == pytest.approx(1.0, abs=1e-12)
 
@@ -142,8 +188,7 @@ def test_the_curve_does_not_depend_on_the_gaussian_it_starts_from(
     start: float, sigma: float, seed: int
 ) -> None:
     distance = spread(seed)
-    found = measure_esfr(binned(distance, point_edge(distance, sigma), start))
-    assert found is not None
+    found = known(measure_esfr(binned(distance, point_edge(distance, sigma), start)))
     # A Gaussian twice too wide bends within a bin by up to 1e-3 of the contrast.
     assert found.mtf50_cy_per_px == pytest.approx(gaussian_mtf50(sigma), rel=2e-3)
 
@@ -162,8 +207,7 @@ def test_an_edge_that_falls_along_its_normal_has_no_curve() -> None:
 
 def test_an_edge_far_sharper_than_the_pixel_grid_has_no_mtf50_below_1_cy_per_px() -> None:
     distance = spread(3)
-    found = measure_esfr(binned(distance, point_edge(distance, 0.12), 0.12))
-    assert found is not None
+    found = known(measure_esfr(binned(distance, point_edge(distance, 0.12), 0.12)))
     # By hand: exp(-2 pi^2 0.12^2) = 0.753 at 1 cy/px.
     assert found.at(np.ones(1))[0] == pytest.approx(0.753, abs=0.02)
     assert found.mtf50_cy_per_px is None
@@ -172,8 +216,7 @@ def test_an_edge_far_sharper_than_the_pixel_grid_has_no_mtf50_below_1_cy_per_px(
 
 def test_profiles_are_those_of_the_edge_and_integrate_to_one() -> None:
     distance = spread(4)
-    found = measure_esfr(binned(distance, point_edge(distance, 0.8)))
-    assert found is not None
+    found = known(measure_esfr(binned(distance, point_edge(distance, 0.8))))
     at = np.linspace(-6, 6, 241)
     np.testing.assert_allclose(found.esf(at), point_edge(at, 0.8), atol=1e-3)
     density = np.exp(-0.5 * (at / 0.8) ** 2) / (0.8 * np.sqrt(2 * np.pi))
@@ -188,8 +231,7 @@ def test_the_errors_of_the_transform_are_the_scatter_over_draws() -> None:
     for seed in range(60):
         distance = spread(seed, size=3000)
         noise = np.random.default_rng(1000 + seed).normal(size=distance.size) / 50
-        found = measure_esfr(binned(distance, point_edge(distance, 0.7) + noise))
-        assert found is not None
+        found = known(measure_esfr(binned(distance, point_edge(distance, 0.7) + noise)))
         pulls.append((found.transform(freq).real - truth) / found.transform_err(freq))
     # 60 draws know a standard deviation to 9 %; a true Gaussian is the prior's own middle.
     assert np.all(np.std(pulls, axis=0) < 1 + 3.3 * 0.09)
@@ -218,8 +260,7 @@ def test_at_every_angle_mtf50_is_right_or_said_to_be_missing(
 
 def test_gaps_between_the_distances_are_those_of_the_angle() -> None:
     for normal_deg, gap_px in ((0.0, 1.0), (45.0, np.sqrt(0.5)), (26.565, np.sqrt(0.2))):
-        edge = measured(edge_image(0.8, normal_deg, has_pixel=True)).binned
-        assert edge is not None
+        edge = known(measured(edge_image(0.8, normal_deg, has_pixel=True)).binned)
         assert widest_gap_px(edge) == pytest.approx(gap_px, abs=0.01)
         assert not is_aliased(edge, gap_px)
 
@@ -228,8 +269,7 @@ def test_a_wide_tail_is_told_from_the_middle() -> None:
     # A tenth of the light in a Lorentzian of half width 2 px: exp(-2 pi 2 f) in closed form.
     distance = spread(5, 25.0, 12_000)
     levels = 0.9 * point_edge(distance, 0.7) + 0.1 * (0.5 + np.arctan(distance / 2) / np.pi)
-    found = measure_esfr(binned(distance, levels))
-    assert found is not None
+    found = known(measure_esfr(binned(distance, levels)))
     freq = np.array(SFR_FREQ_CY_PER_PX)
     truth = 0.9 * np.exp(-2 * (np.pi * 0.7 * freq) ** 2) + 0.1 * np.exp(-4 * np.pi * freq)
     np.testing.assert_allclose(found.at(freq), truth, atol=3e-3)

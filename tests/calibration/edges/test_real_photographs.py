@@ -10,13 +10,16 @@ import tifffile
 from PIL import Image
 
 from acquisition.photographs import luma_plane
-from calibration.edge_fit import JpegCompression
-from calibration.edges.gaussian_mtf import gaussian_mtf50
-from calibration.edges.image import EdgeImage
-from calibration.edges.measurement import EdgeMeasurement, Method, measure_edges
-from calibration.edges.selection import told_apart
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.document import PsfCalibration
+from calibration.edges import (
+    EdgeImage,
+    EdgeMeasurement,
+    JpegCompression,
+    Method,
+    gaussian_mtf50,
+    measure_edges,
+)
+from calibration.edges.measurement import told_apart
+from calibration.psf import PsfCalibration, calibrate_psf
 from simulation.arrays import FloatArray
 
 FOLDER = Path(__file__).parents[2] / "data"

@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibration.geometry.bundle_adjustment import Adjustment, adjust
+from calibration.geometry.bundle_adjustment import Adjustment, PlaneMatches, adjust
+from calibration.geometry.calibration import stage_axis
 from calibration.geometry.pupil import PupilFit, SeriesDistances, fit_pupil
-from calibration.geometry.series import PlaneMatches
-from calibration.geometry.stage_axis import stage_axis
 from tests.calibration.geometry_bench import (
     FOCAL_PX,
     HEIGHTS_MM,

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from calibration.geometry.camera import CapturePose, PlaneLens
+from calibration.geometry import PlaneLens
+from calibration.geometry.bundle_adjustment import CapturePose
 from hil_mocks.scene.pinhole import CameraPose
 from tests.calibration.geometry_bench import FOCAL_PX, HEIGHT_PX, PUPIL_MM, WIDTH_PX, pinhole
 

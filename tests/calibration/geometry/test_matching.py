@@ -5,9 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.geometry.camera import PlaneLens
+from calibration.geometry import GeometryCapture, PlaneLens
 from calibration.geometry.matching import MatchedSeries, match_textures
-from calibration.geometry.series import GeometryCapture
 from simulation.arrays import FloatArray
 from tests.simulation.closed_form import photograph, random_scene
 

@@ -9,9 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.errors import GeometryError, RegistrationError
-from calibration.geometry import matching
-from calibration.geometry.board import DEFAULT_BOARD, BoardCorners, CharucoBoard
-from calibration.geometry.captures import nominal_focal_px
+from calibration.geometry import DEFAULT_BOARD, CharucoBoard, matching, nominal_focal_px
+from calibration.geometry.board import BoardCorners
 from calibration.geometry.matching import adjust_captures
 from hil_mocks.scene.pinhole import CameraPose
 from tests.acquisition.session_fixtures import session_with

@@ -8,15 +8,20 @@ import numpy as np
 import pytest
 
 from calibration.errors import GeometryError, GeometryFileError
+from calibration.estimate import Estimate
 from calibration.files import write_geometry
-from calibration.geometry import calibration
-from calibration.geometry.board import CharucoBoard
-from calibration.geometry.calibration import GeometryOptions, calibrate_geometry
-from calibration.geometry.camera import PlaneLens
-from calibration.geometry.document import GeometryCalibration
+from calibration.geometry import (
+    CharucoBoard,
+    GeometryCalibration,
+    GeometryCapture,
+    GeometryOptions,
+    PlaneLens,
+    calibrate_geometry,
+    calibration,
+)
+from calibration.geometry.bundle_adjustment import Exclusion
+from calibration.geometry.calibration import length_of
 from calibration.geometry.matching import MatchedCaptures
-from calibration.geometry.series import Exclusion, GeometryCapture
-from calibration.geometry.summary import Measured, length_of
 from tests.calibration.exact_survey import Survey
 from tests.calibration.geometry_bench import FOCAL_PX, HEIGHTS_MM, PUPIL_MM, poses_over
 
@@ -183,7 +188,7 @@ def test_a_board_at_one_height_gives_the_scale_of_a_texture_at_many(calibrated: 
 
 
 def test_a_drift_of_nothing_has_the_error_of_one_axis() -> None:
-    nothing = length_of(Measured(value=0.0, err=0.3), Measured(value=0.0, err=0.4))
+    nothing = length_of(Estimate(value=0.0, err=0.3), Estimate(value=0.0, err=0.4))
     # By hand: 0.5 / sqrt(2), the rms of both.
     assert nothing.value == 0.0
     assert nothing.err == pytest.approx(0.5 / np.sqrt(2))

@@ -12,20 +12,21 @@ from hypothesis import given, strategies as st
 from calibration.documents import json_object
 from calibration.errors import PsfFileError
 from calibration.files import read_psf, write_psf
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.covariance import Estimate, PsfEstimates
-from calibration.psf.document import (
-    PSF_SCHEMA,
+from calibration.psf import (
     CameraIdentity,
     ColourPsf,
+    Estimate,
+    FieldFit,
     PairWidths,
     PsfCalibration,
+    PsfEstimates,
     PsfOrigin,
-    PsfWidths,
+    calibrate_psf,
 )
-from calibration.psf.field import FieldFit
+from calibration.psf.document import PSF_SCHEMA, PsfWidths
 from simulation.arrays import FloatArray
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG, photographs
+from tests.calibration.known import known
 
 DOCUMENTED_KEYS = {
     "schema",
@@ -109,13 +110,13 @@ def test_what_was_written_is_read_back(tmp_path: Path, calibration: PsfCalibrati
     for name in ("sigma_x_px", "sigma_y_px", "rho"):
         assert getattr(psf.total, name) == getattr(calibration.total, name)
         assert getattr(psf.optical, name) == getattr(calibration.optical, name)
-    np.testing.assert_array_equal(known(psf.total), known(calibration.total))
+    np.testing.assert_array_equal(covariance_of(psf.total), covariance_of(calibration.total))
     assert psf.method == "all-angles"
     assert psf.camera == CameraIdentity(serial="S1")
     assert (psf.region, psf.channel, psf.captured_utc) == ("centre", None, None)
 
 
-def known(psf: PsfEstimates) -> FloatArray:
+def covariance_of(psf: PsfEstimates) -> FloatArray:
     assert psf.covariance_px2 is not None
     return psf.covariance_px2
 
@@ -157,7 +158,7 @@ def test_the_covariance_belongs_to_the_widths(calibration: PsfCalibration) -> No
 def test_an_estimate_comes_out_as_it_was_put_in(
     value: float, err: float, low: float, high: float
 ) -> None:
-    width = Estimate(value=value, err=err, low=low, high=high)
+    width = Estimate(value=value, err=err, interval_95=(low, high))
     total = PsfEstimates(sigma_x_px=width, sigma_y_px=None, rho=None, covariance_px2=None)
     for psf in (PsfWidths.of(total, None), PsfCalibration.of(total, total)):
         assert psf.total.sigma_x_px == width
@@ -168,8 +169,7 @@ def test_an_estimate_comes_out_as_it_was_put_in(
 
 def test_an_error_without_an_interval_gives_that_of_a_normal_distribution() -> None:
     psf = PsfCalibration(sigma_x_px=0.8, sigma_x_err_px=0.01)
-    width = psf.total.sigma_x_px
-    assert width is not None
+    width = known(psf.total.sigma_x_px)
     # 1.96 standard errors either way.
     assert (width.low, width.high) == pytest.approx((0.7804, 0.8196), abs=1e-5)
     assert PsfCalibration(sigma_x_px=0.8).total.sigma_x_px is None

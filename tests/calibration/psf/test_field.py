@@ -3,11 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
+from calibration.psf import FieldFit, calibrate_psf
+from calibration.psf.field import FieldEdges, field_or_reason, fit_psf_field
 from simulation.arrays import FloatArray
 from simulation.psf.shapes import PsfField
 from tests.calibration.edge_field import COLS, FIELD, ROWS, frame_of_edges
+from tests.calibration.known import known
 
 CONSTANT = PsfField(
     width_px=COLS,
@@ -52,8 +53,7 @@ def worst(fit: FieldFit | None) -> float:
 
 
 def test_exact_widths_give_the_exact_field() -> None:
-    fit = fit_psf_field(edges_over_the_frame(FIELD, err=0.0), COLS, ROWS)
-    assert fit is not None
+    fit = known(fit_psf_field(edges_over_the_frame(FIELD, err=0.0), COLS, ROWS))
     np.testing.assert_allclose(fit.coefficients_px2, FIELD.coefficients_px2, rtol=1e-6, atol=1e-8)
 
 

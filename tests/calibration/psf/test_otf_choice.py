@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from calibration.edges.binned import BinnedEdge
-from calibration.edges.measurement import measure_edges
-from calibration.psf.otf_choice import choose_otf, distinct_directions_deg, widest_gap_deg
-from calibration.psf.otf_forms import ELLIPTIC
-from calibration.psf.otf_slices import EdgeStack, StackedBins
+from calibration.edges import BinnedEdge, measure_edges
+from calibration.psf.otf_forms import ELLIPTIC, EdgeStack, StackedBins
+from calibration.psf.transfer_2d import choose_otf, distinct_directions_deg, widest_gap_deg
 from simulation.arrays import FloatArray
+from tests.calibration.known import known
 from tests.calibration.lens_edges import AstigmaticLens, Lens, edge_photographs, pupil_transfer
 
 EIGHT_DEG = tuple(5.0 + 22.5 * k for k in range(8))
@@ -55,8 +54,7 @@ class TotalGaussian(Lens):
     ],
 )
 def test_the_form_is_the_simplest_that_the_lens_asks_for(lens: Lens, form: str) -> None:
-    choice = choose_otf(binned(lens, EIGHT_DEG, snr=500))
-    assert choice is not None
+    choice = known(choose_otf(binned(lens, EIGHT_DEG, snr=500)))
     assert choice.fit.form.name == form
     # The noise within the bins explains what is left, and no form is far off.
     assert choice.chi2_reduced < 1.2
@@ -76,8 +74,7 @@ def test_one_direction_determines_no_transfer_over_both_axes() -> None:
     ],
 )
 def test_two_directions_give_an_upright_lens(lens: Lens, label: str) -> None:
-    choice = choose_otf(binned(lens, (4.0, 94.0)))
-    assert choice is not None
+    choice = known(choose_otf(binned(lens, (4.0, 94.0))))
     assert choice.fit.form.label == label
     assert not choice.knows_turn
     assert "2 directions do not tell how it is turned" in choice.reason
@@ -90,10 +87,8 @@ def test_two_directions_that_are_not_of_the_axes_give_no_transfer() -> None:
 
 def test_widths_that_leave_the_correlation_open_give_no_form_that_is_turned() -> None:
     lens = Lens(0.6, 0.4, turn_deg=30.0)
-    turned = choose_otf(binned(lens, EIGHT_DEG))
-    choice = choose_otf(binned(lens, EIGHT_DEG), knows_correlation=False)
-    assert turned is not None
-    assert choice is not None
+    turned = known(choose_otf(binned(lens, EIGHT_DEG)))
+    choice = known(choose_otf(binned(lens, EIGHT_DEG), knows_correlation=False))
     assert any("xy" in name for name in turned.fit.form.names)
     assert not any("xy" in name for name in choice.fit.form.names)
     assert "leave rho open" in choice.reason
@@ -108,8 +103,7 @@ def test_a_vertical_a_horizontal_and_a_diagonal_edge_tell_a_turned_gaussian() ->
             gauss = np.exp(-2 * np.pi**2 * (0.36 * u * u + 0.16 * v * v))
             return np.asarray(gauss * np.sinc(fx) * np.sinc(fy))
 
-    choice = choose_otf(binned(Turned(0.0, 0.0), (4.0, 49.0, 94.0)))
-    assert choice is not None
+    choice = known(choose_otf(binned(Turned(0.0, 0.0), (4.0, 49.0, 94.0))))
     assert choice.fit.form.name == "gaussian"
     # S xy is (0.36 - 0.16) cos 30 sin 30 = 0.087.
     assert choice.fit.parameters.tolist() == pytest.approx([0.31, 0.0866, 0.21], abs=0.006)
@@ -122,8 +116,7 @@ def test_edges_that_differ_widen_the_covariance_and_do_not_change_the_form() -> 
         binned(Lens(0.0, 0.0, sigma_px=float(sigma)), (normal,), snr=500)[0]
         for sigma, normal in zip(sigmas, EIGHT_DEG, strict=True)
     ]
-    choice = choose_otf(edges)
-    assert choice is not None
+    choice = known(choose_otf(edges))
     assert choice.fit.form.name == "gaussian"
     err = np.sqrt(choice.scale * choice.fit.inverse[0, 0])
     # 8 variances scatter by 10 %; three parameters share them: xx to about 10 % / sqrt(8 / 2.4).
@@ -156,8 +149,7 @@ def test_directions_on_both_sides_of_0_are_one() -> None:
 
 
 def test_one_gaussian_for_lens_and_pixel_keeps_its_width_from_two_directions() -> None:
-    choice = choose_otf(binned(TotalGaussian(0.0, 0.0, sigma_px=0.6), (4.0, 94.0)))
-    assert choice is not None
+    choice = known(choose_otf(binned(TotalGaussian(0.0, 0.0, sigma_px=0.6), (4.0, 94.0))))
     assert choice.fit.form.name == "total-gaussian"
     assert choice.fit.parameters.tolist() == pytest.approx([0.36, 0.36], rel=0.005)
 
@@ -172,8 +164,7 @@ def test_edges_along_the_rows_and_columns_measure_a_sharp_lens(
 ) -> None:
     # A Gaussian fitted to f/2.8 finds the angle and the bend of such edges up to 0.06 px wrong.
     lens = Lens(0.186, 0.186)
-    choice = choose_otf(binned(lens, (off_deg, 90.0 + off_deg), snr=500))
-    assert choice is not None
+    choice = known(choose_otf(binned(lens, (off_deg, 90.0 + off_deg), snr=500)))
     assert choice.fit.form.name == "round"
     assert choice.chi2_reduced < misfit  # at 0.3 degrees 16 with the places of the Gaussian
     freq = np.linspace(0.0, 0.5, 11)

@@ -10,13 +10,17 @@ from pydantic import ValidationError
 
 from calibration.errors import PsfFileError
 from calibration.files import read_psf, write_psf
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.document import PsfCalibration
-from calibration.psf.field import FieldFit
-from calibration.psf.mosaic import calibrate_mosaic
-from calibration.psf.transfer_2d import OtfTable, Transfer2d
+from calibration.psf import (
+    FieldFit,
+    OtfTable,
+    PsfCalibration,
+    Transfer2d,
+    calibrate_mosaic,
+    calibrate_psf,
+)
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, MeasuredPsf
+from tests.calibration.known import known
 from tests.calibration.lens_edges import AstigmaticLens, Lens, edge_photographs
 
 PX_PER_F_NUMBER = 0.55 / 8.3  # 550 nm on pixels of 8.3 um
@@ -216,8 +220,7 @@ def test_edges_without_a_pixel_give_the_gaussian_itself(tmp_path: Path) -> None:
 
 def test_it_says_form_defocus_edges_and_contrast_in_one_line() -> None:
     transfer = transfer_of(calibrated(Lens(0.19, 0.19, waves=1.0), EIGHT_DEG, 500))
-    half = transfer.mtf50_cy_per_px(0.0)
-    assert half is not None
+    half = known(transfer.mtf50_cy_per_px(0.0))
     assert transfer.otf(np.array([half]), np.array([0.0]))[0] == pytest.approx(0.5, abs=1e-4)
     said = str(transfer)
     assert said.startswith("round (defocus 1.00 waves), from 8 edges at 8 angles; MTF50 in cy/px: ")
@@ -357,8 +360,7 @@ def test_a_field_has_the_measured_shape() -> None:
     field = FieldFit(
         width_px=640, height_px=480, coefficients_px2=((xx, 0.1, 0.0), (xy, 0.0, 0.0), (yy, 0, 0))
     )
-    total = psf.model_copy(update={"field": field}).total_field("psf.json")
-    assert total is not None
+    total = known(psf.model_copy(update={"field": field}).total_field("psf.json"))
     fx, fy = frequencies(np.linspace(0, 0.5, 6))
     in_the_centre = total.at(*total.centre_px)
     assert isinstance(in_the_centre, MeasuredPsf)
@@ -375,8 +377,7 @@ def test_the_covariance_of_the_values_has_a_row_for_each_that_is_known(
     normals_deg: tuple[float, ...], size: int
 ) -> None:
     psf = calibrated(Lens(0.4, 0.4), normals_deg, 100)
-    joint = psf.total.estimate_covariance
-    assert joint is not None
+    joint = known(psf.total.estimate_covariance)
     assert joint.shape == (size, size)
     assert psf.total.sigma_x_px is not None
     assert np.sqrt(joint[0, 0]) == pytest.approx(psf.total.sigma_x_px.err, rel=1e-9)

@@ -12,10 +12,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from calibration.errors import RegistrationError
-from calibration.registration.distorted_pose import DistortedPose
-from calibration.registration.feature_matches import FeatureMatches
-from calibration.registration.hints import RegistrationHints
-from calibration.registration.pair import Registration, register
+from calibration.registration import (
+    DistortedPose,
+    FeatureMatches,
+    Registration,
+    RegistrationHints,
+    register,
+)
 from simulation.arrays import FloatArray
 
 SMALL = (150, 200)

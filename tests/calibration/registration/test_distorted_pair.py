@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import RegistrationError
-from calibration.registration.hints import RegistrationHints
-from calibration.registration.pair import Registration, register
+from calibration.registration import Registration, RegistrationHints, register
 from hil_mocks import BenchTruth
 from hil_mocks.scene.pinhole import CameraPose
 from simulation import GaussianPsf

@@ -8,8 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
-from calibration.registration.hints import RegistrationHints
-from calibration.registration.pair import Registration, register
+from calibration.registration import Registration, RegistrationHints, register
 from simulation.arrays import FloatArray
 
 SHAPE = (180, 240)

@@ -6,8 +6,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
-from calibration.registration.feature_matches import FeatureMatches
-from calibration.registration.features import homography_pose, match_features
+from calibration.registration import FeatureMatches, homography_pose, match_features
 from simulation.arrays import FloatArray
 
 SHAPE = (100, 120)

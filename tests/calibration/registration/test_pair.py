@@ -1,13 +1,27 @@
+"""Drawings in two levels and pages scanned to white are aligned by what they show.
+
+H.json: written and read by one class.
+"""
+
+import json
 from math import sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from calibration.errors import RegistrationError
-from calibration.registration.features import ImageFeatures, features_of
-from calibration.registration.pair import Registration, register
-from calibration.registration.reference import RegistrationReference
+from calibration.errors import HomographyFileError, RegistrationError
+from calibration.files import read_homography, write_homography
+from calibration.registration import (
+    AlignedPhotograph,
+    Homography,
+    ImageFeatures,
+    Registration,
+    RegistrationReference,
+    register,
+)
+from calibration.registration.features import features_of
 from simulation import GaussianPsf
 from simulation.arrays import Float32Array, FloatArray
 from tests.simulation.closed_form import Item, photograph, random_scene
@@ -166,3 +180,101 @@ def test_a_prepared_reference_gives_every_follow_up_the_pose_that_it_has_alone(
     # Twice as an array, once as it was prepared; the other four are of follow-ups.
     assert looked_at.count(REFERENCE_SHAPE) == 3
     assert len(looked_at) == 7
+
+
+def drawing(shape: tuple[int, int], seed: int = 1) -> FloatArray:
+    """Black bars and squares on white, at whole pixels."""
+    rng = np.random.default_rng(seed)
+    made = np.full(shape, 255.0)
+    for _ in range(70):
+        row, col = (int(rng.integers(0, n - 8)) for n in shape)
+        high, wide = (int(n) for n in rng.integers(4, 40, 2))
+        made[row : row + high, col : col + wide] = 0.0
+    return made
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (5, 3)])
+def test_a_drawing_in_two_levels_is_aligned(shift: tuple[int, int]) -> None:
+    down, right = shift
+    whole = drawing((330, 420))
+    followup = whole[down : down + 300, right : right + 400].copy()
+    followup[100:112, 200:215] = 255.0 - followup[100:112, 200:215]
+    found = register(whole[:300, :400], followup)
+    y, x = np.mgrid[20:280:40, 20:380:40].astype(np.float64)
+    at_y, at_x = found.pose.to_reference_px(y, x)
+    away_px = np.hypot(at_y - y - down, at_x - x - right)
+    assert away_px.max() < 0.1
+
+
+def test_clipped_paper_is_left_out_as_long_as_enough_else_is_there() -> None:
+    scene = np.clip(120 + 60 * np.random.default_rng(2).normal(size=(90, 120)), 0, 254)
+    scene[:40] = 255.0
+    photograph = AlignedPhotograph.of(scene)
+    assert photograph.usable is not None
+    assert not photograph.usable[:38].any()
+    scene[:80] = 255.0
+    assert AlignedPhotograph.of(scene).usable is None
+
+
+MATRIX = np.array([[1.5, 0.1, -20.0], [-0.1, 1.5, 5.0], [1e-5, 0.0, 1.0]])
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "H.json"
+    written = Homography(matrix=MATRIX, size=(640, 480), distortion_k1=-0.01)
+    write_homography(path, written)
+    found = read_homography(path)
+    np.testing.assert_array_equal(found.matrix, MATRIX)
+    assert (found.size, found.distortion_k1) == ((640, 480), -0.01)
+    assert json.loads(path.read_text("utf-8")) == {
+        "schema": "standoff.homography/1",
+        "matrix": MATRIX.tolist(),
+        "size": [640, 480],
+        "distortion_k1": -0.01,
+        "provenance": None,
+    }
+
+
+def test_the_distortion_may_be_left_out(tmp_path: Path) -> None:
+    path = stored(tmp_path, {})
+    assert read_homography(path).distortion_k1 == 0.0
+
+
+def stored(folder: Path, change: dict[str, Any]) -> Path:
+    path = folder / "H.json"
+    content = {"schema": "standoff.homography/1", "matrix": MATRIX.tolist(), "size": [30, 20]}
+    path.write_text(json.dumps(content | change), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("schema", "standoff.psf/1"),
+        ("matrix", [[1, 0], [0, 1]]),
+        ("matrix", "unit"),
+        ("matrix", [[1, 0, 0], [0, 1, 0], [0, 0, 10**400]]),
+        ("matrix", [[1, 0, 0], [0, 0, 5], [0, 0, 1]]),
+        ("size", 30),
+        ("size.1", [30]),
+        ("size.0", [0, 20]),
+        ("size.1", [30, 2.5]),
+        ("distortion_k1", 1),
+        ("distortion_k1", None),
+        ("distortion_k1", True),
+        ("distortion_k1", "-0.1"),
+        ("distortion_k1", 10**400),
+    ],
+)
+def test_the_value_at_fault_is_named(tmp_path: Path, key: str, value: object) -> None:
+    path = stored(tmp_path, {key.partition(".")[0]: value})
+    with pytest.raises(HomographyFileError) as refused:
+        read_homography(path)
+    assert (refused.value.source, refused.value.key) == (str(path), key)
+
+
+def test_a_matrix_cannot_be_changed_afterwards() -> None:
+    homography = Homography(matrix=MATRIX, size=(640, 480))
+    with pytest.raises(ValueError):
+        homography.matrix[0, 0] = 2.0
+    assert MATRIX.flags.writeable

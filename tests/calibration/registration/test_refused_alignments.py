@@ -7,9 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
-from calibration.registration.feature_matches import FeatureMatches
-from calibration.registration.hints import RegistrationHints
-from calibration.registration.pair import Registration, register
+from calibration.registration import FeatureMatches, Registration, RegistrationHints, register
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from tests.simulation.closed_form import photograph, random_scene

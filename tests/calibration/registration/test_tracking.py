@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
-from calibration.registration.tracking import TrackingReference
+from calibration.registration import TrackingReference
 from simulation.arrays import FloatArray
 
 ROWS, COLS = 240, 320

@@ -1,6 +1,6 @@
 """Edges as they come from a measurement, with chosen values."""
 
-from calibration.edges.measurement import EdgeMeasurement
+from calibration.edges import EdgeMeasurement
 
 
 def edge_of(angle_deg: object = 95.0, **changes: object) -> EdgeMeasurement:

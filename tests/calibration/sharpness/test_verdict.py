@@ -1,18 +1,205 @@
 from collections.abc import Sequence
+from math import radians
+from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edges.measurement import EdgeMeasurement
-from calibration.sharpness.limits import SharpnessLimits
-from calibration.sharpness.tables import verdict_rows
-from calibration.sharpness.verdict import (
+from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges
+from calibration.errors import LimitsFileError
+from calibration.sharpness import (
     LimitVerdict,
     Picture,
+    SharpnessLimits,
+    edge_row,
     judge_sharpness,
-    outcome_of,
+    position_in_field,
+    read_limits,
+    reported_mtf50,
+    verdict_rows,
 )
+from calibration.sharpness.verdict import Figure, largest, median_of, outcome_of, ratio, smallest
+from standoff.shipped_configs import shipped_config
+from tests.calibration.closed_form import edge_image
+from tests.calibration.diffraction import diffracted_edge, system_mtf50
 from tests.calibration.sharpness.edges import edge_of
+
+
+@pytest.mark.parametrize(
+    ("place", "corner"),
+    [
+        ((0.0, 0.0), "top left"),
+        ((100.0, 0.0), "top right"),
+        ((0.0, 80.0), "bottom left"),
+        ((100.0, 80.0), "bottom right"),
+    ],
+)
+def test_a_corner_is_one_half_diagonal_from_the_centre(
+    place: tuple[float, float], corner: str
+) -> None:
+    found = position_in_field(edge_of(x_px=place[0], y_px=place[1]), 101, 81)
+    assert found.radius == pytest.approx(1.0)
+    assert found.corner == corner
+
+
+@pytest.mark.parametrize(
+    ("place", "angle_deg", "direction"),
+    [
+        # To the right of the centre a vertical edge has its normal along the radius.
+        ((90.0, 40.0), 90.0, "meridional"),
+        ((90.0, 40.0), 0.0, "sagittal"),
+        ((50.0, 5.0), 0.0, "meridional"),
+        ((50.0, 5.0), 90.0, "sagittal"),
+        # Right and below, y down: the radius runs at 45 degrees, an edge across it at 135.
+        ((80.0, 70.0), 135.0, "meridional"),
+        ((80.0, 70.0), 45.0, "sagittal"),
+        ((20.0, 70.0), 45.0, "meridional"),
+        ((50.0, 40.0), 90.0, None),
+    ],
+)
+def test_an_edge_across_the_radius_is_meridional_and_one_along_it_sagittal(
+    place: tuple[float, float], angle_deg: float, direction: str | None
+) -> None:
+    found = position_in_field(edge_of(angle_deg, x_px=place[0], y_px=place[1]), 101, 81)
+    assert found.direction == direction
+
+
+VALUES = st.lists(st.tuples(st.floats(0.01, 1.0), st.floats(0.0, 0.2)), min_size=1, max_size=12)
+
+
+def figures(pairs: list[tuple[float, float]]) -> list[Figure]:
+    return [Figure(value=value, err=err, where=f"{k}") for k, (value, err) in enumerate(pairs)]
+
+
+@given(pairs=VALUES)
+def test_the_smallest_is_within_its_interval_and_below_the_largest(
+    pairs: list[tuple[float, float]],
+) -> None:
+    low, high = smallest(figures(pairs)), largest(figures(pairs))
+    assert low.low <= low.value == min(value for value, _ in pairs)
+    assert high.value == max(value for value, _ in pairs) <= high.high
+    assert low.low <= low.high
+    assert high.low <= high.high
+
+
+@given(pairs=VALUES)
+def test_one_more_edge_never_raises_the_lower_end_of_the_smallest(
+    pairs: list[tuple[float, float]],
+) -> None:
+    fewer = pairs[:-1] or pairs
+    assert smallest(figures(pairs)).low <= smallest(figures(fewer)).low
+
+
+def test_a_single_figure_is_its_own_smallest_and_largest() -> None:
+    one = Figure(value=0.3, err=0.01, where="here")
+    # The 97.5 % point of a unit normal.
+    assert one.low == pytest.approx(0.3 - 0.0195996, abs=1e-7)
+    for found in (smallest([one]), largest([one])):
+        assert (found.low, found.high, found.where) == pytest.approx((one.low, one.high, "here"))
+
+
+@pytest.mark.parametrize("count", [1, 8, 60])
+def test_the_interval_of_the_smallest_holds_the_true_one_in_95_percent(count: int) -> None:
+    rng = np.random.default_rng(count)
+    held = 0
+    for _ in range(600):
+        truth = rng.uniform(0.2, 0.3, count)
+        errs = rng.uniform(0.005, 0.03, count)
+        seen = rng.normal(truth, errs)
+        found = smallest([Figure(value=v, err=e) for v, e in zip(seen, errs, strict=True)])
+        held += found.low <= truth.min() <= found.high
+    # Binomial: 600 trials at 95 % give 543 or more in 999 of 1000.
+    assert held >= 543
+
+
+def test_the_median_of_few_has_their_own_errors_and_of_many_their_scatter() -> None:
+    two = median_of([Figure(value=0.2, err=0.03), Figure(value=0.4, err=0.04)], "zone")
+    # A mean of two: sqrt(0.03^2 + 0.04^2) / 2.
+    assert (two.value, two.err) == pytest.approx((0.3, 0.025))
+    assert two.where == "zone (2 edges)"
+    values = [0.1, 0.2, 0.3, 0.4, 0.5]
+    scattered = median_of([Figure(value=v, err=1e-6) for v in values], "zone")
+    # Median absolute deviation 0.1: 1.2533 * 0.1 / 0.67449 / sqrt(5).
+    assert scattered.err == pytest.approx(0.083098, rel=1e-4)
+
+
+def test_a_shift_without_its_sign_includes_0_where_its_interval_does() -> None:
+    crossing = Figure(value=-0.1, err=0.1).modulus()
+    assert (crossing.value, crossing.low) == (0.1, 0.0)
+    assert crossing.high == pytest.approx(0.1 + 0.195996, abs=1e-6)
+    clear = Figure(value=-0.5, err=0.1).modulus()
+    assert (clear.low, clear.high) == pytest.approx((0.304004, 0.695996), abs=1e-6)
+
+
+def test_a_ratio_covers_its_truth() -> None:
+    rng = np.random.default_rng(2)
+    held = 0
+    for _ in range(600):
+        above, below = rng.normal([0.15, 0.25], [0.01, 0.012])
+        found = ratio(Figure(value=above, err=0.01), Figure(value=below, err=0.012))
+        held += found.low <= 0.6 <= found.high
+    assert held >= 543
+
+
+@pytest.mark.parametrize("function", [smallest, largest])
+def test_of_nothing_there_is_no_extreme(function: object) -> None:
+    with pytest.raises(ValueError, match="no figures"):
+        function([])  # type: ignore[operator]
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "limits.toml"
+    path.write_text(text)
+    return path
+
+
+def test_limits_are_read_in_the_order_of_the_tables(tmp_path: Path) -> None:
+    limits = read_limits(
+        written(tmp_path, "[sigma]\nmax_px = 0.9\n[mtf50]\ncorner_min_lw_per_ph = 800\n")
+    )
+    assert list(limits.given()) == [("mtf50.corner_min_lw_per_ph", 800.0), ("sigma.max_px", 0.9)]
+    assert limits.zones.centre_radius == 0.3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[mtf50]\nmin_cypx = 0.2\n", "unknown key mtf50.min_cypx"),
+        ("[mtf50]\nmin_cy_per_pixel = 1\n", "did you mean mtf50.min_cy_per_px?"),
+        ("[sigmas]\nmax_px = 1\n", "unknown key sigmas"),
+        ("[mtf50]\nmin_cy_per_px = 0\n", "mtf50.min_cy_per_px"),
+        ("[mtf50]\nmin_cy_per_px = nan\n", "mtf50.min_cy_per_px"),
+        ('[mtf50]\nmin_cy_per_px = "0,2"\n', "0.2"),
+        ("[mtf50]\nmin_cy_per_px = 0,2\n", "line 2"),
+        ("[uniformity]\ncorner_to_centre_min = 70\n", "uniformity.corner_to_centre_min"),
+        ("[zones]\ncentre_radius = 0.8\ncorner_radius = 0.7\n", "must not exceed corner_radius"),
+        ("[zones]\ncentre_radius = 0.2\n", "it sets no limit; set one"),
+        ("", "it sets no limit; set one"),
+        ("[mtf50", "not valid TOML"),
+    ],
+)
+def test_a_file_at_fault_is_refused_by_the_name_of_the_key(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(LimitsFileError) as refused:
+        read_limits(path)
+    assert str(path) in str(refused.value)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LimitsFileError, match=r"none\.toml: No such file"):
+        read_limits(tmp_path / "none.toml")
+
+
+def test_the_shipped_example_is_read() -> None:
+    keys = [key for key, _ in read_limits(shipped_config("limits.toml")).given()]
+    assert "mtf50.centre_min_cy_per_px" in keys
+    assert "lateral_colour.max_px" in keys
+
 
 PICTURE = Picture(width_px=801, height_px=601, pixel_pitch_um=5.0)
 CORNERS = ((20.0, 20.0), (780.0, 20.0), (20.0, 580.0), (780.0, 580.0))
@@ -197,3 +384,40 @@ def test_a_reason_that_several_limits_share_is_written_out_once() -> None:
     assert every[2] == "0.3000"
     assert "in any corner" in corner[-1]
     assert [row[-1] for row in uniform] == ["as for mtf50.corner_min_cy_per_px"] * 2
+
+
+CUTOFF, NORMAL_DEG = 2.5, 4.0
+
+
+def test_mtf50_of_a_table_is_the_measured_one_and_the_gaussians_is_named_so() -> None:
+    [edge] = measure_edges(EdgeImage(name="e", image_dn=diffracted_edge(CUTOFF, NORMAL_DEG)))
+    row = edge_row(edge)
+    truth = system_mtf50(CUTOFF, radians(NORMAL_DEG))
+    assert row["mtf50_cy_per_px"] == pytest.approx(truth, rel=1e-3)
+    assert row["mtf50_err_cy_per_px"] == reported_mtf50(edge).err_cy_per_px
+    assert row["mtf50_from"] == "e-SFR"
+    # A Gaussian has no tails: it is some 2 % low, and stands under its own name alone.
+    assert row["gaussian_mtf50_cy_per_px"] == edge.mtf50_cy_per_px
+    assert row["gaussian_mtf50_cy_per_px"] < 0.99 * truth
+
+
+def test_of_a_gaussian_lens_both_are_the_same() -> None:
+    [edge] = measure_edges(EdgeImage(name="e", image_dn=edge_image(0.8, 5.0)))
+    row = edge_row(edge)
+    assert row["mtf50_cy_per_px"] == pytest.approx(row["gaussian_mtf50_cy_per_px"], rel=1e-3)
+
+
+def test_every_unit_is_of_the_same_mtf50() -> None:
+    measured = {"cy_per_px": 0.25, "err_cy_per_px": 0.01, "lw_per_ph": 200.0, "lp_per_mm": 50.0}
+    gaussian = {"cy_per_px": 0.2, "err_cy_per_px": 0.02, "lw_per_ph": 160.0, "lp_per_mm": 40.0}
+    edge = edge_of(
+        **{f"mtf50_{unit}": value for unit, value in gaussian.items()},
+        **{f"esfr_mtf50_{unit}": value for unit, value in measured.items()},
+    )
+    row = edge_row(edge)
+    assert {unit: row[f"mtf50_{unit}"] for unit in measured} == measured
+    assert {unit: row[f"gaussian_mtf50_{unit}"] for unit in gaussian} == gaussian
+    without = edge_row(edge.model_copy(update={"esfr_mtf50_err_cy_per_px": None}))
+    assert {unit: without[f"mtf50_{unit}"] for unit in gaussian} == gaussian
+    assert without["mtf50_from"] == "gaussian"
+    assert without["esfr_mtf50_cy_per_px"] == 0.25

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 from scipy.optimize import brentq
 
-from calibration.registration.distorted_pose import DistortedPose
+from calibration.registration import DistortedPose
 from simulation import GaussianPsf, PoseOptions, simulate_pose
 from simulation.arrays import FloatArray
 from simulation.pose.view import PoseView

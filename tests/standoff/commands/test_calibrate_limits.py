@@ -8,7 +8,7 @@ from PIL import Image
 
 from tests.analysis.html_page import Page
 from tests.calibration.closed_form import edge_image
-from tests.calibration.edges.test_mosaic import mosaic
+from tests.calibration.edges.test_image import mosaic
 from tests.standoff.conftest import Command
 
 

@@ -8,9 +8,9 @@ import pytest
 import tifffile
 from PIL import Image
 
-from calibration.edges.gaussian_mtf import gaussian_mtf50
+from calibration.edges import gaussian_mtf50
 from tests.calibration.closed_form import edge_image
-from tests.calibration.edges.test_mosaic import SIGMAS, mosaic
+from tests.calibration.edges.test_image import SIGMAS, mosaic
 from tests.standoff.conftest import Command
 
 

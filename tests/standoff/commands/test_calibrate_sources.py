@@ -13,8 +13,7 @@ from PIL import Image
 from calibration.documents import write_document
 from calibration.edges import REJECTING_FLAGS
 from calibration.errors import NoiseFileError
-from calibration.noise.correction_maps import CorrectionMaps
-from calibration.noise.document import NoiseCalibration, write_map_files
+from calibration.noise import CorrectionMaps, NoiseCalibration, write_map_files
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_field import frame_of_edges

@@ -10,7 +10,7 @@ from acquisition.bench import BenchConfig
 from acquisition.plan import parse_plan
 from acquisition.session.record import Photograph
 from acquisition.session.writer import SessionWriter
-from calibration.geometry.series import GeometryCapture
+from calibration.geometry import GeometryCapture
 from tests.acquisition.session_fixtures import bench_of
 from tests.calibration.geometry_bench import captures
 from tests.standoff.conftest import Command

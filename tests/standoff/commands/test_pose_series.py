@@ -14,7 +14,7 @@ from acquisition.photographs.reader import read_image
 from analysis.detectability.curves import DetectabilityCurves
 from analysis.pose.quality import read_pose_series
 from analysis.results_file import write_results
-from calibration.registration.pair import Registration, register
+from calibration.registration import Registration, register
 from simulation.arrays import FloatArray
 from standoff.library.series import pose_work, references
 from tests.analysis.detectability.test_curves import curve

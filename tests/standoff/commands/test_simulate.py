@@ -8,8 +8,7 @@ from PIL import Image
 
 from calibration.documents import write_document
 from calibration.errors import NoiseFileError
-from calibration.noise.correction_maps import CorrectionMaps
-from calibration.noise.document import NoiseCalibration, write_map_files
+from calibration.noise import CorrectionMaps, NoiseCalibration, write_map_files
 from simulation import GaussianPsf, zoom_out
 from simulation.arrays import FloatArray
 from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, TEXTURE, Command

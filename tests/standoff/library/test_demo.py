@@ -5,10 +5,9 @@ import pytest
 
 from acquisition.averaging import average_frames
 from acquisition.bench import load_bench
-from calibration.edges.image import EdgeImage
-from calibration.noise.noise_by_level import fit_level_noise
-from calibration.psf.calibration import calibrate_psf
-from calibration.psf.covariance import Estimate
+from calibration.edges import EdgeImage
+from calibration.noise import fit_level_noise
+from calibration.psf import Estimate, calibrate_psf
 from hil_mocks import SimulatedBench
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command

@@ -14,7 +14,7 @@ from PIL import Image
 from acquisition.photographs.encoding import LINEAR, SRGB
 from acquisition.photographs.photograph import Photograph
 from calibration.errors import CalibrationError
-from calibration.registration.point_table import POINT_COLUMNS
+from calibration.registration.features import POINT_COLUMNS
 from standoff.errors import ApplicationError, HintError
 from standoff.library.registration import (
     AlignmentHints,
