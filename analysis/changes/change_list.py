@@ -54,8 +54,11 @@ def list_changes(
     y, x = np.array([(spot.y_px, spot.x_px) for spot in spots]).T
     area_px = np.array([spot.area_px for spot in spots])
     sigma_px = np.array([spot.sigma_px for spot in spots])
-    followup, reference = _places_in_both(compared, pose, y, x)
-    if not compared.is_on_followup:
+    # Places (y, x) in both photographs.
+    if compared.is_on_followup:
+        followup, reference = (y, x), pose.to_reference_px(y, x)
+    else:
+        followup, reference = pose.to_followup_px(y, x), (y, x)
         scale = _followup_px_by_pixel(pose, y, x)
         area_px, sigma_px = area_px * scale, sigma_px * np.sqrt(scale)
     heights = np.abs([region.significance for region in regions])
@@ -81,15 +84,6 @@ def list_changes(
         )
         for row, spot, rgb in zip(columns.tolist(), spots, colours, strict=True)
     )
-
-
-def _places_in_both(
-    compared: Comparison, pose: DistortedPose, y: FloatArray, x: FloatArray
-) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-    """Places ``(y, x)`` of the grid's pixels in the follow-up, and in the reference."""
-    if compared.is_on_followup:
-        return (y, x), pose.to_reference_px(y, x)
-    return pose.to_followup_px(y, x), (y, x)
 
 
 def _fitted(

@@ -297,24 +297,10 @@ def find_changes(
 ) -> ChangeResult:
     """Find changes between two photographs that pose, blur and light do not explain.
 
-    Parameters
-    ----------
-    reference, followup
-        Grey, shape ``(rows, cols)``; the follow-up is the later one, nearer or further away.
-    psf
-        Total PSF of the camera that took both, if it is known: the blur between them is then
-        compared with what it says.
-    options
-        Pose, noise, masks and allowed false alarms, if not the defaults.
-
-    Raises
-    ------
-    RegistrationError
-        If no pose is given and the two cannot be aligned.
-    OverlapError
-        If the images share too little.
-    AnalysisError
-        If the pose is not that of a plane in front of the camera.
+    ``reference, followup``: grey, shape ``(rows, cols)``; the follow-up is the later one, nearer or
+    further away. ``psf``: total PSF of the camera that took both, if it is known: the blur between
+    them is then compared with what it says. ``options``: pose, noise, masks and allowed false
+    alarms, if not the defaults.
     """
     options = options or ChangeOptions()
     aligned = _aligned(reference, followup, psf, options)

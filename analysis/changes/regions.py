@@ -243,7 +243,9 @@ def _with_wider(
     if not (np.abs(everything.significance) > threshold_sd).any():
         return found, everything.significance
     # Those that stand out less here than where they were found are done with.
-    settled = [one for one in found if _height_at(one, everything, level) <= _height(one)]
+    settled = [
+        one for one in found if everything.height_of(one, _place(one, level)) <= _height(one)
+    ]
     standing = _without(settled, everything, levels, number)
     regions = standing.regions(threshold_sd)
     taken = []
@@ -265,11 +267,6 @@ def _with_wider(
 
 def _height(found: LinkedRegion) -> float:
     return abs(found.significance)
-
-
-def _height_at(found: LinkedRegion, standing: _Standing, level: DetectionLevel) -> float:
-    """Significance that a change has at a level, in its own direction."""
-    return standing.height_of(found, _place(found, level))
 
 
 def _place(found: LinkedRegion, level: DetectionLevel) -> tuple[int, int]:

@@ -120,13 +120,13 @@ def equally_strict(widths: Sequence[FilterWidth], share: float) -> tuple[FilterW
         return tuple(widths)
     own = plain[0].exceeded_share(threshold)
     return tuple(
-        replace(width, allowance=_ratio(width, significance_threshold(own, (width,)), threshold))
+        replace(
+            width,
+            allowance=float(width.scale_at(significance_threshold(own, (width,))))
+            / float(width.scale_at(threshold)),
+        )
         for width in plain
     )
-
-
-def _ratio(width: FilterWidth, own: float, other: float) -> float:
-    return float(width.scale_at(own)) / float(width.scale_at(other))
 
 
 def exceeded_share(threshold_sd: float, widths: Sequence[FilterWidth]) -> float:

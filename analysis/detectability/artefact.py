@@ -97,13 +97,11 @@ class WindowCovariance:
         self._fft_shape = size, size
         self._artefact = rfft2(_wrapped(autocovariance_dn2, size)).real
         # The mean over each diagonal: what U U^T is apart from its places on the pixel grid.
-        noise = rfft2(np.outer(*(_wrapped(_diagonals(a), size) for a in self._axes))).real
+        noise = rfft2(
+            np.outer(*(_wrapped(_diagonals(a), size) for a in (self._along_y, self._along_x)))
+        ).real
         spectrum = noise_dn2 * (1 + np.maximum(noise, 0.0)) + np.maximum(self._artefact, 0.0)
         self._preconditioner = 1.0 / spectrum
-
-    @property
-    def _axes(self) -> tuple[FloatArray, FloatArray]:
-        return self._along_y, self._along_x
 
     def times(self, images: FloatArray) -> FloatArray:
         """See `Covariance.times`."""

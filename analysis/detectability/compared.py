@@ -148,7 +148,9 @@ def comparison_d_prime(
     noise_shares: list[float] = []
     for width, height in zip(change.filters.widths, change.heights, strict=True):
         noise_dn2 = noise_dn**2 * change.filters.noise_gain(width)
-        sums = _residual_sums(residual, change.filters, width)
+        # Of each tile's pixels, the squared residual behind the width.
+        averaging = change.filters.averaging(width, residual.products_dn2.shape[1] // 2)
+        sums = np.asarray(np.tensordot(residual.products_dn2, averaging, axes=2))
         whole = max(float(shares @ (sums / residual.pixels)), 0.0)
         values.append(height / (width.allowance * sqrt(noise_dn2 + whole)))
         noise_shares.append(noise_dn2 / (noise_dn2 + whole))
@@ -213,14 +215,6 @@ def expected_limits(curve: DetectabilityCurve) -> LimitCurve:
         dn_per_height=tuple(limits.tolist()),
         noise_dn=curve.noise_dn,
     )
-
-
-def _residual_sums(
-    residual: ArtefactTiles, filters: ExpectedFilters, width: FilterWidth
-) -> FloatArray:
-    """Sum over each tile's pixels of the squared residual behind a width, shape (tiles,)."""
-    lags = residual.products_dn2.shape[1] // 2
-    return np.asarray(np.tensordot(residual.products_dn2, filters.averaging(width, lags), axes=2))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

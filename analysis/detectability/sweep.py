@@ -204,7 +204,8 @@ class SumsFile:
         with self.path.open("rb") as file:
             file.readline()
             notes = json.loads(file.readline())["notes"]
-            file.seek(self.first_byte + _sums_bytes(self.shape))
+            numbers = prod(self.shape) + self.shape[0] * prod(self.shape[2:4])
+            file.seek(self.first_byte + numbers * _NUMBER.itemsize)
             for line in file:
                 told = json.loads(line)
                 if "refused" in told:
@@ -270,10 +271,6 @@ def _digest(data: bytes) -> bytes:
 
 def _stored(values: FloatArray) -> bytes:
     return np.ascontiguousarray(values, dtype=_NUMBER).tobytes()
-
-
-def _sums_bytes(shape: Sequence[int]) -> int:
-    return (prod(shape) + shape[0] * prod(shape[2:4])) * _NUMBER.itemsize
 
 
 _VERSION = 5

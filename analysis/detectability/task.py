@@ -121,25 +121,9 @@ def d_prime_curves(
 ) -> DetectabilityCurves:
     """Compute how well a change can be detected at best, from different distances.
 
-    Parameters
-    ----------
-    images
-        Photographs of the scene, grey, shape ``(rows, cols)`` each, finite.
-    psf
-        Total PSF of the photographs; None for model ``bicubic`` alone.
-    task
-        The task, if not the default one.
-
-    Returns
-    -------
-    DetectabilityCurves
-        A curve for every model, observer, noise and contrast.
-
-    Raises
-    ------
-    ValueError
-        If there is no image or one is too small, the change is wider than the window, a noise is
-        not positive, or a model has no PSF.
+    ``images``: photographs of the scene, grey, shape ``(rows, cols)`` each, finite. ``psf``: total
+    PSF of the photographs; None for model ``bicubic`` alone. Returns a curve for every model,
+    observer, noise and contrast.
     """
     if not images:
         raise ValueError("no images: a curve needs at least one")

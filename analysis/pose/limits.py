@@ -384,27 +384,9 @@ def pose_limits(
 ) -> PoseLimits:
     """Find the movement that a threshold of d' allows.
 
-    Parameters
-    ----------
-    curve
-        d' against zoom.
-    min_d_prime
-        Threshold.
-    camera
-        Takes both images.
-    reference_tilt_deg
-        Tilt of the reference, along x.
-    direction_deg
-        Where the follow-up leans, from there; None for the worst direction.
-    aim_px
-        Pixel of the reference that the middle of the follow-up shows; by default its own middle.
-
-    Raises
-    ------
-    NotDetectableError
-        If d' is below the threshold even at equal poses.
-    ValueError
-        If the reference does not show ``aim_px``.
+    ``direction_deg``: where the follow-up leans, from there; None for the worst direction.
+    ``aim_px``: pixel of the reference that the middle of the follow-up shows; by default its own
+    middle.
     """
     allowed = curve.largest_zoom(min_d_prime)
     if allowed is None:

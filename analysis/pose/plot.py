@@ -73,12 +73,13 @@ def pose_figure(
             if panel is not axes:
                 border.set_path_effects([withStroke(linewidth=3, foreground="white")])
     figure.colorbar(shown, ax=axes, label="local d′ (upper bound)", shrink=0.85)
-    verdict = acceptance(quality.is_accepted)
+    verdict = "accepted" if quality.is_accepted else "rejected"
+    probability = quality.decision.probability_text.replace("d'", "d′")
     axes.set(
         title=(
             f"{verdict}: {quality.criterion} d′ {quality.decisive_d_prime:.2f}, "
             f"threshold {quality.min_d_prime:g}\n"
-            f"{quality.decision.verdict}: {_primed(quality.decision.probability_text)}"
+            f"{quality.decision.verdict}: {probability}"
         ),
         xlabel="follow-up x / px",
         ylabel="follow-up y / px",
@@ -121,7 +122,3 @@ def _draw_limit(axes: Axes, limits: "PoseLimits") -> None:
     axes.set(xlabel="zoom-out z (ratio of the distances)", ylabel="detectability d′ (upper bound)")
     axes.set_ylim(bottom=0)
     axes.legend(fontsize=8)
-
-
-def _primed(text: str) -> str:
-    return text.replace("d'", "d′")

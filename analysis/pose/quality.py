@@ -321,26 +321,9 @@ def judge_pose(
 ) -> PoseQuality:
     """Judge a pose by the curve's d' at the local zoom of the worse direction.
 
-    Parameters
-    ----------
-    matrix
-        Shape (3, 3): follow-up pixel centres to reference pixel centres.
-    followup_size, reference_size
-        ``(width, height)``.
-    curve
-        d' against zoom.
-    min_d_prime
-        Threshold.
-    criterion
-        ``min``: d' reaches the threshold everywhere in the overlap; ``quantile``: in all but
-        5 % of it.
-
-    Raises
-    ------
-    OverlapError
-        If the follow-up shows nothing of the reference.
-    AnalysisError
-        If it sees the plane's horizon.
+    ``matrix``: shape (3, 3): follow-up pixel centres to reference pixel centres. ``followup_size,
+    reference_size``: ``(width, height)``. ``criterion``: ``min``: d' reaches the threshold
+    everywhere in the overlap; ``quantile``: in all but 5 % of it.
     """
     try:
         sampling = local_sampling(matrix, followup_size, reference_size)

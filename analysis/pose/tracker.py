@@ -130,8 +130,8 @@ class PoseTracker:
         """Judge the pose of the next frame.
 
         ``image``: grey, shape ``(rows, cols)``, finite; a frame of another size is searched as a
-        whole. Returns rejected, with the reason, where the reference is not recognised; nothing is
-        raised then, as an operator on the way loses it all the time.
+        whole. Where the reference is not recognised the verdict is a rejection with the reason; no
+        error is raised then, as an operator on the way loses it all the time.
         """
         self._frames += 1
         if image.shape != self._shape:

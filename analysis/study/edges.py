@@ -66,8 +66,8 @@ def sigma_err_px(sigma_px: float, length_px: float, levels: EdgeLevels, frames: 
 def _edge_information(sigma_px: float, levels: EdgeLevels) -> FloatArray:
     """Return the Fisher information of one px of edge in one frame.
 
-    Returns of offset, curvature (px at the ends), logarithm of sigma, low and high level. The turn
-    is independent of them: its derivative is odd along the edge.
+    In this order: offset, curvature (px at the ends), logarithm of sigma, low and high level. The
+    turn is independent of them: its derivative is odd along the edge.
     """
     half_width_px = band_half_width(sigma_px)
     distance_px, step_px = np.linspace(-half_width_px, half_width_px, _STEPS, retstep=True)

@@ -156,31 +156,8 @@ def validate(
 ) -> Validation:
     """Say how well every model predicts the captured follow-ups of a session.
 
-    Parameters
-    ----------
-    session
-        With captures of kind texture or chart at two heights or more.
-    psf
-        Total PSF of the camera.
-    settings
-        How it is made, if not as by default.
-    screening
-        Result of the screening, if it has been done already.
-    psf_name
-        Name of the PSF in the document.
-    progress
-        Called with the number of pairs compared.
-
-    Raises
-    ------
-    NothingToCompareError
-        If no pair can be compared.
-    AnalysisError
-        If two images share too little, or a kernel cannot be trained.
-    ResultsFileError
-        If the cache of kernels cannot be read or written.
-    SessionError
-        If a capture file is missing or changed.
+    ``session``: with captures of kind texture or chart at two heights or more. ``screening``:
+    result of the screening, if it has been done already.
     """
     settings = settings or ValidationSettings()
     if screening is None:

@@ -253,7 +253,7 @@ def test_charts_and_means_of_frames_tell_no_step(levels: int) -> None:
 VARIANCE_SHAPE = (300, 320)
 
 
-PLACED = PixelPositions.of(same, VARIANCE_SHAPE, VARIANCE_SHAPE)
+VARIANCE_PLACED = PixelPositions.of(same, VARIANCE_SHAPE, VARIANCE_SHAPE)
 EVERYWHERE = np.ones(VARIANCE_SHAPE, dtype=np.bool_)
 
 
@@ -267,7 +267,7 @@ def test_the_variance_is_taken_apart_into_what_it_was_made_of() -> None:
     difference = 1.5 * rng.standard_normal(VARIANCE_SHAPE) + 0.2 * slope * rng.standard_normal(
         VARIANCE_SHAPE
     )
-    terms = VarianceTerms.of(scene, scene, scene, PLACED)
+    terms = VarianceTerms.of(scene, scene, scene, VARIANCE_PLACED)
     rows, cols = np.nonzero(EVERYWHERE)
     sizes = fit_sizes(difference.ravel(), terms.at(rows, cols), None)
     # Clipping at 3.5 standard deviations takes 0.7 % of the variance.
