@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from acquisition.photographs import luma_plane, on_screen, white_level_dn
-from analysis.choices import acceptance
 from analysis.detectability import draw_curve
 from simulation.arrays import AnyArray
 from simulation.figures import InlineFigure, figure_of
