@@ -8,6 +8,7 @@ this computer's own.
 import ipaddress
 from collections.abc import Iterator
 from contextlib import closing
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,7 +99,7 @@ def test_a_camera_is_named_by_its_address_or_its_id_but_not_by_both() -> None:
 
 
 def capture_by_id() -> dict[str, object]:
-    """Captures from the camera that a broadcast finds; runs in a network of its own."""
+    """Captures from the camera that a broadcast finds."""
     with gige_bench() as bench:
         bench.place("flat")
         (found,) = list_cameras()
@@ -112,19 +113,8 @@ def capture_by_id() -> dict[str, object]:
     }
 
 
-@pytest.mark.slow
-def test_a_camera_of_the_network_is_opened_by_the_id_that_it_is_listed_with() -> None:
-    captured = run_in_own_network(f"{__name__}:capture_by_id")
-    address, own_address = captured["address"]
-    assert address == own_address
-    number = int(ipaddress.IPv4Address(address)) % 2**24
-    assert (captured["serial_number"], captured["frames"]) == (f"SIM-{number}", 3)
-    # White paper: 12,000 of 30,000 electrons in 8 ms are some 50 DN of Mono8 in 4 ms.
-    assert captured["mean_dn"] > 30
-
-
 def list_with_odd_names() -> list[str]:
-    """The cameras found, of which one has a name that is no text; in a network of its own."""
+    """The cameras found, of which one has a name that is no text."""
     with gige_bench() as bench:
         registers = bench.camera._registers
         page = bytearray(registers._bootstrap)
@@ -133,14 +123,8 @@ def list_with_odd_names() -> list[str]:
         return [camera.vendor for camera in list_cameras()]
 
 
-@pytest.mark.slow
-def test_a_camera_whose_name_is_no_text_is_listed_like_any_other() -> None:
-    (vendor,) = run_in_own_network(f"{__name__}:list_with_odd_names")
-    assert vendor.endswith("m\N{REPLACEMENT CHARACTER}ller")
-
-
 def capture_circular_by_id() -> str:
-    """What comes of a camera by its id whose description refers to itself; in its own network."""
+    """What comes of a camera by its id whose description refers to itself."""
     with gige_bench() as bench:
         bench.camera.serve_description(with_width("<pValue>Width</pValue>"))
         (found,) = list_cameras()
@@ -151,6 +135,43 @@ def capture_circular_by_id() -> str:
     return ""
 
 
+def seen_on_the_network() -> dict[str, object]:
+    """All of these, one after the other; runs in a network of its own."""
+    return {
+        "captured": capture_by_id(),
+        "vendors": list_with_odd_names(),
+        "fault": capture_circular_by_id(),
+    }
+
+
+@pytest.fixture(scope="module")
+def on_the_network() -> Any:
+    return run_in_own_network(f"{__name__}:seen_on_the_network")
+
+
 @pytest.mark.slow
-def test_the_description_of_a_camera_by_id_is_checked_as_well() -> None:
-    assert run_in_own_network(f"{__name__}:capture_circular_by_id") == "circle"
+def test_a_camera_of_the_network_is_opened_by_the_id_that_it_is_listed_with(
+    on_the_network: dict[str, Any],
+) -> None:
+    captured = on_the_network["captured"]
+    address, own_address = captured["address"]
+    assert address == own_address
+    number = int(ipaddress.IPv4Address(address)) % 2**24
+    assert (captured["serial_number"], captured["frames"]) == (f"SIM-{number}", 3)
+    # White paper: 12,000 of 30,000 electrons in 8 ms are some 50 DN of Mono8 in 4 ms.
+    assert captured["mean_dn"] > 30
+
+
+@pytest.mark.slow
+def test_a_camera_whose_name_is_no_text_is_listed_like_any_other(
+    on_the_network: dict[str, Any],
+) -> None:
+    (vendor,) = on_the_network["vendors"]
+    assert vendor.endswith("m\N{REPLACEMENT CHARACTER}ller")
+
+
+@pytest.mark.slow
+def test_the_description_of_a_camera_by_id_is_checked_as_well(
+    on_the_network: dict[str, Any],
+) -> None:
+    assert on_the_network["fault"] == "circle"

@@ -263,7 +263,8 @@ CHAINED_EVENTS = (
     JournalEvent(kind="note", utc=UTC, uid="g", facts={"text": "seen"}),
     JournalEvent(kind="stop", utc=UTC, uid="h", facts={}),
 )
-LINES = JOURNAL.splitlines(keepends=True)
+CHAINED = chained_journal(CHAINED_EVENTS)
+LINES = CHAINED.splitlines(keepends=True)
 HEAD = JournalHead(lines=len(LINES), chain=json.loads(LINES[-1])["chain"])
 
 
@@ -275,7 +276,7 @@ def altered(count: int, seed: int) -> Iterator[tuple[str, bytes, bytes]]:
         line = int(rng.integers(len(lines)))
         kind = ("flip", "flip", "flip", "delete", "double", "swap", "edit", "head")[number % 8]
         if kind == "flip":
-            data = bytearray(JOURNAL)
+            data = bytearray(CHAINED)
             data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
             lines = [bytes(data)]
         elif kind == "delete":
@@ -321,7 +322,7 @@ def test_of_10000_alterations_none_that_changes_an_event_is_read() -> None:
             found += 1
             continue
         assert reading.events == CHAINED_EVENTS, what
-        assert journal.rstrip() == JOURNAL.rstrip(), what
+        assert journal.rstrip() == CHAINED.rstrip(), what
     # A swap of equal lines and the like do not exist here; a lost last newline changes nothing.
     assert found >= 9_990
 
@@ -345,7 +346,7 @@ def test_the_line_that_is_missing_is_named(line: int) -> None:
 def test_a_head_that_lags_behind_is_no_fault() -> None:
     for lines in range(1, len(LINES)):
         head = JournalHead(lines=lines, chain=json.loads(LINES[lines - 1])["chain"])
-        assert read_journal(JOURNAL, head=head).events == CHAINED_EVENTS
+        assert read_journal(CHAINED, head=head).events == CHAINED_EVENTS
 
 
 def test_a_journal_of_an_older_version_is_read_and_said_to_be_unchained() -> None:
@@ -377,7 +378,7 @@ def test_a_repeated_key_in_an_unchained_line_is_damage() -> None:
 
 def test_a_missing_head_is_told_and_replaced(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
-    path.write_bytes(JOURNAL)
+    path.write_bytes(CHAINED)
     assert read_journal_file(path).is_head_missing
     with JournalWriter(path):
         pass
