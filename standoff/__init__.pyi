@@ -170,7 +170,7 @@ from .library.photographs import (
 )
 from .library.pose_stream import NamedFrame as NamedFrame, PoseWatch as PoseWatch
 from .library.psf_calibration import calibrate_psf as calibrate_psf
-from .library.psf_history import (
+from .library.psf_comparison import (
     PsfComparison as PsfComparison,
     PsfHistory as PsfHistory,
     compare_psfs as compare_psfs,

@@ -84,7 +84,7 @@ from .photographs import reading as reading
 from .pose_stream import NamedFrame as NamedFrame, PoseWatch as PoseWatch
 from .psf import opened_psf as opened_psf
 from .psf_calibration import calibrate_psf as calibrate_psf
-from .psf_history import compare_psfs as compare_psfs, psf_history as psf_history
+from .psf_comparison import compare_psfs as compare_psfs, psf_history as psf_history
 from .registration import alignment_hints as alignment_hints
 from .rehearsal import (
     DEMO_FILES as DEMO_FILES,
