@@ -1,23 +1,51 @@
-"""Every page's websocket: what it sends is read, carried out and answered."""
+"""Every page's websocket: what it sends is carried out, and it is sent the newest data."""
 
 import asyncio
+import json
 import time
 from collections import deque
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
+from time import time as wall_s
+from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from standoff.console.access import Allowance
 from standoff.console.bench_hub import BenchHub
-from standoff.console.devices import PictureEncoder
+from standoff.console.frames import PictureEncoder
 from standoff.console.page_words import page_words
-from standoff.console.serving import Allowance
-from standoff.console.web import messages
-from standoff.console.web.command_handler import CommandHandler
-from standoff.console.web.state_cache import StateCache
-from standoff.console.web.viewer import Viewer
+from standoff.console.web.command_handler import CommandHandler, parse_message
+from standoff.console.web.link import PERIOD_S, Link, PicturePace
+from standoff.console.web.messages import (
+    Acknowledge,
+    Hello,
+    MessageError,
+    PageMessage,
+    Ping,
+    Stop,
+    key_at_fault,
+)
+from standoff.console.web.view_model import (
+    control_document,
+    figure_ages,
+    levels_document,
+    measure_document,
+    plan_document,
+    state_document,
+    sweep_document,
+)
 from standoff.errors import REPORTED_ERRORS
 from standoff.library import login_name
+
+STATE_S = 0.08
+LEVELS_S = 0.15
+STATE_PERIOD_S = 0.1
+LEVELS_PERIOD_S = 0.2
+MEASURE_PERIOD_S = 0.1
+
+SLOW_BYTES_PER_S, SLOWDOWN = 300e3, 3.0
+"""Over a link that is slower than that, all these periods are so many times as long."""
 
 HELLO_TIMEOUT_S = 10.0
 
@@ -34,6 +62,209 @@ STOPS_KNOWN = 256
 """Stops that are remembered, so that one that is sent until it is answered counts once."""
 
 
+class StateCache:
+    """JSON texts, each no older than the interval at which pages are sent it."""
+
+    def __init__(self, hub: BenchHub) -> None:
+        self._hub = hub
+        self._state_s, self._state = float("-inf"), dict[str, str]()
+        self._levels_s, self._levels = float("-inf"), ""
+        self._documents: dict[str, tuple[tuple[object, ...], str]] = {}
+
+    def state(self) -> dict[str, str]:
+        """The state that is common to all pages, part by part."""
+        now_s = time.monotonic()
+        if now_s - self._state_s > STATE_S:
+            self._state_s = now_s
+            self._state = {
+                name: json.dumps(part, allow_nan=False)
+                for name, part in state_document(self._hub).items()
+            }
+        return self._state
+
+    def levels(self) -> str | None:
+        """Histogram and focus trace; None without a picture, or with none but an old one."""
+        facts = self._hub.picture.facts
+        if facts.levels is None or figure_ages(self._hub)["levels"].validity == "none":
+            return None
+        now_s = time.monotonic()
+        if now_s - self._levels_s > LEVELS_S:
+            self._levels_s = now_s
+            self._levels = json.dumps(levels_document(facts), allow_nan=False)
+        return self._levels
+
+    def measure(self) -> str:
+        """Live measurements."""
+        sharpness, square = self._hub.sharpness, self._hub.squareness.view
+        view, has_field = sharpness.view, sharpness.is_field_wanted
+        return self._made_of(
+            "measure", (view, square), lambda: measure_document(view, square, has_field=has_field)
+        )
+
+    def sweep(self) -> str:
+        """The focus sweep."""
+        view = self._hub.sweep.view
+        return self._made_of("sweep", (view,), lambda: sweep_document(view))
+
+    def plan(self) -> str:
+        """The plan's table."""
+        view = self._hub.run.view
+        return self._made_of("plan", (view,), lambda: plan_document(view))
+
+    def _made_of(
+        self, name: str, views: tuple[object, ...], make: Callable[[], dict[str, Any]]
+    ) -> str:
+        """The document of some views, made anew when one of them is another."""
+        seen, text = self._documents.get(name, ((), ""))
+        if len(seen) != len(views) or any(a is not b for a, b in zip(seen, views, strict=True)):
+            text = json.dumps(make(), allow_nan=False)
+            self._documents[name] = (views, text)
+        return text
+
+
+class _Viewer:
+    """Sends to one page, once its connection is accepted, until it is gone.
+
+    Encoder and state are shared with the other pages.
+    """
+
+    def __init__(
+        self,
+        socket: WebSocket,
+        identity: str,
+        hub: BenchHub,
+        encoder: PictureEncoder,
+        state: StateCache,
+        *,
+        wants_pictures: bool,
+    ) -> None:
+        self.identity = identity
+        self._socket = socket
+        self._hub = hub
+        self._encoder = encoder
+        self._state = state
+        self._wants_pictures = wants_pictures
+        self._link = Link()
+        self._pace = PicturePace(self._link, encoder)
+        self._wake = asyncio.Event()
+        self._replies: deque[dict[str, Any]] = deque(maxlen=32)
+        self._sent_sequence = 0
+        self._told: dict[str, str] = {}
+        self._plan_revision = self._sweep_revision = self._measured = -1
+        self._was_watched = False
+
+    def reply(self, document: dict[str, Any]) -> None:
+        """Send something to this page alone."""
+        self._replies.append(document)
+        self._wake.set()
+
+    def reply_first(self, document: dict[str, Any]) -> None:
+        """Send something to this page alone, before everything else that waits to be sent."""
+        self._replies.appendleft(document)
+        self._wake.set()
+
+    def acknowledge(self, message: Acknowledge) -> None:
+        """Note that the page has drawn a picture, and all before it."""
+        in_hand_s = 1e-3 * message.in_hand_ms
+        self._link.note_arrived(message.sequence, time.monotonic(), in_hand_s=in_hand_s)
+        self._wake.set()
+
+    def answer_ping(self, message: Ping) -> None:
+        """Answer a page that asks whether it is heard, and what time it is here."""
+        if message.round_trip_ms is not None:
+            self._link.note_round_trip(1e-3 * message.round_trip_ms)
+        self.reply_first({"type": "pong", "number": message.number, "now_ms": 1e3 * wall_s()})
+
+    async def send_all(self) -> None:
+        """Send until the page is gone."""
+        loop = asyncio.get_running_loop()
+
+        def woken() -> None:
+            loop.call_soon_threadsafe(self._wake.set)
+
+        end = self._hub.frames.subscribe(woken) if self._wants_pictures else lambda: None
+        try:
+            await self._send_on()
+        except (WebSocketDisconnect, RuntimeError):
+            return  # the page is gone: the receiving side notices, too
+        finally:
+            end()
+
+    async def _send_on(self) -> None:
+        state_s = levels_s = measure_s = 0.0
+        while True:
+            await self._woken()
+            while self._replies:
+                await self._send_text(self._replies.popleft())
+            now_s = time.monotonic()
+            slowdown = self._slowdown
+            if now_s - state_s >= slowdown * STATE_PERIOD_S:
+                state_s = now_s
+                await self._send_state()
+            if self._wants_pictures and now_s - levels_s >= slowdown * LEVELS_PERIOD_S:
+                levels_s = now_s
+                levels = self._state.levels()
+                if levels is not None:
+                    await self._socket.send_text(levels)
+            if self._wants_pictures and now_s - measure_s >= slowdown * MEASURE_PERIOD_S:
+                measure_s = now_s
+                await self._send_measurements()
+            await self._send_picture(now_s)
+
+    @property
+    def _slowdown(self) -> float:
+        rates = self._link.rates
+        return 1.0 if rates is None or rates.possibly >= SLOW_BYTES_PER_S else SLOWDOWN
+
+    async def _woken(self) -> None:
+        try:
+            async with asyncio.timeout(min(STATE_PERIOD_S / 2, PERIOD_S)):
+                await self._wake.wait()
+        except TimeoutError:
+            return
+        self._wake.clear()
+
+    async def _send_state(self) -> None:
+        """Send what has become different; the page keeps the rest."""
+        control = control_document(self._hub.control.view(self.identity))
+        state = {"control": json.dumps(control)} | self._state.state()
+        news = ['"type":"state"']
+        news += [f'"{name}":{text}' for name, text in state.items() if self._told.get(name) != text]
+        self._told = state
+        await self._socket.send_text("{" + ",".join(news) + "}")
+        revision = self._hub.run.view.revision
+        if revision != self._plan_revision:
+            self._plan_revision = revision
+            await self._socket.send_text(self._state.plan())
+
+    async def _send_measurements(self) -> None:
+        sequence = self._hub.sharpness.view.sequence
+        is_watched = self._hub.squareness.view.is_wanted
+        if is_watched or self._was_watched or sequence != self._measured:
+            self._measured, self._was_watched = sequence, is_watched
+            await self._socket.send_text(self._state.measure())
+        revision = self._hub.sweep.view.revision
+        if revision != self._sweep_revision:
+            self._sweep_revision = revision
+            await self._socket.send_text(self._state.sweep())
+
+    async def _send_picture(self, now_s: float) -> None:
+        """Send the newest picture if the page wants it and its link is ready for one."""
+        latest = self._hub.frames.latest
+        if not self._wants_pictures or latest is None or latest.sequence == self._sent_sequence:
+            return
+        form = self._pace.form_now(latest, now_s)
+        if form is None:
+            return
+        self._sent_sequence = latest.sequence
+        data = await asyncio.to_thread(self._encoder.encode, latest, form)
+        self._link.note_sent(latest.sequence, len(data), time.monotonic())
+        await self._socket.send_bytes(data)
+
+    async def _send_text(self, document: dict[str, Any]) -> None:
+        await self._socket.send_text(json.dumps(document, allow_nan=False))
+
+
 class LiveSockets:
     """Every page's websocket."""
 
@@ -42,7 +273,7 @@ class LiveSockets:
         self._handler = CommandHandler(hub)
         self._encoder = PictureEncoder()
         self._state = StateCache(hub)
-        self._viewers: dict[str, Viewer] = {}
+        self._viewers: dict[str, _Viewer] = {}
         self._sockets: dict[str, WebSocket] = {}
         self._stops: deque[str] = deque(maxlen=STOPS_KNOWN)
         # One at a time, and never in the loop that sends the pictures.
@@ -53,16 +284,16 @@ class LiveSockets:
         await socket.accept()
         try:
             async with asyncio.timeout(HELLO_TIMEOUT_S):
-                hello = messages.parse_message(await socket.receive_text())
+                hello = parse_message(await socket.receive_text())
         except (TimeoutError, WebSocketDisconnect, KeyError):
             return
-        except messages.MessageError:
+        except MessageError:
             hello = None
-        if not isinstance(hello, messages.Hello):
+        if not isinstance(hello, Hello):
             await socket.close(code=1008, reason="send hello first")
             return
         await self._replace(hello.viewer)
-        viewer = Viewer(
+        viewer = _Viewer(
             socket,
             hello.viewer,
             self._hub,
@@ -88,8 +319,8 @@ class LiveSockets:
             del self._viewers[identity], self._sockets[identity]
             await _quietly(old.close(code=REPLACED, reason="opened again elsewhere"))
 
-    async def _receive(self, socket: WebSocket, viewer: Viewer) -> None:
-        waiting: asyncio.Queue[messages.Message | None] = asyncio.Queue(COMMANDS_WAITING)
+    async def _receive(self, socket: WebSocket, viewer: _Viewer) -> None:
+        waiting: asyncio.Queue[PageMessage | None] = asyncio.Queue(COMMANDS_WAITING)
         working = asyncio.create_task(self._work(waiting, viewer))
         try:
             await self._read(socket, viewer, waiting, working)
@@ -101,8 +332,8 @@ class LiveSockets:
     async def _read(
         self,
         socket: WebSocket,
-        viewer: Viewer,
-        waiting: asyncio.Queue[messages.Message | None],
+        viewer: _Viewer,
+        waiting: asyncio.Queue[PageMessage | None],
         working: asyncio.Task[None],
     ) -> None:
         pace = Allowance(at_once=MESSAGES_AT_ONCE, period_s=MESSAGE_PERIOD_S, clock=time.monotonic)
@@ -117,29 +348,27 @@ class LiveSockets:
                 continue
             self._take(text, viewer, waiting)
 
-    def _take(
-        self, text: str, viewer: Viewer, waiting: asyncio.Queue[messages.Message | None]
-    ) -> None:
+    def _take(self, text: str, viewer: _Viewer, waiting: asyncio.Queue[PageMessage | None]) -> None:
         """Do what must not wait, and put the rest behind what the page sent before."""
         try:
-            message = messages.parse_message(text)
+            message = parse_message(text)
             match message:
-                case messages.Acknowledge():
+                case Acknowledge():
                     viewer.acknowledge(message)
-                case messages.Ping():
+                case Ping():
                     viewer.answer_ping(message)
-                case messages.Stop():
+                case Stop():
                     self._stop(message, viewer)
                 case _:
                     waiting.put_nowait(message)
         except asyncio.QueueFull:
             viewer.reply(_refusal("too many commands at once: try again"))
-        except messages.MessageError as error:
+        except MessageError as error:
             viewer.reply(_refusal(str(error), error.do, error.key))
         except REPORTED_ERRORS as error:
             viewer.reply(_refusal(str(error)))
 
-    def _stop(self, message: messages.Stop, viewer: Viewer) -> None:
+    def _stop(self, message: Stop, viewer: _Viewer) -> None:
         """Stop, and say that it was heard; a stop that comes again is only answered."""
         if message.id is None or message.id not in self._stops:
             self._handler.carry_out(viewer.identity, message)
@@ -148,7 +377,7 @@ class LiveSockets:
             number = self._hub.stopping.view.number
             viewer.reply_first({"type": "stop-heard", "id": message.id, "number": number})
 
-    async def _work(self, waiting: asyncio.Queue[messages.Message | None], viewer: Viewer) -> None:
+    async def _work(self, waiting: asyncio.Queue[PageMessage | None], viewer: _Viewer) -> None:
         """Execute what a page sends, one after the other, until it is gone."""
         loop = asyncio.get_running_loop()
         while (message := await waiting.get()) is not None:
@@ -157,9 +386,7 @@ class LiveSockets:
                     self._worker, self._handler.carry_out, viewer.identity, message
                 )
             except REPORTED_ERRORS as error:
-                viewer.reply(
-                    _refusal(str(error), message.do, messages.key_at_fault(message, error))
-                )
+                viewer.reply(_refusal(str(error), message.do, key_at_fault(message, error)))
                 continue
             if answer is not None:
                 viewer.reply(answer)
