@@ -1,11 +1,14 @@
 """Every page's websocket: what it sends is carried out, and it is sent the newest data."""
 
+from __future__ import annotations
+
 import asyncio
 import json
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from time import time as wall_s
 from typing import Any
 
@@ -122,60 +125,153 @@ class StateCache:
         return text
 
 
-class _Viewer:
-    """Sends to one page, once its connection is accepted, until it is gone.
+class LiveSockets:
+    """Every page's websocket, and what all pages share."""
 
-    Encoder and state are shared with the other pages.
-    """
+    def __init__(self, hub: BenchHub) -> None:
+        self.hub = hub
+        self.handler = CommandHandler(hub)
+        self.encoder = PictureEncoder()
+        self.state = StateCache(hub)
+        self.stops: deque[str] = deque(maxlen=STOPS_KNOWN)
+        # One at a time, and never in the loop that sends the pictures.
+        self.worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="commands")
+        self._pages: dict[str, _Page] = {}
 
-    def __init__(
-        self,
-        socket: WebSocket,
-        identity: str,
-        hub: BenchHub,
-        encoder: PictureEncoder,
-        state: StateCache,
-        *,
-        wants_pictures: bool,
-    ) -> None:
-        self.identity = identity
-        self._socket = socket
-        self._hub = hub
-        self._encoder = encoder
-        self._state = state
-        self._wants_pictures = wants_pictures
+    async def serve(self, socket: WebSocket) -> None:
+        """Serve one page until it is gone; one that is opened again takes the old one's place."""
+        await socket.accept()
+        try:
+            async with asyncio.timeout(HELLO_TIMEOUT_S):
+                hello = parse_message(await socket.receive_text())
+        except (TimeoutError, WebSocketDisconnect, KeyError):
+            return
+        except MessageError:
+            hello = None
+        if not isinstance(hello, Hello):
+            await socket.close(code=1008, reason="send hello first")
+            return
+        old = self._pages.pop(hello.viewer, None)
+        if old is not None:
+            with suppress(RuntimeError):  # it was closed already
+                await old.socket.close(code=REPLACED, reason="opened again elsewhere")
+        page = self._pages[hello.viewer] = _Page(self, socket, hello)
+        self.hub.control.join(hello.viewer, hello.name or login_name())
+        try:
+            await page.serve()
+        finally:
+            if self._pages.get(hello.viewer) is page:
+                del self._pages[hello.viewer]
+                self.hub.control.leave(hello.viewer)
+
+
+class _Page:
+    """One page's connection: sends it the newest data, and executes what it sends."""
+
+    def __init__(self, console: LiveSockets, socket: WebSocket, hello: Hello) -> None:
+        self.socket = socket
+        self._console = console
+        self._hub = console.hub
+        self._identity = hello.viewer
+        self._wants_pictures = hello.pictures
         self._link = Link()
-        self._pace = PicturePace(self._link, encoder)
+        self._pace = PicturePace(self._link, console.encoder)
         self._wake = asyncio.Event()
         self._replies: deque[dict[str, Any]] = deque(maxlen=32)
+        self._waiting: asyncio.Queue[PageMessage | None] = asyncio.Queue(COMMANDS_WAITING)
         self._sent_sequence = 0
         self._told: dict[str, str] = {}
         self._plan_revision = self._sweep_revision = self._measured = -1
         self._was_watched = False
 
-    def reply(self, document: dict[str, Any]) -> None:
-        """Send something to this page alone."""
+    async def serve(self) -> None:
+        """Send and receive until the page is gone; what it sent before it left is still done."""
+        sending = asyncio.create_task(self._send_all())
+        working = asyncio.create_task(self._work())
+        try:
+            await self._read(working)
+        finally:
+            try:
+                if not working.done():
+                    await self._waiting.put(None)
+                await working
+            finally:
+                sending.cancel()
+
+    async def _read(self, working: asyncio.Task[None]) -> None:
+        pace = Allowance(at_once=MESSAGES_AT_ONCE, period_s=MESSAGE_PERIOD_S, clock=time.monotonic)
+        while not working.done():
+            await asyncio.sleep(pace.take())  # if only for the turns of the others
+            try:
+                text = await self.socket.receive_text()
+            except (WebSocketDisconnect, RuntimeError):
+                return
+            except KeyError:
+                self._refuse("a message must be text")
+                continue
+            self._take(text)
+
+    def _take(self, text: str) -> None:
+        """Do what must not wait, and put the rest behind what the page sent before."""
+        try:
+            match parse_message(text):
+                case Acknowledge(sequence=sequence, in_hand_ms=in_hand_ms):
+                    now_s = time.monotonic()
+                    self._link.note_arrived(sequence, now_s, in_hand_s=1e-3 * in_hand_ms)
+                    self._wake.set()
+                case Ping(number=number, round_trip_ms=round_trip_ms):
+                    if round_trip_ms is not None:
+                        self._link.note_round_trip(1e-3 * round_trip_ms)
+                    self._reply_first({"type": "pong", "number": number, "now_ms": 1e3 * wall_s()})
+                case Stop() as message:
+                    self._stop(message)
+                case message:
+                    self._waiting.put_nowait(message)
+        except asyncio.QueueFull:
+            self._refuse("too many commands at once: try again")
+        except MessageError as error:
+            self._refuse(str(error), error.do, error.key)
+        except REPORTED_ERRORS as error:
+            self._refuse(str(error))
+
+    def _stop(self, message: Stop) -> None:
+        """Stop, and say that it was heard; a stop that comes again is only answered."""
+        known = self._console.stops
+        if message.id is None or message.id not in known:
+            self._console.handler.carry_out(self._identity, message)
+        if message.id is not None:
+            known.append(message.id)
+            number = self._hub.stopping.view.number
+            self._reply_first({"type": "stop-heard", "id": message.id, "number": number})
+
+    async def _work(self) -> None:
+        """Execute what the page sends, one after the other, until it is gone."""
+        loop, console = asyncio.get_running_loop(), self._console
+        while (message := await self._waiting.get()) is not None:
+            try:
+                answer = await loop.run_in_executor(
+                    console.worker, console.handler.carry_out, self._identity, message
+                )
+            except REPORTED_ERRORS as error:
+                self._refuse(str(error), message.do, key_at_fault(message, error))
+                continue
+            if answer is not None:
+                self._reply(answer)
+
+    def _reply(self, document: dict[str, Any]) -> None:
         self._replies.append(document)
         self._wake.set()
 
-    def reply_first(self, document: dict[str, Any]) -> None:
-        """Send something to this page alone, before everything else that waits to be sent."""
+    def _reply_first(self, document: dict[str, Any]) -> None:
+        """Answer before everything else that waits to be sent."""
         self._replies.appendleft(document)
         self._wake.set()
 
-    def acknowledge(self, message: Acknowledge) -> None:
-        """Note that the page has drawn a picture, and all before it."""
-        in_hand_s = 1e-3 * message.in_hand_ms
-        self._link.note_arrived(message.sequence, time.monotonic(), in_hand_s=in_hand_s)
-        self._wake.set()
+    def _refuse(self, text: str, do: str = "", key: str = "") -> None:
+        """Tell a page that it asked for something in vain; a field at fault is set back."""
+        self._reply({"type": "refused", "text": page_words(text), "do": do, "key": key})
 
-    def answer_ping(self, message: Ping) -> None:
-        """Answer a page that asks whether it is heard, and what time it is here."""
-        if message.round_trip_ms is not None:
-            self._link.note_round_trip(1e-3 * message.round_trip_ms)
-        self.reply_first({"type": "pong", "number": message.number, "now_ms": 1e3 * wall_s()})
-
-    async def send_all(self) -> None:
+    async def _send_all(self) -> None:
         """Send until the page is gone."""
         loop = asyncio.get_running_loop()
 
@@ -195,7 +291,8 @@ class _Viewer:
         while True:
             await self._woken()
             while self._replies:
-                await self._send_text(self._replies.popleft())
+                reply = json.dumps(self._replies.popleft(), allow_nan=False)
+                await self.socket.send_text(reply)
             now_s = time.monotonic()
             slowdown = self._slowdown
             if now_s - state_s >= slowdown * STATE_PERIOD_S:
@@ -203,9 +300,9 @@ class _Viewer:
                 await self._send_state()
             if self._wants_pictures and now_s - levels_s >= slowdown * LEVELS_PERIOD_S:
                 levels_s = now_s
-                levels = self._state.levels()
+                levels = self._console.state.levels()
                 if levels is not None:
-                    await self._socket.send_text(levels)
+                    await self.socket.send_text(levels)
             if self._wants_pictures and now_s - measure_s >= slowdown * MEASURE_PERIOD_S:
                 measure_s = now_s
                 await self._send_measurements()
@@ -226,27 +323,27 @@ class _Viewer:
 
     async def _send_state(self) -> None:
         """Send what has become different; the page keeps the rest."""
-        control = control_document(self._hub.control.view(self.identity))
-        state = {"control": json.dumps(control)} | self._state.state()
+        control = control_document(self._hub.control.view(self._identity))
+        state = {"control": json.dumps(control)} | self._console.state.state()
         news = ['"type":"state"']
         news += [f'"{name}":{text}' for name, text in state.items() if self._told.get(name) != text]
         self._told = state
-        await self._socket.send_text("{" + ",".join(news) + "}")
+        await self.socket.send_text("{" + ",".join(news) + "}")
         revision = self._hub.run.view.revision
         if revision != self._plan_revision:
             self._plan_revision = revision
-            await self._socket.send_text(self._state.plan())
+            await self.socket.send_text(self._console.state.plan())
 
     async def _send_measurements(self) -> None:
         sequence = self._hub.sharpness.view.sequence
         is_watched = self._hub.squareness.view.is_wanted
         if is_watched or self._was_watched or sequence != self._measured:
             self._measured, self._was_watched = sequence, is_watched
-            await self._socket.send_text(self._state.measure())
+            await self.socket.send_text(self._console.state.measure())
         revision = self._hub.sweep.view.revision
         if revision != self._sweep_revision:
             self._sweep_revision = revision
-            await self._socket.send_text(self._state.sweep())
+            await self.socket.send_text(self._console.state.sweep())
 
     async def _send_picture(self, now_s: float) -> None:
         """Send the newest picture if the page wants it and its link is ready for one."""
@@ -257,148 +354,6 @@ class _Viewer:
         if form is None:
             return
         self._sent_sequence = latest.sequence
-        data = await asyncio.to_thread(self._encoder.encode, latest, form)
+        data = await asyncio.to_thread(self._console.encoder.encode, latest, form)
         self._link.note_sent(latest.sequence, len(data), time.monotonic())
-        await self._socket.send_bytes(data)
-
-    async def _send_text(self, document: dict[str, Any]) -> None:
-        await self._socket.send_text(json.dumps(document, allow_nan=False))
-
-
-class LiveSockets:
-    """Every page's websocket."""
-
-    def __init__(self, hub: BenchHub) -> None:
-        self._hub = hub
-        self._handler = CommandHandler(hub)
-        self._encoder = PictureEncoder()
-        self._state = StateCache(hub)
-        self._viewers: dict[str, _Viewer] = {}
-        self._sockets: dict[str, WebSocket] = {}
-        self._stops: deque[str] = deque(maxlen=STOPS_KNOWN)
-        # One at a time, and never in the loop that sends the pictures.
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="commands")
-
-    async def serve(self, socket: WebSocket) -> None:
-        """Serve one page until it is gone."""
-        await socket.accept()
-        try:
-            async with asyncio.timeout(HELLO_TIMEOUT_S):
-                hello = parse_message(await socket.receive_text())
-        except (TimeoutError, WebSocketDisconnect, KeyError):
-            return
-        except MessageError:
-            hello = None
-        if not isinstance(hello, Hello):
-            await socket.close(code=1008, reason="send hello first")
-            return
-        await self._replace(hello.viewer)
-        viewer = _Viewer(
-            socket,
-            hello.viewer,
-            self._hub,
-            self._encoder,
-            self._state,
-            wants_pictures=hello.pictures,
-        )
-        self._viewers[hello.viewer], self._sockets[hello.viewer] = viewer, socket
-        self._hub.control.join(hello.viewer, hello.name or login_name())
-        sending = asyncio.create_task(viewer.send_all())
-        try:
-            await self._receive(socket, viewer)
-        finally:
-            sending.cancel()
-            if self._viewers.get(hello.viewer) is viewer:
-                del self._viewers[hello.viewer], self._sockets[hello.viewer]
-                self._hub.control.leave(hello.viewer)
-
-    async def _replace(self, identity: str) -> None:
-        """Close the old connection of a page that was opened again."""
-        old = self._sockets.get(identity)
-        if old is not None:
-            del self._viewers[identity], self._sockets[identity]
-            await _quietly(old.close(code=REPLACED, reason="opened again elsewhere"))
-
-    async def _receive(self, socket: WebSocket, viewer: _Viewer) -> None:
-        waiting: asyncio.Queue[PageMessage | None] = asyncio.Queue(COMMANDS_WAITING)
-        working = asyncio.create_task(self._work(waiting, viewer))
-        try:
-            await self._read(socket, viewer, waiting, working)
-        finally:
-            if not working.done():
-                await waiting.put(None)  # what was sent before the page left is still done
-            await working
-
-    async def _read(
-        self,
-        socket: WebSocket,
-        viewer: _Viewer,
-        waiting: asyncio.Queue[PageMessage | None],
-        working: asyncio.Task[None],
-    ) -> None:
-        pace = Allowance(at_once=MESSAGES_AT_ONCE, period_s=MESSAGE_PERIOD_S, clock=time.monotonic)
-        while not working.done():
-            await asyncio.sleep(pace.take())  # if only for the turns of the others
-            try:
-                text = await socket.receive_text()
-            except (WebSocketDisconnect, RuntimeError):
-                return
-            except KeyError:
-                viewer.reply(_refusal("a message must be text"))
-                continue
-            self._take(text, viewer, waiting)
-
-    def _take(self, text: str, viewer: _Viewer, waiting: asyncio.Queue[PageMessage | None]) -> None:
-        """Do what must not wait, and put the rest behind what the page sent before."""
-        try:
-            message = parse_message(text)
-            match message:
-                case Acknowledge():
-                    viewer.acknowledge(message)
-                case Ping():
-                    viewer.answer_ping(message)
-                case Stop():
-                    self._stop(message, viewer)
-                case _:
-                    waiting.put_nowait(message)
-        except asyncio.QueueFull:
-            viewer.reply(_refusal("too many commands at once: try again"))
-        except MessageError as error:
-            viewer.reply(_refusal(str(error), error.do, error.key))
-        except REPORTED_ERRORS as error:
-            viewer.reply(_refusal(str(error)))
-
-    def _stop(self, message: Stop, viewer: _Viewer) -> None:
-        """Stop, and say that it was heard; a stop that comes again is only answered."""
-        if message.id is None or message.id not in self._stops:
-            self._handler.carry_out(viewer.identity, message)
-        if message.id is not None:
-            self._stops.append(message.id)
-            number = self._hub.stopping.view.number
-            viewer.reply_first({"type": "stop-heard", "id": message.id, "number": number})
-
-    async def _work(self, waiting: asyncio.Queue[PageMessage | None], viewer: _Viewer) -> None:
-        """Execute what a page sends, one after the other, until it is gone."""
-        loop = asyncio.get_running_loop()
-        while (message := await waiting.get()) is not None:
-            try:
-                answer = await loop.run_in_executor(
-                    self._worker, self._handler.carry_out, viewer.identity, message
-                )
-            except REPORTED_ERRORS as error:
-                viewer.reply(_refusal(str(error), message.do, key_at_fault(message, error)))
-                continue
-            if answer is not None:
-                viewer.reply(answer)
-
-
-def _refusal(text: str, do: str = "", key: str = "") -> dict[str, str]:
-    """What a page is told that asked for something in vain; a field at fault is set back."""
-    return {"type": "refused", "text": page_words(text), "do": do, "key": key}
-
-
-async def _quietly(closing: Awaitable[None]) -> None:
-    try:
-        await closing
-    except RuntimeError:
-        return  # it was closed already
+        await self.socket.send_bytes(data)
