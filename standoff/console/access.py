@@ -199,7 +199,7 @@ FORBIDDEN, NOT_OURS = 4401, 4403
 
 
 class AccessMiddleware:
-    """ASGI middleware that admits whom `Access` admits."""
+    """Admits whom `Access` admits; the others get the page ``refusal``."""
 
     def __init__(self, app: ASGIApp, *, access: Access, refusal: str) -> None:
         self._app = app

@@ -285,7 +285,10 @@ PLAN_SCHEMA = "standoff.plan/1"
 
 
 class PlanLibrary:
-    """Plans by file name, in several folders; of two with the same name, the first counts."""
+    """Plans by file name, in several folders; of two with the same name, the first counts.
+
+    New plans are written to the first folder.
+    """
 
     def __init__(self, folders: Iterable[Path]) -> None:
         self._folders = tuple(folders)

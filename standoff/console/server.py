@@ -173,7 +173,7 @@ def _refused(host: str, port: int, error: OSError) -> ApplicationError:
 
 
 def serve(app: ASGIApp, bound: socket.socket, *, ready: Callable[[], None]) -> None:
-    """Serve until SIGINT or SIGTERM."""
+    """Serve until SIGINT or SIGTERM; ``ready`` is called once requests are answered."""
     asyncio.run(_serve(server_of(app), bound, ready))
 
 

@@ -100,7 +100,10 @@ class Link:
         self._under_way.append(_Sent(sequence, size_bytes, now_s))
 
     def note_arrived(self, sequence: int, now_s: float, *, in_hand_s: float = 0.0) -> None:
-        """Take in that the page has drawn a picture, and so has all before it."""
+        """Take in that the page has drawn a picture, and so has all before it.
+
+        It had the picture in hand for a while between its arrival and this word.
+        """
         while self._under_way and self._under_way[0].sequence <= sequence:
             self._arrive(self._under_way.popleft(), now_s - in_hand_s)
             self._patience_s = LATE_S
@@ -145,7 +148,7 @@ is not much larger than they were."""
 
 
 class PicturePace:
-    """Decides for one page."""
+    """Decides for one page when a frame is sent to it, and in which form."""
 
     def __init__(self, link: Link, encoder: PictureEncoder) -> None:
         self._link = link
