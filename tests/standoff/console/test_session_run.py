@@ -104,6 +104,16 @@ def test_after_a_restart_the_last_capture_says_what_may_be_in_place(session_dir:
     assert asked.asked == ["place edge 5", "still edge 95"]
 
 
+def paused(hub: BenchHub) -> Operator:
+    """Pause a session before its first capture, with its target in place."""
+    operator = Operator(hub)
+    operator.say(do="run", plan="two", session="first")
+    operator.say(do="pause")
+    operator.answer("ready")
+    wait_for(lambda: run_state(hub) == "paused", "paused")
+    return operator
+
+
 def lose_the_camera_once(hub: BenchHub, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fail the second capture, as a camera that is gone does."""
     run, captured = hub.run, hub.run._captured
@@ -122,8 +132,8 @@ def lose_the_camera_once(hub: BenchHub, monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_session_that_lost_its_camera_is_resumed_without_a_question(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    operator = Operator(hub)
     lose_the_camera_once(hub, monkeypatch)
+    operator = Operator(hub)
     operator.say(do="run", plan="two", session="first")
     operator.answer("ready")
     operator.wait_idle()
@@ -140,8 +150,8 @@ def test_a_session_that_lost_its_camera_is_resumed_without_a_question(
 def test_a_target_that_was_moved_is_asked_for_again(
     hub: BenchHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    operator = Operator(hub)
     lose_the_camera_once(hub, monkeypatch)
+    operator = Operator(hub)
     operator.say(do="run", plan="two", session="first")
     operator.answer("ready")
     operator.wait_idle()
@@ -158,11 +168,7 @@ def test_a_target_that_was_moved_is_asked_for_again(
 
 @pytest.mark.slow
 def test_in_a_pause_a_moved_target_is_asked_for_before_the_next_capture(hub: BenchHub) -> None:
-    operator = Operator(hub)
-    operator.say(do="run", plan="two", session="first")
-    operator.say(do="pause")
-    operator.answer("ready")
-    wait_for(lambda: run_state(hub) == "paused", "paused")
+    operator = paused(hub)
     operator.say(do="target-moved")
     operator.answer("ready")  # asked at once
     operator.say(do="go-on")
@@ -173,11 +179,7 @@ def test_in_a_pause_a_moved_target_is_asked_for_before_the_next_capture(hub: Ben
 
 @pytest.mark.slow
 def test_after_a_stop_one_key_says_that_it_is_still_in_place(hub: BenchHub) -> None:
-    operator = Operator(hub)
-    operator.say(do="run", plan="two", session="first")
-    operator.say(do="pause")
-    operator.answer("ready")
-    wait_for(lambda: run_state(hub) == "paused", "paused")
+    operator = paused(hub)
     operator.say(do="stop")
     operator.wait_idle()
     operator.say(do="go-on")

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Page
 
 from acquisition.plan import load_plan
 from acquisition.session import Session
@@ -65,21 +65,26 @@ def test_a_fresh_grbl_in_alarm_says_to_home_it_beside_the_button(rig: ConsoleRig
         page.click("#home")
         wait_until(lambda: text(page, "#stage-homed") == "homed", "homed")
         wait_until(lambda: text(page, "#stage-motion") == "at rest", "no alarm")
-        assert text(page, "#stage-target") == ""
+        wait_until(lambda: text(page, "#stage-target") == "", "nothing is left to do")
         assert page.locator("#stage .primary").count() == 0
         assert not page.is_visible("#unlock")
+
+
+def draw_region(page: Page) -> None:
+    """Drag the mouse over the middle of the picture."""
+    box = page.locator("#picture").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 0.3 * box["height"])
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.7 * box["height"])
+    page.mouse.up()
 
 
 def test_an_operator_finds_the_focus_with_a_region_drawn_by_the_mouse(rig: ConsoleRig) -> None:
     with rig.operator() as page:
         move_to(page, 260)
         wait_at(page, 260)
-        bounds = page.locator("#picture").bounding_box()
-        assert bounds is not None
-        page.mouse.move(bounds["x"] + 0.3 * bounds["width"], bounds["y"] + 0.3 * bounds["height"])
-        page.mouse.down()
-        page.mouse.move(bounds["x"] + 0.7 * bounds["width"], bounds["y"] + 0.7 * bounds["height"])
-        page.mouse.up()
+        draw_region(page)
         wait_until(lambda: page.is_visible("#region"), "the region is shown")
         page.click("#forget-peak")
         wait_until(lambda: number(page, "#focus-percent") > 95, "focus is measured")
@@ -244,12 +249,7 @@ def test_the_edge_under_the_region_is_measured_and_a_sweep_finds_the_focus(
     with rig.operator() as page:
         move_to(page, 280)
         wait_at(page, 280)
-        bounds = page.locator("#picture").bounding_box()
-        assert bounds is not None
-        page.mouse.move(bounds["x"] + 0.3 * bounds["width"], bounds["y"] + 0.3 * bounds["height"])
-        page.mouse.down()
-        page.mouse.move(bounds["x"] + 0.7 * bounds["width"], bounds["y"] + 0.7 * bounds["height"])
-        page.mouse.up()
+        draw_region(page)
         wait_until(lambda: page.is_visible("#edge"), "an edge is measured")
         away_px = float(text(page, "#edge-sigma").split(" ± ")[0])
         assert "°" in text(page, "#edge-note")
