@@ -15,9 +15,9 @@ from playwright.sync_api import Browser, Page
 
 from benchmarks.harness import Recorder, bench_parser
 from tests.standoff.console.console_rig import chromium_browser, text, wait_until
+from tests.standoff.console.hub_fixtures import textured_hub
+from tests.standoff.console.networks import slow_link
 from tests.standoff.console.served import Address, served
-from tests.standoff.console.slow_link import slow_link
-from tests.standoff.console.textured_camera import textured_hub
 
 LINKS = ((1e7, 0.02), (1e6, 0.0), (1e6, 0.1), (2.5e5, 0.1), (6e4, 0.0), (6e4, 0.1))
 """Bytes a second, and seconds each way."""

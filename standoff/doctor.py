@@ -61,24 +61,30 @@ class Check:
     remedy: str = ""
 
 
+def _ok(name: str, found: str) -> Check:
+    return Check(name=name, status="ok", found=found)
+
+
+def _warn(name: str, found: str, remedy: str) -> Check:
+    return Check(name=name, status="warn", found=found, remedy=remedy)
+
+
+def _fail(name: str, found: str, remedy: str) -> Check:
+    return Check(name=name, status="fail", found=found, remedy=remedy)
+
+
 def examine(bench: BenchConfig | None, directory: Path) -> tuple[Check, ...]:
     """Run all checks of a bench, or only those of the computer if there is none.
 
-    Parameters
-    ----------
-    bench
-        Its camera is opened and closed, but not configured; its stage is not touched.
-    directory
-        Folder where sessions will be written.
+    Its camera is opened and closed, but not configured; its stage is not touched. Sessions will be
+    written to the directory.
     """
     needs_aravis = bench is not None and bench.camera.driver == "aravis"
     checks = [check_libraries(needed=needs_aravis), check_receive_buffer()]
     if bench is not None and bench.camera.driver == "aravis":
         checks += _network_and_camera(bench.camera)
     elif bench is not None:
-        checks.append(
-            Check(name="camera", status="ok", found=f"driver {bench.camera.driver!r}: no device")
-        )
+        checks.append(_ok("camera", f"driver {bench.camera.driver!r}: no device"))
     if bench is not None:
         checks.append(check_stage_port(bench.stage))
         if bench.stage.driver == "grbl":
@@ -98,10 +104,8 @@ def check_libraries(*, needed: bool, load: Callable[[], AravisLibrary] = load_ar
             found="Aravis cannot be used",
             remedy=str(error),
         )
-    return Check(
-        name="libraries",
-        status="ok",
-        found=f"Aravis {library.aravis_version}, PyGObject {library.pygobject_version}",
+    return _ok(
+        "libraries", f"Aravis {library.aravis_version}, PyGObject {library.pygobject_version}"
     )
 
 
@@ -111,31 +115,26 @@ def check_receive_buffer(
     """Whether the kernel allows the receive buffer that the driver asks for."""
     limit_bytes = read()
     if limit_bytes is None:
-        return Check(
-            name="receive buffer",
-            status="warn",
-            found="the limit cannot be read on this system",
-            remedy=f"make sure net.core.rmem_max is at least {SOCKET_BUFFER_BYTES} on the host",
+        return _warn(
+            "receive buffer",
+            "the limit cannot be read on this system",
+            f"make sure net.core.rmem_max is at least {SOCKET_BUFFER_BYTES} on the host",
         )
     if limit_bytes >= SOCKET_BUFFER_BYTES:
-        return Check(name="receive buffer", status="ok", found=f"{limit_bytes} bytes")
-    return Check(
-        name="receive buffer",
-        status="warn",
-        found=f"limited to {limit_bytes} bytes: frames will be lost",
-        remedy=(
-            f"sudo sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}; to keep it, write "
-            f"net.core.rmem_max={SOCKET_BUFFER_BYTES} to /etc/sysctl.d/60-standoff.conf"
-        ),
+        return _ok("receive buffer", f"{limit_bytes} bytes")
+    return _warn(
+        "receive buffer",
+        f"limited to {limit_bytes} bytes: frames will be lost",
+        f"sudo sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}; to keep it, write "
+        f"net.core.rmem_max={SOCKET_BUFFER_BYTES} to /etc/sysctl.d/60-standoff.conf",
     )
 
 
 def check_route(route: NetworkRoute) -> Check:
     """Which interface leads to the camera."""
-    return Check(
-        name="network",
-        status="ok",
-        found=f"{route.address} through {route.interface or 'an interface'} ({route.own_address})",
+    return _ok(
+        "network",
+        f"{route.address} through {route.interface or 'an interface'} ({route.own_address})",
     )
 
 
@@ -143,15 +142,12 @@ def check_mtu(route: NetworkRoute) -> Check:
     """Whether jumbo packets fit through the interface."""
     name = route.interface or "INTERFACE"
     if route.mtu_bytes >= JUMBO_MTU_BYTES:
-        return Check(name="MTU", status="ok", found=f"{route.mtu_bytes} bytes: jumbo packets fit")
-    return Check(
-        name="MTU",
-        status="warn",
-        found=f"{route.mtu_bytes} bytes: small packets cost more processor time",
-        remedy=(
-            f"sudo ip link set {name} mtu {JUMBO_MTU_BYTES}, if network card and switch allow it; "
-            "the driver then uses larger packets automatically"
-        ),
+        return _ok("MTU", f"{route.mtu_bytes} bytes: jumbo packets fit")
+    return _warn(
+        "MTU",
+        f"{route.mtu_bytes} bytes: small packets cost more processor time",
+        f"sudo ip link set {name} mtu {JUMBO_MTU_BYTES}, if network card and switch allow it; "
+        "the driver then uses larger packets automatically",
     )
 
 
@@ -190,13 +186,8 @@ def check_camera(probe: CameraProbe) -> Check:
     """Whether this program may control the camera."""
     who = f"{probe.vendor} {probe.model} at {probe.name}"
     if probe.is_controllable:
-        return Check(name="camera", status="ok", found=who)
-    return Check(
-        name="camera",
-        status="fail",
-        found=f"{who} is in use by another program",
-        remedy=HELD,
-    )
+        return _ok("camera", who)
+    return _fail("camera", f"{who} is in use by another program", HELD)
 
 
 def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check, ...]:
@@ -206,20 +197,13 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
         *_check_resend(probe),
         _within("exposure", "camera.exposure_us", config.exposure_us, probe.exposure_us, "us"),
         _check_gain(probe, config),
-        Check(
-            name="frame rate",
-            status="ok",
-            found=f"up to {rate.high:.1f} Hz with the camera's current settings",
-        ),
+        _ok("frame rate", f"up to {rate.high:.1f} Hz with the camera's current settings"),
         _check_pixel_format(probe, config.pixel_format),
-        Check(
-            name="temperature",
-            status="ok",
-            found=(
-                "not reported by the camera (no DeviceTemperature)"
-                if probe.temperature_c is None
-                else f"{probe.temperature_c:.1f} C"
-            ),
+        _ok(
+            "temperature",
+            "not reported by the camera (no DeviceTemperature)"
+            if probe.temperature_c is None
+            else f"{probe.temperature_c:.1f} C",
         ),
     )
 
@@ -227,15 +211,14 @@ def check_camera_limits(probe: CameraProbe, config: CameraConfig) -> tuple[Check
 def _check_pixel_format(probe: CameraProbe, pixel_format: str) -> Check:
     formats = ", ".join(probe.pixel_formats) or "none that can be decoded here"
     if pixel_format in probe.pixel_formats:
-        return Check(name="pixel formats", status="ok", found=formats)
+        return _ok("pixel formats", formats)
     cannot_be_decoded = pixel_format in probe.undecoded_formats
-    return Check(
-        name="pixel formats",
-        status="fail",
-        found=f"{formats}; {pixel_format} cannot be decoded here"
+    return _fail(
+        "pixel formats",
+        f"{formats}; {pixel_format} cannot be decoded here"
         if cannot_be_decoded
         else f"{formats}; not {pixel_format}",
-        remedy="set camera.pixel_format in the bench file to one of these"
+        "set camera.pixel_format in the bench file to one of these"
         if probe.pixel_formats
         else "use a camera with a Mono or Bayer format of 8 to 16 bits",
     )
@@ -248,36 +231,31 @@ def check_stage_port(config: StageConfig) -> Check:
     """
     if config.port is None:
         found = f"driver {config.driver!r}: no port"
-        return Check(name="stage", status="ok", found=found)
+        return _ok("stage", found)
     if "://" in config.port:
-        return Check(
-            name="stage", status="ok", found=f"{config.port}: not checked until it is used"
-        )
+        return _ok("stage", f"{config.port}: not checked until it is used")
     path = Path(config.port)
     try:
         is_port = stat.S_ISCHR(path.stat().st_mode)
     except OSError as error:
-        return Check(
-            name="stage",
-            status="fail",
-            found=f"{config.port}: {error.strerror}",
-            remedy="plug the stage in, switch it on, and look at ls -l /dev/serial/by-id",
+        return _fail(
+            "stage",
+            f"{config.port}: {error.strerror}",
+            "plug the stage in, switch it on, and look at ls -l /dev/serial/by-id",
         )
     if not is_port:
-        return Check(
-            name="stage",
-            status="fail",
-            found=f"{config.port} is not a serial port",
-            remedy="set stage.port in the bench file to a port under /dev/serial/by-id",
+        return _fail(
+            "stage",
+            f"{config.port} is not a serial port",
+            "set stage.port in the bench file to a port under /dev/serial/by-id",
         )
     if not os.access(path, os.R_OK | os.W_OK):
-        return Check(
-            name="stage",
-            status="fail",
-            found=f"{config.port} exists, but this user may not open it",
-            remedy="sudo usermod -aG dialout $USER, then log in again",
+        return _fail(
+            "stage",
+            f"{config.port} exists, but this user may not open it",
+            "sudo usermod -aG dialout $USER, then log in again",
         )
-    return Check(name="stage", status="ok", found=f"{config.port} can be opened")
+    return _ok("stage", f"{config.port} can be opened")
 
 
 def check_stage_travel(config: StageConfig) -> Check:
@@ -294,17 +272,17 @@ def check_stage_travel(config: StageConfig) -> Check:
             f"limits_mm {low_mm:g} to {high_mm:g} mm; name {unnamed} in stage.expected_settings "
             "to have them compared with the controller's travel"
         )
-        return Check(name=name, status="ok", found=found)
+        return _ok(name, found)
     if fault := expected.largest.fault(config.limits_mm):
-        return Check(name=name, status="fail", found=fault.found, remedy=fault.remedy)
+        return _fail(name, fault.found, fault.remedy)
     if fault := expected.smallest.fault(config.limits_mm):
         if expected.unnamed:
             found = f"it depends on {unnamed}, not in stage.expected_settings: {fault.found}"
         else:
             found = f"on grblHAL: {fault.found}"
-        return Check(name=name, status="warn", found=found, remedy=fault.remedy)
+        return _warn(name, found, fault.remedy)
     found = f"limits_mm {low_mm:g} to {high_mm:g} mm, within {expected.largest.explanation}"
-    return Check(name=name, status="ok", found=found)
+    return _ok(name, found)
 
 
 def check_disk(
@@ -336,7 +314,7 @@ def _network_and_camera(config: CameraConfig) -> list[Check]:
         return checks  # reported already by the check of the libraries
     except DeviceError as error:
         remedy = advice_on(error)
-        return [*checks, Check(name=name, status="fail", found=str(error), remedy=remedy)]
+        return [*checks, _fail(name, str(error), remedy)]
     return [*checks, check_camera(probe), *check_camera_limits(probe, config)]
 
 
@@ -346,17 +324,14 @@ def _check_resend(probe: CameraProbe) -> tuple[Check, ...]:
         return ()
     if probe.resends_packets:
         found = "the camera sends lost packets again"
-        return (Check(name="packet resend", status="ok", found=found),)
+        return (_ok("packet resend", found),)
     return (
-        Check(
-            name="packet resend",
-            status="warn",
-            found="this camera does not resend lost packets: each one costs its frame",
-            remedy=(
-                "give it a network card and cable of its own, the receive buffer and MTU above, "
-                "and a camera.frame_rate_hz or camera.bandwidth_limit_bytes_per_s well below "
-                "what the link carries"
-            ),
+        _warn(
+            "packet resend",
+            "this camera does not resend lost packets: each one costs its frame",
+            "give it a network card and cable of its own, the receive buffer and MTU above, "
+            "and a camera.frame_rate_hz or camera.bandwidth_limit_bytes_per_s well below "
+            "what the link carries",
         ),
     )
 
@@ -368,33 +343,30 @@ def _check_gain(probe: CameraProbe, config: CameraConfig) -> Check:
         bounds = Bounds(low=low.decibels, high=high.decibels)
         return _within("gain", "camera.gain_db", config.gain_db, bounds, "dB")
     if low.unit != COUNTS:
-        return Check(
-            name="gain",
-            status="fail",
-            found=f"{low.feature} is in {low.unit}; camera.gain_counts is set",
-            remedy="set camera.gain_db instead",
+        return _fail(
+            "gain",
+            f"{low.feature} is in {low.unit}; camera.gain_counts is set",
+            "set camera.gain_db instead",
         )
     bounds = Bounds(low=low.value, high=high.value)
     if config.gain_counts is not None:
         return _within("gain", "camera.gain_counts", config.gain_counts, bounds, COUNTS)
     found = f"{bounds.low:g} to {bounds.high:g} counts of {low.feature}, without a scale in dB"
     if config.gain_db == 0:
-        return Check(name="gain", status="ok", found=f"{found}; camera.gain_db 0 is the lowest")
-    return Check(
-        name="gain",
-        status="fail",
-        found=f"{found}; camera.gain_db is {config.gain_db:g}",
-        remedy="set camera.gain_counts to one of these counts and camera.gain_db to 0",
+        return _ok("gain", f"{found}; camera.gain_db 0 is the lowest")
+    return _fail(
+        "gain",
+        f"{found}; camera.gain_db is {config.gain_db:g}",
+        "set camera.gain_counts to one of these counts and camera.gain_db to 0",
     )
 
 
 def _within(name: str, key: str, wanted: float, bounds: Bounds, unit: str) -> Check:
     found = f"{bounds.low:,.10g} to {bounds.high:,.10g} {unit}"
     if bounds.low <= wanted <= bounds.high:
-        return Check(name=name, status="ok", found=found)
-    return Check(
-        name=name,
-        status="fail",
-        found=f"{found}; {key} is {wanted:g}",
-        remedy=f"set {key} in the bench file to a value within these limits",
+        return _ok(name, found)
+    return _fail(
+        name,
+        f"{found}; {key} is {wanted:g}",
+        f"set {key} in the bench file to a value within these limits",
     )

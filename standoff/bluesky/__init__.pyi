@@ -1,4 +1,6 @@
-from .camera import SessionCamera as SessionCamera
-from .plans import height_scan as height_scan
-from .stage import HeightStage as HeightStage
-from .status import WorkStatus as WorkStatus
+from .bench_devices import (
+    HeightStage as HeightStage,
+    SessionCamera as SessionCamera,
+    WorkStatus as WorkStatus,
+    height_scan as height_scan,
+)

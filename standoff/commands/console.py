@@ -76,8 +76,15 @@ def console(
         raise ApplicationError(
             "the console needs its extra: pip install 'standoff[console]', or make setup"
         )
-    from standoff.console import BenchHub, GivenCurves, bench_drivers
-    from standoff.console.serving import MIN_TOKEN_CHARS, is_loopback_host, open_socket, serve
+    from standoff.console import (
+        MIN_TOKEN_CHARS,
+        BenchHub,
+        GivenCurves,
+        bench_drivers,
+        is_loopback_host,
+        open_socket,
+        serve,
+    )
     from standoff.console.web import console_app
 
     _refuse_open_door(host, token, MIN_TOKEN_CHARS, is_loopback=is_loopback_host(host))

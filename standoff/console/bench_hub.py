@@ -8,32 +8,29 @@ from pathlib import Path
 from threading import Event, Lock
 
 from acquisition.bench import BenchConfig
+from acquisition.errors import DeviceDisconnectedError
 from calibration.geometry import DEFAULT_BOARD, CharucoBoard
 from standoff.compile_notice import CompileWatch
-from standoff.console.devices import (
-    CameraService,
-    FrameBroadcaster,
+from standoff.console.camera_service import CameraService
+from standoff.console.control_arbiter import ControlArbiter
+from standoff.console.devices import BenchDrivers
+from standoff.console.focus_sweep import FocusSweepRun
+from standoff.console.frames import FrameBroadcaster
+from standoff.console.jobs import JobRunner, PromptQueue, StageStop
+from standoff.console.monitors import (
     PictureMonitor,
     PoseMonitor,
     SharpnessMonitor,
     SquarenessMonitor,
-    StageService,
     TrackerMaker,
 )
-from standoff.console.drivers import BenchDrivers
-from standoff.console.jobs import (
-    ControlArbiter,
-    FocusSweepRun,
-    JobRunner,
-    PromptQueue,
-    SessionRun,
-    StageStop,
-)
-from standoff.console.plan_library import PlanLibrary
+from standoff.console.plans import PlanLibrary
 from standoff.console.pose_curves import GivenCurves, PoseCurves
-from standoff.console.results import ResultJobs
+from standoff.console.result_jobs import ResultJobs
 from standoff.console.session_library import SNAPSHOTS_FOLDER, SessionLibrary
+from standoff.console.session_run import SessionRun
 from standoff.console.snapshot_library import SnapshotLibrary
+from standoff.console.stage_service import StageService
 from standoff.library import login_name
 
 CLOSE_TIMEOUT_S = 10.0
@@ -52,20 +49,7 @@ class Notice:
 class BenchHub:
     """Owns everything that persists while pages come and go.
 
-    Parameters
-    ----------
-    bench
-        The bench file.
-    drivers
-        Open its devices.
-    sessions
-        Folder of the sessions.
-    plan_folders
-        Where to look for plans.
-    curves
-        What judges poses at first; another curve can be chosen later.
-    board
-        The ChArUco board for levelling the camera.
+    ``curves`` judge poses at first; the ``board`` under the camera is for levelling it.
     """
 
     def __init__(
@@ -172,6 +156,18 @@ class BenchHub:
             job.ended.wait(CLOSE_TIMEOUT_S)
         for part in (*self._monitors, self.camera, self.stage):
             part.close()
+
+    def require_devices(self) -> None:
+        """Refuse to begin what needs camera and stage while one of them is not there.
+
+        A camera that was lost a moment ago is not refused: whatever begins waits for it.
+        """
+        for status, is_there in (
+            (self.camera.status, self.camera.is_expected),
+            (self.stage.status, self.stage.status.is_ready),
+        ):
+            if not is_there:
+                raise DeviceDisconnectedError(f"{status.text}. {status.remedy}")
 
     def _judge_by(self, make_tracker: TrackerMaker | None, words: tuple[str, ...]) -> None:
         self.pose.judge_by(make_tracker)

@@ -11,7 +11,7 @@ from threading import Lock
 from acquisition.printable import on_one_line
 from acquisition.session import MANIFEST_NAME
 from analysis.detectability import DetectabilityCurves
-from standoff.console.devices import TrackerMaker, tracker_maker
+from standoff.console.monitors import TrackerMaker, tracker_maker
 from standoff.console.session_library import CURVES_FOLDER
 from standoff.errors import REPORTED_ERRORS, ApplicationError, ArgumentError
 from standoff.library import CurveChoice, given_curve, make_folder, write_file
@@ -66,22 +66,11 @@ class CurveView:
 
 
 class PoseCurves:
-    """The curve and the threshold by which poses are judged, from now on.
+    """The curve and the threshold by which poses are judged from now on, in ``view``.
 
-    Parameters
-    ----------
-    sessions
-        Folder of the sessions, where files of curves are looked for; it need not exist yet.
-    given
-        What the console was started with.
-    judge_by
-        Called at each change with what makes a tracker, None if there is no curve, and the options
-        of ``standoff pose`` that name the curve.
-
-    Raises
-    ------
-    ArgumentError, ResultsFileError
-        If the file that was given cannot be read, or does not tell which curve is meant.
+    Files of curves are looked for in the folder of sessions. ``judge_by`` is called at each change
+    with what makes a tracker, None if there is no curve, and the options of ``standoff pose`` that
+    name the curve. What was given at the start must tell which curve is meant.
     """
 
     def __init__(
@@ -98,37 +87,19 @@ class PoseCurves:
         self._path: Path | None = None
         if not 0 < given.min_dprime < inf:
             raise ArgumentError(f"a threshold must be a number above 0, got {given.min_dprime:g}")
-        self._view = CurveView(min_dprime=given.min_dprime)
+        self.view = CurveView(min_dprime=given.min_dprime)
         if given.path is not None:
             curve = given_curve(given.path, given.min_dprime, given.choice)
             document = read_any_curves(given.path)
             chosen = [each.choice for each in document.curves].index(curve.choice)
             self._use(on_one_line(str(given.path)), given.path, document, chosen)
 
-    @property
-    def view(self) -> CurveView:
-        """What is chosen."""
-        return self._view
-
     def files(self) -> tuple[str, ...]:
         """Names of the files to choose from: the one given at the start, those of the sessions."""
         return tuple(self._files())
 
     def choose(self, file: str, curve: int | None = None) -> None:
-        """Judge by a curve of a file; by none while one of several is to be chosen.
-
-        Parameters
-        ----------
-        file
-            One of ``files``; empty for none.
-        curve
-            Its number in the file, from 0 on.
-
-        Raises
-        ------
-        ApplicationError, ResultsFileError
-            If there is no such file or curve, or it cannot be read; what was chosen before stays.
-        """
+        """Judge by a curve of a file; by none while one of several is to be chosen."""
         if not file:
             self._use("", None, None, None)
             return
@@ -138,7 +109,7 @@ class PoseCurves:
         document = read_any_curves(path)
         _refuse_too_many(file, document)
         names = _names(document)
-        if file == self._view.file and curve is not None and names != self._view.curves:
+        if file == self.view.file and curve is not None and names != self.view.curves:
             self._use(file, path, document, None)
             raise ApplicationError(f"{file} was written anew meanwhile: choose its curve again.")
         if curve is None and len(names) == 1:
@@ -157,18 +128,11 @@ class PoseCurves:
     def set_threshold(self, min_dprime: float) -> None:
         """Demand another d', above 0, of a pose that is good enough."""
         with self._lock:
-            self._view = replace(self._view, min_dprime=min_dprime)
+            self.view = replace(self.view, min_dprime=min_dprime)
         self._apply()
 
     def store(self, name: str, data: bytes) -> str:
-        """Keep a file of curves among the sessions, and return its name for ``choose``.
-
-        Raises
-        ------
-        ApplicationError
-            If it is too large, holds no curves or cannot have that name, or if there is another
-            file with it; nothing is written.
-        """
+        """Keep a file of curves among the sessions, and return its name for ``choose``."""
         _refuse_name(name)
         if len(data) > MOST_BYTES:
             raise ApplicationError(
@@ -190,7 +154,7 @@ class PoseCurves:
                     f"There is already another file {CURVES_FOLDER}/{name}, which stays as it is: "
                     "give yours another name."
                 )
-            self._view = replace(self._view, revision=self._view.revision + 1)
+            self.view = replace(self.view, revision=self.view.revision + 1)
         return f"{CURVES_FOLDER}/{name}"
 
     def _use(
@@ -202,9 +166,9 @@ class PoseCurves:
     ) -> None:
         self._path, self._document = path, document
         with self._lock:
-            self._view = replace(
-                self._view,
-                revision=self._view.revision + 1,
+            self.view = replace(
+                self.view,
+                revision=self.view.revision + 1,
                 file=file,
                 curves=() if document is None else _names(document),
                 chosen=chosen,
@@ -212,7 +176,7 @@ class PoseCurves:
         self._apply()
 
     def _apply(self) -> None:
-        view, document, path = self._view, self._document, self._path
+        view, document, path = self.view, self._document, self._path
         if document is None or path is None or view.chosen is None:
             self._judge_by(None, ())
             return
@@ -231,7 +195,7 @@ class PoseCurves:
             files += sorted(inside.glob("*.json"))
         for path in files:
             name = str(path.relative_to(self._sessions))
-            is_given = self._given is not None and _is_same(path, self._given)
+            is_given = self._given is not None and path.resolve() == self._given.resolve()
             if not is_given and name.isprintable() and not path.is_symlink() and path.is_file():
                 found[name] = path
         return dict(list(found.items())[:MOST_FILES])
@@ -239,10 +203,6 @@ class PoseCurves:
 
 def _names(document: DetectabilityCurves) -> tuple[str, ...]:
     return tuple(on_one_line(each.name)[:LONGEST_WORDS] for each in document.curves)
-
-
-def _is_same(path: Path, other: Path) -> bool:
-    return path.resolve() == other.resolve()
 
 
 def _refuse_name(name: str) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition.errors import SessionError
-from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session, SessionCapture
+from acquisition.session import JOURNAL_NAME, MANIFEST_NAME, Session
 from standoff.console.results import page_path
 from standoff.errors import ApplicationError
 from standoff.library import RESULTS_FOLDER
@@ -65,11 +65,6 @@ class SessionLibrary:
     """Reads a folder of sessions; names from outside are checked before they touch a path.
 
     New sessions get plain names. Existing ones, made by other commands, may have any name.
-
-    Parameters
-    ----------
-    folder
-        Folder of the sessions; it need not exist yet.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -88,13 +83,7 @@ class SessionLibrary:
         return tuple(sorted(found, key=lambda each: (each.created_utc, each.name), reverse=True))
 
     def path_for(self, name: str) -> Path:
-        """Path of a new session with that name.
-
-        Raises
-        ------
-        UnknownSessionError
-            If no session can have that name.
-        """
+        """Path of a new session with that name."""
         if not is_session_name(name):
             raise UnknownSessionError(
                 "a session's name has only letters, digits, spaces and . _ + -, and must begin "
@@ -103,28 +92,14 @@ class SessionLibrary:
         return self.folder / name
 
     def path_of(self, name: str) -> Path:
-        """Path of the session with that name.
-
-        Raises
-        ------
-        UnknownSessionError
-            If there is none.
-        """
+        """Path of the session with that name."""
         path = self.folder / name
         if not _is_entry_name(name) or path.is_symlink() or not (path / MANIFEST_NAME).is_file():
             raise UnknownSessionError(f"there is no session {name!r}")
         return path
 
     def open(self, name: str) -> Session:
-        """Read the session with that name.
-
-        Raises
-        ------
-        UnknownSessionError
-            If there is none.
-        SessionError
-            If it cannot be read.
-        """
+        """Read the session with that name."""
         return Session(self.path_of(name))
 
     def read(self, name: str) -> Session:
@@ -140,26 +115,14 @@ class SessionLibrary:
         return session
 
     def report_of(self, name: str) -> bytes | None:
-        """The session's report, or None if it has not been written yet.
-
-        Raises
-        ------
-        UnknownSessionError
-            If there is no such session.
-        """
+        """The session's report, or None if it has not been written yet."""
         path = self.path_of(name) / RESULTS_FOLDER / REPORT_NAME
         if path.is_symlink() or path.parent.is_symlink() or not path.is_file():
             return None
         return path.read_bytes()
 
     def result_page(self, name: str, page: str) -> bytes | None:
-        """A result's page or picture, by its name in the results folder; None if it is not there.
-
-        Raises
-        ------
-        UnknownSessionError
-            If there is no such session.
-        """
+        """A result's page or picture by its name in the results folder; None if not there."""
         path = page_path(self.path_of(name), page)
         return None if path is None else path.read_bytes()
 
@@ -184,7 +147,7 @@ class SessionLibrary:
             created_utc=session.manifest.created_utc,
             captured=len({capture.record.index for capture in kept}),
             planned=len(session.entries),
-            excluded=sum(not _is_included(capture) for capture in kept),
+            excluded=sum(capture.excluded_because is not None for capture in kept),
             has_report=self.report_of(name) is not None,
         )
 
@@ -200,7 +163,3 @@ def _state_of(path: Path) -> tuple[int, ...]:
         else:
             state += (found.st_size, found.st_mtime_ns)
     return tuple(state)
-
-
-def _is_included(capture: SessionCapture) -> bool:
-    return capture.excluded_because is None

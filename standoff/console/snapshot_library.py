@@ -88,10 +88,7 @@ def snapshot_bytes(
 ) -> memoryview:
     """Make the bytes of a snapshot's file: one page, uncompressed, of the levels as they are.
 
-    Parameters
-    ----------
-    levels_dn
-        Shape ``(rows, cols)``; a frame is stored in 16 bits, a mean in float32.
+    Their shape is ``(rows, cols)``; a frame is stored in 16 bits, a mean in float32.
     """
     pixels = np.asarray(levels_dn, np.float32 if levels_dn.dtype.kind == "f" else np.uint16)
     file = io.BytesIO()
@@ -108,31 +105,15 @@ def snapshot_bytes(
 
 
 class SnapshotLibrary:
-    """The snapshots in one folder; names from outside are checked before they touch a path.
-
-    Parameters
-    ----------
-    folder
-        Of the snapshots; it need not exist yet.
-    """
+    """The snapshots in one folder; names from outside are checked before they touch a path."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._latest = ""
-
-    @property
-    def latest(self) -> str:
+        self.latest = ""
         """Name of the last snapshot since the console was started; empty before the first."""
-        return self._latest
 
     def save(self, data: memoryview, taken: datetime) -> str:
-        """Store a snapshot under the local time at which it was taken, and return its name.
-
-        Raises
-        ------
-        ApplicationError
-            If the disk is full or the folder cannot be written; nothing is left behind.
-        """
+        """Store a snapshot under the local time at which it was taken, and return its name."""
         make_folder(self.folder)
         stem = taken.astimezone().strftime("%Y-%m-%d %H.%M.%S")
         names = (f"{stem}.tif", *(f"{stem}-{number}.tif" for number in range(2, _MOST_A_SECOND)))
@@ -144,7 +125,7 @@ class SnapshotLibrary:
             atomic_write(self.folder / name, data)
         except OSError as error:
             raise ApplicationError(f"The snapshot was not stored: {error.strerror}.") from error
-        self._latest = name
+        self.latest = name
         return name
 
     def read(self, name: str) -> bytes | None:

@@ -1,7 +1,9 @@
-"""How fast the connection to a page is, told from when its pictures arrive there."""
+"""How fast the link to a page is, and when the next picture goes over it, and in which form."""
 
 from collections import deque
 from dataclasses import dataclass
+
+from standoff.console.frames import FORMS, LiveFrame, PictureEncoder, PictureForm
 
 PICTURES = 12
 """The rate is that of so many pictures, the last ones: it falls at once, and rises within them."""
@@ -100,10 +102,7 @@ class Link:
     def note_arrived(self, sequence: int, now_s: float, *, in_hand_s: float = 0.0) -> None:
         """Take in that the page has drawn a picture, and so has all before it.
 
-        Parameters
-        ----------
-        in_hand_s
-            How long the page had it, between its arrival and this word.
+        It had the picture in hand for a while between its arrival and this word.
         """
         while self._under_way and self._under_way[0].sequence <= sequence:
             self._arrive(self._under_way.popleft(), now_s - in_hand_s)
@@ -123,3 +122,75 @@ class Link:
             _Carried(picture.size_bytes, arrived_s - picture.sent_s, arrived_s - began_s)
         )
         self._arrived_s = arrived_s
+
+
+PERIOD_S = 1 / 30
+"""No page is sent pictures more often."""
+
+AT_ONCE = 2
+"""Pictures under way where there is no round trip to speak of."""
+
+SHARE = 0.75
+"""Of the link, for pictures: figures and answers go over it, too."""
+
+QUEUE_S = 0.1
+"""What may wait on the way: so long is the answer to STOP delayed by pictures, if by anything."""
+
+FIRST_BYTES = 16 * 1024
+"""The first picture is of this size at the most, whatever the link."""
+
+ROOM = 1.2
+"""A better form is taken once the link carries so many times what it needs."""
+
+SURELY_S, GROWTH = 0.4, 4.0
+"""No picture takes longer, even if all the time of those before it was that of their bytes; or it
+is not much larger than they were."""
+
+
+class PicturePace:
+    """Decides for one page when a frame is sent to it, and in which form."""
+
+    def __init__(self, link: Link, encoder: PictureEncoder) -> None:
+        self._link = link
+        self._encoder = encoder
+        self._form = FORMS[-1]
+        self._sent_s = float("-inf")
+
+    def form_now(self, frame: LiveFrame, now_s: float) -> PictureForm | None:
+        """The form in which a frame is sent now; None if it is too early for the next picture."""
+        if now_s - self._sent_s < 0.9 * PERIOD_S:  # frames arrive at times of their own
+            return None
+        self._link.give_up_late(now_s)
+        form = self._fitting(frame)
+        size = self._encoder.size_bytes(frame, form)
+        if not self._has_room(size, now_s):
+            return None
+        self._form, self._sent_s = form, now_s
+        return form
+
+    def _fitting(self, frame: LiveFrame) -> PictureForm:
+        rates, present = self._link.rates, FORMS.index(self._form)
+        for index, form in enumerate(FORMS[:-1]):
+            size = self._encoder.size_bytes(frame, form)
+            if rates is None:
+                fits = size <= FIRST_BYTES
+            else:
+                room = ROOM if index < present else 1.0
+                fits = room * size <= SHARE * rates.possibly * form.period_s
+                fits &= size <= max(SURELY_S * rates.surely, GROWTH * rates.largest_bytes)
+            if fits:
+                return form
+        return FORMS[-1]
+
+    def _has_room(self, size: float, now_s: float) -> bool:
+        link, rates = self._link, self._link.rates
+        if rates is None:
+            return link.under_way == 0
+        rate = rates.probably
+        if now_s - self._sent_s < size / (SHARE * rate):
+            return False
+        most_bytes = rate * (link.round_trip_s + QUEUE_S)
+        most = AT_ONCE + link.round_trip_s / PERIOD_S  # a page may be slower than its link
+        return link.under_way == 0 or (
+            link.under_way < most and link.under_way_bytes + size <= most_bytes
+        )

@@ -1,20 +1,25 @@
-"""Executes the commands that concern the live picture: its levels and the camera's settings."""
+"""Executes the commands that concern the live picture: levels, camera settings, focus."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from acquisition.averaging import average_frames, restarted
 from acquisition.bench import CameraConfig
 from acquisition.capture import EXPOSURE_AIM, SHORTEST_EXPOSURE_US, FoundExposure, find_exposure
+from acquisition.choices import FocusMeasure
 from acquisition.devices import CameraSettings
 from acquisition.exposure_control import ExposureControl
+from acquisition.focus import FocusOptions, Region
 from standoff.console.bench_hub import BenchHub
-from standoff.console.devices import LONG_S, line_profile, pixel_reading
+from standoff.console.camera_service import LONG_S
+from standoff.console.focus_sweep import SweepPlan
+from standoff.console.frames import line_profile, pixel_reading
 from standoff.console.jobs import BusyError, Job
 from standoff.console.snapshot_library import (
     SnapshotRecord,
@@ -23,58 +28,54 @@ from standoff.console.snapshot_library import (
     snapshot_bytes,
     utc_text,
 )
-from standoff.console.web import messages
+from standoff.console.web.messages import Coordinate, Finite, Pixels, Positive, command
 from standoff.errors import ApplicationError
 
 AUTO_EXPOSURE = "finding the exposure"
 SNAPSHOT = "averaging a snapshot"
+LEAST_REGION_PX = 8
 
 Document = dict[str, Any]
 T = TypeVar("T")
 
 
-def picture_commands(hub: BenchHub) -> dict[type[Any], Callable[[Any], Document | None]]:
-    """The commands by the type of their message."""
-    commands = _PictureCommands(hub)
-    return {
-        messages.SetExposure: commands.set_exposure,
-        messages.BreakOff: commands.break_off,
-        messages.SetGain: commands.set_gain,
-        messages.AutoExposure: commands.find_exposure,
-        messages.TakeSnapshot: commands.take_snapshot,
-        messages.Probe: commands.probe,
-        messages.Profile: commands.profile,
-    }
-
-
-class _PictureCommands:
-    """Acts on the hub's camera and its newest frame."""
+class PictureCommands:
+    """Commands that act on the camera, its newest frame, and the monitors that watch it."""
 
     def __init__(self, hub: BenchHub) -> None:
         self._hub = hub
 
-    def set_exposure(self, message: messages.SetExposure) -> None:
+    @command("exposure")
+    def _set_exposure(self, exposure_us: Positive, is_long_wanted: bool = False) -> None:
+        """Set the exposure of the live picture; one above 2 s only where that is wanted."""
         self._refuse_while_capturing()
-        self._refuse_beyond_limits(message.exposure_us)
-        if message.exposure_us > 1e6 * LONG_S and not message.is_long_wanted:
+        self._refuse_beyond_limits(exposure_us)
+        if exposure_us > 1e6 * LONG_S and not is_long_wanted:
             raise ApplicationError(
-                f"Each picture would take {1e-6 * message.exposure_us:.3g} s: say that this is "
-                "wanted."
+                f"Each picture would take {1e-6 * exposure_us:.3g} s: say that this is wanted."
             )
-        self._hub.camera.set_exposure_us(message.exposure_us)
+        self._hub.camera.set_exposure_us(exposure_us)
 
-    def break_off(self, _: messages.BreakOff) -> None:
+    @command("break-off")
+    def _break_off(self) -> None:
+        """Break a long exposure off, and go back to the shorter one of before."""
         self._refuse_while_capturing()
         self._hub.camera.break_off()
 
-    def set_gain(self, message: messages.SetGain) -> None:
+    @command("gain")
+    def _set_gain(
+        self, gain_db: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+    ) -> None:
+        """Set the gain."""
         self._refuse_while_capturing()
-        self._hub.camera.set_gain_db(message.gain_db)
+        self._hub.camera.set_gain_db(gain_db)
 
-    def probe(self, message: messages.Probe) -> Document:
+    @command("probe", needs_control=False)
+    def _probe(self, x: Pixels, y: Pixels) -> Document:
+        """Read the level of a pixel."""
         frame = self._hub.frames.latest
-        reading = None if frame is None else pixel_reading(frame, message.x, message.y)
-        document: Document = {"type": "probe", "x": message.x, "y": message.y, "level_dn": None}
+        reading = None if frame is None else pixel_reading(frame, x, y)
+        document: Document = {"type": "probe", "x": x, "y": y, "level_dn": None}
         if frame is None or reading is None:
             return document
         return document | {
@@ -83,9 +84,13 @@ class _PictureCommands:
             "max_level_dn": frame.settings.max_level_dn,
         }
 
-    def profile(self, message: messages.Profile) -> Document:
+    @command("profile", needs_control=False)
+    def _profile(
+        self, start: tuple[Coordinate, Coordinate], end: tuple[Coordinate, Coordinate]
+    ) -> Document:
+        """Read the levels along a line; ends are x and y, with pixel centres at integers."""
         frame = self._hub.frames.latest
-        profile = None if frame is None else line_profile(frame, message.start, message.end)
+        profile = None if frame is None else line_profile(frame, start, end)
         document: Document = {"type": "profile", "length_px": 0.0, "levels_dn": []}
         if profile is None:
             return document
@@ -94,19 +99,83 @@ class _PictureCommands:
             "levels_dn": [round(float(level), 1) for level in profile.levels_dn],
         }
 
-    def find_exposure(self, _: messages.AutoExposure) -> None:
+    @command("auto-exposure")
+    def _auto_exposure(self) -> None:
+        """Find the exposure for what the camera sees, once."""
         self._refuse_while_capturing()
         self._hub.jobs.begin(AUTO_EXPOSURE, self._find_exposure)
 
-    def take_snapshot(self, message: messages.TakeSnapshot) -> None:
-        if message.frames > 1:
-            self._hub.jobs.begin(SNAPSHOT, lambda job: self._average_snapshot(job, message.frames))
+    @command("snapshot")
+    def _take_snapshot(self, frames: Literal[1, 10]) -> None:
+        """Store the newest frame, or the mean of several, as a TIFF file."""
+        if frames > 1:
+            self._hub.jobs.begin(SNAPSHOT, lambda job: self._average_snapshot(job, frames))
             return
         frame, status = self._hub.frames.latest, self._hub.camera.status
         if frame is None or status.state == "lost":
             raise ApplicationError(f"There is no picture to store. {status.text}".strip())
         taken = datetime.fromtimestamp(frame.received_s, UTC)
         self._store(frame.image_dn, 1, frame.settings, taken)
+
+    @command("region")
+    def _look_at(self, region: tuple[Pixels, Pixels, Pixels, Pixels] | None) -> None:
+        """Measure the focus in a region, or in the whole frame if it is null."""
+        cut = None
+        if region is not None:
+            x_px, y_px, width_px, height_px = region
+            if min(width_px, height_px) < LEAST_REGION_PX:
+                raise ApplicationError(
+                    f"A region must be at least {LEAST_REGION_PX} pixels wide and high."
+                )
+            cut = Region(x_px=x_px, y_px=y_px, width_px=width_px, height_px=height_px)
+        self._hub.picture.look_at(cut)
+        self._hub.sharpness.look_at(cut)
+
+    @command("metric")
+    def _measure_by(self, metric: FocusMeasure) -> None:
+        """Choose another focus measure."""
+        self._hub.picture.measure_by(metric)
+
+    @command("forget-peak")
+    def _forget_peak(self) -> None:
+        """Restart the focus trace."""
+        self._hub.picture.forget_peak()
+        self._hub.sharpness.forget_peaks()
+
+    @command("watch-field")
+    def _watch_field(self, is_on: bool) -> None:
+        """Measure the four regions near the corners, or stop it."""
+        self._hub.sharpness.watch_field(is_on)
+
+    @command("watch-square")
+    def _watch_squareness(self, is_on: bool) -> None:
+        """Measure the tilt of the board, or stop it."""
+        self._hub.squareness.watch(is_on)
+
+    @command("sweep-focus")
+    def _sweep_focus(
+        self,
+        low_mm: Finite | None = None,
+        high_mm: Finite | None = None,
+        steps: Annotated[int, Field(ge=7, le=200)] = 15,
+        has_field: bool = False,
+        ends_at_peak: bool = True,
+    ) -> None:
+        """Sweep the stage through focus: between two heights, or the whole travel."""
+        hub = self._hub
+        if (low_mm is None) != (high_mm is None):
+            raise ApplicationError("Give both heights of the sweep, or neither.")
+        facts = hub.picture.facts
+        plan = SweepPlan(
+            heights_mm=None if low_mm is None or high_mm is None else (low_mm, high_mm),
+            steps=steps,
+            options=FocusOptions(measure=facts.measure, region=facts.region),
+            has_field=has_field,
+            ends_at_peak=ends_at_peak,
+        )
+        hub.require_devices()
+        hub.sweep.prepare(plan)
+        hub.jobs.begin("focus sweep", lambda job: hub.sweep.work(job, plan))
 
     def _find_exposure(self, job: Job) -> None:
         """Find the exposure; if that fails or is stopped, the one before is set again."""
@@ -192,7 +261,7 @@ class _PictureCommands:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LongestExposure:
+class _LongestExposure:
     """The longest exposure that is tried: what sets it, and what one may do about that."""
 
     exposure_us: float
@@ -200,35 +269,27 @@ class LongestExposure:
     remedy: str
 
 
-def longest_exposure(camera: CameraConfig, high_us: float) -> LongestExposure:
+def longest_exposure(camera: CameraConfig, high_us: float) -> _LongestExposure:
     """The camera's longest, or one that does not slow the pictures down if that is shorter."""
-    frame = LongestExposure(
+    frame = _LongestExposure(
         exposure_us=1e6 / camera.frame_rate_hz,
         words=f"a frame takes at camera.frame_rate_hz = {camera.frame_rate_hz:g}",
         remedy="raise the gain, or lower camera.frame_rate_hz in the bench file",
     )
-    bench = LongestExposure(
+    bench = _LongestExposure(
         exposure_us=camera.exposure_us,
         words="camera.exposure_us of the bench file",
         remedy="raise the gain, or enter a longer exposure",
     )
-    own = LongestExposure(
+    own = _LongestExposure(
         exposure_us=high_us, words="the camera can expose", remedy="or raise the gain"
     )
     allowed = max(frame, bench, key=lambda each: each.exposure_us)
     return min(allowed, own, key=lambda each: each.exposure_us)
 
 
-def exposure_sentence(found: FoundExposure, *, longest: LongestExposure, mains_hz: float) -> str:
-    """What was found, and why and what to do if it is not the level that is aimed at.
-
-    Parameters
-    ----------
-    longest
-        What was the longest to try.
-    mains_hz
-        As for `find_exposure`.
-    """
+def exposure_sentence(found: FoundExposure, *, longest: _LongestExposure, mains_hz: float) -> str:
+    """What was found, and why and what to do if it is not the level that is aimed at."""
     exposure = f"Exposure {found.exposure_us:.9g} µs"
     reached = f"{100 * found.bright_fraction:.0f} % of the range"
     if not found.limited_by:

@@ -3,27 +3,36 @@
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from acquisition.devices import CameraSettings, StreamStatistics
+from acquisition.focus import Region
 from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate
 from acquisition.printable import on_one_line
 from acquisition.session import SPARE_BYTES
-from standoff.console.bench_hub import BenchHub, Notice
-from standoff.console.devices import (
-    DeviceStatus,
-    Exposing,
-    FrameCounts,
-    Levels,
-    PictureFacts,
-    StageView,
-)
-from standoff.console.jobs import ControlView, PlanRow, Prompt, RunView, StopView
+from calibration.geometry import Levelling
+from calibration.sharpness import NORMAL_95
+from standoff.console.bench_hub import BenchHub
+from standoff.console.camera_service import Exposing
+from standoff.console.control_arbiter import ControlView
+from standoff.console.devices import DeviceStatus
+from standoff.console.edge_reading import EdgeReading
+from standoff.console.focus_sweep import SweepView
+from standoff.console.frames import FrameCounts
+from standoff.console.jobs import Prompt
+from standoff.console.monitors import Levels, PictureFacts, PoseView, SharpnessView, SquarenessView
 from standoff.console.page_words import page_words
-from standoff.console.results import ResultProgress
-from standoff.console.web.figure_ages import Validity, figure_ages
-from standoff.console.web.pose import pose_state
+from standoff.console.result_jobs import ResultProgress
+from standoff.console.session_run import PlanRow, RunView
+from standoff.console.stage_service import StageView
 from standoff.terminal import time_text
+
+STALE_S, STALE_FRAMES = 0.5, 3
+"""A figure is stale once it is older than both."""
+
+NOTHING_S, NOTHING_STALE = 3.0, 2
+"""A figure is not shown once it is older than this, and than so many times what makes it stale."""
 
 SCARCE_BYTES, TOO_FEW_BYTES = 2 * 10**9, 10**8
 CLIPPED_FRACTION = 1e-3
@@ -38,12 +47,228 @@ STAGE_WORDS = {
     "unknown": "unknown",
 }
 
+SIDES = "sides as in the picture"
+NO_PICTURE = "waiting for a picture"
+
 Document = dict[str, Any]
+Validity = Literal["valid", "stale", "none"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureAge:
+    """Age of a figure, and the ages from which on it is stale, and nothing; None is no figure."""
+
+    age_s: float | None
+    stale_s: float = STALE_S
+    nothing_s: float = NOTHING_S
+
+    @property
+    def validity(self) -> Validity:
+        """Whether it may be shown as it is, as stale, or not at all."""
+        if self.age_s is None or self.age_s > self.nothing_s:
+            return "none"
+        return "stale" if self.age_s > self.stale_s else "valid"
+
+    def document(self) -> dict[str, float | None]:
+        """In seconds, for a page."""
+        return {
+            "age_s": None if self.age_s is None else round(self.age_s, 3),
+            "stale_s": round(self.stale_s, 3),
+            "nothing_s": round(self.nothing_s, 3),
+        }
+
+
+def figure_age(measured_s: float | None, now_s: float, *, period_s: float = 0.0) -> FigureAge:
+    """Age of a figure that is expected anew every ``period_s``.
+
+    Times are monotonic. Of long exposures, three may pass before a figure of the last one is stale.
+    """
+    stale_s = max(STALE_S, STALE_FRAMES * period_s)
+    return FigureAge(
+        age_s=None if measured_s is None else max(now_s - measured_s, 0.0),
+        stale_s=stale_s,
+        nothing_s=max(NOTHING_S, NOTHING_STALE * stale_s if stale_s > STALE_S else 0.0),
+    )
+
+
+def figure_ages(hub: BenchHub) -> dict[str, FigureAge]:
+    """Ages of all figures of a bench, by the names that its page gives them."""
+    now_s, latest, settings = time.monotonic(), hub.frames.latest, hub.camera.settings
+    exposure_s = 0.0 if settings is None else 1e-6 * settings.exposure_us
+    period_s = max(hub.frames.period_s, exposure_s)
+    facts = hub.picture.facts
+    of_frames = {
+        "camera": None if latest is None else latest.arrived_s,
+        "focus": facts.focus_s,
+        "levels": facts.levels_s,
+        "edge": hub.sharpness.view.arrived_s,
+        "square": hub.squareness.view.arrived_s,
+        "pose": hub.pose.view.arrived_s,
+    }
+    ages = {
+        name: figure_age(measured_s, now_s, period_s=period_s)
+        for name, measured_s in of_frames.items()
+    }
+    stage = hub.stage.view
+    read_s = stage.read_s if stage.status.is_ready else None  # a lost one has no height
+    return ages | {"stage": figure_age(read_s, now_s)}
+
+
+def _pose_state(hub: BenchHub, validity: Validity) -> Document:
+    """The pose, its reference as a picture over the live one, and what judges it."""
+    view, latest, curves = hub.pose.view, hub.frames.latest, hub.curves.view
+    shown = None if latest is None else latest.image_dn.shape
+    document = pose_document(view, validity)
+    if view.picture is not None and not view.is_possible:
+        document["reason"] = "choose a curve" if curves.file else "no curve judges poses"
+    curve = {  # the lists are fetched at a new revision
+        "revision": curves.revision,
+        "file": on_one_line(curves.file),
+        "name": curves.name,
+        "chosen": curves.chosen,
+        "min_dprime": curves.min_dprime,
+    }
+    return document | {"overlay": _overlay_document(view, shown), "curve": curve}
+
+
+def pose_document(view: PoseView, validity: Validity = "valid") -> Document:
+    """Go, no go or unsure, with the reason, the margin and the probability, unless too old."""
+    document: Document = {
+        "is_possible": view.is_possible,
+        "reference": on_one_line(view.reference),
+        "verdict": "",
+        "reason": on_one_line(view.fault),
+        "margin": "",
+        "probability": "",
+    }
+    verdict = view.verdict
+    if view.picture is None or not view.is_possible or view.fault:
+        return document
+    # A pose that was lost is searched for again and again, and meanwhile is no less lost.
+    is_out_of_date = view.is_searching and verdict is not None and verdict.dprime is not None
+    if verdict is None or validity == "none" or is_out_of_date:
+        waits = "searching the picture for the reference" if view.is_searching else NO_PICTURE
+        return document | {"verdict": "…", "reason": waits}
+    margin = "" if verdict.margin is None else f"{100 * verdict.margin:+.0f} %"
+    return document | {
+        "verdict": verdict.verdict.upper(),
+        "reason": verdict.reason,
+        "margin": margin,
+        "probability": "" if verdict.probability is None else f"{100 * verdict.probability:.0f} %",
+    }
+
+
+def _overlay_document(view: PoseView, shown: tuple[int, ...] | None) -> Document:
+    """The number of the reference, None without one, and why it cannot lie over the picture.
+
+    ``shown`` are rows and columns of the live picture, None before the first.
+    """
+    if view.picture is None:
+        return {"number": None, "fault": ""}
+    rows, cols = view.picture.shape
+    fault = ""
+    if shown is not None and tuple(shown) != (rows, cols):
+        fault = (
+            f"The reference has {cols} × {rows} pixels, the live picture {shown[1]} × {shown[0]}: "
+            "it cannot lie over it."
+        )
+    return {"number": view.picture.number, "fault": fault}
+
+
+def measure_document(view: SharpnessView, square: SquarenessView, *, has_field: bool) -> Document:
+    """The edge under the region, the four regions and the squareness."""
+    return {
+        "type": "measure",
+        "rate": f"{view.rate_hz:.1f}",
+        "edge": None if view.edge is None else _edge(view.edge),
+        "why_not": view.why_not,
+        "is_awaited": view.is_awaited,
+        "has_field": has_field,
+        "field": [
+            {
+                "name": each.name,
+                "region": _box(each.region),
+                "percent": f"{each.percent_of_peak:.1f}" if each.has_detail else "–",
+                "why_not": "" if each.has_detail else "no edge",
+                "sigma": "–" if each.edge is None else f"{each.edge.sigma_px:.3f}",
+            }
+            for each in view.field
+        ],
+        "square": {
+            "is_wanted": square.is_wanted,
+            "why_not": square.why_not,
+            **_levelling(square.levelling),
+        },
+    }
+
+
+def sweep_document(view: SweepView) -> Document:
+    """The focus sweep: its points, its curve and what was found."""
+    peak = view.peak
+    return {
+        "type": "sweep",
+        "state": view.state,
+        "message": view.message,
+        "progress": f"{view.taken} of {view.planned}" if view.state == "running" else "",
+        "points": [
+            [_short(point.height_mm), _short(point.value), _short(point.err)]
+            for point in view.points
+        ],
+        "curve": [[_short(height), _short(value)] for height, value in view.curve()],
+        "peak_mm": None if peak is None else round(peak.height_mm, 3),
+        "peak_err_mm": None if peak is None else _short(peak.err_mm),
+        **_levelling(view.levelling),
+        "advice": view.advice,
+    }
+
+
+def _edge(edge: EdgeReading) -> Document:
+    lp_per_mm, lp_err = edge.mtf50_lp_per_mm, edge.mtf50_err_cy_per_px
+    if lp_per_mm is not None and lp_err is not None:
+        lp_err *= lp_per_mm / edge.mtf50_cy_per_px
+    return {
+        "sigma": _with_error(edge.sigma_px, edge.sigma_err_px),
+        "mtf50": _with_error(edge.mtf50_cy_per_px, edge.mtf50_err_cy_per_px),
+        "mtf50_lp": "–" if lp_per_mm is None else _with_error(lp_per_mm, lp_err),
+        "angle": f"{edge.angle_deg:.1f}",
+        "edges": edge.edges,
+        "remarks": ", ".join(flag.replace("_", " ") for flag in edge.flags),
+        "distance": [_short(value) for value in edge.distance_px.tolist()],
+        "levels": [_short(value) for value in edge.levels.tolist()],
+    }
+
+
+def _levelling(found: Levelling | None) -> Document:
+    if found is None:
+        return {"advice": "", "tilt": ""}
+    right = _with_error(found.right_deg, found.right_err_deg)
+    down = _with_error(found.down_deg, found.down_err_deg)
+    return {
+        "advice": found.advice if found.advice == "level" else f"{found.advice} ({SIDES})",
+        "tilt": f"left to right {right}°, top to bottom {down}°",
+    }
+
+
+def _with_error(value: float, err: float | None) -> str:
+    """A value with half its 95 % interval, to two digits of that: ``0.5831 ± 0.0027``."""
+    if err is None or not math.isfinite(err) or err <= 0:
+        return f"{value:.4g}"
+    half = NORMAL_95 * err
+    digits = max(0, 1 - math.floor(math.log10(half)))
+    return f"{value:.{digits}f} ± {half:.{digits}f}"
+
+
+def _box(region: Region) -> list[int]:
+    return [region.x_px, region.y_px, region.width_px, region.height_px]
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")
 
 
 def state_document(hub: BenchHub) -> Document:
     """Everything that changes from moment to moment, the same for every page."""
-    job = hub.jobs.current
+    job, stop = hub.jobs.current, hub.stopping.view
     ages = figure_ages(hub)
     return {
         "ages": {name: age.document() for name, age in ages.items()},
@@ -57,21 +282,23 @@ def state_document(hub: BenchHub) -> Document:
         )
         | {
             "name": "" if hub.camera.info is None else hub.camera.info.model,
-            "exposing": exposing_document(hub.camera.exposing),
+            "exposing": _exposing_document(hub.camera.exposing),
         },
         "stage": stage_document(hub.stage.view, ages["stage"].validity),
         "focus": focus_document(hub.picture.facts, ages["focus"].validity),
-        "result": result_document(hub.results.view),
+        "result": _result_document(hub.results.view),
         "run": run_document(hub.run.view, is_pause_wanted=hub.run.is_pause_wanted),
         "job": None if job is None else {"name": job.name, "is_stopping": job.is_stopping},
-        "stop": stop_document(hub.stopping.view),
-        "prompt": prompt_document(hub.prompts.current),
-        "pose": pose_state(hub, ages["pose"].validity),
+        "stop": {"number": stop.number, "outcome": stop.outcome, "fault": _said(stop.fault)},
+        "prompt": _prompt_document(hub.prompts.current),
+        "pose": _pose_state(hub, ages["pose"].validity),
         "exposure_limits_us": list(hub.camera.exposure_limits_us),
         "snapshot": hub.snapshots.latest,
         "is_compiling": hub.compiling.is_compiling,
         "disk": disk_document(hub.free_bytes()),
-        "notices": [_notice(notice) for notice in hub.notices],
+        "notices": [
+            {"number": notice.number, "text": _said(notice.text)} for notice in hub.notices
+        ],
     }
 
 
@@ -117,7 +344,11 @@ def camera_document(
         "gain_db": (
             None if settings is None or settings.gain_db is None else round(settings.gain_db, 2)
         ),
-        "format": "" if settings is None else _format(settings),
+        "format": (
+            ""
+            if settings is None
+            else f"{settings.width_px} × {settings.height_px} {settings.pixel_format}"
+        ),
         "validity": validity,
         "rate": "–" if validity == "none" else f"{counts.rate_hz:.1f}",
         "complete": counts.complete,
@@ -128,7 +359,7 @@ def camera_document(
     }
 
 
-def exposing_document(exposing: Exposing | None) -> Document | None:
+def _exposing_document(exposing: Exposing | None) -> Document | None:
     """The long exposure that is waited for."""
     if exposing is None:
         return None
@@ -170,19 +401,11 @@ def _target(view: StageView) -> str:
     return "" if view.target_mm is None else f"moving to {view.target_mm:.3f} mm"
 
 
-def stop_document(view: StopView) -> Document:
-    """What became of the last STOP."""
-    return {"number": view.number, "outcome": view.outcome, "fault": _said(view.fault)}
-
-
 def focus_document(facts: PictureFacts, validity: Validity = "valid") -> Document:
     """The focus figures, and a hint in words; figures too old are not shown."""
-    region = facts.region
     document: Document = {
         "metric": facts.measure,
-        "region": None
-        if region is None
-        else [region.x_px, region.y_px, region.width_px, region.height_px],
+        "region": None if facts.region is None else _box(facts.region),
         "value": "–",
         "peak": "–",
         "percent": None,
@@ -293,7 +516,7 @@ def preview_document(
     }
 
 
-def result_document(view: ResultProgress) -> Document:
+def _result_document(view: ResultProgress) -> Document:
     """The result that is being computed, or how the last one ended."""
     progress = view.progress
     return {
@@ -311,7 +534,7 @@ def result_document(view: ResultProgress) -> Document:
     }
 
 
-def prompt_document(prompt: Prompt | None) -> Document | None:
+def _prompt_document(prompt: Prompt | None) -> Document | None:
     """The question that is waiting, with its buttons."""
     if prompt is None:
         return None
@@ -319,7 +542,7 @@ def prompt_document(prompt: Prompt | None) -> Document | None:
         "number": prompt.number,
         "text": on_one_line(prompt.text),
         "wants_text": prompt.wants_text,
-        "choices": [{"key": each.key, "label": each.label} for each in prompt.choices],
+        "choices": [{"key": key, "label": label} for key, label in prompt.choices.items()],
     }
 
 
@@ -337,14 +560,6 @@ def _status(status: DeviceStatus) -> Document:
         "text": _said(status.text),
         "remedy": _said(status.remedy),
     }
-
-
-def _format(settings: CameraSettings) -> str:
-    return f"{settings.width_px} × {settings.height_px} {settings.pixel_format}"
-
-
-def _notice(notice: Notice) -> Document:
-    return {"number": notice.number, "text": _said(notice.text)}
 
 
 def _said(text: str) -> str:

@@ -70,7 +70,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[object]:
         apps.append(app)
         ready()
 
-    monkeypatch.setattr("standoff.console.serving.serve", serve)
+    monkeypatch.setattr("standoff.console.serve", serve)
     return apps
 
 

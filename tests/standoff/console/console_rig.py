@@ -4,7 +4,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -183,9 +183,15 @@ def chromium_browser() -> Iterator[Browser]:
 
 @contextmanager
 def console_rig(
-    folder: Path, *options: object, mock_keys: tuple[str, ...] = MOCK_KEYS
+    folder: Path,
+    *options: object,
+    mock_keys: tuple[str, ...] = MOCK_KEYS,
+    browser: Browser | None = None,
 ) -> Iterator[ConsoleRig]:
-    """Serve a small practice bench with a Grbl stage, and the console over it."""
+    """Serve a small practice bench with a Grbl stage, and the console over it.
+
+    Its pages open in the browser, or in one of its own.
+    """
     pytest.importorskip("gi", reason="the practice camera needs Aravis")
     chromium_path()
     keys = [word for key in mock_keys for word in ("--set", key)]
@@ -205,5 +211,5 @@ def console_rig(
             "--sessions", folder / "sessions", "--plans", folder, *settings, *options, cwd=folder,
         ) as console:  # fmt: skip
             url = first_line(console)["url"]
-            with chromium_browser() as browser:
-                yield ConsoleRig(mock, url, folder / "sessions", browser)
+            with chromium_browser() if browser is None else nullcontext(browser) as opened:
+                yield ConsoleRig(mock, url, folder / "sessions", opened)

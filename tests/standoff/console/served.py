@@ -6,11 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
+from typing import TYPE_CHECKING
 
 from standoff.console.bench_hub import BenchHub
-from standoff.console.serving.server import open_socket, server_of
+from standoff.console.server import open_socket, server_of
 from standoff.console.web.application import console_app
 from tests.standoff.console.hub_fixtures import DEADLINE_S, wait_for
+
+if TYPE_CHECKING:
+    from starlette.testclient import TestClient
 
 Address = tuple[str, int]
 
@@ -32,6 +36,13 @@ def served(
         finally:
             server.should_exit = True
             thread.join()
+
+
+def page_client(hub: BenchHub) -> "TestClient":
+    """A client of a hub's pages, on this computer."""
+    from starlette.testclient import TestClient
+
+    return TestClient(console_app(hub), client=("127.0.0.1", 1), base_url="http://127.0.0.1")
 
 
 def sent(address: Address, data: bytes) -> socket.socket:

@@ -1,7 +1,7 @@
 """The bench behind the pages: sessions, stops, prompts, focus; over the simulated bench."""
 
+import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,9 +10,8 @@ from acquisition.capture.runner import CaptureProgress
 from acquisition.errors import StageLimitError
 from acquisition.session.reader import Session, verify
 from standoff.console.bench_hub import BenchHub
-from standoff.console.jobs.job_runner import BusyError
-from standoff.console.web import messages
-from standoff.console.web.command_handler import CommandHandler, NotInControlError
+from standoff.console.jobs import BusyError
+from standoff.console.web.command_handler import CommandHandler, NotInControlError, parse_message
 from standoff.console.web.view_model import plan_document, state_document
 from standoff.errors import ApplicationError
 from tests.standoff.console.hub_fixtures import PLAN, running_hub, wait_for
@@ -28,8 +27,7 @@ class Operator:
         hub.control.join(name, name)
 
     def say(self, **fields: object) -> dict[str, object] | None:
-        kinds = {k.model_fields["do"].annotation.__args__[0]: k for k in messages.Message.__args__}
-        return self._handler.carry_out(self._name, kinds[fields["do"]].model_validate(fields))
+        return self._handler.carry_out(self._name, parse_message(json.dumps(fields)))
 
     def wait_idle(self) -> None:
         wait_for(lambda: self.hub.jobs.current is None, "the job to end")
@@ -39,12 +37,6 @@ class Operator:
         prompt = self.hub.prompts.current
         assert prompt is not None
         self.say(do="answer", number=prompt.number, choice=choice, text=text)
-
-
-@pytest.fixture
-def hub(tmp_path: Path) -> Iterator[BenchHub]:
-    with running_hub(tmp_path) as made:
-        yield made
 
 
 @pytest.fixture

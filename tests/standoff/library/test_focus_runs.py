@@ -15,7 +15,7 @@ from acquisition.focus import (
     sweep_bench,
 )
 from hil_mocks import SimulatedBench
-from standoff.console.devices import field_regions
+from standoff.console.monitors import field_regions
 from standoff.library import devices_of
 from standoff.library.bench.devices import OpenBench
 from tests.hil_mocks.benches import bench_config
