@@ -16,7 +16,11 @@ from .filter import (
     find_changes as find_changes,
 )
 from .matching import smoothing_for as smoothing_for
-from .options import ChangeOptions as ChangeOptions, CodedAlike as CodedAlike
+from .options import (
+    ChangeCriteria as ChangeCriteria,
+    ChangeOptions as ChangeOptions,
+    CodedAlike as CodedAlike,
+)
 from .plot import changes_figure as changes_figure
 from .prediction import (
     ExpectedFilters as ExpectedFilters,

@@ -23,8 +23,34 @@ class CodedAlike:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ChangeOptions:
-    """Options for comparing two photographs.
+class ChangeCriteria:
+    """What counts as a change, as whoever compares decides.
+
+    It is carried as a whole from the caller to the comparison, and is part of what a series does.
+
+    Parameters
+    ----------
+    false_alarms
+        Follow-up pixels flagged by chance, expected in a frame.
+    false_discovery_rate
+        Share of false ones among the changes listed, which then decides instead; None for the
+        rate of false alarms.
+    least_dn
+        Amplitude below which what is significant is counted and not listed; None for the step of
+        the files, at each place.
+    count_moved
+        Whether what a shift explains is listed among the changes.
+    """
+
+    false_alarms: float = FALSE_ALARMS
+    false_discovery_rate: float | None = None
+    least_dn: float | None = None
+    count_moved: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ChangeOptions(ChangeCriteria):
+    """Options for comparing two photographs, besides what counts as a change.
 
     Parameters
     ----------
@@ -34,11 +60,6 @@ class ChangeOptions:
         What is known of the pose where none is given.
     noise
         Noise of both captures; None fits it.
-    false_alarms
-        Follow-up pixels flagged by chance, expected in a frame.
-    false_discovery_rate
-        Share of false ones among the changes listed, which then decides instead; None for the
-        rate of false alarms.
     spot_sigma_px
         Width of the spots that the map of the detection limit is for, in follow-up pixels.
     limit_contrast_dn
@@ -56,9 +77,6 @@ class ChangeOptions:
     step_variance_dn2
         Variance of each pixel of the reference and the follow-up by the steps of their files, where
         those are known; otherwise they are looked for among the levels.
-    least_dn
-        Amplitude below which what is significant is counted and not listed; None for the step of
-        the files, at each place.
     step_dn
         Steps of the levels of reference and follow-up, at each pixel, where they are known.
     coded_alike
@@ -69,15 +87,11 @@ class ChangeOptions:
     limit_rgb
         Direction in linear levels of red, green and blue of the changes that the limit is for, the
         largest of them 1; of photographs in colour.
-    count_moved
-        Whether what a shift explains is listed among the changes.
     """
 
     pose: DistortedPose | None = None
     hints: RegistrationHints | None = None
     noise: CaptureNoise | None = None
-    false_alarms: float = FALSE_ALARMS
-    false_discovery_rate: float | None = None
     spot_sigma_px: float = SPOT_SIGMA_PX
     limit_contrast_dn: float | None = None
     expected: "LimitCurve | None" = None
@@ -86,9 +100,7 @@ class ChangeOptions:
     white_level_dn: tuple[float | None, float | None] = (None, None)
     variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
     step_variance_dn2: tuple[Float32Array | None, Float32Array | None] = (None, None)
-    least_dn: float | None = None
     step_dn: tuple[Float32Array | None, Float32Array | None] = (None, None)
     coded_alike: Callable[[], CodedAlike] | None = None
     colours: PairColours | None = None
     limit_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    count_moved: bool = False

@@ -7,9 +7,10 @@ from .alignment_hints import (
 from .change_search import (
     CHANGE_FILES as CHANGE_FILES,
     ComparedPhotographs as ComparedPhotographs,
+    ComparisonKeywords as ComparisonKeywords,
     ComparisonRules as ComparisonRules,
+    begun_comparison as begun_comparison,
     compared as compared,
-    comparison_rules as comparison_rules,
     find_changes as find_changes,
     write_changes as write_changes,
 )

@@ -5,10 +5,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
+from typing import Unpack
 
 from analysis.change_series import ChangesSeries, ComparedFollowup, time_line_of
-from analysis.changes import ChangeOptions
-from analysis.choices import FALSE_ALARMS, Criterion
+from analysis.choices import Criterion
 from analysis.detectability import CurveChoice
 from analysis.followup_series import (
     STATE_NAME,
@@ -28,28 +28,26 @@ from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions
 from simulation.arguments import checked
 from simulation.arrays import AnyArray
-from simulation.choices import PsfShape
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, Progress
 from standoff.library.comparison import (
     AlignmentHints,
-    DetectionLimitOptions,
+    ComparisonKeywords,
     RegistrationHints,
-    comparison_rules,
+    begun_comparison,
+    find_changes,
     hint_files,
-    limit_files,
 )
 from standoff.library.detectability import CurveLike, given_curve
 from standoff.library.files import PAGES, each_image, is_folder, write_file, write_page
 from standoff.library.inputs import (
     FilePath,
-    NoiseLike,
     PsfLike,
-    camera_noise,
     listed_paths,
     output_path,
     path_of,
 )
+from standoff.library.keywords import with_keywords_of
 from standoff.library.psf import psf_and_field
 from standoff.library.series.change_work import ChangeWork
 from standoff.library.series.pose_work import PoseDemand, PoseWork, registration_psf
@@ -92,26 +90,17 @@ def is_series(followups: Iterable[Path]) -> bool:
 
 
 @checked
+@with_keywords_of(find_changes)  # type: ignore[has-type]  # of a module in a cycle of imports
 def find_changes_of_series(
     reference: FilePath,
     followups: FilePath | Iterable[FilePath],
     out: FilePath,
     psf: PsfLike | None = None,
     *,
-    transfer: PsfShape = "best",
-    noise: NoiseLike | None = None,
-    false_alarms: float = FALSE_ALARMS,
-    false_discovery_rate: float | None = None,
-    hints: AlignmentHints | RegistrationHints | None = None,
-    white_level: float | None = None,
-    limit: DetectionLimitOptions | None = None,
-    count_moved: bool = False,
-    least: float | None = None,
     report: FilePath | None = None,
     parquet: bool = False,
     sweep: SweepOptions | None = None,
-    reading: ReadOptions | None = None,
-    progress: Progress | None = None,
+    **how: Unpack[ComparisonKeywords],
 ) -> SeriesResult[ChangesSeries, ComparedFollowup]:
     """Compare follow-ups with their references; each gets a folder, all of them a table.
 
@@ -126,9 +115,7 @@ def find_changes_of_series(
         Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
     out
         Folder for the results.
-    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit
-        As in ``find_changes``.
-    count_moved, least, reading, progress
+    psf
         As in ``find_changes``.
     report
         Where the page goes, besides the folder.
@@ -136,6 +123,8 @@ def find_changes_of_series(
         Whether the table is also written as Parquet, which needs pyarrow.
     sweep
         Who works, and on what part; by default this process, on all.
+    how
+        As in ``find_changes``.
 
     Returns
     -------
@@ -157,16 +146,8 @@ def find_changes_of_series(
     >>> found.document.changed
     1
     """
-    read = psf, noise, *limit_files(limit), *hint_files(hints)
-    call = Call("find_changes_of_series", progress, reading, read)
-    options = ChangeOptions(
-        noise=camera_noise(noise),
-        false_alarms=false_alarms,
-        false_discovery_rate=false_discovery_rate,
-        count_moved=count_moved,
-        least_dn=least,
-    )
-    rules = comparison_rules(call, psf, limit, options, hints, white_level)
+    call, rules = begun_comparison("find_changes_of_series", psf, how)
+    transfer = how.get("transfer", "best")
     folder, first = path_of(out, "out"), path_of(reference, "reference")
     given = tuple(listed_paths(followups, "followups"))
     page = None if report is None else output_path(report, "report", PAGES)
