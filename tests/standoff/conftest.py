@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -162,10 +163,18 @@ def plan_file(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="session")
+def captured_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A complete session of six edge captures, taken once; nobody changes it."""
+    folder = tmp_path_factory.mktemp("captured")
+    (folder / "bench.toml").write_text(SMALL_BENCH)
+    (folder / "plan.toml").write_text(SMALL_PLAN)
+    words = ("--bench", folder / "bench.toml", "--plan", folder / "plan.toml", "--yes", "--out")
+    assert run(["capture", *map(str, words), str(folder / "session")]) == 0
+    return folder / "session"
+
+
 @pytest.fixture
-def session_dir(command: Command, bench_file: Path, plan_file: Path, tmp_path: Path) -> Path:
-    """A complete session of six edge captures."""
-    path = tmp_path / "session"
-    done = command("capture", "--bench", bench_file, "--plan", plan_file, "--out", path, "--yes")
-    assert done.status == 0, done.err
-    return path
+def session_dir(captured_session: Path, tmp_path: Path) -> Path:
+    """A copy of the session, to work in."""
+    return Path(shutil.copytree(captured_session, tmp_path / "session"))
