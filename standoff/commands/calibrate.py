@@ -38,6 +38,7 @@ def _spelt(region: str | None) -> str | None:
         terminal.needs(option, _WITH_AN_EDGE_TARGET)
         for option in ("report", "bayer", "csv", "limits", "pixel_pitch_um", "target")
     ),
+    suffixes_last=True,
 )
 def calibrate(
     images: list[Path] | None = None,

@@ -153,11 +153,12 @@ def _word(context: Context, name: str) -> str:
 
 
 def command(
-    *rules: OptionRule, has_json: bool = True
+    *rules: OptionRule, has_json: bool = True, suffixes_last: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Declare a command by a function; the options --force and --json follow from what it does.
 
-    A parameter that `MadeBy` marks stands for the options of which its value is made.
+    A parameter that `MadeBy` marks stands for the options of which its value is made. What is at
+    the place of a result is looked at once the names' suffixes are right, or before.
     """
 
     def declared(function: Callable[..., None]) -> Callable[..., None]:
@@ -183,7 +184,7 @@ def command(
                 fault = rule.fault(context)
                 if fault is not None:
                     raise BadParameter(fault)
-            _refuse_results(context, results)
+            _refuse_results(context, results, suffixes_last=suffixes_last)
             for name, one in made.items():
                 parts = inspect.signature(one.function).parameters
                 values[name] = one.function(**{part: values.pop(part) for part in parts})
@@ -235,15 +236,24 @@ def _marks(parameter: inspect.Parameter, kind: type[Any]) -> list[Any]:
     return [one for one in inside if isinstance(one, kind)]
 
 
-def _refuse_results(context: Context, results: Mapping[str, Result]) -> None:
+def _refuse_results(
+    context: Context, results: Mapping[str, Result], *, suffixes_last: bool
+) -> None:
     paths = {name: context.params[name] for name in results}
-    for name, result in results.items():
-        if result.suffixes:
-            refuse_suffix(paths[name], _word(context, name), result.suffixes)
     new = [paths[name] for name, result in results.items() if not result.is_resumed]
-    if any(path is not None for path in new):
-        refuse_overwriting(new, _inputs(), force=context.params["force"])
-        library.require_writable(new)
+
+    def refuse_suffixes() -> None:
+        for name, result in results.items():
+            refuse_suffix(paths[name], _word(context, name), result.suffixes)
+
+    def refuse_what_is_there() -> None:
+        if any(path is not None for path in new):
+            refuse_overwriting(new, _inputs(), force=context.params["force"])
+
+    checks = [refuse_suffixes, refuse_what_is_there]
+    for check in reversed(checks) if suffixes_last else checks:
+        check()
+    library.require_writable(new)
 
 
 def refuse_replacing(*files: Path, may_replace: bool = False) -> None:

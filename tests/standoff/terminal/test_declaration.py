@@ -1,13 +1,18 @@
-"""Rules on options, on a small command; and those of all commands, on their parameters."""
+"""Rules on options, on a small command; and whether every option of every command has an effect."""
 
+import ast
+import inspect
+import textwrap
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import pytest
 import typer
 
-from standoff import terminal
+from standoff import library, terminal
 from standoff.terminal import Given, exactly_one, excludes, needs
+from standoff.terminal.app import COMMANDS, _imported
 from standoff.terminal.declaration import OptionRule
 
 
@@ -73,3 +78,28 @@ def test_an_option_with_its_default_is_not_given(arguments: tuple[str, ...]) -> 
 def test_a_rule_names_parameters_that_there_are() -> None:
     with pytest.raises(AssertionError, match="speed"):
         said(needs("count", "speed"))
+
+
+def declared() -> Iterator[Any]:
+    """The function of each command, as it is written."""
+    for path in COMMANDS.values():
+        found = _imported(path)
+        functions = [one.callback for one in getattr(found, "registered_commands", ())] or [found]
+        yield from (inspect.unwrap(function) for function in functions)
+
+
+@pytest.mark.parametrize("function", list(declared()), ids=lambda function: function.__name__)
+def test_every_option_is_used_or_is_a_keyword_of_the_library(function: Any) -> None:
+    body = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    assert isinstance(body, ast.FunctionDef)
+    nodes = [node for statement in body.body for node in ast.walk(statement)]
+    used = {node.id for node in nodes if isinstance(node, ast.Name)}
+    for node in nodes:
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "terminal.keywords_of":
+            name = ast.unparse(node.args[0]).removeprefix("library.")
+            used |= inspect.signature(getattr(library, name)).parameters.keys()
+    assert inspect.signature(function).parameters.keys() - used <= BY_THE_FRAME
+
+
+BY_THE_FRAME = {"force"}
+"""What every command does by itself with an option that it declares."""
