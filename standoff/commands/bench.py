@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from acquisition.focus import FocusPoint
     from acquisition.stages import StageReport
     from calibration.edges import Region
-    from standoff.library.types import FoundCamera
 
 _LIVE_FRAMES = 3
 
@@ -218,19 +216,20 @@ def doctor(
 def cameras() -> None:
     """Search for cameras; this BROADCASTS on every network interface of this computer."""
     found = library.find_cameras()
-    document = {"cameras": [asdict(camera) for camera in found]}
-    terminal.answer(document, lambda: _show_cameras(found))
+    rows = [asdict(camera) for camera in found]
 
-
-def _show_cameras(found: Sequence[FoundCamera]) -> None:
-    if not found:
-        terminal.say(
-            "no camera answered; check power, cable and firewall, and that the network card has "
-            "an address in the camera's subnet"
+    def show() -> None:
+        if not found:
+            terminal.say(
+                "no camera answered; check power, cable and firewall, and that the network card "
+                "has an address in the camera's subnet"
+            )
+            return
+        names = ("address", "vendor", "model", "serial_number", "hardware_address", "id")
+        terminal.print_table(
+            f"{len(found)} camera{'s' * (len(found) != 1)}",
+            [name.replace("_", " ") for name in names],
+            [[row[name] for name in names] for row in rows],
         )
-        return
-    terminal.print_table(
-        f"{len(found)} camera{'s' * (len(found) != 1)}",
-        ["address", "vendor", "model", "serial number", "hardware address", "id"],
-        [[c.address, c.vendor, c.model, c.serial_number, c.hardware_address, c.id] for c in found],
-    )
+
+    terminal.answer({"cameras": rows}, show)

@@ -16,9 +16,8 @@ from analysis.choices import Criterion
 from standoff import library, terminal
 
 if TYPE_CHECKING:
-    from analysis.pose import JudgedFollowup, PoseQuality, PoseSeries, PoseSummary
+    from analysis.pose import JudgedFollowup, PoseLimits, PoseQuality, PoseSeries, PoseSummary
     from analysis.sweep import SweepOptions
-    from standoff.library.types import AllowedMovement
 
 
 @terminal.command(
@@ -280,8 +279,16 @@ def limits(
     if plot is not None:
         found.write_plot(plot)
     where = "in any direction" if direction_deg is None else f"towards {direction_deg:g} degrees"
-    at = f"zoom {at_zoom:g}, tilt {at_tilt_deg:g} degrees" if at_zoom is not None else ""
-    terminal.answer(found.to_json, lambda: _print_limits(found, min_dprime, where, at))
+
+    def show() -> None:
+        _print_limits(found, min_dprime, where)
+        if found.contrast_found_dn is not None:
+            terminal.say(
+                f"at zoom {at_zoom:g}, tilt {at_tilt_deg:g} degrees: contrasts from "
+                f"{found.contrast_found_dn:.3g} DN are detectable"
+            )
+
+    terminal.answer(found.to_json, show)
 
 
 def _interval(ends: tuple[float | None, float | None], digits: int) -> str:
@@ -319,7 +326,7 @@ def _print_judged(judged: library.JudgedHomography) -> None:
     )
 
 
-def _print_limits(found: AllowedMovement, min_dprime: float, where: str, at: str) -> None:
+def _print_limits(found: PoseLimits, min_dprime: float, where: str) -> None:
     more = " or more (the curve ends there)" if found.is_zoom_beyond_curve else ""
     tilt = "none" if found.tilt_deg is None else f"up to {found.tilt_deg:.1f} degrees"
     terminal.say(
@@ -348,5 +355,3 @@ def _print_limits(found: AllowedMovement, min_dprime: float, where: str, at: str
         [[f"{share:g}", f"{100 * overlap:.0f} %"] for share, overlap in found.overlap_by_shift],
     )
     terminal.say(terminal.UPPER_BOUND)
-    if found.contrast_found_dn is not None:
-        terminal.say(f"at {at}: contrasts from {found.contrast_found_dn:.3g} DN are detectable")
