@@ -72,7 +72,7 @@ _TOLD = {"--json", "--strict", "--force"}
 _ARGUMENTS: ContextVar[tuple[str, ...]] = ContextVar("_ARGUMENTS", default=())
 
 
-class Group(TyperGroup):
+class _Group(TyperGroup):
     """Commands, one of which is named to whoever asks for it by another word of the field."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - typer's own
@@ -93,7 +93,7 @@ _LIKE = 0.7
 """How alike an option and an argument are that mean one thing, as a plural is."""
 
 
-class Command(TyperCommand):
+class _Command(TyperCommand):
     """A command whose help names what a list is made of: ``<path>``, not ``<list[Path]>``.
 
     A path that nothing can be at is refused as wrong usage, one that the system refuses as an error
@@ -138,17 +138,10 @@ class Command(TyperCommand):
         return rest
 
 
-def option_named(command: Any, arguments: Sequence[str], argument: str | None) -> str | None:  # noqa: ANN401 - typer's own
-    """The option of a command line for an argument of the function behind it; None if none is.
+def _option_named(command: Any, arguments: Sequence[str], argument: str | None) -> str | None:  # noqa: ANN401 - typer's own
+    """The option of a command line for an argument as Python spells it; None if none is.
 
-    Parameters
-    ----------
-    command
-        The application.
-    arguments
-        The command line, which begins with the names of the command.
-    argument
-        As Python spells it: ``min_d_prime`` is ``--min-dprime``.
+    ``min_d_prime`` is ``--min-dprime``; the command line begins with the names of the command.
     """
     for word in arguments:
         command = getattr(command, "commands", {}).get(word, command)
@@ -202,7 +195,7 @@ def application(arguments: list[str]) -> typer.Typer:
             "from further away, align photographs and find the difference between them, and say "
             "how much a change of camera pose costs in change detection."
         ),
-        cls=Group,
+        cls=_Group,
         invoke_without_command=True,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
@@ -212,10 +205,10 @@ def application(arguments: list[str]) -> typer.Typer:
         command = _imported(COMMANDS[name])
         if isinstance(command, typer.Typer):
             for one in command.registered_commands:
-                one.cls = Command
-            app.add_typer(command, cls=Group, epilog=examples_text(name))
+                one.cls = _Command
+            app.add_typer(command, cls=_Group, epilog=examples_text(name))
         else:
-            app.command(name, cls=Command, epilog=examples_text(name))(command)
+            app.command(name, cls=_Command, epilog=examples_text(name))(command)
     return app
 
 
@@ -253,14 +246,14 @@ def _show_help(
 def run_application(app: typer.Typer, arguments: list[str]) -> int:
     """Run one command line and return its exit status; errors are one line on stderr."""
     try:
-        with invocation(arguments):
+        with _invocation(arguments):
             status = app(arguments, standalone_mode=False, prog_name="standoff")
     except TyperException as error:
         said = f"{error.format_message()}{_decimal_comma(error)}"
         say_error(" ".join(said.split()))
         return EXIT_USAGE
     except ArgumentError as error:
-        option = option_named(get_command(app), arguments, error.argument)
+        option = _option_named(get_command(app), arguments, error.argument)
         say_error(error if option is None else f"Invalid value for {option}: {error.reason}")
         return EXIT_USAGE
     except REPORTED_ERRORS as error:
@@ -309,7 +302,7 @@ def _decimal_comma(error: TyperException) -> str:
 
 
 @contextmanager
-def invocation(arguments: Sequence[str]) -> Iterator[None]:
+def _invocation(arguments: Sequence[str]) -> Iterator[None]:
     """Remember a command, and what it has noted, while it runs."""
     token, noted = _ARGUMENTS.set(tuple(arguments)), NOTED.set([])
     try:

@@ -244,11 +244,11 @@ def _refuse_results(
 
     def refuse_suffixes() -> None:
         for name, result in results.items():
-            refuse_suffix(paths[name], _word(context, name), result.suffixes)
+            _refuse_suffix(paths[name], _word(context, name), result.suffixes)
 
     def refuse_what_is_there() -> None:
         if any(path is not None for path in new):
-            refuse_overwriting(new, _inputs(), force=context.params["force"])
+            _refuse_overwriting(new, _inputs(), force=context.params["force"])
 
     checks = [refuse_suffixes, refuse_what_is_there]
     for check in reversed(checks) if suffixes_last else checks:
@@ -262,7 +262,7 @@ def refuse_replacing(*files: Path, may_replace: bool = False) -> None:
     Those that are there may be replaced with --force, or if ``may_replace``.
     """
     force = may_replace or _RUNNING.get().context.params["force"]
-    refuse_overwriting(files, _inputs(), force=force)
+    _refuse_overwriting(files, _inputs(), force=force)
 
 
 def _inputs() -> list[Path]:
@@ -279,12 +279,7 @@ def _inputs() -> list[Path]:
 def keywords_of(function: Callable[..., object], **others: object) -> dict[str, Any]:
     """What the command line says of the keywords of a function, which have the names of options.
 
-    Parameters
-    ----------
-    function
-        Of the library.
-    others
-        Values that come before those of the command line.
+    ``others`` are values that come before those of the command line.
     """
     values = {"progress": ShownProgress(), **_RUNNING.get().values, **others}
     taken = inspect.signature(function).parameters.values()
@@ -303,14 +298,8 @@ def wants_json() -> bool:
 def answer(document: object, show: Callable[[], None], notes: Iterable[str] = ()) -> None:
     """Print what a command found: for people, or with --json as one document.
 
-    Parameters
-    ----------
-    document
-        Lists, numbers and text, or the model of a file; or a function that returns it.
-    show
-        Prints it for people.
-    notes
-        Remarks on it; those that were printed meanwhile are not printed again.
+    The document is lists, numbers and text, the model of a file, or a function that returns them.
+    Of the notes on it, those that were printed meanwhile are not printed again.
     """
     note_once(notes)
     if wants_json():
@@ -319,26 +308,13 @@ def answer(document: object, show: Callable[[], None], notes: Iterable[str] = ()
         show()
 
 
-def refuse_overwriting(
+def _refuse_overwriting(
     outputs: Sequence[Path | None], inputs: Sequence[Path | None] = (), *, force: bool
 ) -> None:
-    """Refuse, before any work, a result that would overwrite something.
+    """Refuse, before any work, results that would overwrite something; None is not asked for.
 
-    Parameters
-    ----------
-    outputs
-        Every file that the command will write; None for what is not asked for.
-    inputs
-        The files that it reads.
-    force
-        Whether results that are already there may be replaced. Inputs never may.
-
-    Raises
-    ------
-    BadParameter
-        If a result is an input or another result.
-    ApplicationError
-        If there is a file at its place already, or none can be put there; the message names it.
+    A result that is an input or another result is wrong usage; one that is there already, unless
+    ``force``, or that cannot be put there, is an error of the data.
     """
     # Path.resolve raises where symbolic links form a loop; the reader names that better.
     taken = {realpath(path) for path in inputs if path is not None}
@@ -374,7 +350,7 @@ def refuse_overwriting(
         require_place(path)
 
 
-def refuse_suffix(path: Path | None, option: str, suffixes: Collection[str]) -> None:
+def _refuse_suffix(path: Path | None, option: str, suffixes: Collection[str]) -> None:
     """Refuse a file name whose suffix does not match the format that is written."""
     if path is not None and path.suffix.lower() not in suffixes:
         names = " or ".join(sorted(suffixes))

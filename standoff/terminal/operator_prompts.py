@@ -25,12 +25,8 @@ RETAKE_QUESTION = "Enter to keep it, r to retake it"
 class Operator:
     """The operator who places targets; asks until it gets a valid answer.
 
-    Parameters
-    ----------
-    answer
-        Asks a question and returns the answer without its line ending.
-    hidden
-        Hides the progress display while the operator is asked.
+    ``answer`` asks a question and returns the answer without its line ending, ``hidden`` hides the
+    progress display meanwhile.
     """
 
     def __init__(
@@ -42,15 +38,7 @@ class Operator:
         self.hidden = hidden
 
     def ask(self, question: str) -> str:
-        """Ask a question on stderr.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            If the terminal's input was closed (Ctrl-D).
-        ApplicationError
-            If a script has no answers left.
-        """
+        """Ask a question on stderr; a terminal that was closed (Ctrl-D) interrupts."""
         with self.hidden():
             return self._answer(question)
 
@@ -98,15 +86,7 @@ class TerminalOperator(Operator):
 
 
 class ScriptedOperator(Operator):
-    """A script that answers each question with one line.
-
-    Parameters
-    ----------
-    lines
-        The answers in order.
-    source
-        Their name in an error message.
-    """
+    """A script that answers each question with one line; errors name its source."""
 
     def __init__(self, lines: Iterator[str], source: str) -> None:
         super().__init__(self._next_line)

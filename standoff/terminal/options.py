@@ -56,13 +56,7 @@ BenchKeys = Annotated[
 
 
 def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
-    """Read a bench file with its ``--set`` overrides; a bad override is wrong usage.
-
-    Raises
-    ------
-    BenchConfigError
-        If the file itself cannot be read or has an invalid key or value.
-    """
+    """Read a bench file with its ``--set`` overrides; a bad override is wrong usage."""
     from acquisition.bench import load_bench, parse_overrides
     from acquisition.errors import BenchConfigError
 
@@ -182,13 +176,7 @@ _Mean = Annotated[
 def reading_options(
     encoding: EncodingName = "auto", page: _Page = None, mean: _Mean = False
 ) -> ReadOptions:
-    """Return how photographs are read by the values of these options.
-
-    Raises
-    ------
-    BadParameter, ArgumentError
-        If the encoding is unknown, or two options contradict each other.
-    """
+    """Return how photographs are read by the values of these options."""
     if mean and page is not None:
         raise BadParameter("give --page or --mean, not both", param_hint="--mean")
     try:

@@ -326,7 +326,7 @@ def _reading_text(reading: FocusReading) -> str:
 _VERDICT_STYLES = {"go": "bold green", "no go": "bold red", "unsure": "bold yellow"}
 
 
-def verdict_line(name: str, verdict: PoseVerdict) -> str:
+def _verdict_line(name: str, verdict: PoseVerdict) -> str:
     """One line for the operator: verdict, margin and reason."""
     word = "accept" if verdict.accepted else "reject" if verdict.dprime is not None else "lost"
     if verdict.verdict == "unsure":
@@ -341,21 +341,17 @@ def verdict_display(
 ) -> Iterator[Callable[[str, PoseVerdict], None]]:
     """Yield a callback that shows a verdict of a stream, given the frame's name and the verdict.
 
-    Parameters
-    ----------
-    is_live
-        A camera's verdicts go to stderr, no faster than the eye; a folder's all go to stdout.
-    is_silent
-        Show nothing on stdout, which is for a JSON document; a camera's still go to stderr.
+    A camera's verdicts go to stderr, no faster than the eye; a folder's all go to stdout, unless
+    ``is_silent``: that is for a JSON document.
     """
     if is_live:
         with LiveLine() as line:
             yield lambda name, verdict: line.show(
-                verdict_line(name, verdict),
+                _verdict_line(name, verdict),
                 _VERDICT_STYLES[verdict.verdict],
                 now_s=time.monotonic(),
             )
     elif is_silent:
         yield lambda name, verdict: None
     else:
-        yield lambda name, verdict: say(verdict_line(name, verdict))
+        yield lambda name, verdict: say(_verdict_line(name, verdict))

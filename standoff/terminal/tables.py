@@ -235,16 +235,10 @@ def say_part(
     writes: str = "",
     out: Path | None = None,
 ) -> None:
-    """Tell of one of several parts, while others are not done.
+    """Tell of one of several parts, while others are not done: ``sweep`` counts ``what``.
 
-    Parameters
-    ----------
-    what
-        Of which ``sweep`` counts the images.
-    writes
-        What the command does once all parts are done; without it the last part writes tables.
-    out
-        Where the results are by now.
+    ``writes`` is what the command does once all parts are done; without it the last part writes
+    tables, into ``out``.
     """
     shard = f"{options.part[0]}/{options.part[1]}"
     then = "the part that ends last writes the tables"
@@ -274,10 +268,7 @@ def report_refused(sweep: SweepSummary, given: str) -> None:
 def end_refused(sweep: SweepSummary, sentence: str) -> None:
     """End with a sentence on the refused photographs, if there are any.
 
-    Raises
-    ------
-    ApplicationError
-        If a photograph was refused; it says why, and remarks say it for the first of several.
+    An error says why one was refused; remarks say it for the first of several.
     """
     if sweep.refused == 1:
         raise ApplicationError(f"{sweep.refused_lines[0]}; {sentence}")

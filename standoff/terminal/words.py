@@ -135,16 +135,9 @@ def _by_word(words: Mapping[str, str]) -> dict[str, str]:
 
 
 def meant_command(word: str, group: str, commands: Iterable[str]) -> str | None:
-    """Return the command, perhaps with an option, that is meant by a word; None if none is.
+    """Return the command, perhaps with an option, that a word means in a group; None if none is.
 
-    Parameters
-    ----------
-    word
-        What was typed in place of a command; ``lens report`` and ``lens_report`` are one word.
-    group
-        Command whose sub-commands these are; ``standoff`` for the application.
-    commands
-        Names of the commands that there are.
+    ``lens report`` and ``lens_report`` are one word; the group of the application is ``standoff``.
     """
     meant = _by_word(_OF_GROUPS.get(group, {}) if group != "standoff" else _WORDS)
     meant = {**meant, **{name: name for name in commands}}
