@@ -7,7 +7,6 @@ from .declaration import (
     REPORT as REPORT,
     Force as Force,
     Given as Given,
-    Json as Json,
     MadeBy as MadeBy,
     Result as Result,
     answer as answer,
@@ -98,4 +97,4 @@ from .tables import (
     say_part as say_part,
     value_cells as value_cells,
 )
-from .words import EXAMPLES as EXAMPLES, examples_text as examples_text
+from .words import EXAMPLES as EXAMPLES
