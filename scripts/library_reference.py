@@ -305,6 +305,7 @@ def _signature(name: str, found: Any) -> str:  # noqa: ANN401 - a function or a 
     arguments, result = [], ""
     if isinstance(node, ast.FunctionDef):
         arguments, result = _written(node.args), f" -> {_text(node.returns)}"
+        arguments += _taken_over(node)
     elif isinstance(node, ast.ClassDef):
         made = _constructor(found, node)
         if made is None:
@@ -313,14 +314,34 @@ def _signature(name: str, found: Any) -> str:  # noqa: ANN401 - a function or a 
             arguments = ["*", *arguments] if arguments else []
         else:
             arguments = [one for one in _written(made.args) if one != "self"]
-    known = inspect.getmodule(found).__dict__
-    arguments = [
-        _CONSTANT.sub(lambda constant: f" = {known[constant['name']]!r}", one) for one in arguments
-    ]
+    arguments = _with_values(arguments, found)
     line = f"{name}({', '.join(arguments)}){result}"
     if len(line) <= _WIDTH:
         return line
     return "\n".join([f"{name}(", *(f"    {one}," for one in arguments), f"){result}"])
+
+
+def _with_values(arguments: list[str], found: Any) -> list[str]:  # noqa: ANN401 - as above
+    """Arguments with what the constants among their defaults stand for."""
+    known = inspect.getmodule(found).__dict__
+    return [
+        _CONSTANT.sub(lambda constant: f" = {known[constant['name']]!r}", one) for one in arguments
+    ]
+
+
+def _taken_over(node: ast.FunctionDef) -> list[str]:
+    """The keywords that a function has of another public one, instead of ``**how``."""
+    own = {one.arg for one in (*node.args.args, *node.args.kwonlyargs)}
+    found: list[str] = []
+    for decorator in node.decorator_list:
+        if isinstance(decorator, ast.Call) and _text(decorator.func) == "with_keywords_of":
+            other = getattr(standoff, _text(decorator.args[0]))
+            made = ast.parse(textwrap.dedent(inspect.getsource(other))).body[0]
+            assert isinstance(made, ast.FunctionDef)
+            keywords = zip(made.args.kwonlyargs, made.args.kw_defaults, strict=True)
+            written = [_argument(one, default) for one, default in keywords if one.arg not in own]
+            found += _with_values(written, other)
+    return found
 
 
 def _fields(found: type) -> Iterator[ast.AnnAssign]:

@@ -12,7 +12,11 @@ from .document import (
 )
 from .filter import ChangeResult as ChangeResult, find_changes as find_changes
 from .matching import smoothing_for as smoothing_for
-from .photograph_pair import ChangeOptions as ChangeOptions, CodedAlike as CodedAlike
+from .options import (
+    ChangeCriteria as ChangeCriteria,
+    ChangeOptions as ChangeOptions,
+    CodedAlike as CodedAlike,
+)
 from .plot import changes_figure as changes_figure
 from .prediction import (
     ExpectedFilters as ExpectedFilters,

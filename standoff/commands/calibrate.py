@@ -1,11 +1,11 @@
-"""``standoff calibrate``: the PSF from photographs of edges."""
+"""``standoff calibrate`` and ``standoff compare``: the PSF, and whether it has changed."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from typer import Argument, Context, Option
+from typer import BadParameter, Option
 
 from calibration.choices import CalibrationMethod, Channel, Pattern, TargetChoice
 from standoff import library, terminal
@@ -18,7 +18,12 @@ _LINEAR = "--noise and --correct apply to linear grey levels"
 
 _NAMED = "What the first page of the report calls the {}."
 
-_RULES = (
+
+def _spelt(region: str | None) -> str | None:
+    return "centre" if region == "center" else region
+
+
+@terminal.command(
     terminal.exactly_one("images", "session"),
     terminal.excludes("session", "srgb", because="captures are linear and grey"),
     terminal.needs("channel", "images", "bayer", because="captures are linear and grey"),
@@ -33,81 +38,27 @@ _RULES = (
         terminal.needs(option, _WITH_AN_EDGE_TARGET)
         for option in ("report", "bayer", "csv", "limits", "pixel_pitch_um", "target")
     ),
+    suffixes_last=True,
 )
-
-
-def _spelt(region: str | None) -> str | None:
-    return "centre" if region == "center" else region
-
-
 def calibrate(
-    context: Context,
-    images: Annotated[
-        list[Path] | None, Argument(help="Photographs of edges.", show_default=False)
-    ] = None,
+    images: list[Path] | None = None,
     *,
-    out: Annotated[Path, Option(help="Where to write psf.json.")],
-    session: Annotated[
-        Path | None, Option(help="Capture session whose edge captures are used.")
-    ] = None,
-    method: Annotated[
-        CalibrationMethod,
-        Option(
-            help="Edges at any angle, or as in the paper; without an edge target, the edges of a "
-            "scene, or one scene at two distances."
-        ),
-    ] = "all-angles",
-    zoom: Annotated[
-        float | None,
-        Option(
-            help="Distance ratio (two-distance); found from image features by default.",
-            callback=terminal.checked_zoom,
-        ),
-    ] = None,
-    region: Annotated[
-        str | None,
-        Option(
-            help="Part of the image to use: centre, or X,Y,W,H in px; all of it by default.",
-            callback=_spelt,
-        ),
-    ] = None,
-    target: Annotated[
-        TargetChoice,
-        Option(
-            help="Whether edges of the scene beside an edge target are left out (auto), or all "
-            "edges count."
-        ),
-    ] = "auto",
-    encoding: terminal.EncodingName = "auto",
-    srgb: terminal.ShortEncoding = None,
-    page: terminal.Page = None,
-    mean: terminal.Mean = False,
-    channel: Annotated[
-        Channel | None,
-        Option(help="Channel of colour photographs; luma by default, green with --bayer."),
-    ] = None,
-    bayer: Annotated[
-        Pattern | None,
-        Option(help="Bayer pattern of raw mosaics; each colour is measured separately."),
-    ] = None,
-    noise: Annotated[
-        Path | None, Option(help="noise.json of the camera, for photographs of unknown variance.")
-    ] = None,
-    correct: Annotated[
-        Path | None, Option(help="noise.json whose dark, flat and defect maps are applied first.")
-    ] = None,
-    csv: Annotated[
-        Path | None,
-        Option(help="Also write a CSV table of the edges of an edge target, with their SFR."),
-    ] = None,
-    report: Annotated[
-        Path | None, Option(help="Also write a report on an edge target (HTML or PDF).")
-    ] = None,
+    out: Annotated[Path, terminal.Result(".json")],
+    session: Path | None = None,
+    method: CalibrationMethod = "all-angles",
+    zoom: Annotated[float | None, Option(callback=terminal.checked_zoom)] = None,
+    region: Annotated[str | None, Option(callback=_spelt)] = None,
+    target: TargetChoice = "auto",
+    reading: terminal.ReadingWithShortForms,
+    channel: Channel | None = None,
+    bayer: Pattern | None = None,
+    noise: Path | None = None,
+    correct: Path | None = None,
+    csv: Annotated[Path | None, terminal.Result(".csv")] = None,
+    report: Annotated[Path | None, terminal.REPORT] = None,
     pixel_pitch_um: Annotated[
         float | None,
         Option(
-            help="Pixel pitch of the sensor, for lp/mm; by default as the session's bench file or "
-            "EXIF states.",
             parser=terminal.quantity("pixel_pitch_um"),
             callback=terminal.checked_pitch,
             metavar="UM",
@@ -119,61 +70,59 @@ def calibrate(
         str | None, Option(help=_NAMED.format("target with the edges"), metavar="TEXT")
     ] = None,
     customer: Annotated[str | None, Option(help=_NAMED.format("customer"), metavar="TEXT")] = None,
-    bench: Annotated[
-        Path | None,
-        Option(help="Bench file (TOML) that states these and the pixel pitch: [labels], [optics]."),
-    ] = None,
-    limits: Annotated[
-        Path | None, Option(help="Limits for pass and fail (TOML); the exit status stays 0.")
-    ] = None,
-    force: terminal.Force = False,
-    json: terminal.Json = False,
+    bench: Path | None = None,
+    limits: Path | None = None,
 ) -> None:
     """Measure the sharpness of a lens and camera: PSF, MTF and SFR of straight edges, at any angle.
 
     Photographs in colour also show lateral chromatic aberration. --report writes a lens report.
+
+    Options
+    -------
+    images: Photographs of edges.
+    out: Where to write psf.json.
+    session: Capture session whose edge captures are used.
+    method: Edges at any angle, or as in the paper; without an edge target, the edges of a scene, or
+        one scene at two distances.
+    zoom: Distance ratio (two-distance); found from image features by default.
+    region: Part of the image to use: centre, or X,Y,W,H in px; all of it by default.
+    target: Whether edges of the scene beside an edge target are left out (auto), or all edges
+        count.
+    channel: Channel of colour photographs; luma by default, green with --bayer.
+    bayer: Bayer pattern of raw mosaics; each colour is measured separately.
+    noise: noise.json of the camera, for photographs of unknown variance.
+    correct: noise.json whose dark, flat and defect maps are applied first.
+    csv: Also write a CSV table of the edges of an edge target, with their SFR.
+    report: Also write a report on an edge target (HTML or PDF).
+    pixel_pitch_um: Pixel pitch of the sensor, for lp/mm; by default as the session's bench file or
+        EXIF states.
+    bench: Bench file (TOML) that states these and the pixel pitch: [labels], [optics].
+    limits: Limits for pass and fail (TOML); the exit status stays 0.
     """
-    terminal.check_options(context, _RULES)
-    terminal.refuse_overwriting(
-        [out, csv, report], [*(images or []), noise, correct, limits, bench], force=force
-    )
-    terminal.refuse_suffix(out, "--out", {".json"})
-    terminal.refuse_suffix(csv, "--csv", {".csv"})
-    terminal.refuse_suffix(report, "--report", terminal.REPORTS)
-    found_in = _region(region)
     labels = {"lens": lens, "camera": camera, "target": chart, "customer": customer}
-    library.require_writable([out, csv, report])
-    psf = library.calibrate_psf(
-        (images or ()) if session is None else library.Session(session),
-        method=method,
-        zoom=zoom,
-        region=found_in,
-        target=target,
-        channel=channel,
-        bayer=bayer,
-        noise=noise,
-        correct=correct,
-        pixel_pitch_um=pixel_pitch_um,
-        limits=limits,
+    how = terminal.keywords_of(
+        library.calibrate_psf,
+        region=_region(region),
         labels={name: text for name, text in labels.items() if text is not None},
-        bench=bench,
-        report=report,
-        reading=terminal.reading_options(encoding, page, mean, srgb),
-        progress=terminal.ShownProgress(),
+    )
+    psf = library.calibrate_psf(
+        (images or ()) if session is None else library.Session(session), **how
     )
     library.write_psf(out, psf)
     if csv is not None:
         library.write_edge_table(csv, psf)
-    terminal.note_once(psf.notes)
-    if json:
-        terminal.print_json(psf)
-        return
-    terminal.print_psf(psf)
-    if method in ("all-angles", "paper"):
-        terminal.print_edges(psf)
-    if psf.verdict is not None:
-        terminal.print_verdict(psf.verdict)
-    terminal.say(f"wrote {', '.join(str(path) for path in (out, csv, report) if path is not None)}")
+
+    def show() -> None:
+        terminal.print_psf(psf)
+        if method in ("all-angles", "paper"):
+            terminal.print_edges(psf)
+        if psf.verdict is not None:
+            terminal.print_verdict(psf.verdict)
+        terminal.say(
+            f"wrote {', '.join(str(one) for one in (out, csv, report) if one is not None)}"
+        )
+
+    terminal.answer(psf, show, psf.notes)
 
 
 def _region(text: str | None) -> Region | Literal["centre"] | None:
@@ -184,3 +133,67 @@ def _region(text: str | None) -> Region | Literal["centre"] | None:
     from calibration.edges import Region
 
     return terminal.parsed_region(text, "centre or X,Y,W,H in px", Region)
+
+
+@terminal.command(terminal.needs("report", "history"))
+def compare(
+    files: list[Path],
+    *,
+    history: Annotated[bool, Option("--history")] = False,
+    report: Annotated[Path | None, terminal.REPORT] = None,
+) -> None:
+    """Test whether the PSF has changed between two calibrations, or show it over time.
+
+    Options
+    -------
+    files: Two psf.json files; with --history, any number of files or folders.
+    history: Show all calibrations by camera and over time.
+    report: Also write a report on the history (HTML or PDF).
+    """
+    if history:
+        told = library.psf_history(files, progress=terminal.ShownProgress())
+        if report is not None:
+            told.write_report(report)
+        terminal.answer(told.to_json, lambda: _show_history(told, report))
+        return
+    if len(files) != 2:
+        raise BadParameter(f"give two psf.json files, got {len(files)}; or use --history")
+    change = library.compare_psfs(*files)
+    terminal.answer(change.to_json, lambda: _show_change(change), change.notes)
+
+
+def _show_change(change: library.PsfComparison) -> None:
+    from calibration.sharpness import NORMAL_95, with_reach
+
+    terminal.print_table(
+        "PSF, ± at 95 %",
+        ["", "first", "second", "difference", "z", "p", "p (Holm)"],
+        [
+            [
+                one.name,
+                with_reach(one.first, NORMAL_95 * one.first_err, 4),
+                with_reach(one.second, NORMAL_95 * one.second_err, 4),
+                with_reach(one.difference, NORMAL_95 * one.difference_err, 4),
+                f"{one.z:+.2f}",
+                f"{one.p_value:.2g}",
+                f"{one.p_value_holm:.2g}",
+            ]
+            for one in change.parameters
+        ],
+    )
+    terminal.say(change.verdict)
+
+
+def _show_history(found: library.PsfHistory, report: Path | None) -> None:
+    for section in found.sections:
+        table = section.tables[0]
+        terminal.print_table(
+            f"{section.title}, ± at 95 %",
+            table.columns,
+            table.rows,
+            ends_in_words=table.ends_in_words,
+        )
+        for sentence in section.text[1:]:
+            terminal.say(sentence)
+    if report is not None:
+        terminal.say(f"wrote {report}")

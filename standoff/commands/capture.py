@@ -1,4 +1,7 @@
-"""``standoff capture``: run a capture plan, or resume an interrupted session."""
+"""``standoff capture`` and ``standoff plan-study``: run a capture plan, and what it would tell.
+
+An interrupted session is resumed.
+"""
 
 from __future__ import annotations
 
@@ -17,42 +20,42 @@ from standoff.errors import ApplicationError
 
 if TYPE_CHECKING:
     from acquisition.capture import CaptureProgress, PlanPreview
+    from analysis.study import PlanStudy, PredictedQuantity
 
 
+@terminal.command()
 def capture(
     *,
     bench: terminal.BenchFile,
-    plan: Annotated[Path, Option(help="Capture plan (TOML).")],
-    out: Annotated[Path, Option(help="Session folder; an existing session is resumed.")],
-    yes: Annotated[
-        bool, Option("--yes", help="Do not ask; the simulated bench places its own targets.")
-    ] = False,
-    placed: Annotated[
-        bool, Option("--placed", help="Do not ask; the plan's only target is in place.")
-    ] = False,
-    answers: Annotated[
-        Path | None,
-        Option(help="File with one answer per line (- for stdin), from a scripted operator."),
-    ] = None,
-    retake: Annotated[
-        list[int] | None, Option(metavar="I", help="Take capture I again; may be repeated.")
-    ] = None,
-    dry_run: Annotated[
-        bool, Option("--dry-run", help="Show what the plan asks for, and exit.")
-    ] = False,
+    plan: Path,
+    out: Path,
+    yes: Annotated[bool, Option("--yes")] = False,
+    placed: Annotated[bool, Option("--placed")] = False,
+    answers: Path | None = None,
+    retake: Annotated[list[int] | None, Option(metavar="I")] = None,
+    dry_run: Annotated[bool, Option("--dry-run")] = False,
     operator: terminal.OperatorName = None,
     settings: terminal.BenchKeys = None,
-    json: terminal.Json = False,
 ) -> None:
     """Run a capture plan, or resume an interrupted session.
 
     Press Enter to pause before the next capture. Ctrl-C ends the run; the same command
     resumes it.
+
+    Options
+    -------
+    plan: Capture plan (TOML).
+    out: Session folder; an existing session is resumed.
+    yes: Do not ask; the simulated bench places its own targets.
+    placed: Do not ask; the plan's only target is in place.
+    answers: File with one answer per line (- for stdin), from a scripted operator.
+    retake: Take capture I again; may be repeated.
+    dry_run: Show what the plan asks for, and exit.
     """
     config = terminal.read_bench(bench, settings)
     preview = library.preview_plan(plan, config, out)
     if dry_run:
-        _print_plan(preview, out, json=json)
+        terminal.answer(preview.to_json, lambda: _print_plan(preview, out))
         terminal.note(*preview.notes)
         return
     require_folder(out, is_written=True)
@@ -86,13 +89,13 @@ def capture(
             captured=lambda done: progress.describe(_captured_text(done)),
             progress=progress,
         )
-    if json:
-        terminal.print_json(found.to_json())
-    else:
-        terminal.say(
+    terminal.answer(
+        found.to_json,
+        lambda: terminal.say(
             f"{out}: {found.captured} captured, {found.already_captured} captured earlier, "
             f"{found.skipped} skipped"
-        )
+        ),
+    )
 
 
 def _operator(
@@ -133,10 +136,7 @@ def _captured_text(done: CaptureProgress) -> str:
     )
 
 
-def _print_plan(preview: PlanPreview, out: Path, *, json: bool) -> None:
-    if json:
-        terminal.print_json(preview.to_json())
-        return
+def _print_plan(preview: PlanPreview, out: Path) -> None:
     terminal.print_table(
         f"{len(preview.entries)} captures",
         ["index", "kind", "target", "orientation / deg", "height / mm"],
@@ -146,3 +146,105 @@ def _print_plan(preview: PlanPreview, out: Path, *, json: bool) -> None:
         ],
     )
     terminal.say(terminal.preview_line(preview.estimate, out))
+
+
+_LEVELS = terminal.ListedNumbers(option="--levels")
+
+
+@terminal.command()
+def plan_study(
+    *,
+    bench: terminal.BenchFile,
+    plan: Path,
+    psf: Path,
+    want: Annotated[list[str] | None, Option(metavar="NAME=VALUE")] = None,
+    photographs: list[Path] | None = None,
+    photograph_count: Annotated[int | None, Option(min=1)] = None,
+    focus_scatter_px2: Annotated[float | None, Option("--focus-scatter", min=0)] = None,
+    height_scatter_mm: Annotated[float | None, Option("--height-scatter", min=0)] = None,
+    noise: Path | None = None,
+    geometry: Path | None = None,
+    edges_per_capture: Annotated[int | None, Option(min=1)] = None,
+    edge_length_px: Annotated[float | None, Option("--edge-length", min=1)] = None,
+    levels: Annotated[str | None, Option(metavar="DARK,BRIGHT")] = None,
+    board: terminal.Board,
+    scene_noise_dn: Annotated[float | None, Option("--scene-noise")] = None,
+    contrast_dn: Annotated[float | None, Option("--contrast")] = None,
+    signal_sigma_px: Annotated[float, Option("--signal-sigma", min=0.3)] = 2.0,
+    min_d_prime: terminal.MinDprime = 2.0,
+    out: Annotated[Path | None, terminal.Result(".json")] = None,
+    settings: terminal.BenchKeys = None,
+) -> None:
+    """Predict what a planned session will know, and what it would take to know more.
+
+    Options
+    -------
+    plan: Capture plan (TOML).
+    psf: psf.json, as known today.
+    want: What is wanted, as half a 95 % interval: sigma=0.5%, transfer=1%, pupil=0.5mm, dprime=5%
+        or tilt=0.3deg; may be repeated.
+    photographs: Photograph of the scene; may be repeated. Built-in pictures by default.
+    photograph_count: Photographs of the scene that are planned; those given by default.
+    focus_scatter_px2: Scatter of the PSF's variance between captures in px^2; psf.json's if any.
+    height_scatter_mm: Scatter of heights read back about the true ones in mm.
+    noise: noise.json of the camera.
+    geometry: geometry.json of an earlier session.
+    edges_per_capture: Edges that a capture shows; as in psf.json by default.
+    edge_length_px: Length of an edge in px; as in psf.json by default.
+    levels: Levels of the edges in DN.
+    scene_noise_dn: Noise of a pixel of the photographs in DN.
+    contrast_dn: Peak of the change in DN; 5 % of the mean level by default.
+    signal_sigma_px: Sigma of the Gaussian change in px.
+    out: Also write study.json.
+    """
+    from acquisition.bench import parse_overrides
+
+    terminal.read_bench(bench, settings)  # a bad override is wrong usage
+    how = terminal.keywords_of(
+        library.plan_study,
+        want=want or (),
+        photographs=photographs or (),
+        levels_dn=_two_levels(levels),
+        settings=parse_overrides(settings or []),
+    )
+    found = library.plan_study(plan, bench, psf, **how)
+    if out is not None:
+        library.write_study(out, found)
+    terminal.answer(found, lambda: _print_study(found, out))
+
+
+def _two_levels(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    found = terminal.number_list(text, _LEVELS)
+    if len(found) != 2 or not found[0] < found[1]:
+        raise BadParameter(f"expected DARK,BRIGHT, got {text}", param_hint="--levels")
+    return found[0], found[1]
+
+
+def _print_study(found: PlanStudy, out: Path | None) -> None:
+    from analysis.study import NAMES
+
+    terminal.print_table(
+        f"What the plan will know: {found.captures} captures of {found.frames_per_capture} frames, "
+        f"{found.edges} edges, {found.photographs} photographs of the scene",
+        ["", "value", "± at 95 %", "relative", "mostly by"],
+        [[NAMES[one.quantity], *_cells(one)] for one in found.predicted],
+        ends_in_words=True,
+    )
+    terminal.say(*(one.sentence for one in found.wants))
+    terminal.say(*(f"taken for granted: {text}" for text in found.assumptions))
+    terminal.say(f"next: {found.next_step}")
+    if out is not None:
+        terminal.say(f"wrote {out}")
+
+
+def _cells(one: PredictedQuantity) -> list[str]:
+    value = "unknown" if one.value is None else f"{one.value:.5g}"
+    if one.half_width_95 is None:
+        return [value, "", "", one.undetermined or ""]
+    relative = f"{100 * one.half_width_95 / abs(one.value):.2g} %" if one.value else ""
+    mostly = ", ".join(
+        f"{part.source} ({100 * part.share:.0f} %)" for part in one.budget if part.share >= 0.1
+    )
+    return [value, f"{one.half_width_95:.2g}", relative, mostly]

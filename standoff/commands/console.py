@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json as json_format
+import json
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,56 +21,36 @@ from standoff.shipped_configs import shipped_config
 DEFAULT_PORT = 8470
 
 
+@terminal.command()
 def console(
     *,
     bench: terminal.BenchFile,
-    sessions: Annotated[
-        Path, Option(help="Folder for capture sessions; created with the first one.")
-    ] = Path("sessions"),
-    plans: Annotated[
-        list[Path] | None,
-        Option(
-            metavar="FOLDER",
-            help="Folder of capture plans, besides the bench file's; may be repeated. New plans "
-            "are written to the first, or to plans in the folder of sessions.",
-        ),
-    ] = None,
-    port: Annotated[
-        int, Option(min=0, max=65535, help="Port to listen on; 0 picks a free one.")
-    ] = DEFAULT_PORT,
-    host: Annotated[
-        str, Option(help="Address to listen on; other computers need --token.")
-    ] = "127.0.0.1",
-    token: Annotated[
-        str | None,
-        Option(
-            envvar="STANDOFF_TOKEN",
-            help="Secret for opening the console; safer in the environment than here.",
-        ),
-    ] = None,
-    curves: Annotated[
-        Path | None, Option(help="curves.json for judging the camera's pose.")
-    ] = None,
-    min_dprime: Annotated[
-        float, Option("--min-dprime", help="Lowest d' that is good enough.")
-    ] = 2.0,
-    model: terminal.CurveModel = None,
-    observer: terminal.CurveObserver = None,
-    noise: terminal.CurveNoise = None,
-    contrast: terminal.CurveContrast = None,
-    board: Annotated[
-        str,
-        Option(
-            metavar="COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]",
-            help="The ChArUco board for levelling the camera.",
-        ),
-    ] = DEFAULT_BOARD_TEXT,
+    sessions: Path = Path("sessions"),
+    plans: Annotated[list[Path] | None, Option(metavar="FOLDER")] = None,
+    port: Annotated[int, Option(min=0, max=65535)] = DEFAULT_PORT,
+    host: str = "127.0.0.1",
+    token: Annotated[str | None, Option(envvar="STANDOFF_TOKEN")] = None,
+    curves: Path | None = None,
+    min_dprime: Annotated[float, Option("--min-dprime")] = 2.0,
+    choice: terminal.Choice,
+    board: Annotated[str, Option(metavar=terminal.BOARD_FORM)] = DEFAULT_BOARD_TEXT,
     settings: terminal.BenchKeys = None,
-    json: terminal.Json = False,
 ) -> None:
     """Serve the operator console as a web page on this computer, until Ctrl-C.
 
     Closing the page changes nothing: the bench is controlled from here.
+
+    Options
+    -------
+    sessions: Folder for capture sessions; created with the first one.
+    plans: Folder of capture plans, besides the bench file's; may be repeated. New plans are written
+        to the first, or to plans in the folder of sessions.
+    port: Port to listen on; 0 picks a free one.
+    host: Address to listen on; other computers need --token.
+    token: Secret for opening the console; safer in the environment than here.
+    curves: curves.json for judging the camera's pose.
+    min_dprime: Lowest d' that is good enough.
+    board: The ChArUco board for levelling the camera.
     """
     if any(find_spec(name) is None for name in ("starlette", "uvicorn", "websockets")):
         raise ApplicationError(
@@ -92,7 +72,6 @@ def console(
     for folder in (sessions, *(plans or ())):
         require_folder(folder)
     config = terminal.read_bench(bench, settings)
-    choice = terminal.curve_choice(model, observer, noise, contrast)
     hub = BenchHub(
         config,
         bench_drivers(config),
@@ -111,8 +90,8 @@ def console(
         entry = url if token is None else f"{url}login?token={quote(token)}"
 
         def ready() -> None:
-            if json:
-                typer.echo(json_format.dumps({"url": url}))
+            if terminal.wants_json():
+                typer.echo(json.dumps({"url": url}))
             else:
                 terminal.say(f"console at {entry}; Ctrl-C ends")
                 if token is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
-from typer import Argument, BadParameter, Option
+from typer import BadParameter, Option
 
 from acquisition.remote_files import url_of
 from analysis.choices import ALL_OBSERVERS, OBSERVERS, REFERENCE_ZOOM, WINDOW_PX
@@ -30,33 +30,18 @@ def _odd(window: int) -> int:
     return window
 
 
+@terminal.command()
 def detectability(
-    images: Annotated[
-        list[Path],
-        Argument(
-            help="Photographs of the scene, or folders of them; URLs as well.", show_default=False
-        ),
-    ],
+    images: list[Path],
     *,
-    out: Annotated[
-        Path,
-        Option(help="Where to write curves.json, a URL as well; figures come beside it."),
-    ],
-    psf: Annotated[Path | None, Option(help="psf.json, or a PSF of your own.")] = None,
+    out: Annotated[Path, terminal.Result(".json", is_resumed=True)],
+    psf: Path | None = None,
     transfer: terminal.TransferForm = "best",
-    zooms: Annotated[
-        str, Option(help="Distance ratios, each at least 1.")
-    ] = "1,1.01,1.1,1.2,1.35,1.5,1.75,2,2.5,3,4",
-    noise: Annotated[
-        str, Option(help="Standard deviations of the noise in DN, S[,S...], or a noise.json.")
-    ] = "1,2,4",
-    contrast: Annotated[str, Option(help="Peaks of the change in DN, C[,C...].")] = "12",
-    signal_sigma: Annotated[
-        float, Option(min=0.3, help="Sigma of the Gaussian change, in px of the photographs.")
-    ] = 2.0,
-    signal: Annotated[
-        Path | None, Option(help="Image patch to use as the change, instead of a Gaussian.")
-    ] = None,
+    zooms: str = "1,1.01,1.1,1.2,1.35,1.5,1.75,2,2.5,3,4",
+    noise: str = "1,2,4",
+    contrast: str = "12",
+    signal_sigma: Annotated[float, Option(min=0.3)] = 2.0,
+    signal: Path | None = None,
     observer: Annotated[
         str,
         Option(
@@ -68,27 +53,29 @@ def detectability(
         _MODELS
     ),
     reference_zoom: terminal.ReferenceZoom = REFERENCE_ZOOM,
-    window: Annotated[
-        int, Option(min=5, help="Side of the observer's window in px; odd.", callback=_odd)
-    ] = WINDOW_PX,
-    focus_scatter: terminal.FocusScatter = None,
-    registration_error: Annotated[
-        float | None,
-        Option(min=0, help="Standard deviation of a pair's registration error in px, each axis."),
-    ] = None,
+    window: Annotated[int, Option(min=5, callback=_odd)] = WINDOW_PX,
+    focus_scatter_px2: terminal.FocusScatter = None,
+    registration_err_px: Annotated[float | None, Option("--registration-error", min=0)] = None,
     parquet: terminal.AsParquet = False,
-    workers: terminal.Workers = 1,
-    scheduler: terminal.Scheduler = None,
-    shard: terminal.PartOfShards = "1/1",
-    strict: terminal.Strict = False,
-    encoding: terminal.EncodingName = "auto",
-    page: terminal.Page = None,
-    mean: terminal.Mean = False,
+    sweep: terminal.Sweep,
+    reading: terminal.Reading,
     force: terminal.Force = False,
-    json: terminal.Json = False,
 ) -> None:
-    """Measure how well a change can be detected, at best, from different distances."""
-    terminal.refuse_suffix(out, "--out", {".json"})
+    """Measure how well a change can be detected, at best, from different distances.
+
+    Options
+    -------
+    images: Photographs of the scene, or folders of them; URLs as well.
+    out: Where to write curves.json, a URL as well; figures come beside it.
+    psf: psf.json, or a PSF of your own.
+    zooms: Distance ratios, each at least 1.
+    noise: Standard deviations of the noise in DN, S[,S...], or a noise.json.
+    contrast: Peaks of the change in DN, C[,C...].
+    signal_sigma: Sigma of the Gaussian change, in px of the photographs.
+    signal: Image patch to use as the change, instead of a Gaussian.
+    window: Side of the observer's window in px; odd.
+    registration_err_px: Standard deviation of a pair's registration error in px, each axis.
+    """
     zoom_list = terminal.number_list(zooms, _ZOOMS)
     contrasts = terminal.number_list(contrast, _CONTRASTS)
     observers = _chosen(observer, "--observer", ALL_OBSERVERS)
@@ -96,18 +83,19 @@ def detectability(
     noises = None if noise.endswith(".json") else terminal.number_list(noise, _NOISES)
     if psf is None and set(models) != {"bicubic"}:
         raise BadParameter(f"model {model} needs --psf psf.json", param_hint="--psf")
-    sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
     is_part = sweep.part[1] > 1  # which writes no curves
-    replaces = force or is_part or terminal.is_same_command(library.curves_made_by(out))
-    terminal.refuse_overwriting([out], [*images, psf, signal], force=replaces)
+    replaces = is_part or terminal.is_same_command(library.curves_made_by(out))
+    terminal.refuse_replacing(out, may_replace=replaces)
     from analysis.detectability import DetectionTask, GaussianSignal
     from analysis.parquet_table import require_parquet
+    from calibration.documents import json_object
 
     tables = [library.curve_table_path(out)] if parquet else []
     if parquet:
         require_parquet()
-    terminal.refuse_overwriting([*library.curve_figure_paths(out), *tables], force=replaces)
+    terminal.refuse_replacing(*library.curve_figure_paths(out), *tables, may_replace=replaces)
     library.require_writable([out])
+    how = terminal.keywords_of(library.measure_curves, noise=noise if noises is None else None)
     try:
         measured = library.measure_curves(
             images,
@@ -123,24 +111,21 @@ def detectability(
                 reference_zoom=reference_zoom,
                 window_px=window,
             ),
-            transfer=transfer,
-            signal=signal,
-            noise=noise if noises is None else None,
-            focus_scatter_px2=focus_scatter,
-            registration_err_px=registration_error,
-            sweep=sweep,
-            reading=terminal.reading_options(encoding, page, mean),
-            progress=terminal.ShownProgress(),
+            **how,
         )
     except ArgumentError as error:
         raise BadParameter(str(error), param_hint="--window") from error
     terminal.note_once(measured.notes)
     done, found = measured.photographs, measured.curves
     if found is None:
-        terminal.say_part_of_curves(shard, done, "measured", json=json)
+        terminal.say_part(sweep, done, "photographs measured", writes="writes the curves")
     else:
         written = [*measured.write(out, parquet=parquet), *tables]
-        _show_curves(out, written, found, json=json)
+        files = [url_of(path) for path in written]
+        terminal.answer(
+            lambda: {"out": url_of(out), "figures": files, **json_object(found)},
+            lambda: _show_curves(out, files, found),
+        )
     terminal.end_refused(
         done,
         "the curves are of the others"
@@ -150,14 +135,8 @@ def detectability(
     )
 
 
-def _show_curves(out: Path, figures: list[Path], found: DetectabilityCurves, *, json: bool) -> None:
+def _show_curves(out: Path, files: list[str], found: DetectabilityCurves) -> None:
     """Show the curves of the first contrast."""
-    files = [url_of(path) for path in figures]
-    if json:
-        from calibration.documents import json_object
-
-        terminal.print_json({"out": url_of(out), "figures": files, **json_object(found)})
-        return
     shown = [one for one in found.curves if one.contrast_dn == found.curves[0].contrast_dn]
     terminal.print_table(
         "d' against zoom; it is proportional to the contrast",

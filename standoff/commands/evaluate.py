@@ -6,7 +6,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, BadParameter, Context, Option
+from typer import BadParameter, Option
 
 from simulation.choices import DEFAULT_MODEL, Model
 from standoff import library, terminal
@@ -19,97 +19,73 @@ _TILTS = terminal.ListedNumbers(option="--tilts", least=0.0)
 _NOISES = terminal.ListedNumbers(option="--noise", least=0.0)
 _CONTRASTS = terminal.ListedNumbers(option="--contrast", least=-inf)
 
-_RULES = (
+
+@terminal.command(
     terminal.needs("after", "masks"),
     terminal.needs("masks", "after"),
     terminal.excludes("patch", "after", because="both say what changes"),
 )
-
-
 def evaluate(
-    context: Context,
-    detector: Annotated[
-        str,
-        Argument(
-            help="module:function, a command line with {reference}, {followup}, {homography} and "
-            "{out}, an ONNX file, a learned detector (.pt), or a built-in one: "
-            "absolute-difference, colour-difference, ncc, ssim, ir-mad or changes.",
-            show_default=False,
-        ),
-    ],
+    detector: str,
     *,
-    photographs: Annotated[
-        list[Path], Option(help="Photographs of the scene, or folders of them; may be repeated.")
-    ],
-    out: Annotated[
-        Path, Option(help="Where to write evaluation.json; the figures are written beside it.")
-    ],
-    psf: Annotated[Path | None, Option(help="psf.json, or a PSF of your own.")] = None,
+    photographs: list[Path],
+    out: Annotated[Path, terminal.Result(".json", is_resumed=True)],
+    psf: Path | None = None,
     transfer: terminal.TransferForm = "best",
-    zooms: Annotated[
-        str, Option(help="Distance ratios, each at least 1.")
-    ] = "1,1.1,1.25,1.5,2,2.5",
-    tilts: Annotated[
-        str, Option(help="Tilts of the follow-up in degrees; with --focal-length-px.")
-    ] = "0",
-    noise: Annotated[
-        str, Option(help="Standard deviations of the noise of both photographs in DN, S[,S...].")
-    ] = "2",
-    contrast: Annotated[
-        str | None,
-        Option(
-            help="Peaks of the change in DN, C[,C...], below 0 for darker ones, 12 by default; of "
-            "--patch and --after how much of it is there, 1 by default."
-        ),
-    ] = None,
-    signal_sigma: Annotated[
-        float, Option(min=0.3, help="Sigma of the Gaussian change, in px of the photographs.")
-    ] = 2.0,
-    patch: Annotated[
-        Path | None,
-        Option(help="Picture to paste as the change, as far as its alpha covers, instead."),
-    ] = None,
-    after: Annotated[
-        Path | None,
-        Option(help="Folder of the same scenes later, by the photographs' names; with --masks."),
-    ] = None,
-    masks: Annotated[
-        Path | None, Option(help="Folder of masks of what changed, by the photographs' names.")
-    ] = None,
-    pairs: Annotated[
-        int,
-        Option(min=1, help="Pairs with and pairs without a change for each photograph and point."),
-    ] = 20,
-    crop: Annotated[int, Option(min=16, help="Side of the reference of a pair in px.")] = 128,
+    zooms: str = "1,1.1,1.25,1.5,2,2.5",
+    tilts: str = "0",
+    noise: str = "2",
+    contrast: str | None = None,
+    signal_sigma: Annotated[float, Option(min=0.3)] = 2.0,
+    patch: Path | None = None,
+    after: Path | None = None,
+    masks: Path | None = None,
+    pairs: Annotated[int, Option(min=1)] = 20,
+    crop: Annotated[int, Option(min=16)] = 128,
     focal_length_px: terminal.FocalLengthOfTilts = None,
     focus_scatter: terminal.FocusScatterOfPairs = 0.0,
     light_scatter: terminal.LightScatter = 0.0,
-    model: Annotated[Model, Option(help="Capture model.")] = DEFAULT_MODEL,
+    model: Model = DEFAULT_MODEL,
     reference_zoom: terminal.ReferenceZoom = 1.0,
-    seed: Annotated[int, Option(min=0, help="Seed of all that is random.")] = 0,
-    timeout: Annotated[float, Option(min=0.01, help="Longest time for one pair in s.")] = 60.0,
-    report: Annotated[Path | None, Option(help="Also write a report page (HTML).")] = None,
-    workers: terminal.Workers = 1,
-    scheduler: terminal.Scheduler = None,
-    shard: terminal.PartOfShards = "1/1",
-    strict: terminal.Strict = False,
-    encoding: terminal.EncodingName = "auto",
-    page: terminal.Page = None,
-    mean: terminal.Mean = False,
+    seed: Annotated[int, Option(min=0)] = 0,
+    timeout_s: Annotated[float, Option("--timeout", min=0.01)] = 60.0,
+    report: Annotated[Path | None, terminal.Result(".html", ".htm", is_resumed=True)] = None,
+    sweep: terminal.Sweep,
+    reading: terminal.Reading,
     force: terminal.Force = False,
-    json: terminal.Json = False,
 ) -> None:
-    """Measure how well a change detector does, against distance ratio and tilt."""
-    terminal.check_options(context, _RULES)
-    terminal.refuse_suffix(out, "--out", {".json"})
-    terminal.refuse_suffix(report, "--report", {".html", ".htm"})
-    sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
+    """Measure how well a change detector does, against distance ratio and tilt.
+
+    Options
+    -------
+    detector: module:function, a command line with {reference}, {followup}, {homography} and {out},
+        an ONNX file, a learned detector (.pt), or a built-in one: absolute-difference,
+        colour-difference, ncc, ssim, ir-mad or changes.
+    photographs: Photographs of the scene, or folders of them; may be repeated.
+    out: Where to write evaluation.json; the figures are written beside it.
+    psf: psf.json, or a PSF of your own.
+    zooms: Distance ratios, each at least 1.
+    tilts: Tilts of the follow-up in degrees; with --focal-length-px.
+    noise: Standard deviations of the noise of both photographs in DN, S[,S...].
+    contrast: Peaks of the change in DN, C[,C...], below 0 for darker ones, 12 by default; of
+        --patch and --after how much of it is there, 1 by default.
+    signal_sigma: Sigma of the Gaussian change, in px of the photographs.
+    patch: Picture to paste as the change, as far as its alpha covers, instead.
+    after: Folder of the same scenes later, by the photographs' names; with --masks.
+    masks: Folder of masks of what changed, by the photographs' names.
+    pairs: Pairs with and pairs without a change for each photograph and point.
+    crop: Side of the reference of a pair in px.
+    model: Capture model.
+    seed: Seed of all that is random.
+    timeout_s: Longest time for one pair in s.
+    report: Also write a report page (HTML).
+    """
     is_part = sweep.part[1] > 1  # which writes no curves
-    replaces = force or is_part or terminal.is_same_command(library.evaluation_made_by(out))
-    terminal.refuse_overwriting([out, report], [*photographs, psf, patch], force=replaces)
-    terminal.refuse_overwriting(library.evaluation_figure_paths(out), force=replaces)
-    library.require_writable([out, report])
-    reading = terminal.reading_options(encoding, page, mean)
+    replaces = is_part or terminal.is_same_command(library.evaluation_made_by(out))
+    results = [path for path in (out, report) if path is not None]
+    terminal.refuse_replacing(*results, may_replace=replaces)
+    terminal.refuse_replacing(*library.evaluation_figure_paths(out), may_replace=replaces)
+    library.require_writable(results)
     is_spot = patch is None and after is None
     found = library.evaluate(
         detector,
@@ -134,21 +110,14 @@ def evaluate(
             light_scatter=light_scatter,
             seed=seed,
         ),
-        state=out.with_suffix(".sweep"),
-        after=after,
-        masks=masks,
-        transfer=transfer,
-        timeout_s=timeout,
-        sweep=sweep,
-        reading=reading,
-        progress=terminal.ShownProgress(),
+        **terminal.keywords_of(library.evaluate, state=out.with_suffix(".sweep")),
     )
     terminal.note_once(found.notes)
     done = found.photographs
     if found.evaluation is None:
-        terminal.say_part_of_curves(shard, done, "scored", json=json)
+        terminal.say_part(sweep, done, "photographs scored", writes="writes the curves")
     else:
-        _show(out, found.write(out, report=report), found.evaluation, json=json)
+        _show(out, found.write(out, report=report), found.evaluation)
     terminal.end_refused(
         done,
         "the curves are of the others"
@@ -167,9 +136,9 @@ def _task(**values: object) -> EvaluationTask:
         raise BadParameter(str(error)) from error
 
 
-def _show(out: Path, figures: list[Path], found: Evaluation, *, json: bool) -> None:
+def _show(out: Path, figures: list[Path], found: Evaluation) -> None:
     files = [str(path) for path in figures]
-    if json:
+    if terminal.wants_json():
         from calibration.documents import json_object
 
         terminal.print_json({"out": str(out), "figures": files, **json_object(found)})

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import BadParameter, Option
 
-from calibration.choices import DEFAULT_BOARD_TEXT
 from standoff import library, terminal
 
 if TYPE_CHECKING:
@@ -21,55 +20,38 @@ _SOURCES = {
 }
 
 
+@terminal.command()
 def geometry(
     *,
-    session: Annotated[
-        Path, Option(help="Capture session of a board, chart or texture at two or more heights.")
-    ],
-    out: Annotated[Path, Option(help="Where to write geometry.json.")],
-    board: Annotated[
-        str, Option(metavar="COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]", help="The ChArUco board.")
-    ] = DEFAULT_BOARD_TEXT,
-    scale: Annotated[
-        float | None, Option(help="Scale in px/mm at the lowest height, measured by other means.")
-    ] = None,
+    session: Path,
+    out: Annotated[Path, terminal.Result(".json")],
+    board: terminal.Board,
+    scale_px_per_mm: Annotated[float | None, Option("--scale")] = None,
     focal_length_px: Annotated[
-        float | None,
-        Option(
-            help="Focal length in px, instead of the bench file's.",
-            parser=terminal.quantity("focal_length_px"),
-        ),
+        float | None, Option(parser=terminal.quantity("focal_length_px"))
     ] = None,
-    report: Annotated[Path | None, Option(help="Also write a report (HTML).")] = None,
-    force: terminal.Force = False,
-    json: terminal.Json = False,
+    report: Annotated[Path | None, terminal.REPORT] = None,
 ) -> None:
-    """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series."""
-    terminal.refuse_suffix(out, "--out", {".json"})
-    terminal.refuse_suffix(report, "--report", terminal.REPORTS)
-    terminal.refuse_overwriting([out, report], force=force)
-    library.require_writable([out, report])
-    layout = terminal.charuco_board(board)
-    for option, value in (("--scale", scale), ("--focal-length-px", focal_length_px)):
+    """Measure px/mm, entrance pupil, true zooms, distortion and squareness from a height series.
+
+    Options
+    -------
+    session: Capture session of a board, chart or texture at two or more heights.
+    out: Where to write geometry.json.
+    scale_px_per_mm: Scale in px/mm at the lowest height, measured by other means.
+    focal_length_px: Focal length in px, instead of the bench file's.
+    report: Also write a report (HTML).
+    """
+    for option, value in (("--scale", scale_px_per_mm), ("--focal-length-px", focal_length_px)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise BadParameter(f"expected a number above 0, got {value:g}", param_hint=option)
-    found = library.calibrate_geometry(
-        session,
-        board=layout,
-        scale_px_per_mm=scale,
-        focal_length_px=focal_length_px,
-        report=report,
-        progress=terminal.ShownProgress(),
-    )
+    found = library.calibrate_geometry(session, **terminal.keywords_of(library.calibrate_geometry))
     library.write_geometry(out, found)
-    if json:
-        terminal.print_json(found)
-    else:
-        _print(found, layout)
-        terminal.say(f"wrote {out}" + (f" and {report}" if report else ""))
+    wrote = f"wrote {out}" + (f" and {report}" if report else "")
+    terminal.answer(found, lambda: _print(found, board, wrote))
 
 
-def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
+def _print(found: GeometryCalibration, board: CharucoBoard, wrote: str) -> None:
     cells, factor = terminal.value_cells, found.fit_factor
     pupil_mm, pupil_err_mm = found.pupil_offset_mm, found.pupil_offset_err_mm
     drift, drift_err = found.axis_drift_px_per_mm, found.axis_drift_err_px_per_mm
@@ -97,4 +79,6 @@ def _print(found: GeometryCalibration, board: CharucoBoard) -> None:
                 for height, scale, err in zip(found.heights_mm, scales, errs, strict=True)
             ],
         )
-    terminal.say(*(f"{n} is not determined: {why}" for n, why in found.undetermined.items()))
+    terminal.say(
+        *(f"{name} is not determined: {why}" for name, why in found.undetermined.items()), wrote
+    )

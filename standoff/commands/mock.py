@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json as json_format
+import json
 import os
 import select
 import signal
@@ -37,27 +37,27 @@ def _checked_address(address: str) -> str:
         raise BadParameter(str(error)) from error
 
 
+@terminal.command()
 def mock(
-    address: Annotated[
-        str, Option(help="Loopback address of the camera: 127.x.y.z.", callback=_checked_address)
-    ] = "127.0.0.1",
-    bench: Annotated[
-        Path | None,
-        Option(help="Bench file (TOML) with a simulated section; simulated.toml by default."),
-    ] = None,
+    address: Annotated[str, Option(callback=_checked_address)] = "127.0.0.1",
+    bench: Annotated[Path | None, Option()] = None,
     settings: terminal.BenchKeys = None,
-    target: Annotated[str, Option(help="Target under the camera.")] = "edge",
-    orientation: Annotated[float, Option(help="Orientation of the target in degrees.")] = 0.0,
-    stage_protocol: Annotated[
-        StageProtocol | None,
-        Option(help="Protocol of a stage served on a serial port; a manual stand by default."),
-    ] = None,
-    json: terminal.Json = False,
+    target: Annotated[str, Option()] = "edge",
+    orientation: Annotated[float, Option()] = 0.0,
+    stage_protocol: Annotated[StageProtocol | None, Option()] = None,
 ) -> None:
     """Serve the simulated bench as a GigE Vision camera, and its stage, until Ctrl-C.
 
     It accepts these commands on stdin: place TARGET [DEGREES], height MM, fault NAME=VALUE,
     fault none, restart, drop-control, status.
+
+    Options
+    -------
+    address: Loopback address of the camera: 127.x.y.z.
+    bench: Bench file (TOML) with a simulated section; simulated.toml by default.
+    target: Target under the camera.
+    orientation: Orientation of the target in degrees.
+    stage_protocol: Protocol of a stage served on a serial port; a manual stand by default.
     """
     from hil_mocks.practice_bench import HandStage, PracticeBench
     from hil_mocks.practice_commands import PracticeCommandError, PracticeConsole
@@ -76,9 +76,9 @@ def mock(
         if serial_stage is not None:
             served.enter_context(serial_stage)
         served.enter_context(practice)
-        if json:
+        if terminal.wants_json():
             ready = {"camera_address": practice.camera.address, "stage_port": stage.port}
-            typer.echo(json_format.dumps(ready))
+            typer.echo(json.dumps(ready))
         else:
             port = "no stage port" if stage.port is None else f"stage on {stage.port}"
             # A stand moved by hand goes as far as the bench file says; a controller has its own.

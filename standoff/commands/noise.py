@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Context, Option
+from typer import Option
 
 from standoff import library, terminal
 
@@ -14,23 +14,19 @@ if TYPE_CHECKING:
 
 
 _FRAMES = "a folder, a pattern such as 'flats/*.tif', or a file with a stack"
-_RULES = (
+
+
+@terminal.command(
     terminal.exactly_one("session", "flat"),
     terminal.needs("flat", "dark"),
     *(
         terminal.needs(option, "flat")
-        for option in ("dark", "dark_exposure_us", "flat_exposure_us", "encoding", "white_level")
+        for option in ("dark", "dark_exposures_us", "flat_exposures_us", "encoding", "white_level")
     ),
 )
-
-
 def noise(
-    context: Context,
     *,
-    session: Annotated[
-        Path | None,
-        Option(help="Capture session with dark captures and a series of flats.", metavar="FOLDER"),
-    ] = None,
+    session: Annotated[Path | None, Option(metavar="FOLDER")] = None,
     dark: Annotated[
         list[Path] | None,
         Option(
@@ -39,58 +35,41 @@ def noise(
             metavar="FRAMES",
         ),
     ] = None,
-    flat: Annotated[
-        list[Path] | None,
-        Option(
-            help="Frames of an even white, likewise, at three levels or more.", metavar="FRAMES"
-        ),
-    ] = None,
-    dark_exposure_us: Annotated[
-        list[float] | None,
-        Option(help="Exposure of each level of darks in turn; by default as EXIF or FITS states."),
-    ] = None,
-    flat_exposure_us: Annotated[list[float] | None, Option(help="The same of the flats.")] = None,
+    flat: Annotated[list[Path] | None, Option(metavar="FRAMES")] = None,
+    dark_exposures_us: Annotated[list[float] | None, Option("--dark-exposure-us")] = None,
+    flat_exposures_us: Annotated[list[float] | None, Option("--flat-exposure-us")] = None,
     encoding: terminal.EncodingName = "auto",
-    white_level: Annotated[
-        float | None,
-        Option(
-            min=1e-6,
-            metavar="N",
-            help="Level of the frames at which they are clipped; the files' own by default.",
-        ),
-    ] = None,
-    out: Annotated[Path, Option(help="Where to write noise.json; the maps are written beside it.")],
-    report: Annotated[Path | None, Option(help="Also write a report (HTML or PDF).")] = None,
-    force: terminal.Force = False,
-    json: terminal.Json = False,
+    white_level: Annotated[float | None, Option(min=1e-6, metavar="N")] = None,
+    out: Annotated[Path, terminal.Result(".json")],
+    report: Annotated[Path | None, terminal.REPORT] = None,
 ) -> None:
-    """Measure gain, read noise, black level, linearity and saturation, and map the sensor."""
+    """Measure gain, read noise, black level, linearity and saturation, and map the sensor.
+
+    Options
+    -------
+    session: Capture session with dark captures and a series of flats.
+    flat: Frames of an even white, likewise, at three levels or more.
+    dark_exposures_us: Exposure of each level of darks in turn; by default as EXIF or FITS states.
+    flat_exposures_us: The same of the flats.
+    white_level: Level of the frames at which they are clipped; the files' own by default.
+    out: Where to write noise.json; the maps are written beside it.
+    report: Also write a report (HTML or PDF).
+    """
     from calibration.noise import map_paths
 
-    terminal.check_options(context, _RULES)
-    terminal.refuse_suffix(out, "--out", {".json"})
-    terminal.refuse_suffix(report, "--report", terminal.REPORTS)
-    given = [*(dark or []), *(flat or [])]
-    terminal.refuse_overwriting([out, *map_paths(out).values(), report], given, force=force)
-    library.require_writable([out, report])
-    found = library.measure_noise(
-        session,
+    maps = map_paths(out).values()
+    terminal.refuse_replacing(*maps)
+    how = terminal.keywords_of(
+        library.measure_noise,
         darks=_frames(dark),
         flats=_frames(flat),
-        dark_exposures_us=dark_exposure_us or None,
-        flat_exposures_us=flat_exposure_us or None,
-        white_level=white_level,
-        report=report,
-        reading=None if session else terminal.reading_options(encoding, None, False, None),
-        progress=terminal.ShownProgress(),
+        reading=None if session else terminal.reading_options(encoding),
     )
+    found = library.measure_noise(session, **how)
     written = library.write_noise(out, found)
-    if json:
-        terminal.print_json(written)
-        return
-    _print(found)
-    maps = ", ".join(path.name for path in map_paths(out).values())
-    terminal.say(f"wrote {out}, {maps}" + (f" and {report}" if report else ""))
+    named = f"{out}, {', '.join(path.name for path in maps)}"
+    wrote = f"wrote {named}" + (f" and {report}" if report else "")
+    terminal.answer(written, lambda: _print(found, wrote))
 
 
 def _frames(paths: list[Path] | None) -> Path | list[Path] | None:
@@ -98,7 +77,7 @@ def _frames(paths: list[Path] | None) -> Path | list[Path] | None:
     return paths[0] if paths is not None and len(paths) == 1 else paths or None
 
 
-def _print(found: NoiseMeasurement) -> None:
+def _print(found: NoiseMeasurement, wrote: str) -> None:
     from calibration.sharpness import NORMAL_95
 
     calibration, transfer, pixels = found.calibration, found.transfer, found.nonuniformity
@@ -130,5 +109,6 @@ def _print(found: NoiseMeasurement) -> None:
     )
     terminal.say(
         f"{calibration.darks} dark and {calibration.flats} flat captures, fitted from "
-        f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"
+        f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN",
+        wrote,
     )

@@ -1,22 +1,26 @@
-"""``standoff pose``: whether a follow-up's pose allows the comparison, once or live."""
+"""``standoff pose`` and ``standoff limits``: which poses of the camera allow a comparison.
+
+Those of follow-ups, once or live; and how far the camera may be moved.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, BadParameter, Context, Option
+from typer import BadParameter, Option
 
 from analysis.choices import Criterion, acceptance
 from standoff import library, terminal
 
 if TYPE_CHECKING:
-    from analysis.pose import JudgedFollowup, PoseQuality, PoseSeries, PoseSummary
+    from analysis.pose import JudgedFollowup, PoseLimits, PoseQuality, PoseSeries, PoseSummary
     from analysis.sweep import SweepOptions
 
-_HINTS = ("expect_zoom", "homography", "points", "mask", "mirrored")
-_RULES = (
+
+@terminal.command(
     *terminal.HINT_RULES,
     terminal.exactly_one("followup", "stream", "bench"),
     terminal.needs("target", "bench"),
@@ -25,131 +29,90 @@ _RULES = (
     terminal.needs("psf", "followup"),
     *(
         terminal.needs(option, "followup")
-        for option in (*_HINTS, "picture", "out", "workers", "scheduler", "shard", "strict")
+        for option in (*terminal.HINTS, "picture", "out", "workers", "scheduler", "shard", "strict")
     ),
     terminal.needs("frames", "stream", "bench"),
 )
-
-
 def pose(
-    context: Context,
-    reference: Annotated[Path, Argument(help="The earlier, nearer photograph.")],
-    followup: Annotated[
-        list[Path] | None,
-        Argument(
-            help="The photograph whose pose is judged, several, or a folder of them; unless live."
-        ),
-    ] = None,
+    reference: Path,
+    followup: list[Path] | None = None,
     *,
     curves: terminal.CurvesPath,
     min_dprime: terminal.MinDprime,
-    criterion: Annotated[
-        Criterion,
-        Option(help="d' reaches the threshold in all of the overlap (min) or 95 % (quantile)."),
-    ] = "min",
-    psf: Annotated[
-        Path | None,
-        Option(help="psf.json, or a PSF of your own, for a finer registration."),
-    ] = None,
-    expect_zoom: terminal.ExpectZoom = None,
-    homography: terminal.PoseHint = None,
-    points: terminal.Points = None,
-    mask: terminal.Mask = None,
-    mirrored: terminal.Mirrored = False,
-    picture: Annotated[Path | None, Option(help="Also write a map of d' (PNG or SVG).")] = None,
-    out: Annotated[
-        Path | None, Option(help="Folder for the results of several follow-ups; it is resumed.")
-    ] = None,
+    criterion: Criterion = "min",
+    psf: Path | None = None,
+    hints: terminal.Hints,
+    picture: Annotated[Path | None, terminal.Result(".png", ".svg")] = None,
+    out: Path | None = None,
     parquet: terminal.AsParquet = False,
-    workers: terminal.Workers = 1,
-    scheduler: terminal.Scheduler = None,
-    shard: terminal.PartOfShards = "1/1",
-    strict: terminal.Strict = False,
-    stream: Annotated[
-        Path | None, Option(metavar="FOLDER", help="Live: judge the images in a folder.")
-    ] = None,
-    watch: Annotated[
-        bool, Option("--watch", help="With --stream: wait for more images, until Ctrl-C.")
-    ] = False,
-    bench: Annotated[
-        Path | None, Option(help="Live: judge the camera frames of this bench file (TOML).")
-    ] = None,
-    frames: Annotated[int | None, Option(min=1, help="Live: end after this many frames.")] = None,
-    target: Annotated[str | None, Option(help="Live: target under a simulated camera.")] = None,
+    sweep: terminal.Sweep,
+    stream: Annotated[Path | None, Option(metavar="FOLDER")] = None,
+    watch: Annotated[bool, Option("--watch")] = False,
+    bench: Path | None = None,
+    frames: Annotated[int | None, Option(min=1)] = None,
+    target: str | None = None,
     settings: terminal.BenchKeys = None,
-    focus_scatter: terminal.FocusScatter = None,
-    model: terminal.CurveModel = None,
-    observer: terminal.CurveObserver = None,
-    noise: terminal.CurveNoise = None,
-    contrast: terminal.CurveContrast = None,
-    encoding: terminal.EncodingName = "auto",
-    page: terminal.Page = None,
-    mean: terminal.Mean = False,
-    force: terminal.Force = False,
-    json: terminal.Json = False,
+    focus_scatter_px2: terminal.FocusScatter = None,
+    choice: terminal.Choice,
+    reading: terminal.Reading,
 ) -> None:
     """Align a follow-up with its reference, and accept or reject its pose by the d' it allows.
 
     Live (--stream or --bench), it tracks the pose from frame to frame and accepts or rejects
     each one, with the margin; Ctrl-C ends it with status 130.
+
+    Options
+    -------
+    reference: The earlier, nearer photograph.
+    followup: The photograph whose pose is judged, several, or a folder of them; unless live.
+    criterion: d' reaches the threshold in all of the overlap (min) or 95 % (quantile).
+    psf: psf.json, or a PSF of your own, for a finer registration.
+    picture: Also write a map of d' (PNG or SVG).
+    out: Folder for the results of several follow-ups; it is resumed.
+    stream: Live: judge the images in a folder.
+    watch: With --stream: wait for more images, until Ctrl-C.
+    bench: Live: judge the camera frames of this bench file (TOML).
+    frames: Live: end after this many frames.
+    target: Live: target under a simulated camera.
     """
-    terminal.check_options(context, _RULES)
-    terminal.refuse_suffix(picture, "--picture", {".png", ".svg"})
     followups = tuple(followup or ())
-    inputs_given = [reference, *followups, curves, psf, homography, points, mask]
-    terminal.refuse_overwriting([picture], inputs_given, force=force)
-    sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
-    library.require_writable([picture])
-    always: dict[str, Any] = {
-        "choice": terminal.curve_choice(model, observer, noise, contrast),
-        "criterion": criterion,
-        "focus_scatter_px2": focus_scatter,
-        "reading": terminal.reading_options(encoding, page, mean),
-    }
-    how: dict[str, Any] = {
-        **always,
-        "psf": psf,
-        "hints": library.alignment_hints(
-            expect_zoom, homography=homography, points=points, mask=mask, mirrored=mirrored
-        ),
-        "progress": terminal.ShownProgress(),
-    }
     if library.is_series(followups):
         if out is None:
             raise BadParameter("several follow-ups need --out DIR", param_hint="--out")
         if picture is not None:
             raise BadParameter("only one follow-up has a picture", param_hint="--picture")
         if not library.holds_series(out, library.POSES_TABLE):
-            results = [out / name for name in library.FILES_OF_POSE_SERIES]
-            terminal.refuse_overwriting(results, inputs_given, force=force)
-        series = library.judge_poses(
-            reference, followups, out, curves, min_dprime, parquet=parquet, sweep=sweep, **how
-        )
-        _show_series(out, series, sweep, json=json)
+            terminal.refuse_replacing(*(out / name for name in library.FILES_OF_POSE_SERIES))
+        how = terminal.keywords_of(library.judge_poses)
+        series = library.judge_poses(reference, followups, out, curves, min_dprime, **how)
+        _show_series(out, series, sweep)
         return
     if followups:
         if out is not None:
             raise BadParameter("--out needs several follow-ups, or a folder of them")
         terminal.refuse_sweep_of_one(sweep, parquet=parquet)
+        how = terminal.keywords_of(library.judge_pose)
         found = library.judge_pose(reference, followups[0], curves, min_dprime, **how)
         if picture is not None:
             found.write_picture(picture)
-        terminal.note_once(found.notes)
-        if json:
-            terminal.print_json(found.to_json(picture))
-        else:
-            _show_one(found.quality, found.summary)
+        terminal.answer(
+            lambda: found.to_json(picture),
+            lambda: _show_one(found.quality, found.summary),
+            found.notes,
+        )
         return
-    watched = library.PoseWatch(reference, curves, min_dprime, **always)
+    watched = library.PoseWatch(
+        reference, curves, min_dprime, **terminal.keywords_of(library.PoseWatch)
+    )
     if stream is not None:
         if not stream.is_dir():
             raise BadParameter(f"{stream} is not a folder", param_hint="--stream")
         source = watched.folder(stream, is_watched=watch)
-        _watch(watched, source, frames, is_live=False, json=json)
+        _watch(watched, source, frames, is_live=False)
     if bench is not None:
         config = terminal.read_bench(bench, settings)
         with watched.camera(config, target=target, progress=terminal.ShownProgress()) as source:
-            _watch(watched, source, frames, is_live=True, json=json)
+            _watch(watched, source, frames, is_live=True)
 
 
 def _watch(
@@ -158,15 +121,14 @@ def _watch(
     count: int | None,
     *,
     is_live: bool,
-    json: bool,
 ) -> None:
     try:
-        with terminal.verdict_display(is_live=is_live, is_silent=json) as show:
+        with terminal.verdict_display(is_live=is_live, is_silent=terminal.wants_json()) as show:
             watched.run(source, show, count=count, is_kept=not is_live)
     finally:
         # Ctrl-C is the normal way to end this: the summary is shown then, too.
         if watched.summary.frames:
-            _show_stream(watched, json=json)
+            terminal.answer(watched.to_json, lambda: _show_stream(watched))
     terminal.note_once(watched.notes)
 
 
@@ -192,14 +154,13 @@ def _show_series(
     out: Path,
     found: library.SeriesResult[PoseSeries, JudgedFollowup],
     options: SweepOptions,
-    *,
-    json: bool,
 ) -> None:
     document = found.document
     terminal.note_once(found.notes)
     if document is None:
-        terminal.say_part(out, found.sweep, options, json=json)
-    elif json:
+        done = f"follow-ups done, {found.sweep.refused} refused"
+        terminal.say_part(options, found.sweep, done, out=out)
+    elif terminal.wants_json():
         terminal.print_json_file(found.summary)
     else:
         terminal.print_few(
@@ -233,12 +194,9 @@ def _of_unsure(count: int | None) -> str:
     return f", {count} of all unsure" if count else ""
 
 
-def _show_stream(watched: library.PoseWatch, *, json: bool) -> None:
+def _show_stream(watched: library.PoseWatch) -> None:
     summary = watched.summary
     assert summary.last is not None
-    if json:
-        terminal.print_json(watched.to_json())
-        return
     rate = summary.frames_per_s
     terminal.say(
         f"{summary.accepted} of {summary.frames} frames accepted; full-frame searches: "
@@ -246,3 +204,154 @@ def _show_stream(watched: library.PoseWatch, *, json: bool) -> None:
         + ("" if rate is None else f"; tracking at {rate:.0f} frames per second"),
         f"last: {summary.last.reason}",
     )
+
+
+_OF_A_CAMERA = ("reference_tilt_deg", "direction_deg", "aim", "at_zoom", "at_tilt_deg", "plot")
+
+
+@terminal.command(
+    terminal.exactly_one("geometry", "focal_length_px", "homography"),
+    *(terminal.needs(option, "geometry", "focal_length_px") for option in _OF_A_CAMERA),
+    terminal.needs("reference_size", "homography"),
+    terminal.needs("criterion", "homography"),
+    terminal.needs("focal_length_px", "image_size"),
+    terminal.needs("image_size", "focal_length_px"),
+    terminal.needs("at_tilt_deg", "at_zoom"),
+)
+def limits(
+    *,
+    curves: terminal.CurvesPath,
+    min_dprime: terminal.MinDprime,
+    geometry: Path | None = None,
+    focal_length_px: Annotated[
+        float | None, Option(parser=terminal.quantity("focal_length_px"))
+    ] = None,
+    image_size: str | None = None,
+    reference_tilt_deg: Annotated[float, Option("--reference-tilt", min=-75, max=75)] = 0.0,
+    direction_deg: Annotated[float | None, Option("--tilt-direction", min=-360, max=360)] = None,
+    aim: Annotated[str | None, Option(metavar="X,Y")] = None,
+    at_zoom: Annotated[float | None, Option(callback=terminal.checked_zoom)] = None,
+    at_tilt_deg: Annotated[float, Option("--at-tilt", min=-75, max=75)] = 0.0,
+    homography: Path | None = None,
+    reference_size: str | None = None,
+    criterion: Criterion | None = None,
+    plot: Annotated[Path | None, terminal.Result(".png", ".svg")] = None,
+    focus_scatter_px2: terminal.FocusScatter = None,
+    choice: terminal.Choice,
+) -> None:
+    """Find the largest distance ratio, tilt and shift that can keep d' above a threshold.
+
+    First measure the curves, with standoff detectability, or standoff evaluate for a detector.
+
+    Options
+    -------
+    geometry: geometry.json of the camera.
+    focal_length_px: Focal length in px, instead of --geometry.
+    image_size: Frame size WxH in px, with --focal-length-px.
+    reference_tilt_deg: Tilt of the reference in degrees.
+    direction_deg: Direction of the follow-up's tilt, in degrees from +x (the direction of the
+        reference's tilt) towards +y; the worst direction by default.
+    aim: Pixel of the reference that the middle of the follow-up shows, 0,0 being the first one's
+        centre; by default the middle of the reference.
+    at_zoom: Distance ratio at which to print the lowest detectable contrast.
+    at_tilt_deg: Tilt at --at-zoom in degrees.
+    homography: H.json of a pose that is known: its d' instead of what a camera may do.
+    reference_size: Frame size WxH in px of the reference of --homography; as the follow-up's.
+    criterion: d' reaches the threshold in all of the overlap (min, by default) or 95 % (quantile),
+        with --homography.
+    plot: Also write a figure (PNG or SVG).
+    """
+    if homography is not None:
+        how = terminal.keywords_of(
+            library.judge_homography,
+            reference_size=terminal.parsed_size(reference_size, "--reference-size"),
+            criterion=criterion or "min",
+        )
+        judged = library.judge_homography(homography, curves, min_dprime, **how)
+        terminal.answer(judged.to_json, lambda: _print_judged(judged), judged.notes)
+        return
+    how = terminal.keywords_of(
+        library.pose_limits,
+        image_size=terminal.parsed_size(image_size),
+        aim_px=None if aim is None else _parsed_aim(aim),
+    )
+    found = library.pose_limits(curves, min_dprime, **how)
+    if plot is not None:
+        found.write_plot(plot)
+    where = "in any direction" if direction_deg is None else f"towards {direction_deg:g} degrees"
+
+    def show() -> None:
+        _print_limits(found, min_dprime, where)
+        if found.contrast_found_dn is not None:
+            terminal.say(
+                f"at zoom {at_zoom:g}, tilt {at_tilt_deg:g} degrees: contrasts from "
+                f"{found.contrast_found_dn:.3g} DN are detectable"
+            )
+
+    terminal.answer(found.to_json, show)
+
+
+def _interval(ends: tuple[float | None, float | None], digits: int) -> str:
+    """The interval of a limit; its ends may lie beyond what can be said."""
+    low, high = ends
+    if low is None and high is None:
+        return ""
+    least = "none" if low is None else f"{low:.{digits}f}"
+    most = "the curve's end" if high is None else f"{high:.{digits}f}"
+    return f" (95 %: {least} to {most})"
+
+
+def _parsed_aim(text: str) -> tuple[float, float]:
+    numbers = text.split(",")
+    try:
+        x, y = (float(number) for number in numbers)
+    except ValueError as error:
+        raise BadParameter(
+            f"expected X,Y in pixels of the reference, such as 120,340, got {text}",
+            param_hint="--aim",
+        ) from error
+    if not (isfinite(x) and isfinite(y)):
+        raise BadParameter(f"expected numbers, got {text}", param_hint="--aim")
+    return x, y
+
+
+def _print_judged(judged: library.JudgedHomography) -> None:
+    decision = judged.quality.decision
+    terminal.say(
+        judged.quality.curve.name,
+        judged.sentence,
+        f"{decision.verdict}: {decision.sentence}",
+        *filter(None, (decision.unknown_sentence,)),
+        terminal.UPPER_BOUND,
+    )
+
+
+def _print_limits(found: PoseLimits, min_dprime: float, where: str) -> None:
+    more = " or more (the curve ends there)" if found.is_zoom_beyond_curve else ""
+    tilt = "none" if found.tilt_deg is None else f"up to {found.tilt_deg:.1f} degrees"
+    terminal.say(
+        f"{found.curve.name}; d' of at least {min_dprime:g}, at best:",
+        f"straight back: up to {found.zoom:.3f} times the distance{more}"
+        f"{_interval(found.zoom_interval_95, 3)}",
+        f"tilt {where} at the same distance: {tilt}{_interval(found.tilt_interval_95_deg, 1)}",
+    )
+    if found.aim_px is not None and found.aimed_overlap is not None:
+        x, y = found.aim_px
+        terminal.say(
+            f"aimed at {x:g},{y:g} px of the reference, which covers "
+            f"{100 * found.aimed_overlap:.0f} % of a follow-up from the same distance"
+        )
+    terminal.print_table(
+        f"Distance and tilt {where}",
+        ["tilt / degrees", "distance ratio up to"],
+        [
+            [f"{tilt_deg:g}", "-" if zoom is None else f"{zoom:.3f}"]
+            for tilt_deg, zoom in found.zoom_by_tilt
+        ],
+    )
+    terminal.print_table(
+        "Sideways shift: the sampling stays, the overlap shrinks",
+        ["shift / field width", "overlap"],
+        [[f"{share:g}", f"{100 * overlap:.0f} %"] for share, overlap in found.overlap_by_shift],
+    )
+    terminal.say(terminal.UPPER_BOUND)

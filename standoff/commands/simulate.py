@@ -5,7 +5,7 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
-from typer import Argument, BadParameter, Context, Option
+from typer import BadParameter, Option
 
 from analysis.choices import CACHE_VARIABLE
 from simulation.choices import (
@@ -41,7 +41,22 @@ _SHAPES: dict[PsfForm, str] = {
     "own": "your own",
 }
 
-_RULES = (
+
+def _noise_or_number(text: str | None) -> Path | float | None:
+    if text is None:
+        return None
+    try:
+        level_dn = float(text)
+    except ValueError:
+        return Path(text)
+    if not 0 <= level_dn < inf:
+        raise BadParameter(
+            f"a standard deviation must not be negative, got {text}", param_hint="--reference-noise"
+        )
+    return level_dn
+
+
+@terminal.command(
     terminal.exactly_one("zoom", "homography"),
     terminal.needs("homography", terminal.Given("model", POSE_MODELS)),
     terminal.needs("nearer", "homography"),
@@ -67,79 +82,32 @@ _RULES = (
         for option in ("steps", "centre_crop", "sampler", "kernel_cache")
     ),
 )
-
-
 def simulate(
-    context: Context,
-    image: Annotated[Path, Argument(help="The reference photograph.", show_default=False)],
+    image: Path,
     *,
-    out: Annotated[Path, Option(help="Where to write the follow-up (float32 TIFF).")],
-    zoom: Annotated[
-        float | None, _pose(help="Distance ratio, at least 1.", callback=terminal.checked_zoom)
-    ] = None,
-    homography: Annotated[
-        Path | None, _pose(help="H.json of another pose, instead of --zoom.")
-    ] = None,
-    nearer: Annotated[
-        Path | None, _pose(help="Also write a mask (PNG) of pixels sharper than the reference.")
-    ] = None,
-    psf: Annotated[Path | None, _model(help="psf.json, or a PSF of your own.")] = None,
-    model: Annotated[AnyModel, _model(help="Capture model.")] = DEFAULT_MODEL,
+    out: Annotated[Path, terminal.Result(".tif", ".tiff")],
+    zoom: Annotated[float | None, _pose(callback=terminal.checked_zoom)] = None,
+    homography: Annotated[Path | None, _pose()] = None,
+    nearer: Annotated[Path | None, _pose(), terminal.Result(".png")] = None,
+    psf: Annotated[Path | None, _model()] = None,
+    model: Annotated[AnyModel, _model()] = DEFAULT_MODEL,
     transfer: terminal.TransferForm = "best",
-    gaussian: Annotated[
-        GaussianForm,
-        _model(help="Blur by the exact transfer function, or by sampled weights (paper)."),
-    ] = "transfer",
-    sharpen: Annotated[
-        str | None, _camera(help="Sharpen as a camera does: AMOUNT or AMOUNT,SIGMA_PX.")
-    ] = None,
-    exposure: Annotated[float, _camera(min=0, help="Exposure relative to the reference.")] = 1.0,
-    vignetting: Annotated[
-        float, _camera(help="Relative loss of light at the follow-up's corners.")
-    ] = 0.0,
-    noise: Annotated[
-        Path | None, _camera(help="noise.json of the camera, to add the noise of a capture.")
-    ] = None,
-    correct: Annotated[
-        Path | None, _camera(help="noise.json whose dark, flat and defect maps are applied first.")
-    ] = None,
-    uncertainty: Annotated[
-        Path | None,
-        _uncertainty(help="Also write the standard error of each pixel (float32 TIFF)."),
-    ] = None,
-    reference_noise: Annotated[
-        str | None,
-        _uncertainty(
-            help="Noise of the reference: noise.json of the camera, or a standard deviation in "
-            "DN; by default that of --noise, or of a capture with several frames."
-        ),
-    ] = None,
-    focus_scatter: Annotated[
-        float | None,
-        _uncertainty(
-            min=0,
-            metavar="PX2",
-            help="Standard deviation of the PSF's variance from capture to capture, by focus; by "
-            "default that of psf.json.",
-        ),
-    ] = None,
-    seed: Annotated[int, _camera(min=0, help="Seed for the noise and for training.")] = 0,
+    gaussian: Annotated[GaussianForm, _model()] = "transfer",
+    sharpen: Annotated[str | None, _camera()] = None,
+    exposure: Annotated[float, _camera(min=0)] = 1.0,
+    vignetting: Annotated[float, _camera()] = 0.0,
+    noise: Annotated[Path | None, _camera()] = None,
+    correct: Annotated[Path | None, _camera()] = None,
+    uncertainty: Annotated[Path | None, _uncertainty(), terminal.Result(".tif", ".tiff")] = None,
+    reference_noise: Annotated[str | None, _uncertainty(callback=_noise_or_number)] = None,
+    focus_scatter: Annotated[float | None, _uncertainty(min=0, metavar="PX2")] = None,
+    seed: Annotated[int, _camera(min=0)] = 0,
     steps: Annotated[
         int | None,
         _kernelgan(min=1, help=f"Training steps (kernelgan); {TRAINING_STEPS} by default."),
     ] = None,
-    centre_crop: Annotated[
-        bool,
-        _kernelgan(
-            "--centre-crop", "--center-crop", help="Train on the central half only (kernelgan)."
-        ),
-    ] = False,
-    sampler: Annotated[
-        Sampler | None,
-        _kernelgan(
-            help="Sample at exact grid points or nearest pixels (kernelgan); exact by default."
-        ),
-    ] = None,
+    centre_crop: Annotated[bool, _kernelgan("--centre-crop", "--center-crop")] = False,
+    sampler: Annotated[Sampler | None, _kernelgan()] = None,
     kernel_cache: Annotated[
         Path | None,
         _kernelgan(
@@ -147,22 +115,34 @@ def simulate(
         ),
     ] = None,
     threads: terminal.Threads = 1,
-    encoding: terminal.EncodingName = "auto",
-    page: terminal.Page = None,
-    mean: terminal.Mean = False,
-    force: terminal.Force = False,
-    json: terminal.Json = False,
+    reading: terminal.Reading,
 ) -> None:
-    """Simulate how the scene of a photograph looks from further away or from another pose."""
-    terminal.check_options(context, _RULES)
-    terminal.refuse_suffix(out, "--out", {".tif", ".tiff"})
-    terminal.refuse_suffix(nearer, "--nearer", {".png"})
-    terminal.refuse_suffix(uncertainty, "--uncertainty", {".tif", ".tiff"})
-    reference = None if reference_noise is None else _noise_or_number(reference_noise)
-    read = [image, psf, noise, homography, correct]
-    read += [reference] if isinstance(reference, Path) else []
-    terminal.refuse_overwriting([out, nearer, uncertainty], read, force=force)
-    library.require_writable([out, nearer, uncertainty])
+    """Simulate how the scene of a photograph looks from further away or from another pose.
+
+    Options
+    -------
+    image: The reference photograph.
+    out: Where to write the follow-up (float32 TIFF).
+    zoom: Distance ratio, at least 1.
+    homography: H.json of another pose, instead of --zoom.
+    nearer: Also write a mask (PNG) of pixels sharper than the reference.
+    psf: psf.json, or a PSF of your own.
+    model: Capture model.
+    gaussian: Blur by the exact transfer function, or by sampled weights (paper).
+    sharpen: Sharpen as a camera does: AMOUNT or AMOUNT,SIGMA_PX.
+    exposure: Exposure relative to the reference.
+    vignetting: Relative loss of light at the follow-up's corners.
+    noise: noise.json of the camera, to add the noise of a capture.
+    correct: noise.json whose dark, flat and defect maps are applied first.
+    uncertainty: Also write the standard error of each pixel (float32 TIFF).
+    reference_noise: Noise of the reference: noise.json of the camera, or a standard deviation in
+        DN; by default that of --noise, or of a capture with several frames.
+    focus_scatter: Standard deviation of the PSF's variance from capture to capture, by focus; by
+        default that of psf.json.
+    seed: Seed for the noise and for training.
+    centre_crop: Train on the central half only (kernelgan).
+    sampler: Sample at exact grid points or nearest pixels (kernelgan); exact by default.
+    """
     try:
         camera = library.CaptureOptions(
             exposure=exposure,
@@ -172,38 +152,28 @@ def simulate(
         )
     except ValueError as error:
         raise BadParameter(str(error)) from error
-    found = library.simulate(
-        image,
-        zoom=zoom,
-        homography=homography,
-        psf=psf,
-        model=model,
-        transfer=transfer,
-        gaussian=gaussian,
+    how = terminal.keywords_of(
+        library.simulate,
         camera=camera,
-        noise=noise,
-        correct=correct,
         steps=steps or TRAINING_STEPS,
-        centre_crop=centre_crop,
         sampler=sampler or "exact",
-        kernel_cache=kernel_cache,
         uncertainty=None
         if uncertainty is None
-        else library.UncertaintyOptions(reference_noise=reference, focus_scatter_px2=focus_scatter),
-        threads=threads,
-        reading=terminal.reading_options(encoding, page, mean),
-        progress=terminal.ShownProgress(),
+        else library.UncertaintyOptions(
+            reference_noise=reference_noise, focus_scatter_px2=focus_scatter
+        ),
     )
+    found = library.simulate(image, **how)
     found.write(out)
     if nearer is not None:
         found.write_nearer(nearer)
     if uncertainty is not None:
         found.write_uncertainty(uncertainty)
-    terminal.note_once(found.notes)
-    if json:
-        terminal.print_json({"out": str(out), **found.to_json()})
-        return
-    _say(found, out, uncertainty)
+    terminal.answer(
+        lambda: {"out": str(out), **found.to_json()},
+        lambda: _say(found, out, uncertainty),
+        found.notes,
+    )
 
 
 def _say(found: "library.SimulatedPhotograph", out: Path, uncertainty: Path | None) -> None:
@@ -219,18 +189,6 @@ def _say(found: "library.SimulatedPhotograph", out: Path, uncertainty: Path | No
         )
     if found.uncertainty is not None:
         terminal.say(f"wrote {uncertainty}: {found.uncertainty.sentence}")
-
-
-def _noise_or_number(text: str) -> Path | float:
-    try:
-        level_dn = float(text)
-    except ValueError:
-        return Path(text)
-    if not 0 <= level_dn < inf:
-        raise BadParameter(
-            f"a standard deviation must not be negative, got {text}", param_hint="--reference-noise"
-        )
-    return level_dn
 
 
 def _sharpening(text: str) -> tuple[float, float]:

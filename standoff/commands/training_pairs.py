@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, BadParameter, Option
+from typer import BadParameter, Option
 
 from acquisition.remote_files import url_of
 from simulation.choices import DEFAULT_MODEL, Model
@@ -21,85 +21,60 @@ def _checked_fraction(fraction: float) -> float:
     return fraction
 
 
+@terminal.command()
 def sr_pairs(
-    images: Annotated[
-        list[Path],
-        Argument(help="Photographs, or folders of them; URLs as well.", show_default=False),
-    ],
+    images: list[Path],
     *,
-    psf: Annotated[Path, Option(help="psf.json, or a PSF of your own.")],
+    psf: Path,
     transfer: terminal.TransferForm = "best",
-    zoom: Annotated[
-        float, Option(help="Distance ratio, at least 1.", callback=terminal.checked_zoom)
-    ],
-    out: Annotated[
-        Path, Option(help="Folder for the pairs, or a URL; an existing one is resumed.")
-    ],
-    model: Annotated[Model, Option(help="Capture model.")] = DEFAULT_MODEL,
-    crop: Annotated[int, Option(min=8, help="Side of the high-resolution crops in px.")] = 192,
-    stride: Annotated[
-        int | None,
-        Option(min=1, help="Distance between crops in px; the side of a crop by default."),
-    ] = None,
-    test_fraction: Annotated[
-        float,
-        Option(help="Fraction of the photographs kept for testing.", callback=_checked_fraction),
-    ] = 0.1,
-    seed: Annotated[int, Option(min=0, help="Seed for the choice of test photographs.")] = 0,
-    is_float: Annotated[
-        bool, Option("--float", help="Write float32 TIFFs instead of rounded PNGs.")
-    ] = False,
-    layout: Annotated[
-        library.PairFormat,
-        Option(
-            "--format", help="Image files in folders, or tar files as the library webdataset reads."
-        ),
-    ] = "folder",
+    zoom: Annotated[float, Option(callback=terminal.checked_zoom)],
+    out: Path,
+    model: Model = DEFAULT_MODEL,
+    crop_px: Annotated[int, Option("--crop", min=8)] = 192,
+    stride_px: Annotated[int | None, Option("--stride", min=1)] = None,
+    test_fraction: Annotated[float, Option(callback=_checked_fraction)] = 0.1,
+    seed: Annotated[int, Option(min=0)] = 0,
+    is_float: Annotated[bool, Option("--float")] = False,
+    layout: Annotated[library.PairFormat, Option("--format")] = "folder",
     threads: terminal.Threads = 1,
-    workers: terminal.Workers = 1,
-    scheduler: terminal.Scheduler = None,
-    shard: terminal.PartOfShards = "1/1",
-    strict: terminal.Strict = False,
-    encoding: terminal.EncodingName = "auto",
-    page: terminal.Page = None,
-    mean: terminal.Mean = False,
-    json: terminal.Json = False,
+    sweep: terminal.Sweep,
+    reading: terminal.Reading,
 ) -> None:
-    """Cut photographs into crops, each paired with its image from ZOOM times further away."""
-    sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
-    summary = library.training_pairs(
-        images,
-        out,
-        psf=psf,
-        zoom=zoom,
-        model=model,
-        transfer=transfer,
-        crop_px=crop,
-        stride_px=stride,
-        test_fraction=test_fraction,
-        seed=seed,
-        is_float=is_float,
-        format=layout,
-        threads=threads,
-        sweep=sweep,
-        reading=terminal.reading_options(encoding, page, mean),
-        progress=terminal.ShownProgress(),
-    )
+    """Cut photographs into crops, each paired with its image from ZOOM times further away.
+
+    Options
+    -------
+    images: Photographs, or folders of them; URLs as well.
+    psf: psf.json, or a PSF of your own.
+    zoom: Distance ratio, at least 1.
+    out: Folder for the pairs, or a URL; an existing one is resumed.
+    model: Capture model.
+    crop_px: Side of the high-resolution crops in px.
+    stride_px: Distance between crops in px; the side of a crop by default.
+    test_fraction: Fraction of the photographs kept for testing.
+    seed: Seed for the choice of test photographs.
+    is_float: Write float32 TIFFs instead of rounded PNGs.
+    layout: Image files in folders, or tar files as the library webdataset reads.
+    """
+    how = terminal.keywords_of(library.training_pairs, format=layout)
+    summary = library.training_pairs(images, out, **how)
     terminal.note_once(summary.notes)
     if summary.refused_images > 1:
         terminal.note(*summary.refused)
-    if json:
-        terminal.print_json({"out": url_of(out), **summary.to_json()})
-    else:
+
+    def show() -> None:
         terminal.say(
             f"{url_of(out)}: {summary.train} pairs for training, {summary.test} for testing, "
             f"from {summary.images} images ({summary.images_found_done} already done)"
         )
-        if sweep.part[1] > 1:
+        part, of_parts = sweep.part
+        if of_parts > 1:
             terminal.say(
-                f"part {shard}; the same command without --shard lists the pairs once all parts "
-                "are done"
+                f"part {part}/{of_parts}; the same command without --shard lists the pairs once "
+                "all parts are done"
             )
+
+    terminal.answer(lambda: {"out": url_of(out), **summary.to_json()}, show)
     count = summary.refused_images
     if count == summary.images == 1:
         raise ApplicationError(f"{summary.refused[0]}; no pairs")
@@ -112,60 +87,52 @@ def sr_pairs(
         )
 
 
+@terminal.command()
 def change_pairs(
-    photographs: Annotated[
-        list[Path], Argument(help="Photographs, or folders of them.", show_default=False)
-    ],
+    photographs: list[Path],
     *,
-    psf: Annotated[
-        Path | None,
-        Option(help="psf.json, or a PSF of your own; only model bicubic works without it."),
-    ] = None,
+    psf: Path | None = None,
     transfer: terminal.TransferForm = "best",
-    out: Annotated[Path, Option(help="Folder for the pairs; an existing one is resumed.")],
-    zooms: Annotated[str, Option(help="Least and largest distance ratio.")] = "1,2.5",
-    tilts: Annotated[
-        str, Option(help="Least and largest tilt in degrees; with --focal-length-px.")
-    ] = "0,0",
-    noise: Annotated[
-        str, Option(help="Least and largest noise of both photographs in DN.")
-    ] = "1,4",
-    contrast: Annotated[
-        str, Option(help="Least and largest absolute peak of the change in DN.")
-    ] = "6,40",
-    changes: Annotated[
-        library.ChangeSigns,
-        Option(help="Whether changes are brighter than the scene, darker, or either."),
-    ] = "both",
-    signal_sigma: Annotated[
-        str,
-        Option(help="Least and largest sigma of the Gaussian change in px of the photographs."),
-    ] = "1.5,3",
-    pairs: Annotated[
-        int, Option(min=1, help="Pairs with and pairs without a change for each photograph.")
-    ] = 20,
-    crop: Annotated[int, Option(min=16, help="Side of the reference of a pair in px.")] = 96,
+    out: Path,
+    zooms: str = "1,2.5",
+    tilts: str = "0,0",
+    noise: str = "1,4",
+    contrast: str = "6,40",
+    changes: library.ChangeSigns = "both",
+    signal_sigma: str = "1.5,3",
+    pairs: Annotated[int, Option(min=1)] = 20,
+    crop: Annotated[int, Option(min=16)] = 96,
     focal_length_px: terminal.FocalLengthOfTilts = None,
     focus_scatter: terminal.FocusScatterOfPairs = 0.0,
     light_scatter: terminal.LightScatter = 0.0,
-    model: Annotated[Model, Option(help="Capture model.")] = DEFAULT_MODEL,
+    model: Model = DEFAULT_MODEL,
     reference_zoom: terminal.ReferenceZoom = 1.0,
-    test_fraction: Annotated[
-        float,
-        Option(help="Fraction of the photographs kept for testing.", callback=_checked_fraction),
-    ] = 0.2,
-    seed: Annotated[int, Option(min=0, help="Seed of all that is random.")] = 0,
-    workers: terminal.Workers = 1,
-    scheduler: terminal.Scheduler = None,
-    shard: terminal.PartOfShards = "1/1",
-    strict: terminal.Strict = False,
-    encoding: terminal.EncodingName = "auto",
-    page: terminal.Page = None,
-    mean: terminal.Mean = False,
-    json: terminal.Json = False,
+    test_fraction: Annotated[float, Option(callback=_checked_fraction)] = 0.2,
+    seed: Annotated[int, Option(min=0)] = 0,
+    sweep: terminal.Sweep,
+    reading: terminal.Reading,
 ) -> None:
-    """Cut pairs with and without a change from photographs, for training a change detector."""
-    sweep = terminal.sweep_options(workers, scheduler, shard, is_strict=strict)
+    """Cut pairs with and without a change from photographs, for training a change detector.
+
+    Options
+    -------
+    photographs: Photographs, or folders of them.
+    psf: psf.json, or a PSF of your own; only model bicubic works without it.
+    out: Folder for the pairs; an existing one is resumed.
+    zooms: Least and largest distance ratio.
+    tilts: Least and largest tilt in degrees; with --focal-length-px.
+    noise: Least and largest noise of both photographs in DN.
+    contrast: Least and largest absolute peak of the change in DN.
+    changes: Whether changes are brighter than the scene, darker, or either.
+    signal_sigma: Least and largest sigma of the Gaussian change in px of the photographs.
+    pairs: Pairs with and pairs without a change for each photograph.
+    crop: Side of the reference of a pair in px.
+    model: Capture model.
+    test_fraction: Fraction of the photographs kept for testing.
+    seed: Seed of all that is random.
+    """
+    from calibration.documents import json_object
+
     found = library.change_pairs(
         photographs,
         out,
@@ -187,30 +154,20 @@ def change_pairs(
             test_fraction=test_fraction,
             seed=seed,
         ),
-        transfer=transfer,
-        sweep=sweep,
-        reading=terminal.reading_options(encoding, page, mean),
-        progress=terminal.ShownProgress(),
+        **terminal.keywords_of(library.change_pairs),
     )
     terminal.note_once(found.notes)
     done, dataset = found.photographs, found.dataset
     if sweep.part[1] > 1:
-        counts = {"out": None, "shard": shard, "images": done.images, "refused": done.refused}
-        if json:
-            terminal.print_json(counts)
-        else:
-            terminal.say(
-                f"part {shard}: {done.images} photographs ({done.found_done} already done); the "
-                "same command without --shard lists the pairs once all parts are done"
-            )
-    elif json:
-        from calibration.documents import json_object
-
-        terminal.print_json({"out": str(out), **json_object(dataset)})
+        terminal.say_part(sweep, done, "photographs", writes="lists the pairs")
     else:
-        terminal.say(
-            f"{out}: {dataset.train} pairs for training, {dataset.test} for testing, half of them "
-            f"with a change, from {done.images} photographs ({done.found_done} already done)"
+        terminal.answer(
+            lambda: {"out": str(out), **json_object(dataset)},
+            lambda: terminal.say(
+                f"{out}: {dataset.train} pairs for training, {dataset.test} for testing, half of "
+                f"them with a change, from {done.images} photographs ({done.found_done} already "
+                "done)"
+            ),
         )
     terminal.end_refused(
         done,

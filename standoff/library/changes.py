@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from acquisition.photographs import (
     write_mask,
 )
 from analysis.changes import (
+    ChangeCriteria,
     ChangeOptions,
     ChangeResult,
     CodedAlike,
@@ -179,6 +180,22 @@ class ComparedPhotographs(ChangeResult):
             write_changes(part, self)
 
 
+class ComparisonKeywords(TypedDict, total=False):
+    """How photographs are compared: the keywords of `find_changes`."""
+
+    transfer: PsfShape
+    noise: NoiseLike | None
+    false_alarms: float
+    false_discovery_rate: float | None
+    hints: AlignmentHints | RegistrationHints | None
+    white_level: float | None
+    limit: DetectionLimitOptions | None
+    count_moved: bool
+    least: float | None
+    reading: ReadOptions | None
+    progress: Progress | None
+
+
 @checked
 def find_changes(
     reference: ImageLike,
@@ -252,16 +269,20 @@ def find_changes(
     >>> [(round(one.x_px), round(one.y_px)) for one in found.summary.changes]
     [(200, 90)]
     """
-    files = psf, noise, *limit_files(limit), *hint_files(hints)
-    call = Call("find_changes", progress, reading, files)
-    options = ChangeOptions(
-        noise=camera_noise(noise),
+    how = ComparisonKeywords(
+        transfer=transfer,
+        noise=noise,
         false_alarms=false_alarms,
         false_discovery_rate=false_discovery_rate,
+        hints=hints,
+        white_level=white_level,
+        limit=limit,
         count_moved=count_moved,
-        least_dn=least,
+        least=least,
+        reading=reading,
+        progress=progress,
     )
-    rules = comparison_rules(call, psf, limit, options, hints, white_level)
+    call, rules = begun_comparison("find_changes", psf, how)
     near = call.photograph(reference, "reference")
     far = call.photograph(followup, "followup")
     known = None
@@ -283,26 +304,28 @@ def find_changes(
     return replace(found, summary=summary, notes=call.notes)
 
 
-def comparison_rules(
-    call: Call,
-    psf: PsfLike | None,
-    limit: DetectionLimitOptions | None,
-    options: ChangeOptions,
-    hints: AlignmentHints | RegistrationHints | None,
-    white_level: float | None,
-) -> ComparisonRules:
-    """Bundle how photographs are compared."""
+def begun_comparison(
+    function: str, psf: PsfLike | None, how: ComparisonKeywords
+) -> tuple[Call, ComparisonRules]:
+    """Begin a call of a public function; return it, and how photographs are compared."""
+    limit, hints, noise = how.get("limit"), how.get("hints"), how.get("noise")
+    files = psf, noise, *limit_files(limit), *hint_files(hints)
+    call = Call(function, how.get("progress"), how.get("reading"), files)
     asked = limit or DetectionLimitOptions()
-    return ComparisonRules(
-        options=replace(
-            options,
-            spot_sigma_px=asked.spot_sigma_px,
-            limit_contrast_dn=asked.contrast_dn,
-            expected=expected_limit(asked),
-            limit_rgb=limit_rgb(asked.colour),
-        ),
+    criteria = {one.name for one in fields(ChangeCriteria)}
+    options = ChangeOptions(
+        **{name: value for name, value in cast("dict[str, Any]", how).items() if name in criteria},
+        least_dn=how.get("least"),
+        noise=camera_noise(noise),
+        spot_sigma_px=asked.spot_sigma_px,
+        limit_contrast_dn=asked.contrast_dn,
+        expected=expected_limit(asked),
+        limit_rgb=limit_rgb(asked.colour),
+    )
+    return call, ComparisonRules(
+        options=options,
         hints=hints,
-        white_level=white_level,
+        white_level=how.get("white_level"),
         scale=scene_scale(call, asked, psf),
     )
 

@@ -1,15 +1,19 @@
-"""Questions to the operator at the bench, answered at the terminal or by a script."""
+"""What the operator at the bench is shown and asked, who answers at the terminal or by a script."""
 
+import math
 import os
 import select
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 
 import typer
 
 from acquisition.capture import Placement, QualityFinding, Verdict
-from acquisition.plan import PlanEntry
+from acquisition.plan import PlanEntry, PlanEstimate
+from acquisition.session import SPARE_BYTES
 from standoff.errors import ApplicationError
 from standoff.terminal.output import ERRORS
 
@@ -21,12 +25,8 @@ RETAKE_QUESTION = "Enter to keep it, r to retake it"
 class Operator:
     """The operator who places targets; asks until it gets a valid answer.
 
-    Parameters
-    ----------
-    answer
-        Asks a question and returns the answer without its line ending.
-    hidden
-        Hides the progress display while the operator is asked.
+    ``answer`` asks a question and returns the answer without its line ending, ``hidden`` hides the
+    progress display meanwhile.
     """
 
     def __init__(
@@ -38,15 +38,7 @@ class Operator:
         self.hidden = hidden
 
     def ask(self, question: str) -> str:
-        """Ask a question on stderr.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            If the terminal's input was closed (Ctrl-D).
-        ApplicationError
-            If a script has no answers left.
-        """
+        """Ask a question on stderr; a terminal that was closed (Ctrl-D) interrupts."""
         with self.hidden():
             return self._answer(question)
 
@@ -94,15 +86,7 @@ class TerminalOperator(Operator):
 
 
 class ScriptedOperator(Operator):
-    """A script that answers each question with one line.
-
-    Parameters
-    ----------
-    lines
-        The answers in order.
-    source
-        Their name in an error message.
-    """
+    """A script that answers each question with one line; errors name its source."""
 
     def __init__(self, lines: Iterator[str], source: str) -> None:
         super().__init__(self._next_line)
@@ -151,3 +135,35 @@ def _forget_what_was_typed() -> None:
         return
     if os.isatty(sys.stdin.fileno()):
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
+
+
+def preview_line(estimate: PlanEstimate, out: Path) -> str:
+    """Captures, time and disk use in words."""
+    placing = f"{estimate.placements} placements" if estimate.placements != 1 else "1 placement"
+    free = _free_bytes(out)
+    room = f"{free / 1e6:.0f} MB free"
+    if estimate.bytes_ is not None and free < estimate.bytes_ + SPARE_BYTES:
+        room += f", which is NOT ENOUGH: {SPARE_BYTES / 1e6:.0f} MB stay free"
+    if estimate.bytes_ is None:
+        disk = f"disk use depends on the camera's frame ({room})"
+    else:
+        disk = f"{estimate.bytes_ / 1e6:.0f} MB on disk ({room})"
+    return (
+        f"{estimate.captures} captures, {placing}: about {time_text(estimate.seconds)} "
+        f"plus the operator's own time; {disk}"
+    )
+
+
+def time_text(seconds: float) -> str:
+    """A duration in hours, minutes or seconds: ``1 h 05 min``, ``3 min 20 s``, ``7 s``."""
+    whole = math.ceil(seconds)
+    if whole >= 3600:
+        return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+    return f"{whole // 60} min {whole % 60:02d} s" if whole >= 60 else f"{whole} s"
+
+
+def _free_bytes(path: Path) -> int:
+    there = path.resolve()
+    while not there.exists():
+        there = there.parent
+    return shutil.disk_usage(there).free

@@ -1,10 +1,11 @@
-"""Options that several commands share, and what their values mean."""
+"""Options that several commands share, the values made of them, and how their texts are read."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -14,23 +15,26 @@ from acquisition.quantities import (
     ImplausibleQuantityError,
     UnknownUnitError,
     decimal_comma_remedy,
+    decimals_meant,
     understood,
 )
 from analysis.choices import VALIDATION_MODELS, Observer, ValidationModel
+from calibration.choices import DEFAULT_BOARD_TEXT
 from simulation.choices import Model, PsfShape
 from standoff import library
 from standoff.errors import ArgumentError
-from standoff.terminal.option_rules import excludes
+from standoff.terminal.declaration import MadeBy, excludes
+from standoff.terminal.output import note
 
 if TYPE_CHECKING:
     from acquisition.bench import BenchConfig
     from acquisition.photographs import ReadOptions
     from analysis.sweep import SweepOptions
     from calibration.geometry import CharucoBoard
+    from standoff import AlignmentHints
 
 Region = TypeVar("Region")
 
-Json = Annotated[bool, Option("--json", help="Print one JSON document on stdout and nothing else.")]
 TransferForm = Annotated[
     PsfShape,
     Option(
@@ -41,7 +45,6 @@ TransferForm = Annotated[
 Threads = Annotated[
     int, Option("--threads", min=1, help="Threads that share the rows of an image.")
 ]
-Force = Annotated[bool, Option("--force", help="Replace results that are already there.")]
 SessionFolder = Annotated[Path, Argument(help="Session folder.", show_default=False)]
 OperatorName = Annotated[
     str | None, Option("--operator", help="Name of the operator; the login name by default.")
@@ -57,13 +60,7 @@ BenchKeys = Annotated[
 
 
 def read_bench(path: Path, settings: list[str] | None) -> BenchConfig:
-    """Read a bench file with its ``--set`` overrides; a bad override is wrong usage.
-
-    Raises
-    ------
-    BenchConfigError
-        If the file itself cannot be read or has an invalid key or value.
-    """
+    """Read a bench file with its ``--set`` overrides; a bad override is wrong usage."""
     from acquisition.bench import load_bench, parse_overrides
     from acquisition.errors import BenchConfigError
 
@@ -107,18 +104,33 @@ def quantity(name: str) -> Callable[[str], float]:
     return parsed
 
 
-def charuco_board(text: str) -> CharucoBoard:
-    """Return the board that ``--board`` describes."""
+BOARD_FORM = "COLSxROWS:SQUARE_MM:MARKER_MM[:DICTIONARY]"
+
+
+def charuco_board(
+    board: Annotated[str, Option(metavar=BOARD_FORM)] = DEFAULT_BOARD_TEXT,
+) -> CharucoBoard:
+    """Return the board that ``--board`` describes.
+
+    Options
+    -------
+    board: The ChArUco board.
+    """
     from calibration.geometry import CharucoBoard
 
     try:
-        return CharucoBoard.from_text(text)
+        return CharucoBoard.from_text(board)
     except ValueError as error:
         raise BadParameter(str(error), param_hint="--board") from error
 
 
-def chosen_models(text: str) -> tuple[ValidationModel, ...]:
-    """Return the models named in a comma-separated list, in the order of the tables."""
+Board = Annotated["CharucoBoard", MadeBy(charuco_board)]
+
+
+def chosen_models(text: str | None) -> tuple[ValidationModel, ...] | None:
+    """Return the models that a comma-separated list names, in the order of the tables."""
+    if text is None:
+        return None
     names = [name.strip() for name in text.split(",")]
     unknown = [name for name in names if name not in VALIDATION_MODELS]
     if unknown:
@@ -138,8 +150,10 @@ def parsed_region(text: str, expected: str, make: Callable[..., Region]) -> Regi
         raise BadParameter(f"expected {expected}, got {text}", param_hint="--region") from error
 
 
-def parsed_size(text: str, option: str = "--image-size") -> tuple[int, int]:
-    """Return the width and height in px that ``WxH`` names."""
+def parsed_size(text: str | None, option: str = "--image-size") -> tuple[int, int] | None:
+    """Return the width and height in px that ``WxH`` names; None of none."""
+    if text is None:
+        return None
     size = re.fullmatch(r"(\d{1,6})\s*[x,×]\s*(\d{1,6})", text.strip().lower(), re.ASCII)
     if size is None:
         raise BadParameter(f"{option} must be WxH in px, such as 780x580, got {text}")
@@ -155,69 +169,68 @@ EncodingName = Annotated[
         "its format), linear, srgb or gamma:G.",
     ),
 ]
-ShortEncoding = Annotated[
-    bool | None, Option("--srgb/--linear", help="Short for --encoding srgb and --encoding linear.")
-]
-Page = Annotated[
+_Page = Annotated[
     int | None, Option("--page", min=1, help="Which image of a stack to read, from 1.")
 ]
-Mean = Annotated[bool, Option("--mean", help="Read a stack as one capture: its mean and variance.")]
+_Mean = Annotated[
+    bool, Option("--mean", help="Read a stack as one capture: its mean and variance.")
+]
 
 
 def reading_options(
-    encoding: str, page: int | None, mean: bool, short: bool | None = None
+    encoding: EncodingName = "auto", page: _Page = None, mean: _Mean = False
 ) -> ReadOptions:
-    """Return how photographs are read by the values of these options.
-
-    Raises
-    ------
-    BadParameter, ArgumentError
-        If the encoding is unknown, or two options contradict each other.
-    """
-    if short is not None and encoding != "auto":
-        raise BadParameter("give --encoding or its short form, not both", param_hint="--encoding")
+    """Return how photographs are read by the values of these options."""
     if mean and page is not None:
         raise BadParameter("give --page or --mean, not both", param_hint="--mean")
-    if short is not None:
-        encoding = "srgb" if short else "linear"
     try:
         return library.reading(encoding, page=page, mean=mean)
     except ArgumentError as error:
         raise BadParameter(str(error), param_hint="--encoding") from error
 
 
+def _reading_with_short_forms(
+    encoding: EncodingName = "auto",
+    srgb: Annotated[bool | None, Option("--srgb/--linear")] = None,
+    page: _Page = None,
+    mean: _Mean = False,
+) -> ReadOptions:
+    """How photographs are read, with short forms of the encoding.
+
+    Options
+    -------
+    srgb: Short for --encoding srgb and --encoding linear.
+    """
+    if srgb is None:
+        return reading_options(encoding, page, mean)
+    if encoding != "auto":
+        raise BadParameter("give --encoding or its short form, not both", param_hint="--encoding")
+    return reading_options("srgb" if srgb else "linear", page, mean)
+
+
+Reading = Annotated["ReadOptions", MadeBy(reading_options)]
+ReadingWithShortForms = Annotated["ReadOptions", MadeBy(_reading_with_short_forms)]
+
 Workers = Annotated[int, Option("--workers", min=1, help="Worker processes on this machine.")]
-Scheduler = Annotated[
-    str | None, Option("--scheduler", help="Dask scheduler, tcp://HOST:PORT, instead of --workers.")
-]
-PartOfShards = Annotated[
-    str,
-    Option(
-        "--shard",
-        metavar="K/N",
-        help="Do the K-th of N parts only: for jobs of a queue that share the folder of results.",
-    ),
-]
-Strict = Annotated[
-    bool, Option("--strict", help="Stop at the first photograph that gives nothing.")
-]
-
-
 AsParquet = Annotated[
     bool,
     Option("--parquet", help="Also write the table as Parquet; needs the extra parquet."),
 ]
 
 
-def sweep_options(
-    workers: int, scheduler: str | None, shard: str, *, is_strict: bool
+def _sweep_options(
+    workers: Workers = 1,
+    scheduler: Annotated[str | None, Option()] = None,
+    shard: Annotated[str, Option(metavar="K/N")] = "1/1",
+    strict: Annotated[bool, Option("--strict")] = False,
 ) -> SweepOptions:
-    """Return what these options ask for.
+    """Return who works on what part; refuse a part that there is not.
 
-    Raises
-    ------
-    BadParameter
-        If there is no such part, or both a scheduler and workers are given.
+    Options
+    -------
+    scheduler: Dask scheduler, tcp://HOST:PORT, instead of --workers.
+    shard: Do the K-th of N parts only: for jobs of a queue that share the folder of results.
+    strict: Stop at the first photograph that gives nothing.
     """
     from analysis.sweep import SweepOptions
 
@@ -229,56 +242,44 @@ def sweep_options(
         raise BadParameter(
             f"expected K/N with K from 1 to N, such as 3/16, got {shard!r}", param_hint="--shard"
         )
-    return SweepOptions(workers=workers, scheduler=scheduler, part=part, strict=is_strict)
+    return SweepOptions(workers=workers, scheduler=scheduler, part=part, strict=strict)
 
 
-ExpectZoom = Annotated[
-    float | None,
-    Option(
-        min=0.05,
-        max=20,
-        metavar="Z",
-        help="Approximate ratio of the distances, follow-up over reference; below 1 if the "
-        "follow-up is nearer.",
-    ),
-]
-PoseHint = Annotated[
-    Path | None,
-    Option(
-        "--homography",
-        metavar="H.json",
-        help="Approximate pose, follow-up to reference pixels; it is refined.",
-    ),
-]
-Points = Annotated[
-    Path | None,
-    Option(
-        metavar="P.csv",
-        help="At least four pairs of points, good to a few pixels, with the header "
-        "followup_x_px,followup_y_px,reference_x_px,reference_y_px.",
-    ),
-]
-Mask = Annotated[
-    Path | None,
-    Option(
-        metavar="M.png", help="Image of the follow-up's size; pixels that are not 0 are left out."
-    ),
-]
+Sweep = Annotated["SweepOptions", MadeBy(_sweep_options)]
 
-Mirrored = Annotated[
-    bool,
-    Option(
-        "--mirrored",
-        help="One photograph shows the scene as in a mirror; without it, such a pair is refused.",
-    ),
-]
 
+def _alignment_hints(
+    expect_zoom: Annotated[float | None, Option(min=0.05, max=20, metavar="Z")] = None,
+    homography: Annotated[Path | None, Option(metavar="H.json")] = None,
+    points: Annotated[Path | None, Option(metavar="P.csv")] = None,
+    mask: Annotated[Path | None, Option(metavar="M.png")] = None,
+    mirrored: Annotated[bool, Option("--mirrored")] = False,
+) -> AlignmentHints | None:
+    """What is known of the pose.
+
+    Options
+    -------
+    expect_zoom: Approximate ratio of the distances, follow-up over reference; below 1 if the
+        follow-up is nearer.
+    homography: Approximate pose, follow-up to reference pixels; it is refined.
+    points: At least four pairs of points, good to a few pixels, with the header
+        followup_x_px,followup_y_px,reference_x_px,reference_y_px.
+    mask: Image of the follow-up's size; pixels that are not 0 are left out.
+    mirrored: One photograph shows the scene as in a mirror; without it, such a pair is refused.
+    """
+    return library.alignment_hints(
+        expect_zoom, homography=homography, points=points, mask=mask, mirrored=mirrored
+    )
+
+
+Hints = Annotated["AlignmentHints | None", MadeBy(_alignment_hints)]
+HINTS = ("expect_zoom", "homography", "points", "mask", "mirrored")
 _ENOUGH = "each says what the pose is about"
 HINT_RULES = (
     excludes("expect_zoom", "homography", "points", because=_ENOUGH),
     excludes("homography", "points", because=_ENOUGH),
 )
-"""Rules for a command with the parameters ``expect_zoom``, ``homography`` and ``points``."""
+"""Rules for a command with ``Hints``."""
 
 
 def _checked_threshold(min_dprime: float) -> float:
@@ -330,18 +331,79 @@ ReferenceZoom = Annotated[
     float, Option(help="Zoom from photograph to reference.", callback=checked_zoom)
 ]
 CurveModel = Annotated[Model | None, Option(help="Use the curve for this capture model.")]
-CurveObserver = Annotated[Observer | None, Option(help="Use the curve for this observer.")]
-CurveNoise = Annotated[float | None, Option(help="Use the curve for this noise in DN.")]
-CurveContrast = Annotated[float | None, Option(help="Use the curve for this contrast in DN.")]
 
 
-def curve_choice(
-    model: Model | None,
-    observer: Observer | None,
-    noise_dn: float | None,
-    contrast_dn: float | None,
+def _curve_choice(
+    model: CurveModel = None,
+    observer: Annotated[Observer | None, Option()] = None,
+    noise: Annotated[float | None, Option()] = None,
+    contrast: Annotated[float | None, Option()] = None,
 ) -> library.CurveChoice:
-    """Return which curve these options mean."""
-    return library.CurveChoice(
-        model=model, observer=observer, noise_dn=noise_dn, contrast_dn=contrast_dn
-    )
+    """Which curve of a file to use.
+
+    Options
+    -------
+    observer: Use the curve for this observer.
+    noise: Use the curve for this noise in DN.
+    contrast: Use the curve for this contrast in DN.
+    """
+    return library.CurveChoice(model=model, observer=observer, noise_dn=noise, contrast_dn=contrast)
+
+
+Choice = Annotated["library.CurveChoice", MadeBy(_curve_choice)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListedNumbers:
+    """What the numbers of an option may be: from ``least`` (-inf for any), or above 0.
+
+    Of two whole numbers, the second is probably a decimal if it is ``pair_most`` or more.
+    """
+
+    option: str
+    least: float | None = None
+    pair_most: float | None = None
+
+    @property
+    def bound(self) -> str:
+        """The bound in words."""
+        if self.least == -math.inf:
+            return "that are finite"
+        return "above 0" if self.least is None else f"of at least {self.least:g}"
+
+    def accepts(self, value: float) -> bool:
+        """Whether a value is finite and within the bound."""
+        is_within = value > 0 if self.least is None else value >= self.least
+        return math.isfinite(value) and is_within
+
+
+def number_list(text: str, listed: ListedNumbers) -> list[float]:
+    """Read numbers separated by commas, each once, in the order in which they are written."""
+    meant = decimals_meant(text, listed.accepts, listed.pair_most)
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError as error:
+        remedy = "" if meant is None else f"; write {meant}, with commas between the numbers only"
+        raise BadParameter(
+            f"expected numbers, got {text}{remedy}", param_hint=listed.option
+        ) from error
+    refused = next((value for value in values if not listed.accepts(value)), None)
+    if meant is not None:
+        confirmed = ",".join(f"{value:.1f}" for value in values)
+        otherwise = f", or {confirmed} if they are right" if refused is None else ""
+        raise BadParameter(
+            f"{text} is {len(values)} numbers; decimals were probably meant: "
+            f"write {meant}{otherwise}",
+            param_hint=listed.option,
+        )
+    if refused is not None:
+        raise BadParameter(
+            f"expected numbers {listed.bound}, got {refused:g}", param_hint=listed.option
+        )
+    if listed.pair_most is not None and re.fullmatch(r"\d,\d", text):
+        whole, fraction = text.split(",")
+        note(
+            f"{listed.option} {text} is two numbers, {whole} and {fraction}; "
+            f"a single one is written {whole}.{fraction}"
+        )
+    return list(dict.fromkeys(values))

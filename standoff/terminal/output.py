@@ -1,17 +1,26 @@
-"""What a command prints: results for people or one JSON document, progress on stderr."""
+"""What a command prints: results for people or one JSON document, progress and cameras on stderr.
+
+On stderr, one line follows what a camera sees: the focus value, and verdicts on its pose.
+"""
+
+from __future__ import annotations
 
 import json
 import os
 import re
+import shlex
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from contextvars import ContextVar
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 from rich.console import Console
+from rich.live import Live
 from rich.markup import escape
 from rich.progress import (
     BarColumn,
@@ -26,6 +35,10 @@ from rich.text import Text
 
 from acquisition.printable import on_one_line
 from standoff.streams import as_shown
+
+if TYPE_CHECKING:
+    from acquisition.focus import FocusReading
+    from analysis.pose import PoseVerdict
 
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
 NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
@@ -234,3 +247,111 @@ def print_table(
 
 def _as_shown(text: str) -> str:
     return as_shown(on_one_line(text), _RESULTS.encoding)
+
+
+def print_next_steps(steps: Sequence[tuple[str, str]]) -> None:
+    """Print what each command is for, and the command that a POSIX shell takes from here."""
+    say("", "What to try next, as it stands:")
+    for purpose, command in steps:
+        say("", f"  # {purpose}", f"  {command}")
+
+
+def command_line(*words: str | int | Path) -> str:
+    """Return a command of standoff as this shell starts it: by its name where the PATH has it."""
+    return shlex.join((*_program(), *map(str, words)))
+
+
+def _program() -> tuple[str, ...]:
+    started = Path(sys.argv[0])
+    if started.name != "standoff":  # python -m standoff
+        return (sys.executable, "-m", "standoff")
+    on_path = shutil.which("standoff")
+    if on_path is not None and Path(on_path).resolve() == started.resolve():
+        return ("standoff",)
+    return (str(started),)
+
+
+_INTERVAL_S = 0.1
+_PLAIN_INTERVAL_S = 1.0
+_BAR_CELLS = 30
+_ARROWS = {"rising": "↑ rising ", "steady": "→ steady ", "falling": "↓ falling"}
+
+
+class LiveLine(ExitStack):
+    """Shows texts on stderr: in place on a terminal, else as one plain line per second."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._shown_s: float | None = None
+        self._live = Live(console=ERRORS, auto_refresh=False) if ERRORS.is_terminal else None
+
+    def show(self, text: str, style: str = "", *, now_s: float) -> None:
+        """Draw a text, unless one was drawn a moment before: faster than the eye can follow."""
+        text = on_one_line(text)
+        interval_s = _PLAIN_INTERVAL_S if self._live is None else _INTERVAL_S
+        if self._shown_s is not None and now_s - self._shown_s < interval_s:
+            return
+        if self._live is not None and self._shown_s is None:
+            self.enter_context(self._live)
+        self._shown_s = now_s
+        if self._live is None:
+            ERRORS.print(text, markup=False)
+        else:
+            self._live.update(Text(text, style=style), refresh=True)
+
+
+@contextmanager
+def focus_display() -> Iterator[Callable[[FocusReading, float], None]]:
+    """Yield a callback that shows a reading of the focus aid, given that and its time in s."""
+    with LiveLine() as line:
+        yield lambda reading, now_s: line.show(
+            _reading_text(reading), "yellow" if reading.is_past_peak else "", now_s=now_s
+        )
+
+
+def _reading_text(reading: FocusReading) -> str:
+    """Value, bar, trend, share of the peak and the peak, as one line of text."""
+    if not reading.has_detail:
+        return f"focus {'–':>10} nothing to focus on"
+    share = reading.percent_of_peak
+    filled = round(_BAR_CELLS * min(max(share, 0.0), 100.0) / 100.0)
+    bar = "█" * filled + "·" * (_BAR_CELLS - filled)
+    hint = "   past the peak: go back" if reading.is_past_peak else ""
+    return (
+        f"focus {reading.value:10.5g} {bar} {share:5.1f} % of peak {reading.peak:.5g}  "
+        f"{_ARROWS[reading.trend]}{hint}"
+    )
+
+
+_VERDICT_STYLES = {"go": "bold green", "no go": "bold red", "unsure": "bold yellow"}
+
+
+def _verdict_line(name: str, verdict: PoseVerdict) -> str:
+    """One line for the operator: verdict, margin and reason."""
+    word = "accept" if verdict.accepted else "reject" if verdict.dprime is not None else "lost"
+    if verdict.verdict == "unsure":
+        word = "unsure"
+    margin = "" if verdict.margin is None else f"{100 * verdict.margin:+6.1f} %"
+    return f"{name:<12} {word:<6} {margin:>8}  {verdict.reason}"
+
+
+@contextmanager
+def verdict_display(
+    *, is_live: bool, is_silent: bool
+) -> Iterator[Callable[[str, PoseVerdict], None]]:
+    """Yield a callback that shows a verdict of a stream, given the frame's name and the verdict.
+
+    A camera's verdicts go to stderr, no faster than the eye; a folder's all go to stdout, unless
+    ``is_silent``: that is for a JSON document.
+    """
+    if is_live:
+        with LiveLine() as line:
+            yield lambda name, verdict: line.show(
+                _verdict_line(name, verdict),
+                _VERDICT_STYLES[verdict.verdict],
+                now_s=time.monotonic(),
+            )
+    elif is_silent:
+        yield lambda name, verdict: None
+    else:
+        yield lambda name, verdict: say(_verdict_line(name, verdict))

@@ -1,10 +1,12 @@
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,19 +26,43 @@ class Outcome:
     err: str
 
 
-Command = Callable[..., Outcome]
+@dataclass(frozen=True)
+class Command:
+    """Runs command lines, in this process or in one of its own."""
+
+    run: Callable[[list[str]], Outcome]
+
+    def __call__(self, *arguments: object) -> Outcome:
+        """Run a command line."""
+        return self.run([str(argument) for argument in arguments])
+
+    def done(self, *arguments: object) -> Outcome:
+        """Run one that does what it is asked for."""
+        outcome = self(*arguments)
+        assert outcome.status == 0, outcome.err
+        return outcome
+
+    def document(self, *arguments: object) -> Any:
+        """Run one that does so, and return what it prints with --json."""
+        return json.loads(self.done(*arguments, "--json").out)
+
+    def refused(self, status: int, *arguments: object) -> str:
+        """Run one that ends with a status, and return what it says on stderr."""
+        outcome = self(*arguments)
+        assert outcome.status == status, outcome.err
+        return outcome.err
 
 
 @pytest.fixture
 def command(capsys: pytest.CaptureFixture[str]) -> Command:
     """Runs a command line in this process."""
 
-    def run_command(*arguments: object) -> Outcome:
-        status = run([str(argument) for argument in arguments])
+    def run_here(arguments: list[str]) -> Outcome:
+        status = run(arguments)
         captured = capsys.readouterr()
         return Outcome(status=status, out=captured.out, err=captured.err)
 
-    return run_command
+    return Command(run_here)
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +77,12 @@ def coarse_figures() -> Iterator[None]:
 def process() -> Command:
     """Runs a command line in a process of its own, as on a machine without settings."""
 
-    def run_process(*arguments: object) -> Outcome:
+    def run_process(arguments: list[str]) -> Outcome:
         environment = {
             name: value for name, value in os.environ.items() if not name.endswith("NUM_THREADS")
         }
         done = subprocess.run(
-            [sys.executable, "-m", "standoff", *map(str, arguments)],
+            [sys.executable, "-m", "standoff", *arguments],
             capture_output=True,
             text=True,
             env=environment,
@@ -64,7 +90,7 @@ def process() -> Command:
         )
         return Outcome(status=done.returncode, out=done.stdout, err=done.stderr)
 
-    return run_process
+    return Command(run_process)
 
 
 @pytest.fixture
@@ -162,10 +188,18 @@ def plan_file(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="session")
+def captured_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A complete session of six edge captures, taken once; nobody changes it."""
+    folder = tmp_path_factory.mktemp("captured")
+    (folder / "bench.toml").write_text(SMALL_BENCH)
+    (folder / "plan.toml").write_text(SMALL_PLAN)
+    words = ("--bench", folder / "bench.toml", "--plan", folder / "plan.toml", "--yes", "--out")
+    assert run(["capture", *map(str, words), str(folder / "session")]) == 0
+    return folder / "session"
+
+
 @pytest.fixture
-def session_dir(command: Command, bench_file: Path, plan_file: Path, tmp_path: Path) -> Path:
-    """A complete session of six edge captures."""
-    path = tmp_path / "session"
-    done = command("capture", "--bench", bench_file, "--plan", plan_file, "--out", path, "--yes")
-    assert done.status == 0, done.err
-    return path
+def session_dir(captured_session: Path, tmp_path: Path) -> Path:
+    """A copy of the session, to work in."""
+    return Path(shutil.copytree(captured_session, tmp_path / "session"))

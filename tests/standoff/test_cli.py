@@ -106,10 +106,9 @@ def test_wrong_usage_is_one_line_and_status_2(
 def test_a_slip_on_the_command_line_is_answered_with_what_to_write(
     command: Command, arguments: list[str], remedy: str
 ) -> None:
-    done = command(*arguments)
-    assert done.status == 2
-    assert_one_line(done.err)
-    assert remedy in done.err
+    err = command.refused(2, *arguments)
+    assert_one_line(err)
+    assert remedy in err
 
 
 def test_a_slip_in_a_bench_file_is_a_data_error_and_a_stated_unit_is_none(
@@ -118,10 +117,9 @@ def test_a_slip_in_a_bench_file_is_a_data_error_and_a_stated_unit_is_none(
     text = shipped_config("simulated.toml").read_text("utf-8")
     bench = tmp_path / "bench.toml"
     bench.write_text(text.replace("exposure_us = 9000.0", "exposure_us = 9"), encoding="utf-8")
-    done = command("stage", "status", "--bench", bench)
-    assert done.status == 1
-    assert_one_line(done.err)
-    assert f"{bench}: camera.exposure_us = 9" in done.err
+    err = command.refused(1, "stage", "status", "--bench", bench)
+    assert_one_line(err)
+    assert f"{bench}: camera.exposure_us = 9" in err
     bench.write_text(text.replace("exposure_us = 9000.0", 'exposure_us = "9 ms"'), encoding="utf-8")
     assert command("stage", "status", "--bench", bench).status == 0
 
@@ -259,9 +257,8 @@ def test_a_result_never_takes_the_place_of_an_input_or_of_another_result(
 ) -> None:
     before = edge_file.read_bytes()
     monkeypatch.chdir(edge_file.parent)
-    done = command(*arguments)
-    assert done.status == 2
-    assert_one_line(done.err)
+    err = command.refused(2, *arguments)
+    assert_one_line(err)
     assert edge_file.read_bytes() == before
 
 
@@ -269,11 +266,20 @@ def test_levels_beyond_float32_are_refused_before_anything_is_written(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "far.tif"
-    done = command(
-        "simulate", edge_file, "--zoom", 2, "--model", "bicubic", "--exposure", 1e36, "--out", out
+    err = command.refused(
+        2,
+        "simulate",
+        edge_file,
+        "--zoom",
+        2,
+        "--model",
+        "bicubic",
+        "--exposure",
+        1e36,
+        "--out",
+        out,
     )
-    assert done.status == 2
-    assert "exposure: expected a number of 1e+12 at most" in done.err
+    assert "exposure: expected a number of 1e+12 at most" in err
     assert not out.exists()
 
 
@@ -281,10 +287,9 @@ def test_a_file_where_the_results_folder_should_be_is_named(
     command: Command, session_dir: Path
 ) -> None:
     (session_dir / "results").write_text("in the way")
-    done = command("report", session_dir)
-    assert done.status == 1
-    assert_one_line(done.err)
-    assert "results" in done.err
+    err = command.refused(1, "report", session_dir)
+    assert_one_line(err)
+    assert "results" in err
 
 
 def test_every_module_of_the_commands_is_within_reach() -> None:
@@ -299,10 +304,9 @@ def test_a_folder_in_the_place_of_a_result_is_named_before_any_work(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "psf.json").mkdir()
-    done = command("calibrate", edge_file, "--out", tmp_path / "psf.json")
-    assert done.status == 1
-    assert f"cannot write {tmp_path / 'psf.json'}: it is a folder" in done.err
-    assert_one_line(done.err)
+    err = command.refused(1, "calibrate", edge_file, "--out", tmp_path / "psf.json")
+    assert f"cannot write {tmp_path / 'psf.json'}: it is a folder" in err
+    assert_one_line(err)
 
 
 def test_a_report_that_the_disk_does_not_take_is_named(
@@ -311,10 +315,8 @@ def test_a_report_that_the_disk_does_not_take_is_named(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("acquisition.files.writing.write_shared", full)
-    done = command("report", session_dir)
-    assert done.status == 1
-    assert "report.html: No space left on device" in done.err
+    monkeypatch.setattr("standoff.library.files.output_files.write_shared", full)
+    assert "report.html: No space left on device" in command.refused(1, "report", session_dir)
 
 
 def test_sigterm_ends_a_command_as_ctrl_c_does_with_a_status_of_its_own(

@@ -1,13 +1,14 @@
 """Changes of many follow-ups: each gets a folder with the files of a single comparison."""
 
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from acquisition.files import make_folder
 from acquisition.photographs import Photograph
 from acquisition.printable import on_one_line
 from analysis.change_series import ComparedFollowup, limit_columns
+from analysis.changes import ChangeCriteria
 from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
@@ -21,6 +22,10 @@ from standoff.library.changes import (
 )
 from standoff.library.registration import hint_settings
 from standoff.library.swept_photographs import refusing
+
+_CRITERIA = tuple(one.name for one in fields(ChangeCriteria))
+_SETTING = {"least_dn": "least"}
+"""Under which name a criterion is a setting, where it is not its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,15 +59,12 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             "psf": self.psf is not None,
             "noise": options.noise is not None,
             "transfer": self.shape,
-            "false_alarms": options.false_alarms,
-            "false_discovery_rate": options.false_discovery_rate,
+            **{_SETTING.get(name, name): getattr(options, name) for name in _CRITERIA},
             "hints": hint_settings(hints),
             "white_level": self.rules.white_level,
             "spot_sigma_px": options.spot_sigma_px,
             "limit_contrast_dn": options.limit_contrast_dn,
             "limit_rgb": options.limit_rgb,
-            "count_moved": options.count_moved,
-            "least": options.least_dn,
             "scale": asdict(self.rules.scale),
             "expected": None if options.expected is None else asdict(options.expected),
         }

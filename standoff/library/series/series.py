@@ -5,12 +5,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
+from typing import Unpack
 
 from acquisition.files import PAGES, write_file, write_page
 from acquisition.photographs import Photograph, ReadOptions, each_image, is_folder
 from analysis.change_series import ChangesSeries, ComparedFollowup, time_line_of
-from analysis.changes import ChangeOptions
-from analysis.choices import FALSE_ALARMS, Criterion
+from analysis.choices import Criterion
 from analysis.detectability import CurveChoice
 from analysis.followup_series import (
     STATE_NAME,
@@ -29,24 +29,16 @@ from analysis.reports import render_series_report
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions
 from calibration.registration import RegistrationHints
-from simulation.arguments import checked
+from simulation.arguments import FilePath, checked, output_path, path_of
 from simulation.arrays import AnyArray
-from simulation.choices import PsfShape
+from standoff import AlignmentHints
 from standoff.errors import ApplicationError
-from standoff.library.call import (
-    Call,
-    FilePath,
-    NoiseLike,
-    Progress,
-    PsfLike,
-    camera_noise,
-    listed_paths,
-    output_path,
-    path_of,
-)
-from standoff.library.changes import comparison_rules
+from standoff.library import PsfLike
+from standoff.library.call import Call, Progress, listed_paths
+from standoff.library.changes import ComparisonKeywords, begun_comparison
+from standoff.library.comparison import find_changes
 from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.limit_options import DetectionLimitOptions, limit_files
+from standoff.library.keywords import with_keywords_of
 from standoff.library.psf import psf_and_field
 from standoff.library.registration import AlignmentHints, hint_files
 from standoff.library.series.change_work import ChangeWork
@@ -89,26 +81,17 @@ def is_series(followups: Iterable[Path]) -> bool:
 
 
 @checked
+@with_keywords_of(find_changes)  # type: ignore[has-type]  # of a module in a cycle of imports
 def find_changes_of_series(
     reference: FilePath,
     followups: FilePath | Iterable[FilePath],
     out: FilePath,
     psf: PsfLike | None = None,
     *,
-    transfer: PsfShape = "best",
-    noise: NoiseLike | None = None,
-    false_alarms: float = FALSE_ALARMS,
-    false_discovery_rate: float | None = None,
-    hints: AlignmentHints | RegistrationHints | None = None,
-    white_level: float | None = None,
-    limit: DetectionLimitOptions | None = None,
-    count_moved: bool = False,
-    least: float | None = None,
     report: FilePath | None = None,
     parquet: bool = False,
     sweep: SweepOptions | None = None,
-    reading: ReadOptions | None = None,
-    progress: Progress | None = None,
+    **how: Unpack[ComparisonKeywords],
 ) -> SeriesResult[ChangesSeries, ComparedFollowup]:
     """Compare follow-ups with their references; each gets a folder, all of them a table.
 
@@ -123,9 +106,7 @@ def find_changes_of_series(
         Files and folders; of a folder the reference itself is left out. Of pairs, one folder.
     out
         Folder for the results.
-    psf, transfer, noise, false_alarms, false_discovery_rate, hints, white_level, limit
-        As in ``find_changes``.
-    count_moved, least, reading, progress
+    psf
         As in ``find_changes``.
     report
         Where the page goes, besides the folder.
@@ -133,6 +114,8 @@ def find_changes_of_series(
         Whether the table is also written as Parquet, which needs pyarrow.
     sweep
         Who works, and on what part; by default this process, on all.
+    how
+        As in ``find_changes``.
 
     Returns
     -------
@@ -154,16 +137,8 @@ def find_changes_of_series(
     >>> found.document.changed
     1
     """
-    read = psf, noise, *limit_files(limit), *hint_files(hints)
-    call = Call("find_changes_of_series", progress, reading, read)
-    options = ChangeOptions(
-        noise=camera_noise(noise),
-        false_alarms=false_alarms,
-        false_discovery_rate=false_discovery_rate,
-        count_moved=count_moved,
-        least_dn=least,
-    )
-    rules = comparison_rules(call, psf, limit, options, hints, white_level)
+    call, rules = begun_comparison("find_changes_of_series", psf, how)
+    transfer = how.get("transfer", "best")
     folder, first = path_of(out, "out"), path_of(reference, "reference")
     given = tuple(listed_paths(followups, "followups"))
     page = None if report is None else output_path(report, "report", PAGES)

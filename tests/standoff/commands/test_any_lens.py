@@ -42,8 +42,7 @@ def test_the_follow_up_is_as_near_the_truth_as_a_linear_one_can_be(
         edges.append(tmp_path / f"edge{len(edges)}.tif")
         tifffile.imwrite(edges[-1], np.rint(photograph * LEVELS_PER_DN).astype(np.uint16))
     psf, reference_file, out = (tmp_path / name for name in ("psf.json", "near.tif", "far.tif"))
-    calibrated = command("calibrate", *edges, "--encoding", "linear", "--out", psf)
-    assert calibrated.status == 0, calibrated.err
+    command.done("calibrate", *edges, "--encoding", "linear", "--out", psf)
     document = json.loads(psf.read_text(encoding="utf-8"))
     # Edges as sharp as the pixel are edges too.
     assert {edge["image"] for edge in document["edges"]} == {str(edge) for edge in edges}
@@ -52,8 +51,7 @@ def test_the_follow_up_is_as_near_the_truth_as_a_linear_one_can_be(
     scene = slanted_rectangles(SIDE_PX, 8, seed=9)
     reference = scene.reference(camera)
     tifffile.imwrite(reference_file, reference.astype(np.float32))
-    simulated = command("simulate", reference_file, "--zoom", ZOOM, "--psf", psf, "--out", out)
-    assert simulated.status == 0, simulated.err
+    simulated = command.done("simulate", reference_file, "--zoom", ZOOM, "--psf", psf, "--out", out)
     assert f"measured, {form}" in simulated.out
 
     margin = ceil(MARGIN_PX / ZOOM)

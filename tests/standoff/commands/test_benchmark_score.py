@@ -32,8 +32,7 @@ def test_programs_are_written_and_printed_side_by_side(
     data, knows, refuses = folders
     out = tmp_path / "scores"
     words = ("benchmark", "score", knows, refuses, "--data", data, "--out", out)
-    done = command(*words)
-    assert done.status == 0, done.err
+    done = command.done(*words)
     assert "Alignment of two photographs" in done.out
     assert "related pairs within 0.1 px / %" in done.out
     assert sorted(path.name for path in out.iterdir()) == sorted(SCORE_FILES)
@@ -51,9 +50,7 @@ def test_programs_are_written_and_printed_side_by_side(
     page = (out / "scores.html").read_text("utf-8")
     assert page.count("<svg") == 7
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    refused = command(*words)
-    assert refused.status == 1
-    assert "exists already" in refused.err
+    assert "exists already" in command.refused(1, *words)
     assert command(*words, "--force").status == 0
     assert (out / "scores.csv").read_bytes() == before["scores.csv"]
     assert (out / "scores.md").read_bytes() == before["scores.md"]
@@ -84,8 +81,7 @@ def test_the_program_of_the_guide_takes_part(command: Command, tmp_path: Path) -
     ]
     (tmp_path / "example.py").write_text(program)
     subprocess.run([sys.executable, tmp_path / "example.py", data, bicubic], check=True)
-    done = command("benchmark", "score", bicubic, "--data", data, "--json")
-    assert done.status == 0, done.err
+    done = command.done("benchmark", "score", bicubic, "--data", data, "--json")
     scores = {
         (one["track"], one["measure"]): one["value"]
         for one in json.loads(done.out)["scores"]

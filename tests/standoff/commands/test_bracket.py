@@ -1,6 +1,5 @@
 """Bracketed captures in the analyses: they take them as they take any other."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -29,8 +28,7 @@ def captured(command: Command, folder: Path, targets: str, *, top: str = "", see
     bench, plan, path = folder / "b.toml", folder / "p.toml", folder / "s"
     bench.write_text(SMALL_BENCH + f"seed = {seed}\n")
     plan.write_text(PLAN + top + targets)
-    done = command("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
-    assert done.status == 0, done.err
+    command.done("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
     assert command("verify", path).status == 0
     return path
 
@@ -47,9 +45,7 @@ def test_the_psf_of_bracketed_edges_is_the_benchs(command: Command, tmp_path: Pa
     keys = "orientations_deg = [5.0, 50.0, 95.0]"
     targets = TARGET.format(kind="edge", target="edge", keys=keys, exposures=3, ratio=4.0)
     session = captured(command, tmp_path, targets)
-    done = command("calibrate", "--session", session, "--out", tmp_path / "psf.json", "--json")
-    assert done.status == 0, done.err
-    psf = json.loads(done.out)
+    psf = command.document("calibrate", "--session", session, "--out", tmp_path / "psf.json")
     for axis, true_px in (("x", 0.7), ("y", 0.6)):
         found, error = (psf[f"optical_sigma_{axis}{end}_px"] for end in ("", "_err"))
         assert abs(found - true_px) < 4 * error
@@ -66,9 +62,7 @@ def test_noise_takes_each_exposure_of_bracketed_flats_and_darks(
         kind="dark", target="dark", keys="exposure_us = 800.0", exposures=2, ratio=8.0
     )
     session = captured(command, tmp_path, targets)
-    done = command("noise", "--session", session, "--out", tmp_path / "noise.json", "--json")
-    assert done.status == 0, done.err
-    noise = json.loads(done.out)
+    noise = command.document("noise", "--session", session, "--out", tmp_path / "noise.json")
     # The bench has 5 e-/DN and 12 e-; the file states the standard errors.
     assert abs(noise["gain_e_per_dn"] - 5.0) < 4 * noise["gain_e_per_dn_err"]
     assert abs(noise["read_noise_e"] - 12.0) < 4 * noise["read_noise_e_err"]
@@ -87,9 +81,7 @@ def test_changes_between_two_bracketed_captures_of_one_scene_are_none(
     first, second = Session(session).records
     assert first.saturated_pixels > 20
     out = tmp_path / "changes"
-    done = command("changes", session / first.file, session / second.file, "--out", out, "--json")
-    assert done.status == 0, done.err
-    found = json.loads(done.out)
+    found = command.document("changes", session / first.file, session / second.file, "--out", out)
     # By chance one pair of twenty has one.
     assert found["changes"] == []
     # The noise of bright pixels, in one exposure, is five times that of dark ones, in both.

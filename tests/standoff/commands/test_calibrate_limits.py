@@ -23,8 +23,7 @@ def test_the_terminal_prints_an_edges_mtf50_in_every_unit_with_its_error(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "psf.json"
-    done = command("calibrate", edge_file, "--out", out, "--pixel-pitch-um", "5")
-    assert done.status == 0
+    done = command.done("calibrate", edge_file, "--out", out, "--pixel-pitch-um", "5")
     document = json.loads(out.read_text())
     [edge] = document["edges"]
     rows = document["picture_height_px"]
@@ -103,9 +102,10 @@ def test_the_pixel_pitch_of_a_session_is_that_of_its_bench_file(
 def test_a_pixel_pitch_at_fault_is_wrong_usage(
     command: Command, edge_file: Path, tmp_path: Path, text: str, message: str
 ) -> None:
-    done = command("calibrate", edge_file, "--out", tmp_path / "p.json", "--pixel-pitch-um", text)
-    assert done.status == 2
-    assert message in done.err
+    err = command.refused(
+        2, "calibrate", edge_file, "--out", tmp_path / "p.json", "--pixel-pitch-um", text
+    )
+    assert message in err
 
 
 def test_many_edges_are_listed_by_their_ends_with_the_way_to_all(
@@ -116,8 +116,9 @@ def test_many_edges_are_listed_by_their_ends_with_the_way_to_all(
     ]
     squares = np.vstack(rows) / 256.0
     Image.fromarray(np.rint(squares).astype(np.uint8)).save(tmp_path / "many.png")
-    done = command("calibrate", tmp_path / "many.png", "--linear", "--out", tmp_path / "p.json")
-    assert done.status == 0, done.err
+    done = command.done(
+        "calibrate", tmp_path / "many.png", "--linear", "--out", tmp_path / "p.json"
+    )
     used = json.loads((tmp_path / "p.json").read_text())["edges"]
     assert len(used) > 12
     assert "The 5 softest and 5 sharpest edges" in done.out
@@ -130,8 +131,7 @@ def test_a_verdict_is_printed_and_stored_and_the_exit_status_stays_0(
     command: Command, edge_file: Path, limits_file: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "psf.json"
-    done = command("calibrate", edge_file, "--out", out, "--limits", limits_file)
-    assert done.status == 0
+    done = command.done("calibrate", edge_file, "--out", out, "--limits", limits_file)
     assert f"Verdict by {limits_file}: fail" in done.out
     verdict = json.loads(out.read_text())["verdict"]
     assert verdict["outcome"] == "fail"
@@ -160,14 +160,12 @@ def test_a_limits_file_at_fault_is_named_before_anything_is_measured(
     limits = tmp_path / "limits.toml"
     limits.write_text("[mtf50]\nminimum_cy_per_px = 0.2\n")
     out = tmp_path / "p.json"
-    done = command("calibrate", edge_file, "--out", out, "--limits", limits)
-    assert done.status == 1
-    assert "unknown key mtf50.minimum_cy_per_px; did you mean mtf50.min_cy_per_px?" in done.err
+    err = command.refused(1, "calibrate", edge_file, "--out", out, "--limits", limits)
+    assert "unknown key mtf50.minimum_cy_per_px; did you mean mtf50.min_cy_per_px?" in err
     assert not out.exists()
-    scene = command(
-        "calibrate", edge_file, "--method", "single-image", "--out", out, "--limits", limits
+    command.refused(
+        2, "calibrate", edge_file, "--method", "single-image", "--out", out, "--limits", limits
     )
-    assert scene.status == 2
 
 
 def test_the_report_has_every_warning_of_the_terminal_and_numbers_its_figures(
@@ -176,11 +174,16 @@ def test_the_report_has_every_warning_of_the_terminal_and_numbers_its_figures(
     grey = np.rint(edge_image(0.9, 5.0) / 256.0).astype(np.uint8)
     Image.fromarray(np.dstack([grey] * 3)).save(tmp_path / "edge.jpg", quality=92)
     page = tmp_path / "r.html"
-    done = command(
-        "calibrate", tmp_path / "edge.jpg", "--out", tmp_path / "p.json",
-        "--report", page, "--limits", limits_file,
-    )  # fmt: skip
-    assert done.status == 0, done.err
+    done = command.done(
+        "calibrate",
+        tmp_path / "edge.jpg",
+        "--out",
+        tmp_path / "p.json",
+        "--report",
+        page,
+        "--limits",
+        limits_file,
+    )
     texts = Page(page.read_text()).texts
     notes = [line.removeprefix("note: ") for line in done.err.splitlines()]
     assert len(notes) >= 4  # colour, JPEG, what one edge cannot tell, encoding

@@ -69,9 +69,10 @@ def test_a_mosaic_gives_every_colour_and_green_by_default(command: Command, tmp_
 def test_a_colour_photograph_is_no_mosaic(command: Command, tmp_path: Path) -> None:
     image = np.rint(edge_image(0.8, 5.0) / 256).astype(np.uint8)
     Image.fromarray(np.dstack([image] * 3)).save(tmp_path / "c.png")
-    done = command("calibrate", tmp_path / "c.png", "--bayer", "RGGB", "--out", tmp_path / "p.json")
-    assert done.status == 1
-    assert "c.png: a colour photograph is not a raw mosaic; leave out --bayer" in done.err
+    err = command.refused(
+        1, "calibrate", tmp_path / "c.png", "--bayer", "RGGB", "--out", tmp_path / "p.json"
+    )
+    assert "c.png: a colour photograph is not a raw mosaic; leave out --bayer" in err
 
 
 @pytest.mark.parametrize(
@@ -88,10 +89,9 @@ def test_a_colour_photograph_is_no_mosaic(command: Command, tmp_path: Path) -> N
 def test_wrong_options_are_usage_in_one_line(
     command: Command, edge_file: Path, tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
-    done = command("calibrate", edge_file, *arguments, "--out", tmp_path / "p.json")
-    assert done.status == 2
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(2, "calibrate", edge_file, *arguments, "--out", tmp_path / "p.json")
+    assert message in err
+    assert err.count("\n") == 1
     assert not (tmp_path / "p.json").exists()
 
 
@@ -104,9 +104,8 @@ def test_a_folder_that_is_not_there_is_said_before_any_work(
     psf = tmp_path / "p.json"
     nowhere = tmp_path / "nowhere" / name
     outputs = ("--out", nowhere) if option == "--out" else ("--out", psf, option, nowhere)
-    done = command("calibrate", edge_file, *outputs)
-    assert done.status == 1
-    assert f"cannot write {nowhere}: {nowhere.parent} is not a folder" in done.err
+    err = command.refused(1, "calibrate", edge_file, *outputs)
+    assert f"cannot write {nowhere}: {nowhere.parent} is not a folder" in err
     assert not psf.exists()
 
 
@@ -116,8 +115,7 @@ def test_a_pdf_is_made_where_the_extra_is_installed(
 ) -> None:
     pytest.importorskip("weasyprint")
     page = tmp_path / "report.pdf"
-    done = command("calibrate", edge_file, "--out", tmp_path / "p.json", "--report", page)
-    assert done.status == 0
+    command.done("calibrate", edge_file, "--out", tmp_path / "p.json", "--report", page)
     assert page.read_bytes().startswith(b"%PDF-")
 
 
@@ -126,19 +124,21 @@ def test_without_the_extra_a_pdf_is_refused_in_one_line(
 ) -> None:
     monkeypatch.setitem(sys.modules, "weasyprint", None)
     psf = tmp_path / "p.json"
-    done = command("calibrate", edge_file, "--out", psf, "--report", tmp_path / "report.pdf")
-    assert done.status == 1
-    assert "pip install standoff[pdf]" in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(
+        1, "calibrate", edge_file, "--out", psf, "--report", tmp_path / "report.pdf"
+    )
+    assert "pip install standoff[pdf]" in err
+    assert err.count("\n") == 1
     assert not psf.exists()
 
 
 def test_a_region_outside_is_named_as_it_was_typed(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:
-    done = command("calibrate", edge_file, "--region", "0,0,400,90", "--out", tmp_path / "psf.json")
-    assert done.status == 1
-    assert "region 0,0,400,90 is not within" in done.err
+    err = command.refused(
+        1, "calibrate", edge_file, "--region", "0,0,400,90", "--out", tmp_path / "psf.json"
+    )
+    assert "region 0,0,400,90 is not within" in err
 
 
 def test_one_clipped_colour_rejects_the_edge_though_its_luma_is_below_the_top(
@@ -149,9 +149,8 @@ def test_one_clipped_colour_rejects_the_edge_though_its_luma_is_below_the_top(
     image = np.rint(np.dstack([red, grey, grey])).astype(np.uint8)
     Image.fromarray(image).save(tmp_path / "c.png")
     assert image[..., 1].max() < 250
-    luma = command("calibrate", tmp_path / "c.png", "--out", tmp_path / "p.json")
-    assert luma.status == 1
-    assert "saturated: shorten the exposure" in luma.err
+    err = command.refused(1, "calibrate", tmp_path / "c.png", "--out", tmp_path / "p.json")
+    assert "saturated: shorten the exposure" in err
     green = ("--channel", "green", "--out", tmp_path / "p.json")
     assert command("calibrate", tmp_path / "c.png", *green).status == 0
 
@@ -161,9 +160,10 @@ def test_the_plateau_of_a_narrower_adc_is_seen_through_the_srgb_curve(
 ) -> None:
     clipped = np.minimum(edge_image(0.8, 5.0) / 11.0, 4095.0)  # 12 bits in a 16-bit file
     tifffile.imwrite(tmp_path / "e.tif", np.rint(clipped).astype(np.uint16))
-    done = command("calibrate", tmp_path / "e.tif", "--srgb", "--out", tmp_path / "p.json")
-    assert done.status == 1
-    assert "saturated" in done.err
+    err = command.refused(
+        1, "calibrate", tmp_path / "e.tif", "--srgb", "--out", tmp_path / "p.json"
+    )
+    assert "saturated" in err
 
 
 @pytest.mark.slow
@@ -185,9 +185,10 @@ def test_a_session_says_which_camera_and_when(
 def test_options_for_photographs_do_not_go_with_a_session(
     command: Command, session_dir: Path, tmp_path: Path
 ) -> None:
-    done = command("calibrate", "--session", session_dir, "--srgb", "--out", tmp_path / "p.json")
-    assert done.status == 2
-    assert "captures are linear and grey" in done.err
+    err = command.refused(
+        2, "calibrate", "--session", session_dir, "--srgb", "--out", tmp_path / "p.json"
+    )
+    assert "captures are linear and grey" in err
 
 
 @pytest.mark.parametrize(
@@ -199,9 +200,8 @@ def test_a_name_that_says_another_kind_of_file_is_refused_before_any_work(
 ) -> None:
     psf, other = tmp_path / "p.json", tmp_path / name
     outputs = ("--out", other) if option == "--out" else ("--out", psf, option, other)
-    done = command("calibrate", edge_file, *outputs)
-    assert done.status == 2
-    assert option in done.err
-    assert ends in done.err
+    err = command.refused(2, "calibrate", edge_file, *outputs)
+    assert option in err
+    assert ends in err
     assert not psf.exists()
     assert not other.exists()

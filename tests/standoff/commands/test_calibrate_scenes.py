@@ -54,8 +54,7 @@ def test_a_height_series_calibrates_itself(
 ) -> None:
     out = tmp_path / "psf.json"
     words = ("calibrate", *photographs, "--method", "two-distance", "--out", out)
-    done = command(*words, "--noise", noise_file, "--json")
-    assert done.status == 0, done.err
+    done = command.done(*words, "--noise", noise_file, "--json")
     document = json.loads(done.out)
     assert document == json.loads(out.read_text())
     assert document["method"] == "two-distance"
@@ -70,8 +69,7 @@ def test_a_height_series_calibrates_itself(
     assert document["sigma_x_err_px"] > 0.05 * document["sigma_x_px"]
     assert "note: the errors contain 5 % for a lens that is not Gaussian" in done.err
     far = tmp_path / "far.tif"
-    done = command("simulate", photographs[0], "--zoom", 2, "--psf", out, "--out", far)
-    assert done.status == 0, done.err
+    command.done("simulate", photographs[0], "--zoom", 2, "--psf", out, "--out", far)
 
 
 @pytest.mark.slow
@@ -80,8 +78,7 @@ def test_without_the_noise_a_note_says_so_and_a_given_zoom_needs_no_features(
 ) -> None:
     out = tmp_path / "psf.json"
     words = ("--method", "two-distance", "--zoom", 2, "--out", out)
-    done = command("calibrate", photographs[0], photographs[2], *words)
-    assert done.status == 0, done.err
+    done = command.done("calibrate", photographs[0], photographs[2], *words)
     assert "give --noise" in done.err
     assert json.loads(out.read_text())["sigma_x_px"] == pytest.approx(np.sqrt(0.45), rel=0.1)
 
@@ -92,9 +89,8 @@ def test_photographs_in_the_wrong_order_are_refused_in_one_line(
 ) -> None:
     out = tmp_path / "psf.json"
     words = ("--method", "two-distance", "--noise", noise_file, "--out", out)
-    done = command("calibrate", photographs[2], photographs[0], *words)
-    assert done.status == 1
-    assert "the second photograph is the nearer one" in done.err
+    err = command.refused(1, "calibrate", photographs[2], photographs[0], *words)
+    assert "the second photograph is the nearer one" in err
     assert not out.exists()
 
 
@@ -106,8 +102,7 @@ def test_the_edges_of_a_scene_tell_the_psf_and_how_little_that_is(
     cover = chart(240, 320, pitch_px=70.0, side_px=46.0, turn_deg=24.0, sigma_px=0.7)
     noise = np.random.default_rng(1).normal(0.0, 2.0, cover.shape)
     tifffile.imwrite(scene, (200.0 - 150.0 * cover + noise).astype(np.float32))
-    done = command("calibrate", scene, "--method", "single-image", "--out", out)
-    assert done.status == 0, done.err
+    done = command.done("calibrate", scene, "--method", "single-image", "--out", out)
     found = json.loads(out.read_text())
     assert found["optical_sigma_x_px"] == pytest.approx(0.7, rel=0.1)
     assert found["sigma_x_err_px"] == pytest.approx(0.2 * found["sigma_x_px"], rel=0.1)
@@ -118,9 +113,8 @@ def test_an_image_without_edges_tells_no_psf(
     command: Command, photographs: list[Path], tmp_path: Path
 ) -> None:
     out = tmp_path / "psf.json"
-    done = command("calibrate", photographs[0], "--method", "single-image", "--out", out)
-    assert done.status == 1
-    assert "use a scene with sharp edges" in done.err
+    err = command.refused(1, "calibrate", photographs[0], "--method", "single-image", "--out", out)
+    assert "use a scene with sharp edges" in err
     assert not out.exists()
 
 
@@ -130,10 +124,9 @@ def test_a_region_beyond_the_nearest_photograph_is_named_as_it_was_typed(
 ) -> None:
     out = tmp_path / "psf.json"
     words = ("--method", "two-distance", "--zoom", 1.5, "--region", region, "--out", out)
-    done = command("calibrate", *photographs[:2], *words)
-    assert done.status == 1
+    err = command.refused(1, "calibrate", *photographs[:2], *words)
     inside = f"region {region} is not within {photographs[0]} (320x240)"
-    assert inside in done.err.splitlines()[-1]
+    assert inside in err.splitlines()[-1]
     assert not out.exists()
 
 

@@ -49,8 +49,7 @@ def test_a_photograph_is_measured_as_its_maps_leave_it(command: Command, tmp_pat
     path, out = tmp_path / "edge.tif", tmp_path / "psf.json"
     tifffile.imwrite(path, (clean * response + DARK_DN).astype(np.float32))
     words = ("calibrate", path, "--out", out, "--json")
-    corrected = command(*words, "--correct", maps_beside(tmp_path / "noise.json", response))
-    assert corrected.status == 0, corrected.err
+    corrected = command.done(*words, "--correct", maps_beside(tmp_path / "noise.json", response))
     assert json.loads(corrected.out)["sigma_x_px"] == pytest.approx(0.8, rel=1e-3)
     spoilt = command(*words, "--force")
     assert abs(json.loads(spoilt.out)["sigma_x_px"] / 0.8 - 1) > 0.01
@@ -64,9 +63,8 @@ def test_a_pixel_that_clipped_in_the_file_counts_as_clipped_after_the_maps(
     tifffile.imwrite(path, np.rint(clipped).astype(np.uint16))
     # By a response of 2 the level of the clipped pixels falls to half of the top.
     maps = maps_beside(tmp_path / "noise.json", np.full(clipped.shape, 2.0))
-    done = command("calibrate", path, "--out", tmp_path / "psf.json", "--correct", maps)
-    assert done.status == 1
-    assert "saturated: shorten the exposure" in done.err
+    err = command.refused(1, "calibrate", path, "--out", tmp_path / "psf.json", "--correct", maps)
+    assert "saturated: shorten the exposure" in err
 
 
 def test_maps_of_another_camera_are_refused_by_the_photographs_name(
@@ -74,14 +72,12 @@ def test_maps_of_another_camera_are_refused_by_the_photographs_name(
 ) -> None:
     maps = maps_beside(tmp_path / "noise.json", np.ones((60, 91)))
     words = ("--out", tmp_path / "psf.json", "--correct", maps)
-    other_size = command("calibrate", edge_file, *words)
-    assert other_size.status == 1
+    err = command.refused(1, "calibrate", edge_file, *words)
     problem = "an image of (90, 110) (rows, cols) does not match maps of (60, 91)"
-    assert f"{edge_file}: {problem}" in other_size.err
+    assert f"{edge_file}: {problem}" in err
     Image.fromarray(np.zeros((60, 91, 3), np.uint8)).save(tmp_path / "colour.png")
-    colour = command("calibrate", tmp_path / "colour.png", *words)
-    assert colour.status == 1
-    assert "colour.png: a colour image, but the maps are of a grey camera" in colour.err
+    err = command.refused(1, "calibrate", tmp_path / "colour.png", *words)
+    assert "colour.png: a colour image, but the maps are of a grey camera" in err
     assert not (tmp_path / "psf.json").exists()
 
 
@@ -116,8 +112,7 @@ def test_the_table_names_its_columns_once(
     other, table = tmp_path / "other.tif", tmp_path / "edges.csv"
     tifffile.imwrite(other, np.rint(edge_image(0.7, 95.0)).astype(np.uint16))
     words = ("calibrate", edge_file, other, "--out", tmp_path / "psf.json", "--csv", table)
-    done = command(*words)
-    assert done.status == 0, done.err
+    done = command.done(*words)
     assert f", {table}" in done.out
     with table.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -130,9 +125,8 @@ def test_maps_and_noise_are_for_linear_levels(
     command: Command, edge_file: Path, noise_file: Path, tmp_path: Path, option: str
 ) -> None:
     words = ("calibrate", edge_file, "--out", tmp_path / "psf.json", "--srgb")
-    done = command(*words, option, noise_file)
-    assert done.status == 2
-    assert "--noise and --correct apply to linear grey levels" in done.err
+    err = command.refused(2, *words, option, noise_file)
+    assert "--noise and --correct apply to linear grey levels" in err
 
 
 @pytest.mark.slow
@@ -144,8 +138,7 @@ def test_a_focus_that_drifts_over_the_heights_is_told(command: Command, tmp_path
     session = tmp_path / "s"
     words = ("capture", "--bench", bench, "--plan", plan, "--out", session, "--yes")
     assert command(*words).status == 0
-    done = command("calibrate", "--session", session, "--out", tmp_path / "psf.json")
-    assert done.status == 0, done.err
+    done = command.done("calibrate", "--session", session, "--out", tmp_path / "psf.json")
     assert "over the heights: the focus drifts" in done.err
     assert "calibrate at one height or refocus" in done.err
 
@@ -160,10 +153,9 @@ def test_one_image_of_a_scene_is_told_to_be_a_guess(command: Command, tmp_path: 
     session = tmp_path / "s"
     words = ("capture", "--bench", bench, "--plan", plan, "--out", session, "--yes")
     assert command(*words).status == 0
-    done = command(
+    done = command.done(
         "calibrate", "--session", session, "--method", "single-image", "--out", tmp_path / "p.json"
     )
-    assert done.status == 0, done.err
     assert "edges are clear enough" in done.out
     assert "the scene's own edges have a mean blur of" in done.out
     assert "--method two-distance does better" in done.err
@@ -178,8 +170,7 @@ def test_the_report_of_a_corrected_session_shows_what_was_measured(
     maps = maps_beside(tmp_path / "noise.json", np.ones((128, 160)))
     words = ("calibrate", "--session", session_dir, "--out", out, "--json")
     plain = json.loads(command(*words).out)
-    done = command(*words, "--correct", maps, "--report", page, "--force")
-    assert done.status == 0, done.err
+    done = command.done(*words, "--correct", maps, "--report", page, "--force")
     assert json.loads(done.out)["sigma_x_px"] == pytest.approx(plain["sigma_x_px"], rel=1e-9)
     assert "<h2>From centre to corner</h2>" in page.read_text()
 
@@ -192,8 +183,7 @@ def test_a_psf_that_changes_over_the_frame_is_told_and_stored_as_a_field(
     for edge in frame_of_edges():
         paths.append(tmp_path / edge.name)
         tifffile.imwrite(paths[-1], edge.image_dn.astype(np.float32))
-    done = command("calibrate", *paths, "--out", tmp_path / "psf.json")
-    assert done.status == 0, done.err
+    done = command.done("calibrate", *paths, "--out", tmp_path / "psf.json")
     assert "the PSF changes over the frame: psf.json holds its field" in done.out
     assert json.loads((tmp_path / "psf.json").read_text())["field"] is not None
 

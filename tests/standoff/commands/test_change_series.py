@@ -78,8 +78,7 @@ def pixels(folder: Path) -> dict[str, bytes]:
 
 def test_each_of_a_folder_gets_what_it_gets_alone(command: Command, root: Path) -> None:
     photographs, out = root / "photographs", root / "out"
-    done = command(*asked(root, photographs), "--out", out)
-    assert done.status == 0, done.err
+    done = command.done(*asked(root, photographs), "--out", out)
     assert f"2 follow-ups compared, 1 with changed pixels (0 already done); wrote {out}" in done.out
     series = read_changes_series(out / "summary.json")
     assert (series.compared, series.changed, series.refused) == (2, 1, 0)
@@ -156,15 +155,14 @@ def test_a_follow_up_that_gives_nothing_is_listed_and_leaves_nothing_of_before(
     assert command(*asked(root, photographs), "--out", out).status == 0
     (photographs / "same.tif").write_bytes((photographs / "same.tif").read_bytes()[:5000])
     shutil.copy(root / "psf.json", photographs / "text.png")
-    done = command(*asked(root, photographs), "--out", out)
-    assert done.status == 1
-    assert done.err.splitlines()[-1] == (
+    err = command.refused(1, *asked(root, photographs), "--out", out)
+    assert err.splitlines()[-1] == (
         "standoff: 2 of 3 follow-ups gave nothing; the results of the others are complete"
     )
     series = read_changes_series(out / "summary.json")
     refused = {Path(one.followup).name: one.refused for one in series.followups if one.refused}
     assert set(refused) == {"same.tif", "text.png"}
-    assert all(str(text) in done.err for text in refused.values())
+    assert all(str(text) in err for text in refused.values())
     assert not (out / "same").exists()
     assert pixels(out / "other") == pixels(root / "alone" / "other")
 
@@ -215,8 +213,7 @@ def test_the_time_line_follows_each_change_over_the_photographs(
     photographs, out = root / "photographs", root / "out"
     # The changes stay: two photographs show them, the one between them does not.
     shutil.copy(photographs / "other.tif", photographs / "zlast.tif")
-    done = command(*asked(root, photographs), "--out", out)
-    assert done.status == 0, done.err
+    command.done(*asked(root, photographs), "--out", out)
     line = read_time_line(out / "series.json")
     assert line.order == "path"  # a TIFF of levels alone says no time
     assert [one.folder for one in line.followups] == ["other", "same", "zlast"]
@@ -254,8 +251,7 @@ def test_follow_ups_that_state_their_time_are_in_its_order(command: Command, roo
         image = tifffile.imread(root / "photographs" / "same.tif")
         date = f"{year}:05:06 07:08:09"
         tifffile.imwrite(taken / f"{name}.tif", image, datetime=date, metadata=None)
-    done = command(*asked(root, taken), "--out", root / "out")
-    assert done.status == 0, done.err
+    command.done(*asked(root, taken), "--out", root / "out")
     line = read_time_line(root / "out" / "series.json")
     assert line.order == "time"
     assert [one.folder for one in line.followups] == ["b", "a"]
@@ -275,8 +271,7 @@ def test_photographs_of_two_folders_are_paired_by_their_names(
     shutil.copy(photographs / "same.tif", after / "late.tif")
     out = root / "out"
     words = ("changes", before, after, "--psf", root / "psf.json", "--out", out)
-    done = command(*words)
-    assert done.status == 0, done.err
+    done = command.done(*words)
     assert "2 follow-ups compared, 1 with changed pixels (0 already done)" in done.out
     assert "2 photographs without a partner of their name" in done.err
     series = read_changes_series(out / "summary.json")
@@ -315,10 +310,9 @@ def test_folders_that_make_no_pairs_are_one_line(
     (root / "others").mkdir()
     shutil.copy(root / "photographs" / "same.tif", root / "others" / "unlike.tif")
     paths = [root / name for name in followups]
-    done = command("changes", root / "photographs", *paths, "--out", root / "out")
-    assert done.status == 1
-    assert done.err.count("\n") == 1
-    assert said in " ".join(done.err.split())
+    err = command.refused(1, "changes", root / "photographs", *paths, "--out", root / "out")
+    assert err.count("\n") == 1
+    assert said in " ".join(err.split())
 
 
 def test_a_mask_of_another_size_refuses_the_photographs_of_that_size_alone(
@@ -329,8 +323,7 @@ def test_a_mask_of_another_size_refuses_the_photographs_of_that_size_alone(
     tifffile.imwrite(photographs / "cropped.tif", image[:-20])
     Image.fromarray(np.zeros(image.shape, np.uint8)).save(root / "mask.png")
     out = root / "out"
-    done = command(*asked(root, photographs), "--mask", root / "mask.png", "--out", out)
-    assert done.status == 1
+    command.refused(1, *asked(root, photographs), "--mask", root / "mask.png", "--out", out)
     refused = [one for one in read_changes_series(out / "summary.json").followups if one.refused]
     assert [Path(one.followup).name for one in refused] == ["cropped.tif"]
     assert "a mask has the follow-up's size" in (refused[0].refused or "")
@@ -338,13 +331,12 @@ def test_a_mask_of_another_size_refuses_the_photographs_of_that_size_alone(
     assert pixels(out / "same") == pixels(root / "alone" / "same")
 
 
-def test_any_number_of_workers_writes_the_same_bytes(process: Command, root: Path) -> None:
-    for workers in (1, 2):
-        done = process(
-            *asked(root, root / "photographs"), "--workers", workers, "--out", root / str(workers)
-        )
-        assert done.status == 0, done.err
+def test_any_number_of_workers_writes_the_same_bytes(
+    command: Command, process: Command, root: Path
+) -> None:
     one, two = root / "1", root / "2"
+    command.done(*asked(root, root / "photographs"), "--workers", 1, "--out", one)
+    process.done(*asked(root, root / "photographs"), "--workers", 2, "--out", two)
     assert (one / "changes.csv").read_bytes() == (two / "changes.csv").read_bytes()
     first, second = (read_time_line(out / "series.json") for out in (one, two))
     assert first.tracks == second.tracks
@@ -362,8 +354,7 @@ def test_follow_ups_of_letters_that_no_page_may_hold_are_compared_and_named(
     photographs, out = root / "photographs", root / "out"
     for name, odd in (("same", "no-\udcff-utf"), ("other", "two\nlines \x1b[31m 九月")):
         (photographs / f"{name}.tif").rename(photographs / f"{odd}.tif")
-    done = command(*asked(root, photographs), "--out", out)
-    assert done.status == 0, done.err
+    done = command.done(*asked(root, photographs), "--out", out)
     assert all(line.isprintable() for line in (done.out + done.err).splitlines())
     folders = [one.folder for one in read_changes_series(out / "summary.json").followups]
     assert all(folder is not None and folder.isprintable() for folder in folders)

@@ -8,6 +8,7 @@ import tifffile
 from PIL import Image
 
 from analysis.changes.document import Change
+from standoff.cli import run
 from tests.standoff.changed_photographs import (
     FAR,
     NEAR,
@@ -33,14 +34,23 @@ def psf_file(tmp_path: Path) -> Path:
     return write_psf(tmp_path / "psf.json")
 
 
-@pytest.fixture
-def photographs(tmp_path: Path) -> tuple[Path, Path]:
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A reference, and a follow-up with sixteen changes of 25 DN in the scene."""
-    one = changed_pair(2, 25.0)
+    one, folder = changed_pair(2, 25.0), tmp_path_factory.mktemp("photographs")
     return (
-        write_levels(tmp_path / "near.tif", one.reference),
-        write_levels(tmp_path / "far.tif", one.followup),
+        write_levels(folder / "near.tif", one.reference),
+        write_levels(folder / "far.tif", one.followup),
     )
+
+
+@pytest.fixture(scope="module")
+def compared(photographs: tuple[Path, Path]) -> Path:
+    """What the two give without any option, and page.html beside them."""
+    out = photographs[0].parent / "out"
+    words = ("changes", *photographs, "--out", out, "--report", out.parent / "page.html")
+    assert run([str(word) for word in words]) == 0
+    return out
 
 
 def test_changes_are_registered_found_and_written(
@@ -53,24 +63,22 @@ def test_changes_are_registered_found_and_written(
         ' "black_level_dn": 0.0, "frames_averaged": 1}'
     )
     out = tmp_path / "out"
-    asked = ("changes", *photographs, "--psf", psf_file)
-    done = command(*asked, "--noise", noise, "--out", out, "--json")
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
+    words = ("--psf", psf_file, "--noise", noise, "--out", out)
+    told = command.done("changes", *photographs, *words)
+    document = json.loads((out / "changes.json").read_text())
     assert document["zoom"] == pytest.approx(ZOOM, abs=0.005)
     # The scene was photographed through no lens at all.
     assert document["distortion_k1"] == pytest.approx(0.0, abs=4 * document["distortion_k1_err"])
     # The psf.json is that of the photographs.
     assert document["kernel"] == "calibrated"
     assert_provenance(document, "changes", *photographs, psf_file, noise)
-    told = command(*asked, "--noise", noise, "--out", tmp_path / "again")
     assert told.out.splitlines()[0] == "16 changes"
     assert told.out.splitlines()[-1].startswith("no change of focus: the blur is what psf.json")
     assert (
         f"{document['changed_px']} of {document['compared_px']} pixels changed by more than "
         in told.out
     )
-    assert f"wrote {tmp_path / 'again'}\n" in told.out
+    assert f"wrote {out}\n" in told.out
     mask = np.asarray(Image.open(out / "changes.png")) > 0
     assert mask.sum() == document["changed_px"]
     core = one.truth > 0.5 * one.truth.max()
@@ -86,8 +94,7 @@ def test_a_psf_of_another_focus_is_told_with_its_significance(
     other = {"schema": "standoff.psf/1", "sigma_x_px": 0.6, "sigma_y_px": 0.6, "rho": 0.0}
     (tmp_path / "other.json").write_text(json.dumps(other))
     words = ("changes", *photographs, "--psf", tmp_path / "other.json", "--out", tmp_path / "out")
-    done = command(*words, "--json")
-    assert done.status == 0, done.err
+    done = command.done(*words, "--json")
     document = json.loads(done.out)
     assert document["kernel"] == "both"
     assert any("the focus has changed by" in warning for warning in document["warnings"])
@@ -97,13 +104,8 @@ def test_a_psf_of_another_focus_is_told_with_its_significance(
     assert page.index("the focus has changed by") < page.index("Before and after")
 
 
-def test_two_photographs_and_nothing_else_give_the_list_of_what_changed(
-    command: Command, photographs: tuple[Path, Path], tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    done = command("changes", *photographs, "--out", out, "--json")
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
+def test_two_photographs_and_nothing_else_give_the_list_of_what_changed(compared: Path) -> None:
+    document = json.loads((compared / "changes.json").read_text())
     assert document["kernel"] == "pair"
     assert document["saturated_px"] == 0
     assert document["warnings"] == []
@@ -118,7 +120,7 @@ def test_two_photographs_and_nothing_else_give_the_list_of_what_changed(
         assert change["reference_x_px"] == pytest.approx(
             ZOOM * (change["x_px"] - (FAR[1] - 1) / 2) + (NEAR[1] - 1) / 2 - 2.3, abs=0.3
         )
-    with (out / "changes.csv").open(encoding="utf-8") as file:
+    with (compared / "changes.csv").open(encoding="utf-8") as file:
         lines = list(csv.DictReader(file))
     numbers = ("x_px", "y_px", "area_px", "amplitude_dn", "significance", "spot_sigma_px")
     assert [[float(line[name]) for name in numbers] for line in lines] == [
@@ -126,7 +128,7 @@ def test_two_photographs_and_nothing_else_give_the_list_of_what_changed(
     ]
     assert {line["displacement_x_px"] for line in lines} == {""}
     assert {line["is_moved"] for line in lines} == {"False"}
-    page = (out / "report.html").read_text("utf-8")
+    page = (compared / "report.html").read_text("utf-8")
     assert page.count('<g data-change="') == 3 * 16
     assert "src=" not in page.replace('src="data:', "")
     assert "http://" not in page.replace('xmlns="http://www.w3.org', "").replace(
@@ -135,16 +137,13 @@ def test_two_photographs_and_nothing_else_give_the_list_of_what_changed(
 
 
 def test_the_report_goes_where_it_is_asked_for(
-    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+    command: Command, photographs: tuple[Path, Path], compared: Path, tmp_path: Path
 ) -> None:
-    report = tmp_path / "page.html"
-    done = command("changes", *photographs, "--out", tmp_path / "out", "--report", report)
-    assert done.status == 0, done.err
-    own, other = ((path).read_text("utf-8") for path in (tmp_path / "out/report.html", report))
+    pages = compared / "report.html", compared.parent / "page.html"
+    own, other = (path.read_text("utf-8") for path in pages)
     assert own.split("<footer")[0][:5000] == other[:5000]
     assert "16 changes" in other
-    refused = command("changes", *photographs, "--out", tmp_path / "o", "--report", tmp_path / "r")
-    assert refused.status == 2
+    command.refused(2, "changes", *photographs, "--out", tmp_path / "o", "--report", tmp_path / "r")
 
 
 def test_a_mask_leaves_its_pixels_out(
@@ -154,9 +153,9 @@ def test_a_mask_leaves_its_pixels_out(
     left_out[:, : FAR[1] // 2] = 1
     Image.fromarray(left_out).save(tmp_path / "mask.png")
     out = tmp_path / "out"
-    done = command("changes", *photographs, "--mask", tmp_path / "mask.png", "--out", out, "--json")
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
+    document = command.document(
+        "changes", *photographs, "--mask", tmp_path / "mask.png", "--out", out
+    )
     assert len(document["changes"]) == 8
     assert min(change["x_px"] for change in document["changes"]) > FAR[1] / 2
     compared = np.asarray(Image.open(out / "compared.png")) > 0
@@ -192,29 +191,26 @@ def test_a_pose_that_is_known_roughly_is_a_way_on(
         ("homography", ("--homography", tmp_path / "H.json")),
         ("points", ("--points", tmp_path / "p.csv")),
     ):
-        done = command("changes", *photographs, *hint, "--out", tmp_path / name, "--json")
-        assert done.status == 0, done.err
-        found = json.loads(done.out)
+        found = command.document("changes", *photographs, *hint, "--out", tmp_path / name)
         assert found["zoom"] == pytest.approx(ZOOM, abs=0.005)
         assert len(found["changes"]) == 16
 
 
 def test_a_mirrored_follow_up_is_refused_or_has_the_same_changes_in_mirrored_places(
-    command: Command, photographs: tuple[Path, Path], tmp_path: Path
+    command: Command, photographs: tuple[Path, Path], compared: Path, tmp_path: Path
 ) -> None:
     near, far = photographs
     mirrored = tmp_path / "mirrored.tif"
     tifffile.imwrite(mirrored, np.ascontiguousarray(tifffile.imread(far)[:, ::-1]))
-    refused = command("changes", near, mirrored, "--out", tmp_path / "refused")
-    assert refused.status == 1
-    assert refused.err.count("\n") == 1
-    assert "mirrored" in refused.err
-    assert "--mirrored" in refused.err
-    made = {}
-    for name, words in (("as-is", (near, far)), ("mirrored", (near, mirrored, "--mirrored"))):
-        done = command("changes", *words, "--out", tmp_path / name, "--json")
-        assert done.status == 0, done.err
-        made[name] = json.loads(done.out)
+    err = command.refused(1, "changes", near, mirrored, "--out", tmp_path / "refused")
+    assert err.count("\n") == 1
+    assert "mirrored" in err
+    assert "--mirrored" in err
+    words = (near, mirrored, "--mirrored", "--out", tmp_path / "out")
+    made = {
+        "as-is": json.loads((compared / "changes.json").read_text()),
+        "mirrored": command.document("changes", *words),
+    }
     assert np.linalg.det(made["mirrored"]["homography"]) < 0
     assert made["mirrored"]["zoom"] == pytest.approx(made["as-is"]["zoom"], abs=2e-3)
     assert made["mirrored"]["extra_blur_px2"] == pytest.approx(
@@ -232,9 +228,8 @@ def test_a_mirrored_follow_up_is_refused_or_has_the_same_changes_in_mirrored_pla
 def test_an_ordinary_follow_up_is_not_mirrored_because_somebody_says_so(
     command: Command, photographs: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    done = command("changes", *photographs, "--mirrored", "--out", tmp_path / "out")
-    assert done.status == 1
-    assert "leave out --mirrored" in done.err
+    err = command.refused(1, "changes", *photographs, "--mirrored", "--out", tmp_path / "out")
+    assert "leave out --mirrored" in err
 
 
 @pytest.mark.parametrize(
@@ -252,9 +247,8 @@ def test_an_ordinary_follow_up_is_not_mirrored_because_somebody_says_so(
 def test_options_that_contradict_each_other_are_wrong_usage(
     command: Command, tmp_path: Path, words: tuple[object, ...], said: str
 ) -> None:
-    done = command("changes", "near.tif", "far.tif", *words, "--out", tmp_path / "out")
-    assert done.status == 2
-    assert said in " ".join(done.err.replace("│", " ").split())
+    err = command.refused(2, "changes", "near.tif", "far.tif", *words, "--out", tmp_path / "out")
+    assert said in " ".join(err.replace("│", " ").split())
 
 
 @pytest.mark.parametrize(
@@ -277,11 +271,10 @@ def test_a_hint_that_cannot_be_read_is_one_line(
     path = tmp_path / ("H.json" if option == "--homography" else "p")
     if content is not None:
         path.write_text(content)
-    done = command("changes", *photographs, option, path, "--out", tmp_path / "out")
-    assert done.status == 1
-    assert path.name in done.err
-    assert said in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(1, "changes", *photographs, option, path, "--out", tmp_path / "out")
+    assert path.name in err
+    assert said in err
+    assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -293,9 +286,8 @@ def test_points_of_one_photograph_are_refused_for_several(
         "1,1,2,2\n9,1,18,2\n1,9,2,18\n9,9,18,18\n"
     )
     words = (*photographs, photographs[1], "--points", tmp_path / "p.csv")
-    done = command("changes", *words, "--out", tmp_path / "out")
-    assert done.status == 2
-    assert "points are of one follow-up" in done.err
+    err = command.refused(2, "changes", *words, "--out", tmp_path / "out")
+    assert "points are of one follow-up" in err
 
 
 def test_a_follow_up_of_something_else_is_one_line(
@@ -306,11 +298,11 @@ def test_a_follow_up_of_something_else_is_one_line(
         tifffile.imwrite(
             tmp_path / f"{name}.tif", rng.normal(100, 9, (120, 150)).astype(np.float32)
         )
-    done = command(
+    err = command.refused(
+        1,
         *("changes", tmp_path / "near.tif", tmp_path / "far.tif"),
         *("--psf", psf_file, "--out", tmp_path / "out"),
     )
-    assert done.status == 1
-    assert "far.tif: " in done.err
-    assert done.err.count("\n") == 1
+    assert "far.tif: " in err
+    assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()

@@ -25,8 +25,7 @@ def psf_file(path: Path, sigma_x_px: float, **values: object) -> Path:
 
 def test_a_lens_that_moved_is_told_in_one_line(command: Command, tmp_path: Path) -> None:
     a, b = psf_file(tmp_path / "a.json", 0.80), psf_file(tmp_path / "b.json", 0.84)
-    done = command("compare", a, b)
-    assert done.status == 0
+    done = command.done("compare", a, b)
     assert "the PSF has changed: sigma_x_px by +5.00 %" in done.out
     # 1.96 times 0.002, and that times sqrt(2).
     assert "PSF, ± at 95 %" in done.out
@@ -43,8 +42,7 @@ def test_a_lens_that_moved_is_told_in_one_line(command: Command, tmp_path: Path)
 
 def test_the_same_calibration_has_not_changed(command: Command, tmp_path: Path) -> None:
     a = psf_file(tmp_path / "a.json", 0.80)
-    done = command("compare", a, a)
-    assert done.status == 0
+    done = command.done("compare", a, a)
     assert "no significant change in 2 parameters" in done.out
 
 
@@ -57,10 +55,9 @@ def test_different_methods_are_noted(command: Command, tmp_path: Path) -> None:
 def test_files_without_errors_are_refused_by_name(command: Command, tmp_path: Path) -> None:
     a = psf_file(tmp_path / "a.json", 0.80)
     b = psf_file(tmp_path / "b.json", 0.80, sigma_x_err_px=None, sigma_y_err_px=None)
-    done = command("compare", a, b)
-    assert done.status == 1
-    assert f"{a} and {b}: no width in common" in done.err
-    assert "the second has no standard error of sigma_x_px, sigma_y_px" in done.err
+    err = command.refused(1, "compare", a, b)
+    assert f"{a} and {b}: no width in common" in err
+    assert "the second has no standard error of sigma_x_px, sigma_y_px" in err
 
 
 def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> None:
@@ -75,8 +72,7 @@ def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> 
     psf_file(tmp_path / "late.psf.json", 0.84, captured_utc="2025-02-02T03:04:05Z", **camera)
     (tmp_path / "broken-psf.json").write_text("{")
     page = tmp_path / "history.html"
-    done = command("compare", "--history", tmp_path, "--report", page)
-    assert done.status == 0
+    done = command.done("compare", "--history", tmp_path, "--report", page)
     assert "Camera S9, ± at 95 %" in done.out
     assert "left out:" in done.err
     assert "broken-psf.json" in done.err
@@ -101,29 +97,23 @@ def test_wrong_usage_is_one_line(
     command: Command, tmp_path: Path, count: int, options: tuple[str, ...], message: str
 ) -> None:
     files = [psf_file(tmp_path / f"{k}.json", 0.8) for k in range(count)]
-    done = command("compare", *files, *options)
-    assert done.status == 2
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(2, "compare", *files, *options)
+    assert message in err
+    assert err.count("\n") == 1
 
 
 def test_a_folder_without_calibrations_is_named(command: Command, tmp_path: Path) -> None:
-    done = command("compare", "--history", tmp_path)
-    assert done.status == 1
-    assert f"no psf.json in {tmp_path}" in done.err
+    assert f"no psf.json in {tmp_path}" in command.refused(1, "compare", "--history", tmp_path)
 
 
 def test_a_history_of_files_is_a_table_alone(command: Command, tmp_path: Path) -> None:
     a, b = psf_file(tmp_path / "a.json", 0.80), psf_file(tmp_path / "b.json", 0.84)
-    done = command("compare", "--history", a, b)
-    assert done.status == 0, done.err
+    done = command.done("compare", "--history", a, b)
     assert "0.8000" in done.out
     assert "0.8400" in done.out
     assert "wrote" not in done.out
     (tmp_path / "broken.json").write_text("{")
-    refused = command("compare", "--history", a, tmp_path / "broken.json")
-    assert refused.status == 1  # a file that was named is not left out
-    assert "broken.json" in refused.err
+    assert "broken.json" in command.refused(1, "compare", "--history", a, tmp_path / "broken.json")
 
 
 @pytest.mark.parametrize("width", [80, 100, 10_000])
@@ -139,8 +129,7 @@ def test_a_history_is_no_wider_than_its_terminal_and_120_characters_in_a_pipe(
     folder.mkdir()
     a = psf_file(folder / "a.json", 0.80, captured_utc="2025-01-02T03:04:05Z")
     b = psf_file(folder / "b.json", 0.84, captured_utc="2025-02-02T03:04:05Z")
-    done = command("compare", "--history", a, b)
-    assert done.status == 0, done.err
+    command.done("compare", "--history", a, b)
     lines = printed.getvalue().splitlines()
     assert max(map(len, lines)) <= min(width, 120)
     # Column by column, wrapped as it is, everything is there.
@@ -173,8 +162,7 @@ def test_null_widths_are_named_as_not_compared_or_end_the_command(
     optical = {"optical_sigma_x_px": 0.7, "optical_sigma_x_err_px": 0.002}
     a = psf_file(tmp_path / "a.json", 0.80, **optical)
     b = psf_file(tmp_path / "b.json", 0.80, **optical, sigma_y_px=None)
-    done = command("compare", a, b, "--json")
-    assert done.status == 0
+    done = command.done("compare", a, b, "--json")
     assert done.err == "note: not compared: the second does not determine sigma_y_px\n"
     document = json.loads(done.out)
     assert document["remarks"] == ["not compared: the second does not determine sigma_y_px"]

@@ -24,16 +24,13 @@ BENCH = ("--bench", shipped_config("simulated.toml"))
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1"])
 def test_it_listens_beyond_this_computer_with_a_token_only(command: Command, host: str) -> None:
-    done = command("console", *BENCH, "--host", host)
-    assert done.status == 2
-    assert "--token" in done.err
-    assert len(done.err.strip().splitlines()) == 1
+    err = command.refused(2, "console", *BENCH, "--host", host)
+    assert "--token" in err
+    assert len(err.strip().splitlines()) == 1
 
 
 def test_a_short_token_is_refused(command: Command) -> None:
-    done = command("console", *BENCH, "--token", "short")
-    assert done.status == 2
-    assert "at least 12 characters" in done.err
+    assert "at least 12 characters" in command.refused(2, "console", *BENCH, "--token", "short")
 
 
 def test_a_port_that_is_taken_is_an_error_in_one_line(command: Command) -> None:
@@ -50,15 +47,13 @@ def test_a_port_that_is_taken_is_an_error_in_one_line(command: Command) -> None:
 def test_a_host_that_no_computer_can_be_called_is_an_error_in_one_line(
     command: Command, host: str
 ) -> None:
-    done = command("console", *BENCH, "--host", host, "--token", "long enough to be one")
-    assert done.status == 1
-    assert f"cannot listen on {host}: it is not a host name or address" in done.err
-    assert len(done.err.strip().splitlines()) == 1
+    err = command.refused(1, "console", *BENCH, "--host", host, "--token", "long enough to be one")
+    assert f"cannot listen on {host}: it is not a host name or address" in err
+    assert len(err.strip().splitlines()) == 1
 
 
 def test_a_bench_file_that_is_missing_is_an_error(command: Command, tmp_path: Path) -> None:
-    done = command("console", "--bench", tmp_path / "none.toml")
-    assert done.status == 1
+    command.refused(1, "console", "--bench", tmp_path / "none.toml")
 
 
 @pytest.fixture
@@ -78,8 +73,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 def test_its_address_is_shown_and_with_a_token_the_way_in(
     command: Command, served: list[object]
 ) -> None:
-    plain = command("console", *BENCH, "--port", 0)
-    assert plain.status == 0, plain.err
+    plain = command.done("console", *BENCH, "--port", 0)
     assert re.fullmatch(r"console at http://127\.0\.0\.1:\d+/; Ctrl-C ends\n", plain.out)
     assert plain.err == ""
     guarded = command("console", *BENCH, "--port", 0, "--token", "long enough & safe")
@@ -94,13 +88,10 @@ def test_with_curves_the_pose_can_be_judged_and_curves_that_do_not_tell_are_refu
 ) -> None:
     curves = tmp_path / "curves.json"
     write_results(curves, DetectabilityCurves(curves=[curve()]))
-    done = command("console", *BENCH, "--port", 0, "--curves", curves, "--json")
-    assert done.status == 0, done.err
+    done = command.done("console", *BENCH, "--port", 0, "--curves", curves, "--json")
     assert json.loads(done.out)["url"].startswith("http://127.0.0.1:")
     curves.write_text("{}")
-    refused = command("console", *BENCH, "--port", 0, "--curves", curves)
-    assert refused.status == 1
-    assert "curves.json" in refused.err
+    assert "curves.json" in command.refused(1, "console", *BENCH, "--port", 0, "--curves", curves)
     assert len(served) == 1
 
 
@@ -108,10 +99,9 @@ def test_without_its_extra_the_console_says_how_to_get_it(
     command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("standoff.commands.console.find_spec", lambda _: None)
-    done = command("console", *BENCH)
-    assert done.status == 1
-    assert "pip install 'standoff[console]'" in done.err
-    assert len(done.err.strip().splitlines()) == 1
+    err = command.refused(1, "console", *BENCH)
+    assert "pip install 'standoff[console]'" in err
+    assert len(err.strip().splitlines()) == 1
 
 
 @pytest.mark.slow

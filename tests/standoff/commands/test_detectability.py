@@ -49,8 +49,7 @@ def test_curves_and_figures_are_written_and_a_second_run_finds_its_cells(
 ) -> None:
     out = tmp_path / "curves.json"
     asked = ("detectability", scene_file, "--psf", psf_file, "--model", "paper,matched", *FAST)
-    done = command(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out)
-    assert done.status == 0, done.err
+    done = command.done(*asked, "--noise", "2,4", "--contrast", "6,12", "--out", out)
     assert "upper bound" in done.out
     assert "which row to read: npw takes the scene's detail for white noise; cho comes" in done.out
     first = json.loads(out.read_text())
@@ -87,16 +86,15 @@ def test_what_cannot_be_measured_is_named_and_the_curves_are_of_the_others(
     missing = tmp_path / "missing.tif"
     out = tmp_path / "curves.json"
     asked = ("detectability", folder, missing, "--model", "bicubic", *FAST, "--out", out)
-    done = command(*asked)
-    assert done.status == 1
-    assert "standoff: 2 photographs could not be measured" in done.err
-    assert "are of the 3 others" in done.err
-    assert "1 photograph has the content of another" in done.err
+    err = command.refused(1, *asked)
+    assert "standoff: 2 photographs could not be measured" in err
+    assert "are of the 3 others" in err
+    assert "1 photograph has the content of another" in err
     listed = (tmp_path / "curves.sweep" / "refused.txt").read_text()
     assert listed.count("\n") == 2
     for path in (folder / "corrupt.tif", missing):
         assert str(path) in listed
-        assert str(path) in done.err
+        assert str(path) in err
     copies = (tmp_path / "curves.sweep" / "copies.txt").read_text()
     assert [line[66:] for line in copies.splitlines()] == [
         str(folder / name) for name in ("a.tif", "copy.tif")
@@ -105,9 +103,8 @@ def test_what_cannot_be_measured_is_named_and_the_curves_are_of_the_others(
     assert document["images"] == 3
     files = [folder / name for name in ("a.tif", "b.tif", "copy.tif")]
     assert_provenance(document, "detectability", *files)
-    strict = command(*asked, "--strict")
-    assert strict.status == 1
-    assert strict.err.count("\n") == 1
+    err = command.refused(1, *asked, "--strict")
+    assert err.count("\n") == 1
 
 
 @pytest.mark.slow
@@ -121,8 +118,7 @@ def test_parts_of_a_queue_and_a_last_run_give_the_curves_of_one_run(
     assert command(*asked, "--out", tmp_path / "one.json").status == 0
     out = tmp_path / "parts.json"
     for k in (2, 1):
-        done = command(*asked, "--out", out, "--shard", f"{k}/2")
-        assert done.status == 0, done.err
+        done = command.done(*asked, "--out", out, "--shard", f"{k}/2")
         assert f"part {k}/2: " in done.out
         assert not out.exists()
     assert command(*asked, "--out", out).status == 0
@@ -140,11 +136,10 @@ def test_noise_of_a_camera_and_a_patch_as_signal(
     )
     tifffile.imwrite(tmp_path / "patch.tif", np.pad(np.ones((4, 4), np.uint8), 2))
     out = tmp_path / "curves.json"
-    done = command(
+    command.done(
         *("detectability", scene_file, "--psf", psf_file, "--model", "matched", *FAST),
         *("--noise", noise, "--signal", tmp_path / "patch.tif", "--out", out),
     )
-    assert done.status == 0, done.err
     found = read_curves(out).curves[0]
     mean_dn = float(tifffile.imread(scene_file).astype(np.float64).mean())
     assert found.noise_dn == pytest.approx(np.sqrt((mean_dn - 20) / 10 + 0.25))
@@ -173,20 +168,18 @@ def test_wrong_usage_is_one_line(
     options: tuple[str, ...],
     message: str,
 ) -> None:
-    done = command(
-        "detectability", scene_file, "--psf", psf_file, "--out", tmp_path / "c.json", *options
+    err = command.refused(
+        2, "detectability", scene_file, "--psf", psf_file, "--out", tmp_path / "c.json", *options
     )
-    assert done.status == 2
-    assert message in done.err
-    assert done.err.count("\n") == 1
+    assert message in err
+    assert err.count("\n") == 1
 
 
 def test_a_psf_is_asked_for_where_the_model_needs_it(
     command: Command, scene_file: Path, tmp_path: Path
 ) -> None:
-    done = command("detectability", scene_file, "--out", tmp_path / "c.json")
-    assert done.status == 2
-    assert "needs --psf" in done.err
+    err = command.refused(2, "detectability", scene_file, "--out", tmp_path / "c.json")
+    assert "needs --psf" in err
 
 
 LIMITS = ("--focal-length-px", 800, "--image-size", "640x480", "--observer", "npw")
@@ -195,8 +188,7 @@ LIMITS = ("--focal-length-px", 800, "--image-size", "640x480", "--observer", "np
 def test_limits_as_table_json_and_plot(command: Command, curves_file: Path, tmp_path: Path) -> None:
     asked = ("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS)
     plot = tmp_path / "limits.svg"
-    done = command(*asked, "--plot", plot, "--at-zoom", 1.5)
-    assert done.status == 0, done.err
+    done = command.done(*asked, "--plot", plot, "--at-zoom", 1.5)
     assert "straight back: up to 1.167 times the distance" in done.out
     assert "contrasts from 18 DN are detectable" in done.out
     assert plot.read_bytes().startswith(b"<?xml")
@@ -218,13 +210,11 @@ def test_limits_from_a_geometry_file(command: Command, curves_file: Path, tmp_pa
     by_file = json.loads(command(*asked, "--geometry", path).out)
     assert by_file == json.loads(command(*asked, *LIMITS[:4]).out)
     path.write_text(json.dumps(stored | {"focal_length_px": None}))
-    done = command(*asked, "--geometry", path)
-    assert done.status == 1
-    assert "the focal length or the frame is not determined" in done.err
+    err = command.refused(1, *asked, "--geometry", path)
+    assert "the focal length or the frame is not determined" in err
     path.write_text(json.dumps(stored | {"height_px": 2**63}))
-    done = command(*asked, "--geometry", path)
-    assert done.status == 1
-    assert f"{path}: a frame of 16 to 1,000,000 px a side is needed" in done.err
+    err = command.refused(1, *asked, "--geometry", path)
+    assert f"{path}: a frame of 16 to 1,000,000 px a side is needed" in err
 
 
 @pytest.mark.parametrize(
@@ -238,22 +228,21 @@ def test_limits_from_a_geometry_file(command: Command, curves_file: Path, tmp_pa
 def test_an_ambiguous_curve_is_wrong_usage(
     command: Command, curves_file: Path, options: tuple[str, ...], message: str
 ) -> None:
-    done = command(*("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS[:4]), *options)
-    assert done.status == 2
-    assert message in done.err
+    err = command.refused(
+        2, *("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS[:4]), *options
+    )
+    assert message in err
 
 
 def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
     command: Command, curves_file: Path, tmp_path: Path
 ) -> None:
     asked = ("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS)
-    done = command(*asked, "--tilt-direction", 90)
-    assert done.status == 0, done.err
+    done = command.done(*asked, "--tilt-direction", 90)
     assert "tilt towards 90 degrees at the same distance" in done.out
     assert "contrasts from" not in done.out  # no pose was asked about
-    twice = command(*asked, "--geometry", tmp_path / "geometry.json")
-    assert twice.status == 2
-    assert "give exactly one of --geometry, --focal-length-px and --homography" in twice.err
+    err = command.refused(2, *asked, "--geometry", tmp_path / "geometry.json")
+    assert "give exactly one of --geometry, --focal-length-px and --homography" in err
 
 
 @pytest.mark.parametrize(
@@ -272,9 +261,10 @@ def test_a_camera_that_cannot_be_is_wrong_usage(
     command: Command, curves_file: Path, focal_length_px: str, size: str, message: str
 ) -> None:
     camera = ("--focal-length-px", focal_length_px, "--image-size", size)
-    done = command("limits", "--curves", curves_file, "--min-dprime", 3, *camera, "--noise", 1)
-    assert done.status == 2
-    assert message in done.err
+    err = command.refused(
+        2, "limits", "--curves", curves_file, "--min-dprime", 3, *camera, "--noise", 1
+    )
+    assert message in err
 
 
 def test_a_frame_size_may_have_a_comma_and_a_focal_length_its_unit(
@@ -288,12 +278,10 @@ def test_a_frame_size_may_have_a_comma_and_a_focal_length_its_unit(
 
 
 def test_no_camera_and_no_threshold_are_wrong_usage(command: Command, curves_file: Path) -> None:
-    done = command("limits", "--curves", curves_file, "--min-dprime", 3)
-    assert done.status == 2
-    assert "give exactly one of --geometry, --focal-length-px and --homography" in done.err
-    done = command("limits", "--curves", curves_file, "--min-dprime", 0, *LIMITS)
-    assert done.status == 2
-    assert "a threshold must be a number above 0" in done.err
+    err = command.refused(2, "limits", "--curves", curves_file, "--min-dprime", 3)
+    assert "give exactly one of --geometry, --focal-length-px and --homography" in err
+    err = command.refused(2, "limits", "--curves", curves_file, "--min-dprime", 0, *LIMITS)
+    assert "a threshold must be a number above 0" in err
 
 
 @pytest.mark.slow
@@ -304,8 +292,7 @@ def test_a_pose_is_registered_and_judged(
     tifffile.imwrite(far, zoom_out(tifffile.imread(scene_file), 1.3, PSF))
     picture = tmp_path / "pose.png"
     asked = ("pose", scene_file, far, "--curves", curves_file, "--observer", "npw")
-    accepted = command(*asked, "--min-dprime", 2.4, "--psf", psf_file, "--picture", picture)
-    assert accepted.status == 0, accepted.err
+    accepted = command.done(*asked, "--min-dprime", 2.4, "--psf", psf_file, "--picture", picture)
     assert accepted.out.startswith("accepted: min d' 2.5")
     assert picture.read_bytes().startswith(b"\x89PNG")
     document = json.loads(command(*asked, "--min-dprime", 2.6, "--json").out)
@@ -323,10 +310,10 @@ def test_images_that_do_not_match_are_told_in_one_line(
     other = tmp_path / "other.tif"
     rng = np.random.default_rng(9)
     tifffile.imwrite(other, rng.normal(100, 5, (150, 180)).astype(np.float32))
-    done = command(
+    err = command.refused(
+        1,
         *("pose", scene_file, other, "--curves", curves_file),
         *("--min-dprime", 2, "--observer", "npw"),
     )
-    assert done.status == 1
-    assert f"{other}: " in done.err
-    assert done.err.count("\n") == 1
+    assert f"{other}: " in err
+    assert err.count("\n") == 1

@@ -24,17 +24,15 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     exported_session(tmp_path / "session")
     monkeypatch.setitem(sys.modules, library, None)
     out = tmp_path / f"out.{format_}{ENDINGS[format_]}"
-    done = command("export", tmp_path / "session", "--format", format_, "--out", out)
-    assert done.status == 1
-    assert "standoff[export]" in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(1, "export", tmp_path / "session", "--format", format_, "--out", out)
+    assert "standoff[export]" in err
+    assert err.count("\n") == 1
     assert not out.exists()
 
 
 def test_the_command_says_what_it_did(command: Command, session_dir: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.ome.tif"
-    done = command("export", session_dir, "--format", "ome-tiff", "--out", out, "--json")
-    assert done.status == 0
+    done = command.done("export", session_dir, "--format", "ome-tiff", "--out", out, "--json")
     assert json.loads(done.out) == {
         "out": str(out),
         "format": "ome-tiff",

@@ -34,8 +34,7 @@ def test_a_sweep_ends_at_the_focus_with_its_plot(
 ) -> None:
     plot = tmp_path / "sweep.png"
     keys = ("--sweep", "--from", 250, "--to", 340, "--steps", 11, "--frames", 4, "--json")
-    done = command("focus", "--bench", bench, *keys, "--out", plot, "--go")
-    assert done.status == 0, done.err
+    done = command.done("focus", "--bench", bench, *keys, "--out", plot, "--go")
     found = json.loads(done.out)
     assert found["height_mm"] == pytest.approx(FOCUS_MM, abs=0.9)  # 1 % of the travel
     assert len(found["positions"]) == 11
@@ -46,16 +45,14 @@ def test_a_focus_beyond_the_sweep_is_refused_with_the_way_to_go(
     command: Command, bench: Path
 ) -> None:
     keys = ("--sweep", "--from", 200, "--to", 270, "--steps", 8, "--frames", 3)
-    done = command("focus", "--bench", bench, *keys)
-    assert done.status == 1
-    assert "sweep higher" in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(1, "focus", "--bench", bench, *keys)
+    assert "sweep higher" in err
+    assert err.count("\n") == 1
 
 
 @pytest.mark.parametrize("metric", ["squared-gradient", "laplacian"])
 def test_the_live_aid_ends_after_its_readings(command: Command, bench: Path, metric: str) -> None:
-    done = command("focus", "--bench", bench, "--readings", 8, "--metric", metric, "--json")
-    assert done.status == 0, done.err
+    done = command.done("focus", "--bench", bench, "--readings", 8, "--metric", metric, "--json")
     found = json.loads(done.out)
     assert found["metric"] == metric
     assert 90 < found["percent_of_peak"] <= 100
@@ -144,8 +141,7 @@ def test_a_sweep_without_heights_goes_over_the_whole_travel_and_then_about_the_b
 ) -> None:
     plot = tmp_path / "sweep.png"
     words = ("focus", "--bench", bench, *SMALL_FRAME, "--sweep", "--frames", 2)
-    done = command(*words, "--out", plot)
-    assert done.status == 0, done.err
+    done = command.done(*words, "--out", plot)
     told, wrote = done.out.splitlines()
     assert told.startswith("sharpest at ")
     assert wrote == f"wrote {plot}"
@@ -162,8 +158,7 @@ def test_a_sweep_without_heights_goes_over_the_whole_travel_and_then_about_the_b
 def test_a_peak_surer_than_the_stage_stands_is_told_as_such(command: Command, bench: Path) -> None:
     keys = ("--sweep", "--from", 250, "--to", 340, "--steps", 9, "--frames", 2)
     coarse = ("--set", "stage.tolerance_mm=2.0")
-    done = command("focus", "--bench", bench, *SMALL_FRAME, *keys, *coarse)
-    assert done.status == 0, done.err
+    done = command.done("focus", "--bench", bench, *SMALL_FRAME, *keys, *coarse)
     assert done.out.splitlines()[1:] == ["more precise than the stage's tolerance (2 mm)"]
 
 
@@ -204,13 +199,11 @@ def test_the_live_aid_needs_a_real_camera_alone_and_tells_its_warnings(
     with gige_bench() as practice:
         practice.place("edge", 5.0)
         path.write_text(REAL_CAMERA.format(address=practice.camera.address))
-        done = command("focus", "--bench", path, "--readings", 3, "--json")
-        assert done.status == 0, done.err
+        done = command.done("focus", "--bench", path, "--readings", 3, "--json")
         assert 0 < json.loads(done.out)["percent_of_peak"] <= 100
         assert "camera.frame_rate_hz" in done.err  # 500 Hz are more than the link carries
-        refused = command("focus", "--bench", path, "--readings", 3, "--target", "coins")
-        assert refused.status == 2
-        assert "only a simulated bench takes a target" in refused.err
+        err = command.refused(2, "focus", "--bench", path, "--readings", 3, "--target", "coins")
+        assert "only a simulated bench takes a target" in err
         assert practice.camera.controller is None
 
 
@@ -218,11 +211,9 @@ def test_the_live_aid_needs_a_real_camera_alone_and_tells_its_warnings(
 def test_a_lens_cap_and_plain_paper_are_nothing_to_focus_on(
     command: Command, bench: Path, target: str
 ) -> None:
-    live = command("focus", "--bench", bench, "--readings", 30, "--target", target)
-    assert live.status == 0
+    live = command.done("focus", "--bench", bench, "--readings", 30, "--target", target)
     assert "nothing to focus on" in live.out
     assert "% of peak" not in live.out + live.err
     sweep = ("--sweep", "--from", 180, "--to", 280, "--steps", 8, "--frames", 3)
-    done = command("focus", "--bench", bench, *sweep, "--target", target)
-    assert done.status == 1
-    assert "nothing to focus on" in done.err
+    err = command.refused(1, "focus", "--bench", bench, *sweep, "--target", target)
+    assert "nothing to focus on" in err

@@ -13,8 +13,7 @@ def board_session(command: Command, folder: Path) -> Path:
     bench, plan, path = folder / "b.toml", folder / "p.toml", folder / "s"
     bench.write_text(BOARD_BENCH)
     plan.write_text(BOARD_PLAN)
-    done = command("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
-    assert done.status == 0, done.err
+    command.done("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
     return path
 
 
@@ -22,8 +21,7 @@ def board_session(command: Command, folder: Path) -> Path:
 def test_a_board_session_gives_its_geometry_and_a_report(command: Command, tmp_path: Path) -> None:
     session = board_session(command, tmp_path)
     out, page = tmp_path / "geometry.json", tmp_path / "report.html"
-    done = command("geometry", "--session", session, "--out", out, "--report", page, "--json")
-    assert done.status == 0, done.err
+    done = command.done("geometry", "--session", session, "--out", out, "--report", page, "--json")
     document = json.loads(done.out)
     assert document == json.loads(out.read_text())
     assert_provenance(document, "geometry", session / "journal.jsonl")
@@ -37,27 +35,24 @@ def test_a_board_session_gives_its_geometry_and_a_report(command: Command, tmp_p
     assert "Squareness" in text
     assert 'src="http' not in text
 
-    table = command("geometry", "--session", session, "--out", out, "--force")
-    assert table.status == 0
+    table = command.done("geometry", "--session", session, "--out", out, "--force")
     low, high = document["pupil_offset_interval_95_mm"]
     [line] = [line for line in table.out.splitlines() if "entrance pupil" in line]
     assert line.split("│")[3].strip() == f"{0.5 * (high - low):.3f}"
     assert "± at 95 %" in table.out
 
     words = ("geometry", "--session", session, "--out", tmp_path / "g2.json")
-    wrong = command(*words, "--board", "5x5:12:9:5X5_50")
-    assert wrong.status == 1
-    assert wrong.err.count("\n") == 1
-    assert "corners" in wrong.err
-    assert "--board" in wrong.err
+    err = command.refused(1, *words, "--board", "5x5:12:9:5X5_50")
+    assert err.count("\n") == 1
+    assert "corners" in err
+    assert "--board" in err
 
 
 def test_a_session_of_edges_alone_is_refused_in_one_line(
     command: Command, session_dir: Path, tmp_path: Path
 ) -> None:
-    done = command("geometry", "--session", session_dir, "--out", tmp_path / "g.json")
-    assert done.status == 1
-    assert "no capture of kind board, chart, texture" in done.err
+    err = command.refused(1, "geometry", "--session", session_dir, "--out", tmp_path / "g.json")
+    assert "no capture of kind board, chart, texture" in err
     assert not (tmp_path / "g.json").exists()
 
 
@@ -67,6 +62,7 @@ def test_a_session_of_edges_alone_is_refused_in_one_line(
 def test_wrong_options_are_wrong_usage(
     command: Command, tmp_path: Path, wrong: tuple[str, str]
 ) -> None:
-    done = command("geometry", "--session", tmp_path, "--out", tmp_path / "g.json", *wrong)
-    assert done.status == 2
-    assert wrong[0] in done.err
+    err = command.refused(
+        2, "geometry", "--session", tmp_path, "--out", tmp_path / "g.json", *wrong
+    )
+    assert wrong[0] in err

@@ -57,8 +57,7 @@ def test_photographs_of_no_known_length_give_the_pupil_and_say_what_is_open(
     command: Command, tmp_path: Path
 ) -> None:
     session = imported(tmp_path / "s", captures("coins", TWO_HEIGHTS_MM))
-    done = command("geometry", "--session", session, "--out", tmp_path / "g.json")
-    assert done.status == 0, done.err
+    done = command.done("geometry", "--session", session, "--out", tmp_path / "g.json")
     assert "only two heights: nothing checks them" in done.err
     assert "--board names another" not in done.err  # no board was seen
     focal = next(line for line in done.out.splitlines() if "focal length / px" in line)
@@ -73,11 +72,9 @@ def test_without_a_board_the_scale_rests_on_the_bench_file_or_on_what_is_given(
 ) -> None:
     session = imported(tmp_path / "s", captures("coins", TWO_HEIGHTS_MM), bench_of())
     words = ("geometry", "--session", session, "--out", tmp_path / "g.json")
-    by_bench = command(*words)
-    assert by_bench.status == 0, by_bench.err
+    by_bench = command.done(*words)
     assert "(scale by the focal length and pixel pitch of the bench file" in by_bench.out
-    given = command(*words, "--scale", 2.5, "--force")
-    assert given.status == 0, given.err
+    given = command.done(*words, "--scale", 2.5, "--force")
     assert "Heights (scale by the scale that was given)" in given.out
     row = next(line for line in given.out.splitlines() if line.startswith("│ 180 "))
     assert row.split("│")[2].strip() == "2.50000"  # at the lowest height, as it was given
@@ -89,7 +86,6 @@ def test_a_photograph_of_something_else_is_named_and_left_out(
     series = captures("coins", (*TWO_HEIGHTS_MM, 275.0))
     [other] = captures("brick", (275.0,))
     session = imported(tmp_path / "s", [*series[:2], other])
-    done = command("geometry", "--session", session, "--out", tmp_path / "g.json")
-    assert done.status == 0, done.err
+    done = command.done("geometry", "--session", session, "--out", tmp_path / "g.json")
     [line] = [line for line in done.err.splitlines() if "is left out" in line]
     assert "captures/0002_" in line

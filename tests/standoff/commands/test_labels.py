@@ -41,8 +41,7 @@ def test_labels_stand_on_the_first_page_and_in_psf_json(
     out, page = tmp_path / "psf.json", tmp_path / "psf.html"
     words = [word for name, text in LABELS.items()
              for word in (f"--{'chart' if name == 'target' else name}", text)]  # fmt: skip
-    done = command("calibrate", edge_file, "--out", out, "--report", page, *words)
-    assert done.status == 0, done.err
+    command.done("calibrate", edge_file, "--out", out, "--report", page, *words)
     assert document(out)["labels"] == LABELS
     assert standoff.read_psf(out).labels == LABELS
     shown = Page(page.read_text("utf-8")).text

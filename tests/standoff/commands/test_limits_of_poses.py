@@ -45,9 +45,7 @@ def test_a_pure_zoom_has_the_d_of_the_curve_everywhere(
     # From 1.5 times further away 400 x 300 px show 600 x 450 of the reference's 800 x 600.
     pose = pose_file(tmp_path, [[1.5, 0, 100], [0, 1.5, 75], [0, 0, 1]], (400, 300))
     words = ("limits", "--curves", curves_file, "--min-dprime", 1.9, "--homography", pose)
-    done = command(*words, "--reference-size", "800x600", "--json")
-    assert done.status == 0, done.err
-    found = json.loads(done.out)
+    found = command.document(*words, "--reference-size", "800x600")
     for name in ("dprime_min", "dprime_median", "dprime_quantile", "dprime_max"):
         assert found[name] == pytest.approx(2.0), name
     assert found["zoom_min"] == found["zoom_max"] == pytest.approx(1.5)
@@ -92,9 +90,7 @@ def test_a_follow_up_aimed_elsewhere_is_in_the_document(
     plain = json.loads(command(*words, "--json").out)
     assert plain["aim_px"] is None
     assert plain["aimed_overlap"] is None
-    done = command(*words, "--aim", "480,240", "--json")
-    assert done.status == 0, done.err
-    aimed = json.loads(done.out)
+    aimed = command.document(*words, "--aim", "480,240")
     assert aimed["aim_px"] == [480, 240]
     assert aimed["aimed_overlap"] == pytest.approx(1 - 160.5 / 640, abs=0.01)
     assert aimed["zoom"] == plain["zoom"]
@@ -115,9 +111,8 @@ def test_an_aim_at_fault_and_options_without_their_pose_are_refused(
     command: Command, curves_file: Path, words: tuple[str, ...], message: str
 ) -> None:
     camera = ("--focal-length-px", 800, "--image-size", "640x480")
-    done = command("limits", "--curves", curves_file, "--min-dprime", 2, *camera, *words)
-    assert done.status == 2
-    assert message in " ".join(done.err.split())
+    err = command.refused(2, "limits", "--curves", curves_file, "--min-dprime", 2, *camera, *words)
+    assert message in " ".join(err.split())
 
 
 @pytest.mark.parametrize("words", [("--aim", "20,30"), ("--plot", "l.svg"), ("--at-zoom", "1.2")])
@@ -125,10 +120,9 @@ def test_what_a_known_pose_leaves_open_to_nobody_is_refused(
     command: Command, curves_file: Path, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     pose = pose_file(tmp_path, np.eye(3).tolist(), (400, 300))
-    done = command(
-        *("limits", "--curves", curves_file, "--min-dprime", 2, "--homography", pose, *words)
+    command.refused(
+        2, *("limits", "--curves", curves_file, "--min-dprime", 2, "--homography", pose, *words)
     )
-    assert done.status == 2
 
 
 def test_a_lens_that_distorts_is_judged_by_its_nearest_homography(

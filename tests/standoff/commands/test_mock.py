@@ -108,10 +108,9 @@ def test_wrong_arguments_are_wrong_usage(command: Command, bench_file: Path) -> 
         (["--target", "moon"], "no target 'moon'"),
         (["--orientation", "nan"], "finite"),
     ):
-        outcome = command("mock", "--bench", bench_file, *arguments)
-        assert outcome.status == 2
-        assert fault in outcome.err
-        assert outcome.err.count("\n") == 1
+        err = command.refused(2, "mock", "--bench", bench_file, *arguments)
+        assert fault in err
+        assert err.count("\n") == 1
 
 
 def test_an_address_in_use_and_a_bench_without_truth_are_named(
@@ -123,9 +122,7 @@ def test_an_address_in_use_and_a_bench_without_truth_are_named(
     assert bench.camera.address in outcome.err
     other = tmp_path / "other.toml"
     other.write_text(bench_file.read_text().partition("[simulated]")[0])
-    outcome = command("mock", "--bench", other)
-    assert outcome.status == 1
-    assert "[simulated]" in outcome.err
+    assert "[simulated]" in command.refused(1, "mock", "--bench", other)
 
 
 @pytest.mark.slow

@@ -39,8 +39,7 @@ def captured(command: Command, folder: Path, *targets: str) -> Path:
     bench.write_text(SMALL_BENCH + "vignetting = 0.2\n")
     heads = 'schema = "standoff.plan/1"\nname = "n"\nheights_mm = [200.0]\nframes_per_capture = 6\n'
     plan.write_text(heads + "".join(targets))
-    done = command("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
-    assert done.status == 0, done.err
+    command.done("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
     return path
 
 
@@ -56,9 +55,7 @@ def test_a_session_gives_the_benchs_noise_its_maps_and_a_report(
 ) -> None:
     session = captured(command, tmp_path, DARK, FLAT.format(exposures=LADDER), EDGE)
     out, page = tmp_path / "noise.json", tmp_path / "noise.html"
-    done = command("noise", "--session", session, "--out", out, "--report", page, "--json")
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
+    document = command.document("noise", "--session", session, "--out", out, "--report", page)
     assert document == json.loads(out.read_text())
     assert_provenance(document, "noise", session / "journal.jsonl")
     assert document["provenance"]["created"] in page.read_text()
@@ -82,16 +79,14 @@ def test_a_session_gives_the_benchs_noise_its_maps_and_a_report(
     assert re.search(rf"gain / \(e/DN\) +│ +{document['gain_e_per_dn']:.4f} │ +{half} ", table)
 
     psf = tmp_path / "psf.json"
-    done = command("calibrate", "--session", session, "--out", psf, "--correct", out, "--json")
-    assert done.status == 0, done.err
+    done = command.done("calibrate", "--session", session, "--out", psf, "--correct", out, "--json")
     sigma = json.loads(done.out)["optical_sigma_x_px"]
     assert sigma == pytest.approx(0.7, rel=0.02)
 
     photograph = tmp_path / "edge.tif"
     capture = next(iter(sorted((session / "captures").glob("*edge*"))))
     tifffile.imwrite(photograph, tifffile.imread(capture, key=0).astype(np.float32))
-    done = command("calibrate", photograph, "--out", psf, "--noise", out, "--force", "--json")
-    assert done.status == 0, done.err
+    done = command.done("calibrate", photograph, "--out", psf, "--noise", out, "--force", "--json")
     assert json.loads(done.out)["edges"][0]["chi2_reduced"] is not None
 
     (tmp_path / "noise_flat.tif").write_bytes(b"other")
@@ -111,11 +106,10 @@ def test_a_session_that_tells_no_noise_is_refused_in_one_line(
     command: Command, tmp_path: Path, targets: tuple[str, ...], what: str
 ) -> None:
     session = captured(command, tmp_path, *targets)
-    done = command("noise", "--session", session, "--out", tmp_path / "noise.json")
-    assert done.status == 1
+    err = command.refused(1, "noise", "--session", session, "--out", tmp_path / "noise.json")
 
-    assert re.search(what, done.err)
-    assert done.err.count("\n") == 1
+    assert re.search(what, err)
+    assert err.count("\n") == 1
     assert not (tmp_path / "noise.json").exists()
 
 
@@ -136,8 +130,7 @@ def test_the_table_shows_what_the_captures_tell(
 ) -> None:
     dark = DARK.replace("21.0, 8000.0", darks)
     session = captured(command, tmp_path, dark, FLAT.format(exposures=ladder))
-    done = command("noise", "--session", session, "--out", tmp_path / "noise.json")
-    assert done.status == 0, done.err
+    done = command.done("noise", "--session", session, "--out", tmp_path / "noise.json")
     assert "Noise at 0 dB" in done.out
     assert (row in done.out) is is_there
     count = (len(darks.split(",")), len(ladder.split(",")))
@@ -157,6 +150,5 @@ def test_a_report_is_named_beside_the_maps(command: Command, tmp_path: Path) -> 
 
 
 def test_a_result_that_is_no_json_is_wrong_usage(command: Command, tmp_path: Path) -> None:
-    done = command("noise", "--session", tmp_path, "--out", tmp_path / "noise.txt")
-    assert done.status == 2
-    assert ".json" in done.err
+    err = command.refused(2, "noise", "--session", tmp_path, "--out", tmp_path / "noise.txt")
+    assert ".json" in err

@@ -24,11 +24,9 @@ def test_results_of_the_longest_names_are_written(
     command: Command, edge_file: Path, image_file: Path, tmp_path: Path
 ) -> None:
     out, table = tmp_path / longest(".json"), tmp_path / longest(".csv")
-    done = command("calibrate", edge_file, "--out", out, "--csv", table)
-    assert done.status == 0, done.err
+    command.done("calibrate", edge_file, "--out", out, "--csv", table)
     far = tmp_path / longest(".tif")
-    done = command("simulate", image_file, "--zoom", 2, "--model", "bicubic", "--out", far)
-    assert done.status == 0, done.err
+    command.done("simulate", image_file, "--zoom", 2, "--model", "bicubic", "--out", far)
     assert tifffile.imread(far).shape == (30, 45)
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {out.name, table.name, far.name, edge_file.name, image_file.name}
@@ -45,8 +43,7 @@ def test_a_session_is_exported_under_the_longest_name(
     before = set(tmp_path.iterdir())
     out = tmp_path / longest(ending)
     for force in ((), ("--force",)):
-        done = command("export", session_dir, "--format", format_, "--out", out, *force)
-        assert done.status == 0, done.err
+        command.done("export", session_dir, "--format", format_, "--out", out, *force)
         assert set(tmp_path.iterdir()) - before == {out}
 
 
@@ -69,16 +66,14 @@ def test_a_photograph_of_an_odd_name_is_imported_and_calibrated(
     session, out = tmp_path / "session", tmp_path / "psf.json"
     words = ("import", photograph, "--kind", "edge", "--height-mm", 100, "--out", session)
     for _ in range(2):  # the second time it is there already
-        done = command(*words)
-        assert done.status == 0, done.err
+        done = command.done(*words)
         assert done.err.replace("\n", "").isprintable()
     (capture,) = Session(session).captures
     assert capture.record.target.isprintable()
     assert len(capture.record.target) <= 200
     for files in ((photograph,), ("--session", session)):
         report = tmp_path / "report.html"
-        done = command("calibrate", *files, "--out", out, "--report", report, "--force")
-        assert done.status == 0, done.err
+        done = command.done("calibrate", *files, "--out", out, "--report", report, "--force")
         assert all(line.isprintable() for line in (done.out + done.err).splitlines())
         assert json.loads(out.read_text("utf-8"))["sigma_x_px"] > 0
 
@@ -103,8 +98,7 @@ def test_training_pairs_of_a_photograph_of_the_longest_name_are_written(
     tifffile.imwrite(photograph, levels)
     out = tmp_path / "out"
     words = ("sr-pairs", photograph, "--psf", psf_file, "--zoom", 2, "--crop", 32, "--out", out)
-    done = command(*words)
-    assert done.status == 0, done.err
+    command.done(*words)
     assert list(out.glob("*/high/nnn*.png"))
 
 
@@ -123,8 +117,7 @@ def test_a_folder_that_was_removed_is_told_as_that(
     gone.mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    done = command("doctor")
-    assert done.status == 1
-    assert done.err == (
+    err = command.refused(1, "doctor")
+    assert err == (
         "standoff: the folder in which the command runs has been removed; change to another\n"
     )

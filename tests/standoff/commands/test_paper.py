@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +17,9 @@ def test_the_short_experiment_puts_the_models_in_the_papers_order(
 ) -> None:
     pytest.importorskip("torch")
     out = tmp_path / "paper"
-    done = command(
-        "paper", "--short", "--out", out, "--models", "bicubic,kernelgan,paper,matched", "--json"
+    document = command.document(
+        "paper", "--short", "--out", out, "--models", "bicubic,kernelgan,paper,matched"
     )
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
     assert document["excluded"] == []
     assert len(document["pairs"]) == 9  # three targets, 2 + 1 pairs each
     for alignment in ("as-in-paper", "reference-grid", "followup-grid"):
@@ -42,8 +39,7 @@ def test_the_short_experiment_puts_the_models_in_the_papers_order(
     assert np.median(document["registration_errors_px"]) < 0.05
     assert len(list((out / "kernels").glob("*.npy"))) == 9
     before = {path: path.stat().st_mtime_ns for path in (out / "session").rglob("*.tif")}
-    again = command("paper", "--short", "--out", out, "--models", "bicubic")
-    assert again.status == 0, again.err
+    again = command.done("paper", "--short", "--out", out, "--models", "bicubic")
     assert "alignment against the bench's truth" in again.out
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
@@ -75,5 +71,4 @@ def test_the_plan_stands_for_the_papers_experiment() -> None:
 
 
 def test_a_real_bench_is_refused(command: Command, tmp_path: Path) -> None:
-    done = command("paper", "--out", tmp_path / "p", "--set", 'camera.driver="files"')
-    assert done.status == 1
+    command.refused(1, "paper", "--out", tmp_path / "p", "--set", 'camera.driver="files"')

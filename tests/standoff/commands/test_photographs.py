@@ -83,11 +83,10 @@ def test_another_import_does_not_go_into_the_same_session(
 ) -> None:
     words = ("import", edge_file, "--kind", "edge", "--out", tmp_path / "s", "--height-mm")
     assert command(*words, 100).status == 0
-    done = command(*words, 200)
-    assert done.status == 1
-    assert "made with other settings" in done.err
-    assert "heights_mm.0 was 100.0, now 200.0" in done.err
-    assert "use a new directory" in done.err
+    err = command.refused(1, *words, 200)
+    assert "made with other settings" in err
+    assert "heights_mm.0 was 100.0, now 200.0" in err
+    assert "use a new directory" in err
 
 
 def test_a_float_photograph_tells_no_level_at_which_it_clips(
@@ -96,8 +95,7 @@ def test_a_float_photograph_tells_no_level_at_which_it_clips(
     levels = np.linspace(0.0, 0.75, 600, dtype=np.float32).reshape(20, 30)
     tifffile.imwrite(tmp_path / "float.tif", levels)
     words = ("import", tmp_path / "float.tif", "--kind", "texture", "--height-mm", 9)
-    done = command(*words, "--out", tmp_path / "s")
-    assert done.status == 0, done.err
+    done = command.done(*words, "--out", tmp_path / "s")
     assert done.out == f"{tmp_path / 's'}: 1 of 1 photographs imported\n"
     [record] = Session(tmp_path / "s").records
     assert record.saturated_pixels == 0

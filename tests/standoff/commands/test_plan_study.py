@@ -51,8 +51,7 @@ def predicted(document: dict[str, Any], quantity: str) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_a_table_ends_with_what_to_do_next(command: Command, files: tuple[object, ...]) -> None:
-    done = command("plan-study", *files, "--want", "sigma=0.001%")
-    assert done.status == 0, done.err
+    done = command.done("plan-study", *files, "--want", "sigma=0.001%")
     assert "sigma along x / px" in done.out
     assert done.out.splitlines()[-1].startswith("next: ")
     assert "the focus is taken as the same in every capture" in done.err
@@ -89,9 +88,7 @@ def test_a_real_bench_without_noise_json_goes_by_the_edges(
     command: Command, files: tuple[object, ...], tmp_path: Path
 ) -> None:
     (tmp_path / "b.toml").write_text(REAL)
-    done = command("plan-study", *files, "--json")
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
+    document = command.document("plan-study", *files)
     assert any("contrast over noise is 100" in text for text in document["assumptions"])
     tilt = predicted(document, "tilt_limit_deg")
     assert tilt["err"] is None
@@ -103,9 +100,7 @@ def test_a_plan_without_edges_says_so(
     command: Command, files: tuple[object, ...], tmp_path: Path
 ) -> None:
     (tmp_path / "p.toml").write_text(PLAN.replace('"edge"', '"flat"'))
-    done = command("plan-study", *files, "--want", "sigma=1%", "--json")
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
+    document = command.document("plan-study", *files, "--want", "sigma=1%")
     assert predicted(document, "sigma_x_px")["undetermined"].startswith("the plan has no capture")
     assert not document["wants"][0]["reached"]
 
@@ -132,9 +127,8 @@ def test_the_scatter_of_the_focus_is_taken_from_a_calibration_that_has_it(
 def test_a_want_that_is_not_understood_is_wrong_usage(
     command: Command, files: tuple[object, ...], want: str
 ) -> None:
-    done = command("plan-study", *files, "--want", want)
-    assert done.status == 2
-    assert len(done.err.splitlines()) == 1
+    err = command.refused(2, "plan-study", *files, "--want", want)
+    assert len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
@@ -144,17 +138,15 @@ def test_a_want_that_is_not_understood_is_wrong_usage(
 def test_numbers_that_cannot_be_are_wrong_usage(
     command: Command, files: tuple[object, ...], words: tuple[str, str]
 ) -> None:
-    done = command("plan-study", *files, *words)
-    assert done.status == 2
-    assert len(done.err.splitlines()) == 1
+    err = command.refused(2, "plan-study", *files, *words)
+    assert len(err.splitlines()) == 1
 
 
 def test_a_photograph_that_is_too_small_is_named(
     command: Command, files: tuple[object, ...], image_file: Path
 ) -> None:
-    done = command("plan-study", *files, "--photographs", image_file)
-    assert done.status == 2
-    assert "128 a side are needed" in done.err
+    err = command.refused(2, "plan-study", *files, "--photographs", image_file)
+    assert "128 a side are needed" in err
 
 
 def test_a_result_that_is_there_is_kept(
@@ -162,14 +154,12 @@ def test_a_result_that_is_there_is_kept(
 ) -> None:
     out = tmp_path / "study.json"
     out.write_text("kept")
-    done = command("plan-study", *files, "--out", out)
-    assert done.status == 1
+    command.refused(1, "plan-study", *files, "--out", out)
     assert out.read_text() == "kept"
 
 
 def test_a_file_that_is_missing_is_a_data_error(
     command: Command, files: tuple[object, ...], tmp_path: Path
 ) -> None:
-    done = command("plan-study", *files[:4], "--psf", tmp_path / "none.json")
-    assert done.status == 1
-    assert "none.json" in done.err
+    err = command.refused(1, "plan-study", *files[:4], "--psf", tmp_path / "none.json")
+    assert "none.json" in err

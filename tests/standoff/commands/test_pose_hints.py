@@ -70,9 +70,7 @@ def test_each_hint_leads_to_the_pose(
     value: object = 1.4 if hint == "zoom" else tmp_path / hint
     option = "--expect-zoom" if hint == "zoom" else f"--{hint}"
     words = ("pose", near, far, "--curves", curves, "--min-dprime", 1.0, option, value)
-    done = command(*words, "--json")
-    assert done.status == 0, done.err
-    found = json.loads(done.out)
+    found = command.document(*words)
     # A tenth of a pixel is far below what either hint is right to.
     np.testing.assert_allclose(place(found["homography"]), place(MATRIX), atol=0.1)
     assert found["warnings"] == []
@@ -86,11 +84,8 @@ def test_a_mirrored_follow_up_is_judged_like_the_others_if_that_is_said(
     mirrored = tmp_path / "mirrored.tif"
     tifffile.imwrite(mirrored, np.ascontiguousarray(tifffile.imread(far)[:, ::-1]))
     asked = ("--curves", curves, "--min-dprime", 1.0, "--json")
-    refused = command("pose", near, mirrored, *asked)
-    assert refused.status == 1
-    assert "--mirrored" in refused.err
-    done = command("pose", near, mirrored, *asked, "--mirrored")
-    assert done.status == 0, done.err
+    assert "--mirrored" in command.refused(1, "pose", near, mirrored, *asked)
+    done = command.done("pose", near, mirrored, *asked, "--mirrored")
     found = json.loads(done.out)
     flip = np.array([[-1.0, 0, FAR[1] - 1], [0, 1, 0], [0, 0, 1]])
     back = np.array(found["homography"]) @ flip
@@ -103,8 +98,7 @@ def test_a_follow_up_from_nearer_is_judged_like_one_from_the_same_distance(
     command: Command, near: Path, far: Path, curves: Path
 ) -> None:
     asked = ("--curves", curves, "--min-dprime", 1.0, "--json")
-    done = command("pose", far, near, *asked)
-    assert done.status == 0, done.err
+    done = command.done("pose", far, near, *asked)
     found = json.loads(done.out)
     assert found["zoom_max"] == pytest.approx(1 / ZOOM, abs=0.01)
     # Nothing is lost on a follow-up that resolves more than its reference: d' is that at zoom 1.
@@ -118,9 +112,8 @@ def test_hints_are_for_photographs_not_for_a_live_camera(
     command: Command, near: Path, curves: Path, tmp_path: Path
 ) -> None:
     asked = ("pose", near, "--stream", tmp_path, "--curves", curves, "--min-dprime", 1.0)
-    done = command(*asked, "--expect-zoom", 1.5)
-    assert done.status == 2
-    assert "--expect-zoom needs FOLLOWUP" in " ".join(done.err.replace("│", " ").split())
+    err = command.refused(2, *asked, "--expect-zoom", 1.5)
+    assert "--expect-zoom needs FOLLOWUP" in " ".join(err.replace("│", " ").split())
 
 
 def test_a_mask_of_another_size_is_one_line(
@@ -128,7 +121,6 @@ def test_a_mask_of_another_size_is_one_line(
 ) -> None:
     tifffile.imwrite(tmp_path / "mask.tif", np.zeros((12, 16), np.uint8))
     asked = ("pose", near, far, "--curves", curves, "--min-dprime", 1.0)
-    done = command(*asked, "--mask", tmp_path / "mask.tif")
-    assert done.status == 1
-    assert "mask.tif: 16 x 12 px, but " in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(1, *asked, "--mask", tmp_path / "mask.tif")
+    assert "mask.tif: 16 x 12 px, but " in err
+    assert err.count("\n") == 1

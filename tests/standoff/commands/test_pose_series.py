@@ -75,8 +75,7 @@ def test_each_of_a_folder_is_judged_as_it_is_alone(
     command: Command, asked: Asked, folder: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    done = command(*asked(folder), "--out", out)
-    assert done.status == 0, done.err
+    done = command.done(*asked(folder), "--out", out)
     assert "2 of 3 poses accepted: min d' of at least 3.2 (0 already done)" in done.out
     series = read_pose_series(out / "summary.json")
     assert (series.accepted, series.rejected, series.refused) == (2, 1, 0)
@@ -152,23 +151,21 @@ def test_what_cannot_be_judged_is_listed_and_counted(
     out = tmp_path / "out"
     (folder / "cut.tif").write_bytes((folder / "frame-0.tif").read_bytes()[:5000])
     missing = folder / "missing.tif"
-    done = command(*asked(folder, missing), "--out", out)
-    assert done.status == 1
-    assert done.err.splitlines()[-1] == (
+    err = command.refused(1, *asked(folder, missing), "--out", out)
+    assert err.splitlines()[-1] == (
         "standoff: 2 of 5 follow-ups gave nothing; the verdicts on the others are complete"
     )
     series = read_pose_series(out / "summary.json")
     refused = {Path(one.followup).name: one.refused for one in series.followups if one.refused}
     assert set(refused) == {"cut.tif", "missing.tif"}
-    assert all(str(text) in done.err for text in refused.values())
+    assert all(str(text) in err for text in refused.values())
     assert series.accepted + series.rejected == 3
     # Mended, and left away.
     shutil.copy(folder / "frame-0.tif", folder / "cut.tif")
     assert command(*asked(folder), "--out", out).status == 0
-    strict = command(*asked(folder, missing), "--strict", "--out", out)
-    assert strict.status == 1
-    assert strict.err.startswith(f"standoff: cannot read {missing}")
-    assert strict.err.count("\n") == 1
+    err = command.refused(1, *asked(folder, missing), "--strict", "--out", out)
+    assert err.startswith(f"standoff: cannot read {missing}")
+    assert err.count("\n") == 1
 
 
 @pytest.mark.slow
@@ -190,8 +187,7 @@ def test_of_many_the_first_and_the_worst_few_are_shown(
     monkeypatch.setattr(pose_work, "register", register_once)
     for number in range(10, 31):
         shutil.copy(folder / "frame-0.tif", folder / f"frame-{number}.tif")
-    done = command(*asked(folder), "--out", tmp_path / "out")
-    assert done.status == 0, done.err
+    done = command.done(*asked(folder), "--out", tmp_path / "out")
     assert len(found) == len(ZOOMS)
     first, worst = done.out.split("Follow-ups with the least d'")
     assert first.count("frame-") == 5
@@ -221,11 +217,10 @@ def test_the_reference_is_read_once_by_whoever_works(
 
 @pytest.mark.slow
 def test_any_number_of_workers_writes_the_same_bytes(
-    process: Command, asked: Asked, folder: Path, tmp_path: Path
+    command: Command, process: Command, asked: Asked, folder: Path, tmp_path: Path
 ) -> None:
-    for out, workers in (("one", 1), ("two", 2)):
-        done = process(*asked(folder), "--out", tmp_path / out, "--workers", workers)
-        assert done.status == 0, done.err
+    command.done(*asked(folder), "--out", tmp_path / "one", "--workers", 1)
+    process.done(*asked(folder), "--out", tmp_path / "two", "--workers", 2)
     for name in ("poses.csv", "followups.sweep"):
         one, two = (_content(tmp_path / out / name) for out in ("one", "two"))
         assert one == two
@@ -244,18 +239,15 @@ def test_any_number_of_workers_writes_the_same_bytes(
 def test_options_that_do_not_fit_a_folder_are_wrong_usage(
     command: Command, asked: Asked, folder: Path, arguments: tuple[object, ...], message: str
 ) -> None:
-    done = command(*asked(folder), *arguments)
-    assert done.status == 2
-    assert message in done.err
+    assert message in command.refused(2, *asked(folder), *arguments)
 
 
 @pytest.mark.parametrize("option", [("--shard", "1/2"), ("--scheduler", "tcp://x:1")])
 def test_one_follow_up_has_no_parts(
     command: Command, asked: Asked, folder: Path, option: tuple[object, ...]
 ) -> None:
-    done = command(*asked(folder / "frame-0.tif"), *option)
-    assert done.status == 2
-    assert f"{option[0]} needs several follow-ups" in done.err
+    err = command.refused(2, *asked(folder / "frame-0.tif"), *option)
+    assert f"{option[0]} needs several follow-ups" in err
 
 
 def _content(path: Path) -> dict[str, bytes]:

@@ -5,8 +5,8 @@ import pytest
 
 from acquisition.bench import load_bench
 from acquisition.plan import PlanEntry
-from acquisition.session.files import JOURNAL_NAME
-from standoff.terminal.plan_preview import time_text
+from acquisition.session.reader import JOURNAL_NAME
+from standoff.terminal import time_text
 from tests.standoff.conftest import SMALL_PLAN, Command
 
 
@@ -53,9 +53,10 @@ def test_a_changed_plan_is_refused(
 ) -> None:
     other = tmp_path / "other.toml"
     other.write_text(SMALL_PLAN.replace("300.0", "310.0"))
-    done = command("capture", "--bench", bench_file, "--plan", other, "--out", session_dir, "--yes")
-    assert done.status == 1
-    assert "310" in done.err
+    err = command.refused(
+        1, "capture", "--bench", bench_file, "--plan", other, "--out", session_dir, "--yes"
+    )
+    assert "310" in err
 
 
 def test_a_dry_run_lists_the_captures_and_writes_nothing(
@@ -132,30 +133,36 @@ def test_a_target_the_bench_does_not_have_is_named(
 ) -> None:
     plan = tmp_path / "odd.toml"
     plan.write_text(SMALL_PLAN.replace('target = "edge"', 'target = "elephant"'))
-    done = command(
-        "capture", "--bench", bench_file, "--plan", plan, "--out", tmp_path / "s", "--yes"
+    err = command.refused(
+        1, "capture", "--bench", bench_file, "--plan", plan, "--out", tmp_path / "s", "--yes"
     )
-    assert done.status == 1
-    assert "elephant" in done.err
+    assert "elephant" in err
 
 
 def test_a_driver_that_is_not_there_is_named(
     command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
 ) -> None:
-    done = command(
-        "capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s",
-        "--set", "camera.driver=files", "--yes",
-    )  # fmt: skip
-    assert done.status == 1
-    assert "files" in done.err
+    err = command.refused(
+        1,
+        "capture",
+        "--bench",
+        bench_file,
+        "--plan",
+        plan_file,
+        "--out",
+        tmp_path / "s",
+        "--set",
+        "camera.driver=files",
+        "--yes",
+    )
+    assert "files" in err
 
 
 @pytest.mark.slow
 def test_the_report_shows_the_captures_and_then_the_psf(
     command: Command, session_dir: Path
 ) -> None:
-    before = command("report", session_dir)
-    assert before.status == 0
+    before = command.done("report", session_dir)
     assert "psf.json" in before.err
     page = session_dir / "results" / "report.html"
     assert "6 of 6 planned" in page.read_text()
@@ -192,9 +199,7 @@ def test_a_manual_stage_needs_somebody_though_the_target_is_placed(
     plan = tmp_path / "one.toml"
     plan.write_text(SMALL_PLAN.replace("[5.0, 50.0, 95.0]", "[5.0]"))
     words = capture_words(bench_file, plan, tmp_path / "s", *REAL_BENCH, "--placed")
-    done = command(*words, "--set", "stage.driver=manual")
-    assert done.status == 2
-    assert "terminal" in done.err
+    assert "terminal" in command.refused(2, *words, "--set", "stage.driver=manual")
 
 
 def test_answers_that_end_too_early_are_named_and_the_session_resumes(
@@ -214,9 +219,7 @@ def test_answers_that_are_not_there_are_named(
     command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
 ) -> None:
     words = capture_words(bench_file, plan_file, tmp_path / "s", "--answers", tmp_path / "absent")
-    done = command(*words)
-    assert done.status == 1
-    assert "absent" in done.err
+    assert "absent" in command.refused(1, *words)
     assert not (tmp_path / "s").exists()
 
 
@@ -227,15 +230,15 @@ def test_a_capture_is_retaken_shown_and_verified_with_its_reason(
     assert json.loads(command(*words).out)["captured"] == 1
     old = next(p for p in sorted((session_dir / "captures").glob("0002_*")) if "take" not in p.name)
     old.write_bytes(b"damaged")
-    verified = command("verify", session_dir)
-    assert verified.status == 0
+    verified = command.done("verify", session_dir)
     assert f"changed      captures/{old.name} (superseded)" in verified.out
     assert "nothing uses them, so they do not count" in verified.out
     shown = json.loads(command("session", "show", session_dir, "--json").out)
     assert [c["superseded"] for c in shown["captures"] if c["index"] == 2] == [True, False]
-    absent = command(*capture_words(bench_file, plan_file, session_dir, "--yes", "--retake", 77))
-    assert absent.status == 1
-    assert "no capture with index 77" in absent.err
+    err = command.refused(
+        1, *capture_words(bench_file, plan_file, session_dir, "--yes", "--retake", 77)
+    )
+    assert "no capture with index 77" in err
 
 
 def test_captures_are_excluded_and_included_with_a_reason_and_notes_are_kept(
@@ -249,9 +252,7 @@ def test_captures_are_excluded_and_included_with_a_reason_and_notes_are_kept(
     listed = json.loads(command("session", "list", session_dir.parent, "--json").out)
     assert [(row["captured"], row["planned"], row["excluded"]) for row in listed] == [(6, 6, 1)]
     assert command("session", "include", 3, session_dir).status == 0
-    again = command("session", "include", 3, session_dir)
-    assert again.status == 1
-    assert "not excluded" in again.err
+    assert "not excluded" in command.refused(1, "session", "include", 3, session_dir)
     assert command("session", "exclude", 3, session_dir).status == 2  # a reason is asked for
     assert command("session", "exclude", 99, session_dir, "--reason", "x").status == 1
 
@@ -262,8 +263,7 @@ def test_the_catalogue_goes_on_past_a_session_that_cannot_be_read(
     broken = session_dir.parent / "broken"
     broken.mkdir()
     (broken / "session.json").write_text("{")
-    done = command("session", "list", session_dir.parent)
-    assert done.status == 0
+    done = command.done("session", "list", session_dir.parent)
     assert "6 of 6" in done.out
     assert "cannot be read" in done.out
     assert "broken" in done.err
@@ -291,8 +291,7 @@ def test_a_journal_cut_short_is_remarked_wherever_the_session_is_read(
     with journal.open("ab") as file:
         file.write(b'{"kind": "note", "te')
     for words in (("session", "show", session_dir), ("verify", session_dir)):
-        done = command(*words)
-        assert done.status == 0, done.err
+        done = command.done(*words)
         assert "note: the last line of the journal was cut short and is ignored" in done.err
 
 
@@ -312,8 +311,7 @@ def test_what_the_bench_warns_of_is_said_before_the_first_capture(
     plan = tmp_path / "drift.toml"
     one = SMALL_PLAN.replace("[5.0, 50.0, 95.0]", "[5.0]").replace("[180.0, 300.0]", "[180.0]")
     plan.write_text(one.replace("frames_per", "drift_check = true\nrepeats = 2\nframes_per"))
-    done = command(*capture_words(bench_file, plan, tmp_path / "s", "--yes"))
-    assert done.status == 0, done.err
+    done = command.done(*capture_words(bench_file, plan, tmp_path / "s", "--yes"))
     [remark] = [line for line in done.err.splitlines() if "drift: " in line]
     assert remark.startswith("note: capture ")
 
@@ -343,10 +341,9 @@ def test_the_report_says_which_files_of_a_session_are_gone_or_changed(
     files = sorted((session_dir / "captures").glob("*.tif"))
     assert "missing or changed" not in command("report", session_dir).err
     files[0].write_bytes(files[0].read_bytes() + b"x")
-    done = command("report", session_dir)
-    assert done.status == 1  # a capture that the page needs
-    assert f"missing or changed, the first captures/{files[0].name}" in done.err
-    assert "standoff verify" in done.err
+    err = command.refused(1, "report", session_dir)
+    assert f"missing or changed, the first captures/{files[0].name}" in err
+    assert "standoff verify" in err
 
 
 def test_an_altered_journal_is_refused_by_line_and_repaired_on_demand(
@@ -359,12 +356,10 @@ def test_an_altered_journal_is_refused_by_line_and_repaired_on_demand(
     lines[number] = lines[number].replace(b'"height_mm": ', b'"height_mm": 1')
     journal.write_bytes(b"".join(lines))
     for words in (("verify", session_dir), ("session", "show", session_dir)):
-        refused = command(*words)
-        assert refused.status == 1
-        assert f"line {number + 1}" in refused.err
-        assert "standoff verify --repair" in refused.err
-    repaired = command("verify", session_dir, "--repair")
-    assert repaired.status == 0, repaired.err
+        err = command.refused(1, *words)
+        assert f"line {number + 1}" in err
+        assert "standoff verify --repair" in err
+    repaired = command.done("verify", session_dir, "--repair")
     assert "brought back from captures/" in repaired.err
     assert command("verify", session_dir).status == 0
     assert list(session_dir.glob("journal-damaged-*.jsonl"))

@@ -19,10 +19,9 @@ def test_the_file_holds_what_the_model_gives_as_float32(
     command: Command, image_file: Path, psf_file: Path, tmp_path: Path, model: str
 ) -> None:
     out = tmp_path / "far.tif"
-    done = command(
+    command.done(
         "simulate", image_file, "--zoom", 1.5, "--psf", psf_file, "--model", model, "--out", out
     )
-    assert done.status == 0
     written = tifffile.imread(out)
     assert written.dtype == np.float32
     assert written.shape == (40, 60)  # floor(60 / 1.5), floor(91 / 1.5)
@@ -86,7 +85,7 @@ def test_capture_options_act_in_the_order_light_noise_sharpening(
 ) -> None:
     def simulated(*options: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
         out = tmp_path / "far.tif"
-        done = command(
+        command.done(
             "simulate",
             image_file,
             "--zoom",
@@ -98,7 +97,6 @@ def test_capture_options_act_in_the_order_light_noise_sharpening(
             "--force",
             *options,
         )
-        assert done.status == 0, done.err
         return np.asarray(tifffile.imread(out))
 
     plain = simulated()
@@ -117,11 +115,21 @@ def test_noise_is_that_of_a_capture_and_follows_the_seed(
 
     def simulated(seed: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
         out = tmp_path / "far.tif"
-        done = command(
-            "simulate", flat, "--zoom", 2, "--psf", psf_file, "--noise", noise_file,
-            "--seed", seed, "--out", out, "--force",
-        )  # fmt: skip
-        assert done.status == 0, done.err
+        command.done(
+            "simulate",
+            flat,
+            "--zoom",
+            2,
+            "--psf",
+            psf_file,
+            "--noise",
+            noise_file,
+            "--seed",
+            seed,
+            "--out",
+            out,
+            "--force",
+        )
         return np.asarray(tifffile.imread(out))
 
     first = simulated(1)
@@ -152,12 +160,20 @@ def test_a_noise_file_at_fault_is_named(
 ) -> None:
     noise = tmp_path / "noise.json"
     noise.write_text(text)
-    done = command(
-        "simulate", image_file, "--zoom", 2, "--psf", psf_file, "--noise", noise,
-        "--out", tmp_path / "far.tif",
-    )  # fmt: skip
-    assert done.status == 1
-    assert name in done.err
+    err = command.refused(
+        1,
+        "simulate",
+        image_file,
+        "--zoom",
+        2,
+        "--psf",
+        psf_file,
+        "--noise",
+        noise,
+        "--out",
+        tmp_path / "far.tif",
+    )
+    assert name in err
     assert not (tmp_path / "far.tif").exists()
 
 
@@ -178,8 +194,9 @@ def test_options_that_are_no_numbers_are_wrong_usage(
     command: Command, image_file: Path, psf_file: Path, tmp_path: Path, option: tuple[str, str]
 ) -> None:
     out = tmp_path / "far.tif"
-    done = command("simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", out, *option)
-    assert done.status == 2
+    command.refused(
+        2, "simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", out, *option
+    )
 
 
 def written_maps(tmp_path: Path, shape: tuple[int, int], seed: int = 1) -> tuple[Path, FloatArray]:
@@ -212,8 +229,7 @@ def test_a_fixed_pattern_is_taken_off_before_the_reference_is_zoomed_out(
     photograph, out = tmp_path / "p.tif", tmp_path / "f.tif"
     tifffile.imwrite(photograph, image.astype(np.float32))
     words = ("simulate", photograph, "--zoom", 2, "--psf", psf_file, "--out", out)
-    done = command(*words, "--correct", noise)
-    assert done.status == 0, done.err
+    command.done(*words, "--correct", noise)
     # By hand: dark + response * 936 is an even 1000 DN once both maps are off.
     np.testing.assert_allclose(tifffile.imread(out), 1000.0, atol=0.01)
     assert command(*words, "--force").status == 0
@@ -230,6 +246,4 @@ def test_maps_of_another_sensor_and_colour_are_refused(
     assert "maps of (20, 30)" in done.err
     colour = tmp_path / "c.png"
     Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(colour)
-    done = command("simulate", colour, *words)
-    assert done.status == 1
-    assert "grey camera" in done.err
+    assert "grey camera" in command.refused(1, "simulate", colour, *words)

@@ -26,8 +26,7 @@ def test_a_lens_that_distorts_bends_both_images(
     matrix = [[1.5, 0, 60 - 30 * 1.5], [0, 1.5, 45 - 22 * 1.5], [0, 0, 1]]
     pose = _homography_file(tmp_path / "H.json", matrix, [61, 45], distortion_k1=0.04)
     out = tmp_path / "far.tif"
-    done = command("simulate", image, "--homography", pose, "--psf", psf_file, "--out", out)
-    assert done.status == 0, done.err
+    command.done("simulate", image, "--homography", pose, "--psf", psf_file, "--out", out)
     levels = tifffile.imread(out)[22]
     assert levels[30] == pytest.approx(60.0, abs=1e-3)
     assert levels[50] == pytest.approx(60 + 30.106, abs=0.002)
@@ -49,10 +48,11 @@ def test_a_distortion_at_fault_is_named(
     matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
     pose = _homography_file(tmp_path / "H.json", matrix, [30, 30], distortion_k1=k1)
     out = tmp_path / "far.tif"
-    done = command("simulate", image_file, "--homography", pose, "--psf", psf_file, "--out", out)
-    assert done.status == 1
-    assert "H.json" in done.err
-    assert message in done.err
+    err = command.refused(
+        1, "simulate", image_file, "--homography", pose, "--psf", psf_file, "--out", out
+    )
+    assert "H.json" in err
+    assert message in err
     assert not out.exists()
 
 
@@ -67,12 +67,18 @@ def test_a_homography_that_is_a_zoom_gives_what_the_zoom_gives(
     matrix = [[1.5, 0, 74.5 - 49.5 * 1.5], [0, 1.5, 59.5 - 39.5 * 1.5], [0, 0, 1]]
     pose = _homography_file(tmp_path / "H.json", matrix, [100, 80])
     by_pose, by_zoom, mask = (tmp_path / name for name in ("pose.tif", "zoom.tif", "nearer.png"))
-    done = command(
-        "simulate", image, "--homography", pose, "--psf", psf_file, "--out", by_pose,
-        "--nearer", mask, "--json",
-    )  # fmt: skip
-    assert done.status == 0, done.err
-    document = json.loads(done.out)
+    document = command.document(
+        "simulate",
+        image,
+        "--homography",
+        pose,
+        "--psf",
+        psf_file,
+        "--out",
+        by_pose,
+        "--nearer",
+        mask,
+    )
     assert document["size"] == [100, 80]
     assert document["nearer_fraction"] == 0.0
     command("simulate", image, "--zoom", 1.5, "--psf", psf_file, "--out", by_zoom)
@@ -106,9 +112,10 @@ def test_a_homography_at_fault_is_named(
 ) -> None:
     pose = _homography_file(tmp_path / "H.json", matrix, size)
     out = tmp_path / "far.tif"
-    done = command("simulate", image_file, "--homography", pose, "--psf", psf_file, "--out", out)
-    assert done.status == 1
-    assert name in done.err
+    err = command.refused(
+        1, "simulate", image_file, "--homography", pose, "--psf", psf_file, "--out", out
+    )
+    assert name in err
     assert not out.exists()
 
 
@@ -125,8 +132,7 @@ def test_zoom_and_homography_exclude_each_other(
     command: Command, image_file: Path, psf_file: Path, tmp_path: Path, options: tuple[object, ...]
 ) -> None:
     out = tmp_path / "far.tif"
-    done = command("simulate", image_file, "--psf", psf_file, "--out", out, *options)
-    assert done.status == 2
+    command.refused(2, "simulate", image_file, "--psf", psf_file, "--out", out, *options)
 
 
 def test_a_follow_up_from_another_pose_gets_the_noise_of_a_capture(
@@ -139,11 +145,18 @@ def test_a_follow_up_from_another_pose_gets_the_noise_of_a_capture(
     pose = _homography_file(
         tmp_path / "H.json", [[1.4, 0.2, 5], [-0.1, 1.5, 20], [0, 1e-4, 1]], [120, 100]
     )
-    done = command(
-        "simulate", image, "--homography", pose, "--psf", psf_file, "--noise", noise_file,
-        "--out", out,
-    )  # fmt: skip
-    assert done.status == 0, done.err
+    command.done(
+        "simulate",
+        image,
+        "--homography",
+        pose,
+        "--psf",
+        psf_file,
+        "--noise",
+        noise_file,
+        "--out",
+        out,
+    )
     inner = tifffile.imread(out)[5:-5, 5:-5]
     # 9 900 pixels, correlated: the variance scatters by about 2 %.
     assert np.var(inner) == pytest.approx(FLAT_VARIANCE_DN2, rel=0.06)

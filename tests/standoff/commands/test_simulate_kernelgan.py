@@ -32,8 +32,7 @@ def _arguments(image: Path, tmp_path: Path, *more: object) -> tuple[object, ...]
 def test_a_kernel_is_trained_once_and_the_follow_up_is_on_the_common_grid(
     command: Command, image_file: Path, tmp_path: Path
 ) -> None:
-    done = command(*_arguments(image_file, tmp_path, "--steps", 3, "--json"))
-    assert done.status == 0, done.err
+    done = command.done(*_arguments(image_file, tmp_path, "--steps", 3, "--json"))
     document = json.loads(done.out)
     assert document["size"] == [60, 45]
     assert not document["kernel_from_cache"]
@@ -43,8 +42,7 @@ def test_a_kernel_is_trained_once_and_the_follow_up_is_on_the_common_grid(
     assert json.loads(again.out)["kernel_from_cache"]
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "far.tif"), first)
     # Nearest sampling is 0.5 px off at zoom 2: another image of the same mean.
-    near = command(*_arguments(image_file, tmp_path, "--steps", 3, "--sampler", "nearest"))
-    assert near.status == 0, near.err
+    command.done(*_arguments(image_file, tmp_path, "--steps", 3, "--sampler", "nearest"))
     nearest = tifffile.imread(tmp_path / "far.tif")
     assert np.any(nearest != first)
     assert float(nearest.mean()) == pytest.approx(float(first.mean()), rel=0.02)
@@ -60,8 +58,7 @@ def test_colour_is_trained_on_its_luma_and_noise_is_carried(
         '{"schema": "standoff.noise/1", "gain_e_per_dn": 4.0, "read_noise_e": 8.0,'
         ' "black_level_dn": 0.0, "frames_averaged": 1}'
     )
-    done = command(*_arguments(image, tmp_path, "--steps", 1, "--noise", noise))
-    assert done.status == 0, done.err
+    command.done(*_arguments(image, tmp_path, "--steps", 1, "--noise", noise))
     assert tifffile.imread(tmp_path / "far.tif").shape == (40, 45, 3)
 
 
@@ -70,10 +67,9 @@ def test_without_torch_one_line_says_what_to_install(
 ) -> None:
     monkeypatch.delitem(sys.modules, "simulation.kernelgan.training", raising=False)
     monkeypatch.setitem(sys.modules, "torch", None)  # `import torch` fails from here on
-    done = command(*_arguments(image_file, tmp_path))
-    assert done.status == 1
-    assert "pip install standoff[kernelgan]" in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(1, *_arguments(image_file, tmp_path))
+    assert "pip install standoff[kernelgan]" in err
+    assert err.count("\n") == 1
     assert not (tmp_path / "far.tif").exists()
 
 
@@ -93,9 +89,7 @@ def test_ctrl_c_leaves_nothing_half_written(
 def test_an_image_too_small_for_a_training_is_one_line(command: Command, tmp_path: Path) -> None:
     image = tmp_path / "small.tif"
     tifffile.imwrite(image, TEXTURE[:40, :40])
-    done = command(*_arguments(image, tmp_path))
-    assert done.status == 1
-    assert "use a larger image" in done.err
+    assert "use a larger image" in command.refused(1, *_arguments(image, tmp_path))
 
 
 def test_the_settings_reach_the_training(
@@ -134,5 +128,4 @@ def test_options_of_the_other_models_are_wrong_usage(
     command: Command, image_file: Path, tmp_path: Path, options: tuple[object, ...]
 ) -> None:
     out = tmp_path / "far.tif"
-    done = command("simulate", image_file, "--zoom", 2, "--out", out, *options)
-    assert done.status == 2
+    command.refused(2, "simulate", image_file, "--zoom", 2, "--out", out, *options)

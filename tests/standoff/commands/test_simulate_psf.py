@@ -20,8 +20,9 @@ def test_a_psf_without_a_correlation_is_taken_as_axis_aligned_with_a_note(
 ) -> None:
     psf = tmp_path / "p.json"
     psf.write_text('{"schema": "standoff.psf/1", "sigma_x_px": 0.9, "sigma_y_px": 0.8}')
-    done = command("simulate", image_file, "--zoom", 2, "--psf", psf, "--out", tmp_path / "f.tif")
-    assert done.status == 0
+    done = command.done(
+        "simulate", image_file, "--zoom", 2, "--psf", psf, "--out", tmp_path / "f.tif"
+    )
     assert "rho is null" in done.err
 
 
@@ -43,7 +44,7 @@ def test_the_field_of_a_psf_file_is_used_where_it_fits(
 
     def simulate(source: Path, psf: Path, *options: object) -> tuple[bool, str, NDArray[Any]]:
         out = tmp_path / "far.tif"
-        done = command(
+        done = command.done(
             "simulate",
             source,
             "--zoom",
@@ -56,7 +57,6 @@ def test_the_field_of_a_psf_file_is_used_where_it_fits(
             "--json",
             *options,
         )
-        assert done.status == 0, done.err
         return json.loads(done.out)["psf_field"], done.err, tifffile.imread(out)
 
     is_field, _, with_field = simulate(image, field_file)
@@ -111,12 +111,10 @@ def test_a_measured_transfer_that_is_not_there_or_not_for_the_model_is_refused(
     psf.write_text('{"schema": "standoff.psf/1", "sigma_x_px": 0.7, "sigma_y_px": 0.7}')
     tifffile.imwrite(image, np.full((60, 80), 7, dtype=np.uint16))
     arguments = ("--zoom", "1.5", "--psf", psf, "--transfer", "measured", "--out", out)
-    done = command("simulate", image, *arguments)
-    assert done.status == 1
-    assert "there is no transfer function along y; calibrate with horizontal edges" in done.err
-    refused = command("simulate", image, *arguments, "--model", "paper")
-    assert refused.status == 2
-    assert "only matched and lmmse take a measured PSF" in refused.err
+    err = command.refused(1, "simulate", image, *arguments)
+    assert "there is no transfer function along y; calibrate with horizontal edges" in err
+    err = command.refused(2, "simulate", image, *arguments, "--model", "paper")
+    assert "only matched and lmmse take a measured PSF" in err
 
 
 def exact_paper_model(image: FloatArray, zoom: float, sigma_px: tuple[float, float]) -> FloatArray:
@@ -141,8 +139,7 @@ def test_the_papers_mode_is_its_equation_whether_a_correlation_is_known_or_not(
     tifffile.imwrite(edges[0], edge_image(0.8, 5.0).astype(np.float32))
     tifffile.imwrite(edges[1], edge_image(1.1, 5.0).T.copy().astype(np.float32))
     psf = tmp_path / "psf.json"
-    done = command("calibrate", *edges, "--method", "paper", "--out", psf, "--json")
-    assert done.status == 0, done.err
+    done = command.done("calibrate", *edges, "--method", "paper", "--out", psf, "--json")
     known = json.loads(psf.read_text())
     assert known["rho"] is None
     levels = tifffile.imread(image_file).astype(np.float64)
@@ -158,8 +155,7 @@ def test_the_papers_mode_is_its_equation_whether_a_correlation_is_known_or_not(
         psf.write_text(json.dumps({**known, "rho": rho}))
         out = tmp_path / "far.tif"
         words = ("--zoom", 2, "--psf", psf, "--model", "paper", "--out", out, "--force", "--json")
-        done = command("simulate", image, *words)
-        assert done.status == 0, done.err
+        done = command.done("simulate", image, *words)
         assert json.loads(done.out)["psf_form"] == "gaussian"
         # The kernel's faint ends are cut off: 0.05 of 255.
         assert np.abs(tifffile.imread(out) - expected).max() < 0.05
@@ -190,8 +186,7 @@ def test_each_channel_of_a_photograph_in_colour_takes_the_psf_of_its_colour(
     for pose in (("--zoom", 1.6), ("--homography", tmp_path / "H.json")):
         out = tmp_path / "far.tif"
         words = "simulate", image, *pose, "--psf", psf, "--out", out, "--force"
-        done = command(*words)
-        assert done.status == 0, done.err
+        done = command.done(*words)
         assert "red, green and blue have a PSF each" in done.err
         far = tifffile.imread(out)
         assert far.shape[2] == 3
@@ -200,8 +195,7 @@ def test_each_channel_of_a_photograph_in_colour_takes_the_psf_of_its_colour(
             alone.write_text(json.dumps({"schema": "standoff.psf/1", **each[colour]}))
             plane = tmp_path / "plane.tif"
             tifffile.imwrite(plane, pixels[:, :, number])
-            done = command("simulate", plane, *pose, "--psf", alone, "--out", out, "--force")
-            assert done.status == 0, done.err
+            command.done("simulate", plane, *pose, "--psf", alone, "--out", out, "--force")
             np.testing.assert_array_equal(tifffile.imread(out), far[:, :, number])
     # One that lacks a colour is one PSF for all.
     del each["blue"]

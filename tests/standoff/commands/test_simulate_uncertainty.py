@@ -41,8 +41,7 @@ def test_noise_of_a_flat_reference_is_what_the_weights_leave(
     flat, out, err = tmp_path / "flat.tif", tmp_path / "far.tif", tmp_path / "err.tif"
     tifffile.imwrite(flat, np.full((40, 50), 300.0, np.float32))
     words = ("--psf", known_psf, "--out", out, "--uncertainty", err, "--reference-noise", 2)
-    done = command("simulate", flat, "--zoom", 1, *words, "--focus-scatter", 0.05, "--json")
-    assert done.status == 0, done.err
+    done = command.done("simulate", flat, "--zoom", 1, *words, "--focus-scatter", 0.05, "--json")
     document = json.loads(done.out)["uncertainty"]
     assert tifffile.imread(err) == pytest.approx(np.full((40, 50), 2.0, np.float32), abs=1e-4)
     assert document["median_dn"] == pytest.approx(2.0, abs=1e-4)
@@ -57,8 +56,7 @@ def test_what_is_not_known_is_said(
 ) -> None:
     out, err = tmp_path / "far.tif", tmp_path / "err.tif"
     words = ("--zoom", 1.5, "--psf", psf_file, "--out", out, "--uncertainty", err)
-    done = command("simulate", waves, *words)
-    assert done.status == 0, done.err
+    done = command.done("simulate", waves, *words)
     assert "reference's noise is not known" in done.err
     assert "--focus-scatter" in done.err
     assert "standard error" in done.out
@@ -72,8 +70,7 @@ def test_focus_in_a_wave_is_the_closed_form(
     # follow-up's focus, and z^2 times less by the reference's; (0.4, 0.3) have the length 0.5.
     out, err = tmp_path / "far.tif", tmp_path / "err.tif"
     words = ("--psf", known_psf, "--out", out, "--uncertainty", err, "--focus-scatter", 0.05)
-    done = command("simulate", waves, "--zoom", 1.5, *words, "--model", "matched", "--json")
-    assert done.status == 0, done.err
+    command.done("simulate", waves, "--zoom", 1.5, *words, "--model", "matched", "--json")
     far = tifffile.imread(out)[10:-10, 10:-10].astype(float) - 500
     amplitude = np.abs(far).max()
     expected = 0.5 * 0.05 * (0.5 * 1.5) ** 2 * amplitude * np.sqrt(1 + 1.5**-4)
@@ -97,8 +94,7 @@ def test_another_pose_has_no_error_where_it_shows_nothing(
     pose, out, err = tmp_path / "H.json", tmp_path / "far.tif", tmp_path / "err.tif"
     pose.write_text(IDENTITY.replace("[1.5, 0, 5]", "[1.5, 0, 60]"))
     words = ("--psf", known_psf, "--out", out, "--uncertainty", err, "--reference-noise", 1)
-    done = command("simulate", waves, "--homography", pose, *words, "--focus-scatter", 0.02)
-    assert done.status == 0, done.err
+    command.done("simulate", waves, "--homography", pose, *words, "--focus-scatter", 0.02)
     stored = tifffile.imread(err)
     assert np.isnan(stored[:, 45:]).all()
     assert np.isfinite(stored[:, :35]).all()

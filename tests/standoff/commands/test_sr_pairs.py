@@ -193,8 +193,7 @@ def test_colours_keep_their_order_and_people_read_a_line(
     cv2.imwrite(str(tmp_path / "colour.png"), pixels[:, :, ::-1])  # OpenCV writes blue first
     out = tmp_path / "pairs"
     words = ("sr-pairs", tmp_path / "colour.png", "--psf", psf, "--zoom", 2, "--crop", 48)
-    done = command(*words, "--out", out, "--test-fraction", 0)
-    assert done.status == 0, done.err
+    done = command.done(*words, "--out", out, "--test-fraction", 0)
     assert done.out == (
         f"{out}: 4 pairs for training, 0 for testing, from 1 images (0 already done)\n"
     )

@@ -56,19 +56,16 @@ def test_home_and_move_are_two_processes_where_the_controller_knows_its_position
 ) -> None:
     served = serve(protocol, FASTER)
     bench = options(protocol, served)
-    refused = command("stage", "move", "200", *bench)
-    assert refused.status == 1
-    assert "standoff stage home" in refused.err
-    assert len(refused.err.strip().splitlines()) == 1
+    err = command.refused(1, "stage", "move", "200", *bench)
+    assert "standoff stage home" in err
+    assert len(err.strip().splitlines()) == 1
 
     status = json.loads(command("stage", *bench, "status", "--json").out)
     assert (status["is_homed"], status["position_mm"]) == (False, None)
 
     assert command("stage", "home", *bench).status == 0
     log = tmp_path / "wire.log"
-    moved = command("stage", *bench, "--set", f"stage.wire_log={log}", "move", "140.25", "--json")
-    assert moved.status == 0, moved.err
-    shown = json.loads(moved.out)
+    shown = command.document("stage", *bench, "--set", f"stage.wire_log={log}", "move", "140.25")
     assert shown["is_homed"]
     assert shown["state"] == "idle"
     assert shown["limits_mm"] == [120.5 if protocol == "grbl" else 120.0, 500.0]
@@ -101,12 +98,8 @@ def test_a_hard_limit_is_told_with_its_code_and_unlock_and_home_are_the_way_back
     shown = json.loads(command("stage", "status", *bench, "--json").out)
     assert shown["state"] == "alarm"
     assert "ALARM:1 (a limit switch was hit" in shown["warnings"][0]
-    refused = command("stage", "home", *bench)
-    assert refused.status == 1
-    assert "ALARM:1 (" in refused.err
-    unlocked = command("stage", "unlock", *bench, "--json")
-    assert unlocked.status == 0, unlocked.err
-    unlocked_stage = json.loads(unlocked.out)
+    assert "ALARM:1 (" in command.refused(1, "stage", "home", *bench)
+    unlocked_stage = command.document("stage", "unlock", *bench)
     assert (unlocked_stage["state"], unlocked_stage["is_homed"]) == ("idle", False)
     assert unlocked_stage["warnings"] == []
     assert command("stage", "move", "140", "--home", *bench).status == 0
@@ -157,8 +150,7 @@ def test_a_stop_is_done_where_the_stage_stopped_whatever_else_is_the_matter(
     served = serve("grbl", FASTER)
     assert isinstance(served.firmware, GrblFirmware)
     served.firmware.lose_settings()
-    done = command("stage", "stop", *options("grbl", served), *(["--json"] if is_json else []))
-    assert done.status == 0
+    done = command.done("stage", "stop", *options("grbl", served), *(["--json"] if is_json else []))
     assert "$102 is 800" in done.err
     if is_json:
         shown = json.loads(done.out)
@@ -172,11 +164,10 @@ def test_a_stop_is_done_where_the_stage_stopped_whatever_else_is_the_matter(
 def test_a_stop_that_nobody_confirms_says_that_first(command: Command, serve: Serve) -> None:
     served = serve("grbl", FASTER)
     served.line.faults = LineFaults(mute=True)
-    done = command("stage", "stop", *options("grbl", served))
-    assert done.status == 1
-    assert done.err.startswith("standoff: it is not certain that the Grbl stage on ")
-    assert len(done.err.strip().splitlines()) == 1
-    assert "emergency stop" in done.err
+    err = command.refused(1, "stage", "stop", *options("grbl", served))
+    assert err.startswith("standoff: it is not certain that the Grbl stage on ")
+    assert len(err.strip().splitlines()) == 1
+    assert "emergency stop" in err
 
 
 @pytest.mark.parametrize(
@@ -186,8 +177,7 @@ def test_a_stop_that_nobody_confirms_says_that_first(command: Command, serve: Se
 def test_a_stage_without_a_controller_answers_a_stop_too(
     command: Command, driver: str, said: str
 ) -> None:
-    done = command("stage", "stop", "--bench", shipped_config(f"{driver}.toml"))
-    assert done.status == 0
+    done = command.done("stage", "stop", "--bench", shipped_config(f"{driver}.toml"))
     assert done.out.splitlines()[0] == said
 
 
@@ -195,10 +185,9 @@ def test_a_stage_without_a_controller_answers_a_stop_too(
 def test_a_dead_line_is_one_line_with_the_remedy(command: Command, serve: Serve) -> None:
     served = serve("zaber", FASTER)
     served.line.faults = LineFaults(garbled=True)
-    done = command("stage", "status", *options("zaber", served))
-    assert done.status == 1
-    assert len(done.err.strip().splitlines()) == 1
-    assert "baud" in done.err
+    err = command.refused(1, "stage", "status", *options("zaber", served))
+    assert len(err.strip().splitlines()) == 1
+    assert "baud" in err
 
 
 @pytest.mark.slow
@@ -260,9 +249,8 @@ def test_ctrl_c_and_sigterm_stop_the_stage_under_control(
     ],
 )
 def test_wrong_usage_is_status_2(command: Command, words: list[str]) -> None:
-    done = command("stage", *words, "--bench", shipped_config("simulated.toml"))
-    assert done.status == 2
-    assert len(done.err.strip().splitlines()) == 1
+    err = command.refused(2, "stage", *words, "--bench", shipped_config("simulated.toml"))
+    assert len(err.strip().splitlines()) == 1
 
 
 def test_the_simulated_stage_obeys_too(command: Command) -> None:
@@ -310,15 +298,11 @@ def test_the_manual_stage_asks_the_operator(
 def test_a_hang_of_the_controller_is_one_line(command: Command, serve: Serve) -> None:
     served = serve("zaber", FASTER)
     served.line.faults = LineFaults(mute=True)
-    done = command("stage", "home", *options("zaber", served))
-    assert done.status == 1
-    assert "check its power" in done.err
+    assert "check its power" in command.refused(1, "stage", "home", *options("zaber", served))
 
 
 def test_a_state_that_does_not_move_is_named(command: Command, serve: Serve) -> None:
     served = serve("grbl", FASTER)
     assert isinstance(served.firmware, GrblFirmware)
     served.firmware.faults = GrblFaults(shows_state="Door:1")
-    done = command("stage", "home", *options("grbl", served))
-    assert done.status == 1
-    assert "Door" in done.err
+    assert "Door" in command.refused(1, "stage", "home", *options("grbl", served))

@@ -64,17 +64,15 @@ def test_curves_by_url_are_those_of_the_folder(
 ) -> None:
     assert command("detectability", local, *CURVES, "--out", "curves.json").status == 0
     words = ("detectability", f"{LAB}/photographs", *CURVES, "--out", f"{LAB}/results/far.json")
-    done = command(*words)
-    assert done.status == 0, done.err
+    done = command.done(*words)
     assert f"wrote {LAB}/results/far.json and {LAB}/results/far-noise.png" in done.out
     found, expected = memory.cat_file("/lab/results/far.json"), Path("curves.json").read_bytes()
     assert without_provenance(found) == without_provenance(expected)
     inputs = json.loads(found)["provenance"]["inputs"]
     assert [one["path"] for one in inputs] == [f"{LAB}/photographs/{n}.png" for n in (0, 1)]
     assert len(memory.ls("/lab/results")) == 5
-    again = command(*words)
-    assert again.status == 1
-    assert f"{LAB}/results/far.json exists already; --force replaces it" in again.err
+    err = command.refused(1, *words)
+    assert f"{LAB}/results/far.json exists already; --force replaces it" in err
     assert command(*words, "--force").status == 0
 
 
@@ -86,8 +84,7 @@ def test_pairs_by_url_are_those_of_the_folder(
     words = ("--psf", "psf.json", *settings)
     assert command("sr-pairs", local, *words, "--out", "here").status == 0
     asked = ("sr-pairs", f"{LAB}/photographs", *words, "--out", f"{LAB}/far")
-    done = command(*asked)
-    assert done.status == 0, done.err
+    done = command.done(*asked)
     copied = {
         name.removeprefix("/lab/far/"): memory.cat_file(name) for name in memory.find("/lab/far")
     }
@@ -113,10 +110,9 @@ def test_pairs_by_url_are_those_of_the_folder(
 
 def test_an_unknown_kind_of_url_is_one_line(command: Command, local: Path) -> None:
     for words in (("what://lab", "--out", "c.json"), (local, "--out", "what://lab/c.json")):
-        done = command("detectability", *words, *CURVES)
-        assert done.status == 1
-        assert "unknown kind of URL, what://" in done.err
-        assert done.err.count("\n") == 1
+        err = command.refused(1, "detectability", *words, *CURVES)
+        assert "unknown kind of URL, what://" in err
+        assert err.count("\n") == 1
 
 
 @pytest.mark.slow  # starts worker processes
@@ -124,10 +120,9 @@ def test_workers_do_not_see_the_memory_of_the_command_and_it_says_so(
     command: Command, memory: fsspec.AbstractFileSystem
 ) -> None:
     words = ("detectability", f"{LAB}/photographs", *CURVES, "--out", "curves.json")
-    done = command(*words, "--workers", 2)
-    assert done.status == 1
-    assert "memory:// is this process's own" in done.err
-    assert done.err.count("\n") == 1
+    err = command.refused(1, *words, "--workers", 2)
+    assert "memory:// is this process's own" in err
+    assert err.count("\n") == 1
 
 
 def test_a_table_of_the_curves_is_written_beside_them(

@@ -1,4 +1,5 @@
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +55,7 @@ def test_a_session_becomes_tables_figures_and_a_report(
 ) -> None:
     out = tmp_path / "validation"
     arguments = ("validate", "--session", series, "--psf", psf, "--out", out)
-    done = command(*arguments, "--models", "paper, bicubic", "--json")
-    assert done.status == 0, done.err
+    done = command.done(*arguments, "--models", "paper, bicubic", "--json")
     assert {path.name for path in out.iterdir()} == FILES
     document = json.loads(done.out)
     assert document == json.loads((out / "validation.json").read_text())
@@ -71,32 +71,46 @@ def test_a_session_becomes_tables_figures_and_a_report(
 def test_the_tables_are_printed_for_people(
     command: Command, shaken: Path, psf: Path, tmp_path: Path
 ) -> None:
-    done = command(
-        "validate", "--session", shaken, "--psf", psf, "--out", tmp_path / "v",
-        "--models", "matched", "--references", 1,
-    )  # fmt: skip
-    assert done.status == 0, done.err
+    done = command.done(
+        "validate",
+        "--session",
+        shaken,
+        "--psf",
+        psf,
+        "--out",
+        tmp_path / "v",
+        "--models",
+        "matched",
+        "--references",
+        1,
+    )
     for words in ("Table I:", "Table II:", "followup-grid", "the paper's own", "report.html"):
         assert words in done.out
 
 
 @pytest.mark.slow
 def test_the_report_and_the_validation_of_a_session_have_the_same_numbers(
-    command: Command, psf: Path, tmp_path: Path
+    command: Command, shaken: Path, psf: Path, tmp_path: Path
 ) -> None:
-    session = height_series(tmp_path / "session", shaken_at={150.0: 1.5}).path
+    session = Path(shutil.copytree(shaken, tmp_path / "session"))
     results = session / "results"
     results.mkdir()
     calibration = results / "psf.json"
     calibration.write_bytes(psf.read_bytes())
-    done = command("report", session)
-    assert done.status == 0, done.err
+    command.done("report", session)
     reported = json.loads((results / "validation.json").read_text())
-    done = command(
-        "validate", "--session", session, "--psf", calibration, "--out", tmp_path / "v",
-        "--models", "bicubic,paper,matched,lmmse", "--json",
-    )  # fmt: skip
-    assert done.status == 0, done.err
+    done = command.done(
+        "validate",
+        "--session",
+        session,
+        "--psf",
+        calibration,
+        "--out",
+        tmp_path / "v",
+        "--models",
+        "bicubic,paper,matched,lmmse",
+        "--json",
+    )
     assert_provenance(reported, "report", session / "journal.jsonl", calibration)
     validated = json.loads(done.out)
     assert_provenance(validated, "validate", session / "journal.jsonl", calibration)
@@ -121,18 +135,25 @@ def test_a_report_takes_the_validation_that_is_there_while_it_is_current(
     results.mkdir()
     calibration = results / "psf.json"
     calibration.write_bytes(psf.read_bytes())
-    done = command(
-        "validate", "--session", session, "--psf", calibration, "--out", results,
-        "--models", "paper", "--references", 1,
-    )  # fmt: skip
-    assert done.status == 0, done.err
+    command.done(
+        "validate",
+        "--session",
+        session,
+        "--psf",
+        calibration,
+        "--out",
+        results,
+        "--models",
+        "paper",
+        "--references",
+        1,
+    )
     stored = results / "validation.json"
     before = stored.read_bytes()
     assert command("report", session).status == 0
     assert stored.read_bytes() == before
     # What a person decides about a capture afterwards counts.
-    done = command("session", "exclude", 1, session, "--reason", "hair")
-    assert done.status == 0, done.err
+    command.done("session", "exclude", 1, session, "--reason", "hair")
     done = command("report", session)
     assert "validation.json is older than the last change of the session's captures" in done.err
     anew = json.loads(stored.read_text())
@@ -189,12 +210,19 @@ def test_without_pytorch_the_learned_model_is_left_out_or_refused_by_name(
 ) -> None:
     monkeypatch.setattr(validation_run, "find_spec", lambda _: None)
     assert "kernelgan" not in validation_run.default_models(Call("validate"))
-    done = command(
-        "validate", "--session", series, "--psf", psf, "--out", tmp_path / "v",
-        "--models", "kernelgan",
-    )  # fmt: skip
-    assert done.status == 1
-    assert "pip install standoff[kernelgan], or leave them out with --models" in done.err
+    err = command.refused(
+        1,
+        "validate",
+        "--session",
+        series,
+        "--psf",
+        psf,
+        "--out",
+        tmp_path / "v",
+        "--models",
+        "kernelgan",
+    )
+    assert "pip install standoff[kernelgan], or leave them out with --models" in err
     assert not (tmp_path / "v").exists()
 
 
@@ -210,9 +238,10 @@ def test_without_pytorch_the_learned_model_is_left_out_or_refused_by_name(
 def test_wrong_arguments_are_usage(
     command: Command, series: Path, psf: Path, tmp_path: Path, extra: tuple[str, ...], message: str
 ) -> None:
-    done = command("validate", "--session", series, "--psf", psf, "--out", tmp_path / "v", *extra)
-    assert done.status == 2
-    assert message in done.err
+    err = command.refused(
+        2, "validate", "--session", series, "--psf", psf, "--out", tmp_path / "v", *extra
+    )
+    assert message in err
 
 
 def test_what_cannot_be_read_or_written_is_one_line(
@@ -224,10 +253,17 @@ def test_what_cannot_be_read_or_written_is_one_line(
         (series, tmp_path / "none.json", tmp_path / "v", "none.json"),
         (series, psf, tmp_path / "file" / "v", "file is not a folder"),
     ):
-        done = command(
-            "validate", "--session", session, "--psf", calibration, "--out", out,
-            "--models", "paper",
-        )  # fmt: skip
-        assert done.status == 1
-        assert message in done.err
-        assert done.err.count("\n") == 1
+        err = command.refused(
+            1,
+            "validate",
+            "--session",
+            session,
+            "--psf",
+            calibration,
+            "--out",
+            out,
+            "--models",
+            "paper",
+        )
+        assert message in err
+        assert err.count("\n") == 1

@@ -8,7 +8,7 @@ import pytest
 import typer
 
 from standoff.terminal.app import COMMANDS, application
-from standoff.terminal.command_help import EXAMPLES
+from standoff.terminal.words import EXAMPLES
 
 ROOT: Any = typer.main.get_command(application([]))
 

@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from standoff.terminal.app import COMMANDS
-from standoff.terminal.field_words import _OF_GROUPS, _WORDS, meant_command
+from standoff.terminal.words import _OF_GROUPS, _WORDS, meant_command
 from tests.standoff.conftest import Command
 
 

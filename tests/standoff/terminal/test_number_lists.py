@@ -6,7 +6,7 @@ import typer
 from hypothesis import given, strategies as st
 
 from acquisition.quantities import decimals_meant
-from standoff.terminal.number_lists import ListedNumbers, number_list
+from standoff.terminal import ListedNumbers, number_list
 
 ZOOMS = ListedNumbers(option="--zooms", least=1.0, pair_most=10.0)
 NOISES = ListedNumbers(option="--noise")

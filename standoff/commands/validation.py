@@ -1,4 +1,7 @@
-"""``standoff demo`` and ``standoff paper``: experiments on the simulated bench."""
+"""``standoff validate``, ``demo`` and ``paper``: what is simulated against what is captured.
+
+A session of one's own, as in Tables I and II; and whole experiments on the simulated bench.
+"""
 
 from __future__ import annotations
 
@@ -7,36 +10,96 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from typer import Option
+from typer import BadParameter, Option
 
+from analysis.choices import CACHE_VARIABLE, PAPER_TRAINING_STEPS, VALIDATION_MODELS
 from simulation.choices import MODELS
 from standoff import library, terminal
 from standoff.compiled_cache import OF_THE_DEMO, compile_ahead, holds_code
 from standoff.shipped_configs import shipped_config
 
+if TYPE_CHECKING:
+    from analysis.validation import Validation
 
+
+@terminal.command()
+def validate(
+    *,
+    session: Path,
+    psf: Path,
+    transfer: terminal.TransferForm = "best",
+    out: Path,
+    models: Annotated[
+        str | None,
+        Option(
+            metavar="M,M",
+            help=f"Models: any of {', '.join(VALIDATION_MODELS)}; "
+            "all but gaussian-kernelgan by default.",
+        ),
+    ] = None,
+    references: Annotated[int, Option(min=1, max=100)] = 2,
+    steps: Annotated[
+        int | None,
+        Option(min=1, help=f"Training steps; {PAPER_TRAINING_STEPS} by default, as in the paper."),
+    ] = None,
+    seed: Annotated[int, Option(min=0)] = 0,
+    workers: terminal.KernelWorkers = 1,
+    kernel_cache: Annotated[
+        Path | None,
+        Option(help=f"Folder of trained kernels; ${CACHE_VARIABLE} or the XDG cache by default."),
+    ] = None,
+    force: terminal.Force = False,
+) -> None:
+    """Measure how well each model predicts the captured follow-ups of a session.
+
+    Options
+    -------
+    session: Capture session with textures or charts.
+    psf: psf.json of the camera, best calibrated with --region centre.
+    out: Folder for the results.
+    references: Reference poses per target, the nearest first.
+    seed: Seed for training.
+    """
+    from analysis.validation import is_learned
+
+    chosen = terminal.chosen_models(models)
+    if chosen is not None and not any(map(is_learned, chosen)) and (steps or seed or kernel_cache):
+        raise BadParameter("--steps, --seed and --kernel-cache need a learned model")
+    terminal.refuse_replacing(*(out / name for name in library.VALIDATION_FILES))
+    how = terminal.keywords_of(library.validate, models=chosen, steps=steps or PAPER_TRAINING_STEPS)
+    validation = library.validate(session, psf, out, **how)
+    terminal.answer(validation, lambda: _show_validation(validation, out))
+
+
+def _show_validation(validation: Validation, out: Path, *more: str) -> None:
+    terminal.print_validation(validation)
+    terminal.say(*more, f"wrote {out / 'report.html'} and the tables and figures beside it")
+
+
+@terminal.command()
 def demo(
-    out: Annotated[Path, Option(help="Folder for the results.")] = Path("standoff-demo"),
+    out: Annotated[Path, Option()] = Path("standoff-demo"),
     settings: terminal.BenchKeys = None,
     force: terminal.Force = False,
-    json: terminal.Json = False,
 ) -> None:
-    """Run the whole chain on the simulated bench, and compare the results with its truth."""
+    """Run the whole chain on the simulated bench, and compare the results with its truth.
+
+    Options
+    -------
+    out: Folder for the results.
+    """
     from acquisition.session import MANIFEST_NAME
 
     if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
-        terminal.refuse_overwriting([out / name for name in library.DEMO_FILES], force=force)
+        terminal.refuse_replacing(*(out / name for name in library.DEMO_FILES))
     config = terminal.read_bench(shipped_config("demo_bench.toml"), settings)
     if not holds_code():
         terminal.note_in_passing("compiling the numerical code, once: up to a minute")
         compile_ahead(OF_THE_DEMO)
     result = library.run_demo(out, config, progress=terminal.ShownProgress())
-    if json:
-        terminal.print_json(result.to_json())
-    else:
-        _print_summary(result, out)
+    terminal.answer(result.to_json, lambda: _print_summary(result, out))
 
 
 def _print_summary(result: library.DemoResult, out: Path) -> None:
@@ -135,45 +198,40 @@ def _console_line(out: Path) -> str:
     return f"{shlex.join([sys.executable, '-m', 'pip'])} install 'standoff[console]' && {console}"
 
 
+@terminal.command()
 def paper(
     *,
-    out: Annotated[Path, Option(help="Folder for the results.")] = Path("paper-output"),
-    short: Annotated[
-        bool,
-        Option(
-            "--short", help="Quick trial of about a minute, with few pixels, heights and steps."
-        ),
-    ] = False,
-    models: Annotated[
-        str | None,
-        Option(metavar="M,M", help="As for validate; all but gaussian-kernelgan by default."),
-    ] = None,
+    out: Path = Path("paper-output"),
+    short: Annotated[bool, Option("--short")] = False,
+    models: Annotated[str | None, Option(metavar="M,M")] = None,
     workers: terminal.KernelWorkers = 2,
     settings: terminal.BenchKeys = None,
     force: terminal.Force = False,
-    json: terminal.Json = False,
 ) -> None:
-    """Repeat the paper's experiment on the simulated bench: Tables I and II, Figures 2 and 3."""
+    """Repeat the paper's experiment on the simulated bench: Tables I and II, Figures 2 and 3.
+
+    Options
+    -------
+    out: Folder for the results.
+    short: Quick trial of about a minute, with few pixels, heights and steps.
+    models: As for validate; all but gaussian-kernelgan by default.
+    """
     from acquisition.session import MANIFEST_NAME
 
     if not (out / "session" / MANIFEST_NAME).is_file():  # else it is resumed
-        terminal.refuse_overwriting([out / name for name in library.VALIDATION_FILES], force=force)
+        terminal.refuse_replacing(*(out / name for name in library.VALIDATION_FILES))
     config = terminal.read_bench(shipped_config("paper_bench.toml"), settings)
     result = library.run_paper(
         out,
         config,
-        models=None if models is None else terminal.chosen_models(models),
+        models=terminal.chosen_models(models),
         workers=workers,
         is_short=short,
         progress=terminal.ShownProgress(),
     )
-    if json:
-        terminal.print_json(result.to_json())
-        return
     errors_px = result.registration_errors_px
-    terminal.print_validation(result.validation)
-    terminal.say(
+    aligned = (
         "alignment against the bench's truth: median error "
-        f"{median(errors_px):.4f} px, largest median of a pair {max(errors_px):.4f} px",
-        f"wrote {out / 'report.html'} and the tables and figures beside it",
+        f"{median(errors_px):.4f} px, largest median of a pair {max(errors_px):.4f} px"
     )
+    terminal.answer(result.to_json, lambda: _show_validation(result.validation, out, aligned))

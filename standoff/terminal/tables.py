@@ -1,10 +1,13 @@
-"""Results as tables: a PSF, the edges it stands on, their verdict, and a validation."""
+"""Tables: a PSF with its edges and their verdict, a validation, a series of photographs."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from typer import BadParameter
 
 from calibration.edges import REJECTING_FLAGS
 from calibration.psf import FEWEST_FIELD_EDGES, Estimate, PsfCalibration
@@ -18,10 +21,17 @@ from calibration.sharpness import (
     verdict_rows,
     with_reach,
 )
+from standoff.errors import ApplicationError
+from standoff.terminal.declaration import answer
 from standoff.terminal.output import note, print_table, say
 
 if TYPE_CHECKING:
+    from analysis.results_file import StoredValues
+    from analysis.sweep import SweepOptions, SweepSummary
     from analysis.validation import Validation
+    from standoff.library import SeriesResult
+
+Listed = TypeVar("Listed", bound="StoredValues")
 
 _LISTED_MOST = 12
 _AT_EITHER_END = 5
@@ -191,3 +201,77 @@ def value_cells(
     if value is None or err is None:
         return ["not determined", ""]
     return [f"{value:.{digits}f}", f"{factor * err:.{digits}f}"]
+
+
+def refuse_sweep_of_one(options: SweepOptions, *, parquet: bool) -> None:
+    """Refuse options that have no meaning for one photograph; one worker does for it."""
+    given = {
+        "--scheduler": options.scheduler is not None,
+        "--shard": options.part != (1, 1),
+        "--parquet": parquet,
+    }
+    for option in (name for name, is_given in given.items() if is_given):
+        raise BadParameter(f"{option} needs several follow-ups, or a folder of them")
+
+
+def print_few(
+    columns: Sequence[str],
+    cells: Callable[[Listed], Sequence[str]],
+    found: SeriesResult[Any, Listed],
+    title_of_worst: str,
+) -> None:
+    """Print a table of all follow-ups, or tables of the first and of the worst few of many."""
+    title = "First follow-ups" if found.worst else "Follow-ups"
+    print_table(title, columns, [cells(one) for one in found.first])
+    if found.worst:
+        print_table(title_of_worst, columns, [cells(one) for one in found.worst])
+
+
+def say_part(
+    options: SweepOptions,
+    sweep: SweepSummary,
+    what: str,
+    *,
+    writes: str = "",
+    out: Path | None = None,
+) -> None:
+    """Tell of one of several parts, while others are not done: ``sweep`` counts ``what``.
+
+    ``writes`` is what the command does once all parts are done; without it the last part writes
+    tables, into ``out``.
+    """
+    shard = f"{options.part[0]}/{options.part[1]}"
+    then = "the part that ends last writes the tables"
+    if writes:
+        then = f"the same command without --shard {writes} once all parts are done"
+    answer(
+        {
+            "out": None if out is None else str(out),
+            "shard": shard,
+            "images": sweep.images,
+            "refused": sweep.refused,
+        },
+        lambda: say(
+            f"part {shard}: {sweep.images} {what} ({sweep.found_done} already done); {then}"
+        ),
+    )
+
+
+def report_refused(sweep: SweepSummary, given: str) -> None:
+    """End with the number of refused follow-ups, if there are any; ``given`` is of the others."""
+    images = sweep.images + sweep.refused
+    is_cut = sweep.refused > len(sweep.refused_lines)
+    listed = f" ({sweep.refused_list} lists them)" if is_cut else ""
+    end_refused(sweep, f"{sweep.refused} of {images} follow-ups gave nothing{listed}; {given}")
+
+
+def end_refused(sweep: SweepSummary, sentence: str) -> None:
+    """End with a sentence on the refused photographs, if there are any.
+
+    An error says why one was refused; remarks say it for the first of several.
+    """
+    if sweep.refused == 1:
+        raise ApplicationError(f"{sweep.refused_lines[0]}; {sentence}")
+    note(*sweep.refused_lines)
+    if sweep.refused:
+        raise ApplicationError(sentence)

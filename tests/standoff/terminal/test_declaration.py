@@ -1,21 +1,19 @@
-"""Rules on options, on a small command; and those of all commands, on their parameters."""
+"""Rules on options, on a small command; and whether every option of every command has an effect."""
 
-from importlib import import_module
+import ast
+import inspect
+import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
 import typer
 
-from standoff.terminal.app import COMMANDS, application
-from standoff.terminal.option_rules import (
-    Given,
-    OptionRule,
-    check_options,
-    exactly_one,
-    excludes,
-    needs,
-)
+from standoff import library, terminal
+from standoff.terminal import Given, exactly_one, excludes, needs
+from standoff.terminal.app import COMMANDS, _imported
+from standoff.terminal.declaration import OptionRule
 
 
 def said(rule: OptionRule, *arguments: str) -> str | None:
@@ -23,9 +21,9 @@ def said(rule: OptionRule, *arguments: str) -> str | None:
     app = typer.Typer()
 
     @app.command()
+    @terminal.command(rule)
     def command(
-        context: typer.Context,
-        images: Annotated[list[Path] | None, typer.Argument()] = None,
+        images: list[Path] | None = None,
         *,
         session: Path | None = None,
         mode: str = "plain",
@@ -33,7 +31,7 @@ def said(rule: OptionRule, *arguments: str) -> str | None:
         is_quick: Annotated[bool, typer.Option("--quick")] = False,
         keys: Annotated[list[str] | None, typer.Option("--set")] = None,
     ) -> None:
-        check_options(context, [rule])
+        """Do nothing."""
 
     try:
         app(list(arguments), standalone_mode=False)
@@ -77,11 +75,31 @@ def test_an_option_with_its_default_is_not_given(arguments: tuple[str, ...]) -> 
         assert said(needs(name, "session"), *arguments) is None
 
 
-@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "session"])
-def test_the_rules_of_a_command_name_its_own_parameters(name: str) -> None:
-    module = import_module(f"standoff.commands.{COMMANDS[name].split(':')[0]}")
-    command: Any = typer.main.get_command(application([name]))
-    parameters = {one.name for one in command.commands[name].params}
-    rules: tuple[OptionRule, ...] = getattr(module, "_RULES", ())
-    if name != "cameras":  # beside doctor, whose rules they are
-        assert {option.name for rule in rules for option in rule.options} <= parameters
+def test_a_rule_names_parameters_that_there_are() -> None:
+    with pytest.raises(AssertionError, match="speed"):
+        said(needs("count", "speed"))
+
+
+def declared() -> Iterator[Any]:
+    """The function of each command, as it is written."""
+    for path in COMMANDS.values():
+        found = _imported(path)
+        functions = [one.callback for one in getattr(found, "registered_commands", ())] or [found]
+        yield from (inspect.unwrap(function) for function in functions)
+
+
+@pytest.mark.parametrize("function", list(declared()), ids=lambda function: function.__name__)
+def test_every_option_is_used_or_is_a_keyword_of_the_library(function: Any) -> None:
+    body = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    assert isinstance(body, ast.FunctionDef)
+    nodes = [node for statement in body.body for node in ast.walk(statement)]
+    used = {node.id for node in nodes if isinstance(node, ast.Name)}
+    for node in nodes:
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "terminal.keywords_of":
+            name = ast.unparse(node.args[0]).removeprefix("library.")
+            used |= inspect.signature(getattr(library, name)).parameters.keys()
+    assert inspect.signature(function).parameters.keys() - used <= BY_THE_FRAME
+
+
+BY_THE_FRAME = {"force"}
+"""What every command does by itself with an option that it declares."""

@@ -1,5 +1,0 @@
-"""``standoff benchmark``: the public benchmark, a command a module."""
-
-import lazy_loader as lazy
-
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
