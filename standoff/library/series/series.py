@@ -31,12 +31,9 @@ from analysis.sweep import Manifest, SweepOptions
 from calibration.registration import RegistrationHints
 from simulation.arguments import FilePath, checked, output_path, path_of
 from simulation.arrays import AnyArray
-from standoff import AlignmentHints
 from standoff.errors import ApplicationError
-from standoff.library import PsfLike
-from standoff.library.call import Call, Progress, listed_paths
-from standoff.library.changes import ComparisonKeywords, begun_comparison
-from standoff.library.comparison import find_changes
+from standoff.library.call import Call, Progress, PsfLike, listed_paths
+from standoff.library.changes import ComparisonKeywords, begun_comparison, find_changes
 from standoff.library.detectability import CurveLike, given_curve
 from standoff.library.keywords import with_keywords_of
 from standoff.library.psf import psf_and_field

@@ -16,7 +16,7 @@ pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 
 
 from acquisition.errors import DeviceDisconnectedError, OperatorStopError
-from acquisition.session.notes import SessionNotes
+from acquisition.session import SessionNotes
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import DeviceStatus, bench_drivers
 from standoff.console.frames import FrameBroadcaster

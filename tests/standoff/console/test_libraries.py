@@ -11,7 +11,7 @@ import tifffile
 
 from acquisition.devices import DeviceInfo
 from acquisition.photographs import read_image
-from acquisition.session.notes import SessionNotes
+from acquisition.session import SessionNotes
 from acquisition.session.reader import Session
 from standoff.console.session_library import SessionLibrary, UnknownSessionError
 from standoff.console.snapshot_library import (

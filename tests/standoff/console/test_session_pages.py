@@ -19,8 +19,7 @@ from starlette.testclient import TestClient
 
 from acquisition.choices import CaptureKind
 from acquisition.errors import SessionError
-from acquisition.session import Session
-from acquisition.session.notes import SessionNotes
+from acquisition.session import Session, SessionNotes
 from analysis.reports import views_script
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import Job

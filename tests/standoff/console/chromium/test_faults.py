@@ -25,7 +25,7 @@ from hil_mocks.stage import SimulatedStage, StageFaults
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import DeviceStatus
 from tests.acquisition.fakes import SETTINGS, frame
-from tests.analysis.reports.changes.test_pages import page as changes_page
+from tests.analysis.reports.test_changes import page as changes_page
 from tests.standoff.console.chromium.pages import LivePage, live_page
 from tests.standoff.console.console_rig import number, text, wait_until
 from tests.standoff.console.hub_fixtures import idle_hub, running_hub
