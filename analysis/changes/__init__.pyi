@@ -12,7 +12,7 @@ from .document import (
 )
 from .filter import ChangeResult as ChangeResult, find_changes as find_changes
 from .matching import smoothing_for as smoothing_for
-from .options import (
+from .photograph_pair import (
     ChangeCriteria as ChangeCriteria,
     ChangeOptions as ChangeOptions,
     CodedAlike as CodedAlike,

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from acquisition.photographs import luma_plane, on_screen, white_level_dn
+from analysis.choices import acceptance
 from analysis.detectability import draw_curve
 from simulation.arrays import AnyArray
 from simulation.figures import InlineFigure, figure_of
@@ -72,7 +73,7 @@ def pose_figure(
             if panel is not axes:
                 border.set_path_effects([withStroke(linewidth=3, foreground="white")])
     figure.colorbar(shown, ax=axes, label="local d′ (upper bound)", shrink=0.85)
-    verdict = "accepted" if quality.is_accepted else "rejected"
+    verdict = acceptance(quality.is_accepted)
     probability = quality.decision.probability_text.replace("d'", "d′")
     axes.set(
         title=(

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from acquisition.regular_files import read_regular_file
 from acquisition.session import CaptureRecord, Session
 from acquisition.untrusted import parse_json
+from analysis.choices import acceptance
 from analysis.detection_limits import DetectionLimit, spot_sentence
 from calibration.sharpness import NORMAL_95
 from standoff.library import RESULTS_FOLDER
@@ -162,7 +163,7 @@ def _changes(document: Mapping[str, Any]) -> str:
 
 
 def _pose(document: Mapping[str, Any]) -> str:
-    verdict = "accepted" if document["is_accepted"] else "rejected"
+    verdict = acceptance(document["is_accepted"])
     sure, probability = document.get("verdict"), document.get("probability")
     if sure is not None and probability is not None:
         verdict = f"{sure} ({100 * float(probability):.0f} % that d' is enough)"

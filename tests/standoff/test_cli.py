@@ -315,7 +315,7 @@ def test_a_report_that_the_disk_does_not_take_is_named(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("standoff.library.files.output_files.write_shared", full)
+    monkeypatch.setattr("acquisition.files.writing.write_shared", full)
     assert "report.html: No space left on device" in command.refused(1, "report", session_dir)
 
 
