@@ -7,8 +7,10 @@ import numpy as np
 from scipy.ndimage import center_of_mass, gaussian_filter, label, uniform_filter
 
 from analysis.detectors import followup_view, in_light_of
-from benchmarks.change_peer_worker import sfft
-from benchmarks.change_peers import (
+from benchmarks.peers.change_worker import sfft
+from benchmarks.peers.edges import chart_width_px
+from benchmarks.peers.program import ChangeScore, PeerError, Program
+from benchmarks.peers.scores import (
     SMOOTHING_PX,
     AlignedPair,
     Peer,
@@ -17,8 +19,6 @@ from benchmarks.change_peers import (
     structural_dissimilarity,
     zogy,
 )
-from benchmarks.peers.edges import chart_width_px
-from benchmarks.peers.program import ChangeScore, PeerError, Program
 from benchmarks.peers.tasks import Task
 from simulation.arrays import BoolArray, FloatArray
 

@@ -17,11 +17,11 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage.transform import rescale
 
 from analysis.detectors import followup_view, sees_reference
-from benchmarks.lens_optics import gaussian
 from benchmarks.peers.edges import chart_width_px
 from benchmarks.peers.program import PeerError, Program
+from benchmarks.peers.resamplers import FINENESS, pybsm_of_fine
 from benchmarks.peers.tasks import Task
-from benchmarks.zoom_peers import FINENESS, pybsm_of_fine
+from benchmarks.truth.lenses import gaussian
 from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import FloatArray
 

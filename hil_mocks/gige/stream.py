@@ -33,7 +33,7 @@ BLOCKS_KEPT = 8
 
 UDP_SEGMENT = 103
 """Linux, linux/udp.h: the kernel cuts one buffer into datagrams, which costs less than a call
-for each; ``benchmarks/bench_gige_device.py``. A packet socket (a sniffer, or a client that runs as
+for each; ``benchmarks/speed/gige_device.py``. A packet socket (a sniffer, or a client that runs as
 root and reads one) sees the buffer before it is cut."""
 
 MAX_SEGMENTS = 64

@@ -4,7 +4,7 @@ The scene is sampled ``K`` times per pixel after a Gaussian blur that it compute
 so nothing aliases there; the rest of the lens's blur and the pixel's square are products with
 their exact transfers in the Fourier domain; the result is read at the pixel centres. The
 decision record ``docs/decisions/0001-how-the-bench-renders.md`` gives the reasons, and
-``benchmarks/bench_render.py`` the speed.
+``benchmarks/speed/render.py`` the speed.
 """
 
 from dataclasses import dataclass

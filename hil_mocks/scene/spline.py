@@ -1,6 +1,6 @@
 """Periodic images that can be blurred exactly and read anywhere.
 
-It is written for speed: ``benchmarks/bench_render.py`` compares with scipy's map_coordinates.
+It is written for speed: ``benchmarks/speed/render.py`` compares with scipy's map_coordinates.
 """
 
 from collections import OrderedDict

@@ -4,7 +4,7 @@ from hypothesis import given, strategies as st
 from scipy.special import ndtr
 
 from analysis.changes.detection.chance import FilterWidth, significance_threshold
-from benchmarks.change_roc import plot_change_roc, roc_of
+from benchmarks.truth.change_roc import plot_change_roc, roc_of
 
 
 def test_a_worked_example() -> None:

@@ -18,7 +18,7 @@ from analysis.detectability import (
     d_prime_curves,
 )
 from analysis.detectability.error_sources import focus_spread, registration_spread
-from benchmarks.gaussian_scenes import GaussianScene, true_d_prime
+from benchmarks.truth.gaussian_scenes import GaussianScene, true_d_prime
 from simulation import GaussianPsf
 
 PSF_PX2 = 0.64

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import standoff
-from benchmarks.study_sessions import StudiedSession, calibrated
+from benchmarks.truth.study_sessions import StudiedSession, calibrated
 
 REPETITIONS = 30
 # A scatter of 30 results is known to 1 / sqrt(60), 13 %: three and a half times that.

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from benchmarks.bench_edge_levels import compressed, level_errors
+from benchmarks.studies.edge_levels import compressed, level_errors
 from calibration.edge_fit.fit import fit_edge
 from calibration.edge_fit.jpeg import JpegCompression
 from calibration.edge_search.detection import find_edges

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.bench_edge_sides import SidesTally, Square, measured, square_along_pixels
-from benchmarks.edge_scenes import Rectangle, patches
+from benchmarks.studies.edge_sides import SidesTally, Square, measured, square_along_pixels
+from benchmarks.truth.edges import Rectangle, patches
 
 
 def test_the_closed_form_of_a_square_is_its_quadrature() -> None:

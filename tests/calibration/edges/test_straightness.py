@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
-from benchmarks.no_edge_scenes import with_edges, without_edges
+from benchmarks.truth.edges import with_edges, without_edges
 from calibration.edges.image import EdgeImage
 from calibration.edges.measurement import measure_edges
 from calibration.edges.straightness import Deviations, _deviations

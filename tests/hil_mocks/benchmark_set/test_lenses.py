@@ -5,7 +5,7 @@ from math import cos, exp, pi, radians, sin, sqrt
 import numpy as np
 import pytest
 
-from benchmarks.lens_optics import defocused_pupil_otf
+from benchmarks.truth.lenses import defocused_pupil_otf
 from hil_mocks.benchmark_set.lenses import (
     LENSES,
     CircularPupil,

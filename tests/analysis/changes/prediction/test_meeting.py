@@ -24,9 +24,8 @@ from analysis.detectability import (
     expected_limits,
 )
 from analysis.detection_limits import PredictedLimit
-from benchmarks.lens_optics import gaussian
-from benchmarks.pair_photographs import Development, PairPose, pair_of
-from benchmarks.pair_scenes import scene
+from benchmarks.truth.lenses import gaussian
+from benchmarks.truth.pairs import Development, PairPose, pair_of, scene
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import WHITE, comparison, smoothed_noise
