@@ -134,7 +134,8 @@ def benchmark(
             is_quick, json_path = options.pop("quick"), options.pop("json")
             name = Path(function.__code__.co_filename).stem
             record = Recorder(name, is_quick=is_quick, json_path=json_path)
-            facts, remark = environment(packages), note.format(**options)
+            facts = environment(packages)
+            remark = "; ".join(filter(None, (note.format(**options), "quick" * is_quick)))
             record.say(environment_line(facts) + (f"; {remark}" if remark else ""))
             record.write({"benchmark": name, "environment": facts, "note": remark})
             function(record, **options)

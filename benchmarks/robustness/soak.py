@@ -39,7 +39,7 @@ from benchmarks.harness import environment, environment_line
 from benchmarks.robustness.disk_faults import HEADING as DISK_HEADING
 from benchmarks.robustness.soak_bench import SENSOR
 from benchmarks.robustness.soak_run import ADDRESS, ENDED_BY_FAULT, run_once, soak_config
-from hil_mocks.scene import BenchTruth, CameraPose
+from hil_mocks.truth import BenchTruth, CameraPose
 from simulation.arrays import FloatArray
 from standoff.library import open_stage
 from standoff.shipped_configs import shipped_config

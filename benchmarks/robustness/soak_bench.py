@@ -10,8 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from acquisition.bench import load_bench
-from hil_mocks.practice_bench import PracticeBench
-from hil_mocks.practice_commands import PracticeConsole
+from hil_mocks.practice_bench import PracticeBench, PracticeConsole
 from hil_mocks.stages import GrblFirmware, LineFaults, SerialStage
 from standoff.shipped_configs import shipped_config
 

@@ -16,7 +16,7 @@ from acquisition.bench import load_bench
 from acquisition.choices import FocusMeasure
 from acquisition.focus import FOCUS_MEASURES, NoFocusPeakError, fit_focus_peak, focus_value
 from benchmarks.harness import Recorder, benchmark, medians_s
-from hil_mocks.scene import BenchTruth, CameraPose
+from hil_mocks.truth import BenchTruth, CameraPose
 from simulation.arrays import Float32Array
 
 ROUNDS, SEEDS = 200, 16

@@ -25,7 +25,7 @@ from benchmarks.speed.zoom_out import SIGMA_PX, pillow_and_scipy
 from calibration.edges import EdgeImage
 from calibration.geometry import GeometryCapture, GeometryOptions, calibrate_geometry
 from calibration.psf import calibrate_psf
-from hil_mocks.scene import BenchTruth, CameraPose
+from hil_mocks.truth import BenchTruth, CameraPose
 from simulation import GaussianPsf, zoom_out
 from simulation.arrays import Float32Array, FloatArray
 from tests.calibration.closed_form import edge_image

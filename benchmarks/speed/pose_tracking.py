@@ -21,7 +21,7 @@ from analysis.detectability import DetectabilityCurve
 from analysis.pose import PoseTracker, judge_pose
 from benchmarks.harness import Recorder, benchmark
 from calibration.registration import register
-from hil_mocks.scene import BenchTruth, CameraPose
+from hil_mocks.truth import BenchTruth, CameraPose
 from standoff.shipped_configs import shipped_config
 from tests.analysis.random_poses import NEAR_MM, bench_truth, posed_frames, reference_frame, shot
 

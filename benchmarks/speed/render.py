@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from acquisition.bench import BenchConfig, load_bench
 from benchmarks.harness import Recorder, benchmark, best_s
 from hil_mocks import BenchTruth, CameraPose
-from hil_mocks.scene import Edge, PeriodicImage, Placed
+from hil_mocks.truth import Edge, PeriodicImage, Placed
 from simulation.arrays import FloatArray
 
 CONFIG = Path(__file__).parents[2] / "configs" / "simulated.toml"

@@ -25,7 +25,7 @@ from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
 from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration
-from hil_mocks.scene import PHOTOGRAPHS, BenchTruth, CameraPose
+from hil_mocks.truth import PHOTOGRAPHS, BenchTruth, CameraPose
 from simulation.arrays import FloatArray
 
 CONFIG = Path(__file__).parents[2] / "configs" / "simulated.toml"

@@ -267,10 +267,12 @@ def main(
     seed: Annotated[int, "of scenes and noise"] = 7,
     true_pose: Annotated[bool, "do not align"] = False,
 ) -> None:
-    kinds = [kind for kind in KINDS if kind is None or kind in kind.name]
+    chosen = [scenery for scenery in KINDS if kind is None or kind in scenery.name]
     record.say(f"noise {noise:g} DN; false pixels a frame beside the plain difference's")
-    for kind in kinds:
-        used = record.pick(kind, replace(kind, poses=kind.poses[:2], scenes=kind.scenes[:2]))
+    for scenery in chosen:
+        used = record.pick(
+            scenery, replace(scenery, poses=scenery.poses[:2], scenes=scenery.scenes[:2])
+        )
         study = Study(
             noise_dn=noise,
             draws=record.pick(DRAWS, 1),
@@ -280,7 +282,7 @@ def main(
         made = list(pairs(used, seed))
         for is_swapped in (False, True):
             score = scored(used, made, study, is_swapped=is_swapped)
-            name = f"{kind.name}{', swapped' if is_swapped else ''}"
+            name = f"{scenery.name}{', swapped' if is_swapped else ''}"
             flagged = np.mean(score.flagged, axis=0)
             false = score.false_pixels()
             shown = "  ".join(f"{own:.1f} ({plain:.0f})" for own, plain in false)

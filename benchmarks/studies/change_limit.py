@@ -188,24 +188,24 @@ def main(
     rounds: Annotated[int, "of all scenes and poses"] = 1,
 ) -> None:
     pooled: list[Judged] = []
-    for place, kind in enumerate(KINDS):
-        if kind is not None and kind not in kind.name:
+    for place, scenery in enumerate(KINDS):
+        if kind is not None and kind not in scenery.name:
             continue
         score = Score()
-        rounds = rounds * (3 if len(kind.scenes) == 1 else 1)
-        for turn in range(record.pick(rounds, 1)):
-            for number, name in enumerate(kind.scenes):
+        turns = rounds * (3 if len(scenery.scenes) == 1 else 1)
+        for turn in range(record.pick(turns, 1)):
+            for number, name in enumerate(scenery.scenes):
                 for view, pose in enumerate(record.pick(POSES, POSES[1:2])):
                     # Noise and spots of its own for each kind: else they would err alike.
-                    seed = 1000 * (seed + 10 * turn + 50 * place) + 10 * number + view
-                    judged(kind, name, pose, seed, score)
+                    draw = 1000 * (seed + 10 * turn + 50 * place) + 10 * number + view
+                    judged(scenery, name, pose, draw, score)
         predicted, found = shares(score.spots)
         record.say(
-            f"{kind.name:14s} {len(score.spots)} spots: predicted {predicted:.3f}, found "
+            f"{scenery.name:14s} {len(score.spots)} spots: predicted {predicted:.3f}, found "
             f"{found:.3f}; {np.mean(score.flagged):.2f} px flagged a frame without change"
         )
-        worst_tenth(record, kind.name, score.spots, 12)
-        record.figure(f"{kind.name}: predicted less found", predicted - found, "")
+        worst_tenth(record, scenery.name, score.spots, 12)
+        record.figure(f"{scenery.name}: predicted less found", predicted - found, "")
         pooled += score.spots
     worst = worst_tenth(record, "pooled", pooled, 20)
     record.figure("largest difference in a tenth of the power", worst, "")

@@ -219,20 +219,20 @@ def main(
     *,
     peers: Annotated[Path | None, "interpreter that has sfft and properimage"] = None,
 ) -> None:
-    peers: dict[str, Peer] = {
+    detectors: dict[str, Peer] = {
         "ZOGY, true PSFs": zogy,
         "IR-MAD": ir_mad,
         "SSIM map": structural_dissimilarity,
         "absdiff, SIFT and MAGSAC": absolute_difference,
     }
     if peers is not None:
-        peers |= {
+        detectors |= {
             "SFFT": elsewhere("sfft", peers),
             "ZOGY, ProperImage": elsewhere("properimage", peers),
         }
-    if peers is None:
+    else:
         record.say("SFFT and ProperImage: skipped, no --peers")
     share = ", ".join(f"{100 * rate:.0f}" for rate in TPR)
     record.say(f"false pixels a frame at {share} % true positives")
     for kind in record.pick(KINDS, KINDS[:1]):
-        of_kind(record, kind, peers)
+        of_kind(record, kind, detectors)

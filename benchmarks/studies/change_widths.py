@@ -109,13 +109,13 @@ def main(record: Recorder, *, seed: int = 31) -> None:
     names = record.pick(tuple(SCENES), ("lesion",))
     for number, name in enumerate(names):
         for place, pose in enumerate(record.pick(POSES, POSES[:1])):
-            seed = 100 * seed + 10 * number + place
-            made = pair_of(scene(name, FRAME, seed, contrast_dn=SCENES[name]), FRAME, pose)
+            draw_seed = 100 * seed + 10 * number + place
+            made = pair_of(scene(name, FRAME, draw_seed, contrast_dn=SCENES[name]), FRAME, pose)
             for turn, sigma_px in enumerate(SIGMAS_PX):
                 for draw in range(record.pick(3, 1)):
-                    look(made, 1000 * seed + 10 * turn + draw, sigma_px, found[sigma_px])
+                    look(made, 1000 * draw_seed + 10 * turn + draw, sigma_px, found[sigma_px])
             for sigma_px in WIDE_PX:
-                kept[sigma_px].append(kept_share(made, seed, sigma_px))
+                kept[sigma_px].append(kept_share(made, draw_seed, sigma_px))
     for sigma_px, one in found.items():
         entries, sizes = np.array(one.entries), np.array(one.sizes)
         share, once = float(np.mean(entries > 0)), float(np.mean(entries[entries > 0] == 1))

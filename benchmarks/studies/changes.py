@@ -29,7 +29,7 @@ from analysis.reports import png_bytes
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.change_roc import Roc, plot_change_roc, roc_of
 from calibration.registration import DistortedPose, register
-from hil_mocks.scene import BenchTruth
+from hil_mocks.truth import BenchTruth
 from simulation.arrays import BoolArray
 from standoff.shipped_configs import shipped_config
 from tests.analysis.changed_scenes import (

@@ -24,9 +24,8 @@ from benchmarks.harness import Recorder, benchmark
 from benchmarks.peers.resamplers import HAS_PYBSM, pybsm
 from benchmarks.studies.changes import bench_of
 from benchmarks.truth.lenses import gaussian
-from hil_mocks.scene import BenchTruth, CameraPose
-from hil_mocks.scene.scenes import Placed, SumOfScenes, ZonePlate
-from hil_mocks.scene.targets import scene_of
+from hil_mocks.truth import BenchTruth, CameraPose
+from hil_mocks.truth.scenes import Placed, SumOfScenes, ZonePlate, scene_of
 from simulation import PoseOptions, simulate_pose
 from simulation.arrays import Float32Array, FloatArray
 from tests.analysis.changed_scenes import EXPOSURE_US, NEAR_MM, bench_noise, bench_psf, far_pose

@@ -30,7 +30,7 @@ from acquisition.focus import (
     texture_share,
 )
 from benchmarks.harness import Recorder, benchmark
-from hil_mocks.scene import BenchTruth, CameraPose
+from hil_mocks.truth import BenchTruth, CameraPose
 from simulation.arrays import Float32Array, FloatArray
 
 PUPIL_MM, FOCUS_MM = 12.5, 287.5

@@ -24,7 +24,7 @@ from calibration.geometry import (
     calibrate_geometry,
 )
 from calibration.registration import homography_pose, match_features, zoom_at_centre
-from hil_mocks.scene import BenchTruth, CameraPose
+from hil_mocks.truth import BenchTruth, CameraPose
 from simulation.arrays import Float32Array, FloatArray
 
 FRAMES = 10

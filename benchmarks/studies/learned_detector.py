@@ -30,7 +30,7 @@ from analysis.detectors.learned import TrainingOptions, train_detector
 from analysis.evaluation.roc import auc_interval
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.studies.changes import bench_of
-from hil_mocks.scene import PHOTOGRAPHS, BenchTruth
+from hil_mocks.truth import PHOTOGRAPHS, BenchTruth
 from simulation import Model
 from simulation.arrays import Float32Array, FloatArray
 from tests.analysis.changed_scenes import (

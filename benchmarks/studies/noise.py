@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, benchmark
 from calibration.noise import LevelSample, Saturation, fit_photon_transfer
-from hil_mocks.scene import BenchTruth, CameraPose
+from hil_mocks.truth import BenchTruth, CameraPose
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 EXPOSURES_US = (700.0, 1400.0, 2800.0, 4200.0, 5600.0, 7000.0, 8400.0, 9800.0, 12600.0)

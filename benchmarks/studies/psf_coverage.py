@@ -30,7 +30,7 @@ from benchmarks.truth.edges import Rectangle, patches
 from calibration.edges import EdgeImage, measure_edges
 from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration, PsfEstimates, calibrate_psf
-from hil_mocks.scene import BenchTruth, CameraPose, Edge, Placed
+from hil_mocks.truth import BenchTruth, CameraPose, Edge, Placed
 from simulation.arrays import BoolArray, FloatArray
 
 LENS_PX2 = 0.62**2

@@ -15,8 +15,8 @@ import numpy as np
 
 from acquisition.bench import BenchConfig
 from benchmarks.harness import Recorder, benchmark
-from hil_mocks.scene.pinhole import CameraPose
-from hil_mocks.scene.truth import BenchTruth
+from hil_mocks.truth.bench_truth import BenchTruth
+from hil_mocks.truth.render import CameraPose
 from simulation import GaussianPsf, LensOtf, MeasuredPsf, PoseOptions, Psf
 from simulation.arrays import BoolArray, FloatArray
 from simulation.choices import PoseModel

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.fft
 
 from benchmarks.truth.lenses import Camera, gaussian
-from hil_mocks.benchmark_set.spline_scene import spline_at
+from hil_mocks.truth.images import spline_at
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 SAMPLES_PER_PX = 4

@@ -28,7 +28,7 @@ from calibration.edges import EdgeImage
 from calibration.geometry import GeometryCapture, GeometryOptions, calibrate_geometry
 from calibration.noise import NoiseCalibration, fit_level_noise
 from calibration.psf import PsfCalibration, calibrate_psf
-from hil_mocks.scene import ADC_MAX_DN, BenchTruth, CameraPose
+from hil_mocks.truth import ADC_MAX_DN, BenchTruth, CameraPose
 from simulation.psf import Psf
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -59,8 +59,12 @@ def mock(
     It accepts these commands on stdin: place TARGET [DEGREES], height MM, fault NAME=VALUE,
     fault none, restart, drop-control, status.
     """
-    from hil_mocks.practice_bench import HandStage, PracticeBench
-    from hil_mocks.practice_commands import PracticeCommandError, PracticeConsole
+    from hil_mocks.practice_bench import (
+        HandStage,
+        PracticeBench,
+        PracticeCommandError,
+        PracticeConsole,
+    )
     from hil_mocks.stages import SerialStage
 
     config = terminal.read_bench(bench or shipped_config("simulated.toml"), settings)

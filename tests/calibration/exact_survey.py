@@ -9,7 +9,7 @@ import numpy as np
 from calibration.geometry.bundle_adjustment import Adjustment, adjust
 from calibration.geometry.camera import CapturePose, PlaneLens
 from calibration.geometry.series import GeometryCapture, PlaneMatches, PosedCapture, Series
-from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
+from hil_mocks.truth.render import CameraPose, PinholeCamera
 from tests.calibration.geometry_bench import (
     HEIGHT_PX,
     WIDTH_PX,

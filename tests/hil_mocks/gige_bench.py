@@ -13,7 +13,7 @@ from contextlib import contextmanager
 
 from acquisition.errors import DeviceError
 from hil_mocks.gige.device import ETHERNET_MTU_BYTES
-from hil_mocks.gige.feature import Maker
+from hil_mocks.gige.features import Maker
 from hil_mocks.practice_bench import PracticeBench
 from tests.hil_mocks.benches import bench_config
 

@@ -3,23 +3,21 @@
 import struct
 from dataclasses import dataclass
 
-from hil_mocks.gige.gvcp import (
+from hil_mocks.gige.wire import (
+    GVSP_HEADER_BYTES,
     HEADER_BYTES,
     KEY,
-    CommandFlag,
-    GvcpError,
-    GvcpStatus,
-    RegisterWrite,
-    ResendRequest,
-)
-from hil_mocks.gige.gvsp import (
-    GVSP_HEADER_BYTES,
     LEADER_BODY,
     PAYLOAD_TYPE_IMAGE,
     TRAILER_BODY,
+    CommandFlag,
+    GvcpError,
+    GvcpStatus,
     GvspHeader,
     ImageLeader,
     PacketFormat,
+    RegisterWrite,
+    ResendRequest,
 )
 
 EXTENDED_IDS = 0x80

@@ -15,9 +15,9 @@ from acquisition.stages.zaber.axis import ZaberAxis
 from acquisition.stages.zaber.device import ZaberDevice
 from hil_mocks import SimulatedClock
 from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
-from hil_mocks.stages.grbl_lines import GrblDialect
+from hil_mocks.stages.grbl_protocol import GrblDialect
 from hil_mocks.stages.plant import StagePlant
-from hil_mocks.stages.serial_line import SerialLine
+from hil_mocks.stages.serial_stage import SerialLine
 from hil_mocks.stages.zaber import ZaberFaults, ZaberFirmware
 from tests.hil_mocks.virtual_port import VirtualPort
 

@@ -1,7 +1,7 @@
 """A serial port in process, in which time passes only while somebody waits."""
 
 from acquisition.errors import DeviceDisconnectedError, DeviceTimeoutError
-from hil_mocks.clock import SimulatedClock
+from hil_mocks.devices import SimulatedClock
 from hil_mocks.stages import SerialLine
 
 READ_SLICE_S = 0.005

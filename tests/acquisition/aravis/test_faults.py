@@ -26,8 +26,8 @@ from acquisition.errors import (
 )
 from acquisition.session.reader import Session
 from acquisition.session.verification import verify
-from hil_mocks.gige.faults import GigeFaults
-from hil_mocks.gige.gvcp import ResendRequest
+from hil_mocks.gige.settings import GigeFaults
+from hil_mocks.gige.wire import ResendRequest
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import (
     after_frames,

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from acquisition.aravis.feature_names import names_for, neutral_features
-from hil_mocks.gige.feature import Maker
-from hil_mocks.gige.features import MAKERS, features_of
+from hil_mocks.gige.features import MAKERS, Maker, features_of
 
 ROOT = Path(__file__).parents[3]
 TABLE = (ROOT / "acquisition/aravis/feature_names.csv").read_text("utf-8")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from acquisition.bracket import ExposureControl
-from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige.settings import GigeFaults
 from tests.acquisition.aravis_bench import needs_aravis, opened
 from tests.hil_mocks.gige_bench import HEIGHT_MM, gige_bench
 

@@ -14,7 +14,7 @@ from calibration.edges.image import EdgeImage, Region
 from calibration.errors import NoEdgeError, PairError
 from calibration.noise.noise_by_level import LevelNoise
 from calibration.psf.document import PsfCalibration
-from hil_mocks.scene import BenchTruth, CameraPose
+from hil_mocks.truth import BenchTruth, CameraPose
 from tests.calibration.blob_scene import blob_photograph
 from tests.calibration.edge_photographs import (
     EIGHT_NORMALS_DEG,

@@ -13,7 +13,7 @@ from calibration.geometry.board import CharucoBoard, find_board
 from calibration.geometry.calibration import GeometryOptions, calibrate_geometry
 from calibration.geometry.document import GEOMETRY_SCHEMA, GeometryCalibration
 from calibration.geometry.series import GeometryCapture
-from hil_mocks.scene.pinhole import CameraPose
+from hil_mocks.truth.render import CameraPose
 from tests.calibration.geometry_bench import (
     FOCAL_PX,
     HEIGHT_PX,

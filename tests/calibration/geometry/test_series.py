@@ -13,7 +13,7 @@ from calibration.geometry import matching
 from calibration.geometry.board import DEFAULT_BOARD, BoardCorners, CharucoBoard
 from calibration.geometry.captures import nominal_focal_px
 from calibration.geometry.matching import adjust_captures
-from hil_mocks.scene.pinhole import CameraPose
+from hil_mocks.truth.render import CameraPose
 from tests.acquisition.session_fixtures import session_with
 from tests.calibration.edge_session import edge_session
 from tests.calibration.exact_survey import Survey

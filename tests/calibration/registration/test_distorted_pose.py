@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibration.registration.distorted_pose import DistortedPose
-from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
+from hil_mocks.truth.render import CameraPose, PinholeCamera
 
 SHAPE = (58, 78)
 CORNERS = (np.array([0.0, 0.0, 57.0, 57.0, 20.0]), np.array([0.0, 77.0, 0.0, 77.0, 31.0]))

@@ -8,11 +8,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from hil_mocks.benchmark_set.charts import INK, PAPER, Chart, Square
-from hil_mocks.benchmark_set.frames import Grid, pixels, sampled, spot_series
 from hil_mocks.benchmark_set.lenses import CircularPupil, round_lens
-from hil_mocks.benchmark_set.poses import Pose
-from hil_mocks.benchmark_set.scenes import SCENES, scene
+from hil_mocks.benchmark_set.photographs import (
+    INK,
+    PAPER,
+    Chart,
+    Grid,
+    Square,
+    pixels,
+    sampled,
+    spot_series,
+)
+from hil_mocks.benchmark_set.scenes import SCENES, Pose, scene
 from hil_mocks.benchmark_set.tasks import SAMPLES_PER_PX, View, chart_light, gradient
 
 FloatArray = NDArray[np.float64]

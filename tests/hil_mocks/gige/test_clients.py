@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hil_mocks.gige import FrameRequest, GigeFaults
-from hil_mocks.gige.pixels import PIXEL_LAYOUTS, image_of_levels
+from hil_mocks.gige.wire import PIXEL_LAYOUTS, image_of_levels
 from hil_mocks.practice_bench import PracticeBench
 from tests.hil_mocks.gige_bench import gige_bench
 from tests.hil_mocks.gige_introducer import introduced

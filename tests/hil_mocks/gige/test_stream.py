@@ -9,11 +9,8 @@ from numpy.typing import NDArray
 
 import hil_mocks.gige.stream
 from hil_mocks.gige import FrameRequest, GigeFaults
-from hil_mocks.gige.bootstrap import BootstrapAddress
-from hil_mocks.gige.gvcp import GvcpStatus
-from hil_mocks.gige.gvsp import PacketFormat
-from hil_mocks.gige.pixels import PIXEL_LAYOUTS, image_of_levels
-from hil_mocks.gige.registers import StreamTarget
+from hil_mocks.gige.registers import BootstrapAddress, StreamTarget
+from hil_mocks.gige.wire import PIXEL_LAYOUTS, GvcpStatus, PacketFormat, image_of_levels
 from hil_mocks.practice_bench import PracticeBench
 from tests.busy_machine import BUSY_S
 from tests.hil_mocks.gige_bench import gige_bench

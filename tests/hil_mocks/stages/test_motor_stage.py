@@ -22,7 +22,7 @@ from acquisition.errors import (
     StageStoppedError,
 )
 from hil_mocks.stages.plant import PlantFaults
-from hil_mocks.stages.serial_line import LineFaults
+from hil_mocks.stages.serial_stage import LineFaults
 from tests.hil_mocks.stage_checks import (
     TARGET_MM,
     assert_nothing_moves,

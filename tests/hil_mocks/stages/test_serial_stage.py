@@ -11,8 +11,7 @@ from acquisition.errors import DeviceDisconnectedError, DeviceError
 from acquisition.stages.grbl.axis import open_grbl_stage
 from acquisition.stages.motor import MotorStage
 from acquisition.stages.zaber.axis import open_zaber_stage
-from hil_mocks.stages.serial_line import LineFaults
-from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
+from hil_mocks.stages.serial_stage import LineFaults, SerialStage, StageProtocol
 from tests.busy_machine import BUSY_S
 
 pytestmark = pytest.mark.slow

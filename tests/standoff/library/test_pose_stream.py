@@ -14,7 +14,7 @@ from acquisition.focus.live import newest_frames
 from analysis.detectability.curves import DetectabilityCurves
 from analysis.results_file import write_results
 from hil_mocks import SimulatedBench
-from hil_mocks.camera import CameraFaults
+from hil_mocks.devices import CameraFaults
 from standoff.terminal.options import read_bench
 from tests.acquisition.aravis_bench import needs_aravis
 from tests.analysis.detectability.test_curves import curve

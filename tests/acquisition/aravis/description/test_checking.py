@@ -3,10 +3,9 @@ import pytest
 from acquisition.aravis.description import require_sound_description
 from acquisition.aravis.description.checking import LONGEST_REGISTER_BYTES
 from acquisition.errors import CameraDescriptionError
-from hil_mocks.gige.bootstrap import maker_identity
 from hil_mocks.gige.description import describe
-from hil_mocks.gige.feature import Maker
-from hil_mocks.gige.features import MAKERS, features_of
+from hil_mocks.gige.features import MAKERS, Maker, features_of
+from hil_mocks.gige.registers import maker_identity
 from tests.acquisition.aravis.description_texts import description, node
 
 

@@ -15,9 +15,7 @@ from acquisition.errors import (
     StreamInterruptedError,
 )
 from hil_mocks import SimulatedBench
-from hil_mocks.camera import CameraFaults
-from hil_mocks.clock import RealTimeClock
-from hil_mocks.stage import StageFaults
+from hil_mocks.devices import CameraFaults, RealTimeClock, StageFaults
 from standoff.console.devices.camera_service import CameraService
 from standoff.console.devices.frame_broadcaster import FrameBroadcaster
 from standoff.console.devices.stage_service import StageService

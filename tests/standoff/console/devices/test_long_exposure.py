@@ -9,8 +9,7 @@ import pytest
 from acquisition.bench import BenchConfig
 from acquisition.errors import OperatorStopError
 from hil_mocks import SimulatedBench
-from hil_mocks.camera import CameraFaults
-from hil_mocks.clock import RealTimeClock
+from hil_mocks.devices import CameraFaults, RealTimeClock
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices.long_exposure import ExposureClock
 from standoff.console.drivers import BenchDrivers

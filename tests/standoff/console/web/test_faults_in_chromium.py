@@ -13,8 +13,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from playwright.sync_api import Browser, Page
 
 from acquisition.session import MANIFEST_NAME
-from hil_mocks.camera import CameraFaults, SimulatedCamera
-from hil_mocks.stage import SimulatedStage, StageFaults
+from hil_mocks.devices import CameraFaults, SimulatedCamera, SimulatedStage, StageFaults
 from standoff.console.bench_hub import BenchHub
 from tests.analysis.reports.changes.test_pages import page as changes_page
 from tests.standoff.console.console_rig import chromium_browser, text, wait_until

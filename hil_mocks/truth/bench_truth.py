@@ -8,20 +8,23 @@ from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
 from acquisition.errors import BenchConfigError
-from hil_mocks.scene.illumination import Illumination
-from hil_mocks.scene.optics import PIXEL_VARIANCE_PX2, Lens
-from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
-from hil_mocks.scene.render import Renderer
-from hil_mocks.scene.scenes import Placed
-from hil_mocks.scene.sensor import Sensor
-from hil_mocks.scene.targets import TARGETS, scene_of
+from hil_mocks.truth.render import (
+    PIXEL_VARIANCE_PX2,
+    CameraPose,
+    Illumination,
+    Lens,
+    PinholeCamera,
+    Renderer,
+    Sensor,
+)
+from hil_mocks.truth.scenes import TARGETS, Placed, scene_of
 
 VIEWS_KEPT = 8
 _TRUTH_STEP_PX = 5
 _BORDER_PX = 4
 
 
-class FoundPose(Protocol):
+class _FoundPose(Protocol):
     """A pose that is held against the truth: where follow-up pixels lie in the reference."""
 
     @property
@@ -47,11 +50,7 @@ class BenchTruth:
     Heights are true ones, in mm on the stage's scale; covariances are ``(2, 2)`` in px^2, order
     (x, y); homographies take ``(x, y, 1)`` of pixel centres. ``camera`` (a `PinholeCamera`),
     ``lens``, ``sensor`` and ``renderer`` are its parts, ``settings`` what the bench file says.
-
-    Raises
-    ------
-    BenchConfigError
-        If the bench has no ``[simulated]`` section, or one impossible for a lens.
+    BenchConfigError if the bench has no ``[simulated]`` section, or one impossible for a lens.
     """
 
     def __init__(self, config: BenchConfig) -> None:
@@ -141,10 +140,7 @@ class BenchTruth:
     ) -> NDArray[np.float64]:
         """Matrix from ideal far pixels to ideal near pixels, last entry 1; no distortion.
 
-        Parameters
-        ----------
-        near, far
-            Poses, or heights in mm of an upright camera.
+        Of poses, or of heights in mm of an upright camera.
         """
         near_pose, far_pose = (
             pose if isinstance(pose, CameraPose) else CameraPose(height_mm=pose)
@@ -156,21 +152,12 @@ class BenchTruth:
         return np.asarray(matrix / matrix[2, 2])
 
     def place_errors_px(
-        self, pose: FoundPose, near_mm: float, far_mm: float
+        self, pose: _FoundPose, near_mm: float, far_mm: float
     ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Distance in the reference between true pixel positions and those given by a pose.
+        """Distances in the reference between true pixel positions and those given by a pose.
 
-        Parameters
-        ----------
-        pose
-            Of a follow-up relative to its reference, both from an upright camera.
-        near_mm, far_mm
-            Heights of reference and follow-up.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            For every fifth follow-up pixel along both axes that the reference shows.
+        Of a follow-up relative to its reference, both from an upright camera at these heights; for
+        every fifth follow-up pixel along both axes that the reference shows.
         """
         rows, cols = pose.followup_shape
         y, x = np.mgrid[0:rows:_TRUTH_STEP_PX, 0:cols:_TRUTH_STEP_PX].astype(np.float64)
@@ -190,12 +177,8 @@ class BenchTruth:
     ) -> NDArray[np.float32]:
         """Mean light on each pixel, relative to white paper, read-only, shape (rows, cols).
 
-        The last views are cached, so that the frames of one capture cost one rendering.
-
-        Raises
-        ------
-        ValueError
-            If there is no such target; the message lists them.
+        The last views are cached, so that the frames of one capture cost one rendering. ValueError,
+        which lists them, if there is no such target.
         """
         key = (target, orientation_deg, pose)
         if key not in self._views:
@@ -219,21 +202,11 @@ class BenchTruth:
         exposure_us: float,
         gain_db: float = 0.0,
     ) -> NDArray[np.float64]:
-        """Mean image without noise and rounding, in DN of the bench's pixel format.
+        """Mean image without noise and rounding, in DN of the bench's pixel format, (rows, cols).
 
-        Parameters
-        ----------
-        target, orientation_deg
-            As for `SimulatedBench.place`.
-        pose
-            The camera's pose, or the height in mm of an upright camera.
-        exposure_us, gain_db
-            As the camera reads them back.
-
-        Returns
-        -------
-        ndarray of float64, shape (rows, cols)
-            Clipped at the converter's limits, as the camera's levels are.
+        Target and orientation as for `SimulatedBench.place`; a pose, or the height in mm of an
+        upright camera; exposure and gain as the camera reads them back. Clipped as the camera's
+        levels are.
         """
         pose = pose if isinstance(pose, CameraPose) else CameraPose(height_mm=pose)
         light = self.irradiance(target, orientation_deg, pose)

@@ -1,4 +1,4 @@
-"""What the simulated camera sees: scenes, optics, sensor, light."""
+"""The truth in closed form: scenes, optics, light and sensor; nothing judged shares its code."""
 
 import lazy_loader as lazy
 
