@@ -16,7 +16,7 @@ from standoff.library import types
 
 
 @dataclass(frozen=True, kw_only=True)
-class Group:
+class _Group:
     """A page: what stands on it, in this order, as docs/library.md names it."""
 
     file: str
@@ -26,7 +26,7 @@ class Group:
 
 
 GROUPS = (
-    Group(
+    _Group(
         file="bench",
         title="The bench",
         about="[Programs](../../programs.md), [capture sessions](../../capture-sessions.md), "
@@ -40,7 +40,7 @@ GROUPS = (
             "find_cameras",
         ),
     ),
-    Group(
+    _Group(
         file="sessions",
         title="Sessions",
         about="[Capture sessions](../../capture-sessions.md), [validation](../../validation.md).",
@@ -61,7 +61,7 @@ GROUPS = (
             "write_report",
         ),
     ),
-    Group(
+    _Group(
         file="psf",
         title="Photographs and the PSF",
         about="[Photographs](../../photographs.md), [calibration](../../calibration.md).",
@@ -80,7 +80,7 @@ GROUPS = (
             "TabulatedPsf",
         ),
     ),
-    Group(
+    _Group(
         file="camera",
         title="Noise, geometry and studies",
         about="[Noise](../../noise.md), [geometry](../../geometry.md), "
@@ -98,7 +98,7 @@ GROUPS = (
             "read_study",
         ),
     ),
-    Group(
+    _Group(
         file="simulation",
         title="Simulated photographs",
         about="[Zoom-out](../../theory-simulation.md), [general pose](../../theory-pose.md), "
@@ -114,7 +114,7 @@ GROUPS = (
             "training_pairs",
         ),
     ),
-    Group(
+    _Group(
         file="comparison",
         title="What changed",
         about="[What changed](../../changes.md).",
@@ -131,7 +131,7 @@ GROUPS = (
             "read_time_line",
         ),
     ),
-    Group(
+    _Group(
         file="detectability",
         title="Detectability and poses",
         about="[How far may the camera move?](../../detectability.md), "
@@ -152,7 +152,7 @@ GROUPS = (
             "PoseWatch",
         ),
     ),
-    Group(
+    _Group(
         file="detectors",
         title="Detectors of changes",
         about="[Your own detector](../../evaluate.md), [what a detector is](../../detectors.md).",
@@ -170,19 +170,19 @@ GROUPS = (
             "TrainingOptions",
         ),
     ),
-    Group(
+    _Group(
         file="benchmark",
         title="The public benchmark",
         about="[The data](../../benchmark-data.md), [the scores](../../benchmark-scoring.md).",
         names=("make_benchmark", "score_benchmark", "read_scores"),
     ),
-    Group(
+    _Group(
         file="calls",
         title="What calls share",
         about="[As a library](../../library.md).",
         names=("Progress", "SweepOptions", "ArgumentError"),
     ),
-    Group(
+    _Group(
         file="types",
         title="Types of arguments and results",
         about="[As a library](../../library.md).",
@@ -210,7 +210,7 @@ _ITEM = re.compile(r"^(?P<head>\S.*)\n(?P<text>(?:(?: {4}.*)?(?:\n|$))*)", re.MU
 def library_pages(made: str) -> dict[str, Callable[[], str]]:
     """The pages by their path in the reference; ``made`` says what they are made from."""
 
-    def page_of(group: Group) -> Callable[[], str]:
+    def page_of(group: _Group) -> Callable[[], str]:
         return lambda: _page(group, made)
 
     index = {"library/index.md": lambda: _index(made)}
@@ -231,7 +231,7 @@ def _index(made: str) -> str:
     return "\n".join([*lines, "\n## Types", _ALIASES.rstrip()]) + "\n"
 
 
-def _page(group: Group, made: str) -> str:
+def _page(group: _Group, made: str) -> str:
     parts = [f"# {group.title}\n\n{made}", f"See {group.about} Files of examples and types: "]
     parts[-1] += "[Functions](index.md)."
     for name in group.names:

@@ -45,7 +45,7 @@ def sfft(reference: _Image, followup: _Image) -> _Image:
     return np.asarray(subtract(SFFTConfig=setting, **images, **common)[1], dtype=np.float64)
 
 
-def properimage(reference: _Image, followup: _Image) -> _Image:
+def _properimage(reference: _Image, followup: _Image) -> _Image:
     """Zackay, Ofek, Gal-Yam (2016) as ProperImage does it, with PSFs from what it finds."""
     subtract = import_module("properimage.operations").subtract
     difference = subtract(ref=reference, new=followup, align=False)[0]
@@ -57,7 +57,7 @@ def main() -> None:
     name, source, target = sys.argv[1:]
     given = np.load(source)
     images = (np.ascontiguousarray(given[key]) for key in ("reference", "followup"))
-    difference = {"sfft": sfft, "properimage": properimage}[name](*images)
+    difference = {"sfft": sfft, "properimage": _properimage}[name](*images)
     np.savez(target, difference=difference)
 
 

@@ -97,7 +97,7 @@ def ssim_contours_otsu(before: Path, after: Path) -> tuple[Entry, ...]:
     return _contours(before, after, is_otsu=True)
 
 
-def ssim_contours_half(before: Path, after: Path) -> tuple[Entry, ...]:
+def _ssim_contours_half(before: Path, after: Path) -> tuple[Entry, ...]:
     """The same with one threshold, an SSIM of .5."""
     return _contours(before, after, is_otsu=False)
 
@@ -107,7 +107,7 @@ LISTERS: dict[str, Lister] = {
     OURS: standoff_changes,
     "plain difference": plain_difference,
     "SSIM, Otsu, contours": ssim_contours_otsu,
-    "SSIM < .5, contours": ssim_contours_half,
+    "SSIM < .5, contours": _ssim_contours_half,
     "SIFT, difference": aligned_difference,
 }
 

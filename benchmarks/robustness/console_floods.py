@@ -54,7 +54,7 @@ orientations_deg = [5.0]
 """
 
 
-class Operator:
+class _Operator:
     """A page that is open all the time, reads what it is sent, and stops the stage."""
 
     def __init__(self, address: Address, cookie: str) -> None:
@@ -90,7 +90,7 @@ class Operator:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rig:
+class _Rig:
     """The console that is flooded and the stage that it moves."""
 
     address: Address
@@ -100,11 +100,11 @@ class Rig:
 
 
 @contextmanager
-def flooded_rig(folder: Path) -> Iterator[Rig]:
+def _flooded_rig(folder: Path) -> Iterator[_Rig]:
     """Serve a practice camera and a Grbl stage, and the console over them, with a long session."""
     os.environ["STANDOFF_TOKEN"] = TOKEN
     bench = shipped_config("grbl_stage.toml")
-    make_long_session(folder)
+    _make_long_session(folder)
     keys = [word for key in MOCK_KEYS for word in ("--set", key)]
     with (
         SerialStage("grbl") as stage,
@@ -121,15 +121,15 @@ def flooded_rig(folder: Path) -> Iterator[Rig]:
         ) as console:  # fmt: skip
             port = int(first_line(console)["url"].rstrip("/").rpartition(":")[2])
             address = ("127.0.0.1", port)
-            yield Rig(
+            yield _Rig(
                 address=address,
-                cookie=logged_in(address),
+                cookie=_logged_in(address),
                 stage=stage,
                 console_pid=console.pid,
             )
 
 
-def make_long_session(folder: Path) -> None:
+def _make_long_session(folder: Path) -> None:
     """A session of 10 000 captures in the console's folder."""
     (folder / "plan.toml").write_text(PLAN)
     session = folder / "sessions" / BIG_SESSION
@@ -144,7 +144,7 @@ def make_long_session(folder: Path) -> None:
     lengthen(session, CAPTURES)
 
 
-def logged_in(address: Address) -> str:
+def _logged_in(address: Address) -> str:
     """The cookie of somebody who knows the token."""
     connection = HTTPConnection(*address, timeout=30)
     connection.request("GET", f"/login?token={TOKEN.replace(' ', '+')}")
@@ -156,7 +156,7 @@ def logged_in(address: Address) -> str:
     return cookie.partition(";")[0]
 
 
-def wait_for(condition: object, what: str, timeout_s: float = 120.0) -> None:
+def _wait_for(condition: object, what: str, timeout_s: float = 120.0) -> None:
     assert callable(condition)
     end_s = time.monotonic() + timeout_s
     while not condition():
@@ -165,13 +165,13 @@ def wait_for(condition: object, what: str, timeout_s: float = 120.0) -> None:
         time.sleep(0.01)
 
 
-def stop_s(rig: Rig, operator: Operator) -> float:
+def _stop_s(rig: _Rig, operator: _Operator) -> float:
     """Start a long move, send STOP, and measure how long the stage still moves."""
-    wait_for(lambda: operator.stage("motion") == "idle", "stage at rest")
+    _wait_for(lambda: operator.stage("motion") == "idle", "stage at rest")
     begin_mm = rig.stage.true_height_mm
     operator.say(do="take", name="Ada")
     operator.say(do="move", height_mm=LOW_MM if begin_mm > (LOW_MM + HIGH_MM) / 2 else HIGH_MM)
-    wait_for(lambda: abs(rig.stage.true_height_mm - begin_mm) > 20, "stage under way")
+    _wait_for(lambda: abs(rig.stage.true_height_mm - begin_mm) > 20, "stage under way")
     sent_s = moved_s = time.monotonic()
     operator.say(do="stop")
     height_mm = rig.stage.true_height_mm
@@ -183,14 +183,14 @@ def stop_s(rig: Rig, operator: Operator) -> float:
     return moved_s - sent_s
 
 
-def measure(record: Recorder, rig: Rig, tries: int, choice: Sequence[str]) -> None:
-    operator = Operator(rig.address, rig.cookie)
-    wait_for(lambda: operator.stage("motion") in ("idle", "alarm"), "stage there")
+def _measure(record: Recorder, rig: _Rig, tries: int, choice: Sequence[str]) -> None:
+    operator = _Operator(rig.address, rig.cookie)
+    _wait_for(lambda: operator.stage("motion") in ("idle", "alarm"), "stage there")
     operator.say(do="take", name="Ada")
     operator.say(do="home")
-    wait_for(lambda: operator.stage("is_homed"), "stage homed")
-    quiet = [stop_s(rig, operator) for _ in range(tries)]
-    record.say(f"{'no flood':28} {told(quiet)}  {connections_of(rig)} open")
+    _wait_for(lambda: operator.stage("is_homed"), "stage homed")
+    quiet = [_stop_s(rig, operator) for _ in range(tries)]
+    record.say(f"{'no flood':28} {_told(quiet)}  {_connections_of(rig)} open")
     for names in ([name] for name in choice) if len(choice) < len(FLOODS) else (
         *([name] for name in FLOODS),
         list(FLOODS),
@@ -200,14 +200,14 @@ def measure(record: Recorder, rig: Rig, tries: int, choice: Sequence[str]) -> No
         try:
             time.sleep(WARM_UP_S)
             try:
-                stops = [stop_s(rig, operator) for _ in range(tries)]
-                record.say(f"{name:28} {told(stops)}  {connections_of(rig)} open{came_in(rig)}")
+                stops = [_stop_s(rig, operator) for _ in range(tries)]
+                record.say(f"{name:28} {_told(stops)}  {_connections_of(rig)} open{_came_in(rig)}")
                 record.figure(
                     f"STOP, worst, {name}", max(stops), "s", peer="no flood", peer_value=max(quiet)
                 )
             except (TimeoutError, OSError, WebSocketException) as error:
-                record.say(f"{name:28} no STOP: {error!r}; {connections_of(rig)} open")
-                operator = Operator(rig.address, rig.cookie)
+                record.say(f"{name:28} no STOP: {error!r}; {_connections_of(rig)} open")
+                operator = _Operator(rig.address, rig.cookie)
         finally:
             for process in processes:
                 process.kill()
@@ -216,11 +216,11 @@ def measure(record: Recorder, rig: Rig, tries: int, choice: Sequence[str]) -> No
     record.say(f"memory of the console {process_of(rig.console_pid).memory_mb:.0f} MB")
 
 
-def told(stops: Sequence[float]) -> str:
+def _told(stops: Sequence[float]) -> str:
     return f"median {statistics.median(stops):6.3f} s, worst {max(stops):6.3f} s"
 
 
-def connections_of(rig: Rig) -> int:
+def _connections_of(rig: _Rig) -> int:
     """Connections that the console holds: its sockets without the one that listens, and a few."""
     number = 0
     for file in Path(f"/proc/{rig.console_pid}/fd").iterdir():
@@ -229,7 +229,7 @@ def connections_of(rig: Rig) -> int:
     return number
 
 
-def came_in(rig: Rig) -> str:
+def _came_in(rig: _Rig) -> str:
     """Whether another page is served meanwhile."""
     begin_s = time.monotonic()
     status = ask(rig.address, "GET", "/doctor", headers={"Cookie": rig.cookie})
@@ -244,8 +244,8 @@ def main(
 ) -> None:
     with (
         tempfile.TemporaryDirectory() as folder,
-        flooded_rig(Path(folder)) as rig,
+        _flooded_rig(Path(folder)) as rig,
     ):
         record.say(f"load {os.getloadavg()[0]:.1f}")
-        measure(record, rig, record.pick(10, 3), flood or list(FLOODS))
+        _measure(record, rig, record.pick(10, 3), flood or list(FLOODS))
         record.say(f"load {os.getloadavg()[0]:.1f}")

@@ -46,7 +46,7 @@ target = "brick"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class _Place:
     """Where a try happens: the session, and the files that steer the preloaded library."""
 
     session: Path
@@ -91,7 +91,7 @@ class Place:
             return 0
 
 
-class Disk:
+class _Disk:
     """An ext4 file system in a file."""
 
     def __init__(self, work: Path) -> None:
@@ -100,7 +100,7 @@ class Disk:
         self.folder.mkdir()
         with self._image.open("wb") as file:
             file.truncate(DISK_BYTES)
-        run("mkfs.ext4", "-q", "-m", "0", str(self._image))
+        _run("mkfs.ext4", "-q", "-m", "0", str(self._image))
         self._mount()
 
     def leave(self, free_bytes: int) -> None:
@@ -128,23 +128,23 @@ class Disk:
 
     def mend(self) -> None:
         """Check the file system and mount it again."""
-        run("umount", str(self.folder))
+        _run("umount", str(self.folder))
         subprocess.run(["e2fsck", "-fy", str(self._image)], capture_output=True, check=False)
         self._mount()
 
     def mount_read_only(self) -> None:
         """Refuse writes from now on."""
-        run("mount", "-o", "remount,ro", str(self.folder))
+        _run("mount", "-o", "remount,ro", str(self.folder))
 
     def close(self) -> None:
         """Unmount it."""
-        run("umount", str(self.folder))
+        _run("umount", str(self.folder))
 
     def _mount(self) -> None:
-        run("mount", "-o", "loop,errors=remount-ro", str(self._image), str(self.folder))
+        _run("mount", "-o", "loop,errors=remount-ro", str(self._image), str(self.folder))
 
 
-def run(*words: str) -> None:
+def _run(*words: str) -> None:
     """Run a system's command."""
     subprocess.run(words, check=True, capture_output=True)
 
@@ -160,7 +160,7 @@ Spoil = Callable[[], None]
 
 
 @dataclass(slots=True, kw_only=True)
-class Tally:
+class _Tally:
     """What became of the tries of one fault."""
 
     name: str
@@ -182,21 +182,23 @@ class Tally:
 
 
 @contextmanager
-def workshop() -> Iterator[tuple[Disk, Path]]:
+def _workshop() -> Iterator[tuple[_Disk, Path]]:
     """Make a disk, a plan and the preloaded library, and remove them afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         (work / "plan.toml").write_text(PLAN)
         source = Path(__file__).with_suffix(".c")
-        run("cc", "-O2", "-shared", "-fPIC", "-o", str(work / "faults.so"), str(source))
-        disk = Disk(work)
+        _run("cc", "-O2", "-shared", "-fPIC", "-o", str(work / "faults.so"), str(source))
+        disk = _Disk(work)
         try:
             yield disk, work
         finally:
             disk.close()
 
 
-def spoil_after(place: Place, process: subprocess.Popen[str], captures: int, spoil: Spoil) -> None:
+def _spoil_after(
+    place: _Place, process: subprocess.Popen[str], captures: int, spoil: Spoil
+) -> None:
     """Wait until so many captures are journaled, then spoil the disk or the clock."""
     end_s = time.monotonic() + LIMIT_S
     while place.captured() < captures and process.poll() is None:
@@ -207,7 +209,7 @@ def spoil_after(place: Place, process: subprocess.Popen[str], captures: int, spo
         spoil()
 
 
-def is_told(process: subprocess.Popen[str], messages: set[str], place: Place) -> bool:
+def _is_told(process: subprocess.Popen[str], messages: set[str], place: _Place) -> bool:
     """Whether a command ended with status 1 and one printable line; the line is kept."""
     _, errors = process.communicate(timeout=LIMIT_S)
     lines = [line for line in errors.splitlines() if line.startswith("standoff: ")]
@@ -217,7 +219,7 @@ def is_told(process: subprocess.Popen[str], messages: set[str], place: Place) ->
     return process.returncode == 1 and is_clean
 
 
-def held(session: Path) -> dict[str, str]:
+def _held(session: Path) -> dict[str, str]:
     """What was promised: the captures of the journal with the digest of the bytes of each file."""
     return {
         capture.record.uid: hashlib.sha256((session / capture.record.file).read_bytes()).hexdigest()
@@ -225,94 +227,96 @@ def held(session: Path) -> dict[str, str]:
     }
 
 
-def is_sound(session: Path) -> bool:
+def _is_sound(session: Path) -> bool:
     """Whether nothing is wrong with a session."""
     return verify(session).is_ok
 
 
-def finish(place: Place, tally: Tally, before: dict[str, str]) -> None:
+def _finish(place: _Place, tally: _Tally, before: dict[str, str]) -> None:
     """Run the same command again on a sound disk, and compare with what there was before."""
     with place.start() as process:
         process.communicate(timeout=LIMIT_S)
-    after = held(place.session)
+    after = _held(place.session)
     tally.lost += sum(after.get(uid) != digest for uid, digest in before.items())
     tally.completed += (
-        process.returncode == 0 and Session(place.session).is_complete and is_sound(place.session)
+        process.returncode == 0 and Session(place.session).is_complete and _is_sound(place.session)
     )
 
 
-def spoiled_in_mid_session(
-    place: Place, tally: Tally, captures: int, spoil: Spoil, mend: Spoil
+def _spoiled_in_mid_session(
+    place: _Place, tally: _Tally, captures: int, spoil: Spoil, mend: Spoil
 ) -> None:
     """One try: a session whose disk is spoiled, looked at as it is left, mended and finished."""
     tally.tries += 1
     with place.start() as process:
-        spoil_after(place, process, captures, spoil)
-        tally.told += is_told(process, tally.messages, place)
-    tally.damaged += not is_sound(place.session)
-    before = held(place.session)
+        _spoil_after(place, process, captures, spoil)
+        tally.told += _is_told(process, tally.messages, place)
+    tally.damaged += not _is_sound(place.session)
+    before = _held(place.session)
     tally.kept.append(len(before))
     mend()
-    finish(place, tally, before)
+    _finish(place, tally, before)
 
 
-def full_disks(disk: Disk, places: Iterator[Place], moments: Sequence[int]) -> Iterator[Tally]:
+def _full_disks(disk: _Disk, places: Iterator[_Place], moments: Sequence[int]) -> Iterator[_Tally]:
     """Sessions on a disk that fills up."""
     for left in LEFT_BYTES:
-        tally = Tally(name=f"disk full, {left / 1e3:g} kB left")
+        tally = _Tally(name=f"disk full, {left / 1e3:g} kB left")
         for captures in moments:
-            spoiled_in_mid_session(
+            _spoiled_in_mid_session(
                 next(places), tally, captures, partial(disk.leave, left), disk.free
             )
-            clear(disk)
+            _clear(disk)
         yield tally
 
 
-def quotas(disk: Disk, places: Iterator[Place], moments: Sequence[int]) -> Iterator[Tally]:
+def _quotas(disk: _Disk, places: Iterator[_Place], moments: Sequence[int]) -> Iterator[_Tally]:
     """Sessions whose user has a quota."""
     for left in LEFT_BYTES:
-        tally = Tally(name=f"quota reached, {left / 1e3:g} kB left")
+        tally = _Tally(name=f"quota reached, {left / 1e3:g} kB left")
         for captures in moments:
             place = next(places)
-            spoiled_in_mid_session(
+            _spoiled_in_mid_session(
                 place,
                 tally,
                 captures,
-                partial(replace_text, place.quota, str(left)),
+                partial(_replace_text, place.quota, str(left)),
                 place.quota.unlink,
             )
-            clear(disk)
+            _clear(disk)
         yield tally
 
 
-def read_only(disk: Disk, places: Iterator[Place], moments: Sequence[int]) -> Iterator[Tally]:
+def _read_only(disk: _Disk, places: Iterator[_Place], moments: Sequence[int]) -> Iterator[_Tally]:
     """Sessions whose disk fails, so that the kernel lets nobody write to it any more."""
-    tally = Tally(name="file system read-only after an error")
+    tally = _Tally(name="file system read-only after an error")
     for captures in moments:
-        spoiled_in_mid_session(next(places), tally, captures, disk.break_down, disk.mend)
-        clear(disk)
+        _spoiled_in_mid_session(next(places), tally, captures, disk.break_down, disk.mend)
+        _clear(disk)
     yield tally
 
 
-def refusals(disk: Disk, places: Iterator[Place]) -> Iterator[Tally]:
+def _refusals(disk: _Disk, places: Iterator[_Place]) -> Iterator[_Tally]:
     """Sessions that are begun on a disk that is full, or read-only."""
     for name, spoil, mend in (
         ("disk full from the start", partial(disk.leave, 0), disk.free),
         ("disk too small for the plan", partial(disk.leave, 60 * 10**6), disk.free),
         ("read-only from the start", disk.mount_read_only, disk.mend),
     ):
-        place, tally = next(places), Tally(name=name, tries=1)
+        place, tally = next(places), _Tally(name=name, tries=1)
         spoil()
         with place.start() as process:
-            tally.told += is_told(process, tally.messages, place)
+            tally.told += _is_told(process, tally.messages, place)
         mend()
         tally.kept.append(place.captured())
-        finish(place, tally, {})
-        clear(disk)
+        _finish(place, tally, {})
+        _clear(disk)
         yield tally
 
 
-def wrong_clocks(disk: Disk, places: Iterator[Place], moments: Sequence[int]) -> Iterator[Tally]:
+def _wrong_clocks(
+    disk: _Disk, places: Iterator[_Place], moments: Sequence[int]
+) -> Iterator[_Tally]:
     """Sessions during which somebody sets the clock; none may end for that."""
     draw = random.Random(7)
     for name, jumps_s in (
@@ -323,93 +327,93 @@ def wrong_clocks(disk: Disk, places: Iterator[Place], moments: Sequence[int]) ->
             [draw.randint(-30, 30) * DAY_S for _ in range(29)],
         ),
     ):
-        tally = Tally(name=name)
+        tally = _Tally(name=name)
         for captures in moments:
             place = next(places)
             tally.tries += 1
             with place.start() as process:
                 for number, jump_s in enumerate(jumps_s):
-                    spoil_after(
+                    _spoil_after(
                         place,
                         process,
                         min(captures + number, CAPTURES - 1),
-                        partial(replace_text, place.clock, str(jump_s)),
+                        partial(_replace_text, place.clock, str(jump_s)),
                     )
                 process.communicate(timeout=LIMIT_S)
-            tally.damaged += not is_sound(place.session)
-            before = held(place.session)
+            tally.damaged += not _is_sound(place.session)
+            before = _held(place.session)
             tally.kept.append(len(before))
             place.clock.unlink()
-            finish(place, tally, before)
-            clear(disk)
+            _finish(place, tally, before)
+            _clear(disk)
         yield tally
 
 
-def two_writers(disk: Disk, places: Iterator[Place], tries: int) -> Iterator[Tally]:
+def _two_writers(disk: _Disk, places: Iterator[_Place], tries: int) -> Iterator[_Tally]:
     """Two of the same command at the same moment, and other commands that write meanwhile."""
-    tally = Tally(name="two captures begun at the same moment")
+    tally = _Tally(name="two captures begun at the same moment")
     for _ in range(tries):
         place = next(places)
         tally.tries += 1
         with place.start() as one, place.start() as other:
-            ends = [is_told(process, tally.messages, place) for process in (one, other)]
+            ends = [_is_told(process, tally.messages, place) for process in (one, other)]
         tally.told += sorted(ends) == [False, True] and {one.returncode, other.returncode} == {0, 1}
-        tally.damaged += not is_sound(place.session)
-        before = held(place.session)
+        tally.damaged += not _is_sound(place.session)
+        before = _held(place.session)
         tally.kept.append(len(before))
-        finish(place, tally, before)
-        clear(disk)
+        _finish(place, tally, before)
+        _clear(disk)
     yield tally
-    yield from second_commands(next(places))
-    clear(disk)
+    yield from _second_commands(next(places))
+    _clear(disk)
 
 
-def second_commands(place: Place) -> Sequence[Tally]:
+def _second_commands(place: _Place) -> Sequence[_Tally]:
     """Run every other command that writes to a session while one is captured, which waits."""
     tallies = []
     with place.start() as process:
-        spoil_after(place, process, 1, lambda: process.send_signal(signal.SIGSTOP))
+        _spoil_after(place, process, 1, lambda: process.send_signal(signal.SIGSTOP))
         for words in (
             ("session", "note", "late", place.session),
             ("session", "exclude", 0, place.session, "--reason", "late"),
             ("verify", place.session, "--repair"),
         ):
             name = " ".join(str(word) for word in words if word != place.session)
-            tally = Tally(name=f"`{name}` during a capture", tries=1)
+            tally = _Tally(name=f"`{name}` during a capture", tries=1)
             with place.start(*words) as second:
-                tally.told += is_told(second, tally.messages, place)
+                tally.told += _is_told(second, tally.messages, place)
             tallies.append(tally)
         process.send_signal(signal.SIGCONT)
         process.communicate(timeout=LIMIT_S)
     for tally in tallies:
-        tally.damaged += not is_sound(place.session)
-        before = held(place.session)
+        tally.damaged += not _is_sound(place.session)
+        before = _held(place.session)
         tally.kept.append(len(before))
-        finish(place, tally, before)
+        _finish(place, tally, before)
     return tallies
 
 
-def replace_text(path: Path, text: str) -> None:
+def _replace_text(path: Path, text: str) -> None:
     """Replace a file at once: the library reads it all the time."""
     part = path.with_suffix(".part")
     part.write_text(text)
     part.replace(path)
 
 
-def clear(disk: Disk) -> None:
+def _clear(disk: _Disk) -> None:
     """Remove the sessions: the next try has an empty disk."""
-    run("find", str(disk.folder), "-mindepth", "1", "-delete")
+    _run("find", str(disk.folder), "-mindepth", "1", "-delete")
 
 
-def places_on(disk: Disk, work: Path) -> Iterator[Place]:
+def _places_on(disk: _Disk, work: Path) -> Iterator[_Place]:
     """A session of its own for each try."""
     number = 0
     while True:
         number += 1
-        yield Place(session=disk.folder / f"session{number}", work=work)
+        yield _Place(session=disk.folder / f"session{number}", work=work)
 
 
-def section(tallies: Sequence[Tally]) -> str:
+def _section(tallies: Sequence[_Tally]) -> str:
     """The section of the page."""
     told = sorted({message for tally in tallies for message in tally.messages})
     lines = [
@@ -447,23 +451,23 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="replace the section of this Markdown page")
     given = parser.parse_args()
     moments = [7] if given.quick else [1, 22]
-    tallies: list[Tally] = []
-    with workshop() as (disk, work):
-        places = places_on(disk, work)
+    tallies: list[_Tally] = []
+    with _workshop() as (disk, work):
+        places = _places_on(disk, work)
         for kind in (
-            full_disks(disk, places, moments),
-            quotas(disk, places, moments),
-            read_only(disk, places, moments),
-            refusals(disk, places),
-            wrong_clocks(disk, places, moments),
-            two_writers(disk, places, len(moments)),
+            _full_disks(disk, places, moments),
+            _quotas(disk, places, moments),
+            _read_only(disk, places, moments),
+            _refusals(disk, places),
+            _wrong_clocks(disk, places, moments),
+            _two_writers(disk, places, len(moments)),
         ):
             for tally in kind:
                 tallies.append(tally)
                 print(tally.row(), *sorted(tally.messages), sep="\n  ", flush=True)
     if given.page is not None:
         text = given.page.read_text(encoding="utf-8").partition(HEADING)[0].rstrip("\n")
-        given.page.write_text(f"{text}\n\n{section(tallies)}", encoding="utf-8")
+        given.page.write_text(f"{text}\n\n{_section(tallies)}", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -29,30 +29,30 @@ DRIP_S = 1.0
 BIG_SESSION = "big"
 
 
-def guesses(address: Address, _: str) -> None:
+def _guesses(address: Address, _: str) -> None:
     """Guess the token."""
     while True:
         ask(address, "POST", "/login", body=f"token=guess{random.random()}")
 
 
-def half_sent(address: Address, _: str) -> None:
+def _half_sent(address: Address, _: str) -> None:
     """Begin requests and never end them."""
-    drip(address, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
+    _drip(address, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
 
 
-def half_bodies(address: Address, _: str) -> None:
+def _half_bodies(address: Address, _: str) -> None:
     """Begin bodies and never end them."""
-    drip(address, b"POST /login HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 4000\r\n\r\n")
+    _drip(address, b"POST /login HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 4000\r\n\r\n")
 
 
-def connections(address: Address, _: str) -> None:
+def _connections(address: Address, _: str) -> None:
     """Connect and leave again."""
     while True:
         with suppress(OSError), socket.create_connection(address, timeout=5):
             pass
 
 
-def bad_names(address: Address, cookie: str) -> None:
+def _bad_names(address: Address, cookie: str) -> None:
     """Ask under names that are none, and open websockets from pages that are none."""
     upgrade = {
         "Connection": "Upgrade",
@@ -65,14 +65,14 @@ def bad_names(address: Address, cookie: str) -> None:
         ask(address, "GET", "/live", headers={"Origin": "http://[", "Cookie": cookie} | upgrade)
 
 
-def pages(address: Address, cookie: str) -> None:
+def _pages(address: Address, cookie: str) -> None:
     """Read the largest pages again and again."""
     while True:
         for path in (f"/sessions/{BIG_SESSION}", "/sessions", "/", "/doctor"):
             ask(address, "GET", path, headers={"Cookie": cookie})
 
 
-def messages(address: Address, cookie: str) -> None:
+def _messages(address: Address, cookie: str) -> None:
     """Send messages, good and bad, faster than they can be read."""
     while True:
         with suppress(OSError, WebSocketException), watching(address, cookie) as page:
@@ -82,7 +82,7 @@ def messages(address: Address, cookie: str) -> None:
                 page.send('{"do": "ack", "sequence": 1}')
 
 
-def deaf_viewers(address: Address, cookie: str) -> None:
+def _deaf_viewers(address: Address, cookie: str) -> None:
     """Ask for pictures and read none."""
     while True:
         # The client stops reading when 16 messages wait for it, and answers no ping then.
@@ -91,14 +91,14 @@ def deaf_viewers(address: Address, cookie: str) -> None:
 
 
 FLOODS: dict[str, tuple[Flood, int]] = {
-    "guesses of the token": (guesses, 4),
-    "half-sent requests": (half_sent, 1),
-    "half-sent bodies": (half_bodies, 1),
-    "connections": (connections, 4),
-    "bad Host and Origin": (bad_names, 4),
-    "pages of 10 000 captures": (pages, 8),
-    "messages": (messages, 8),
-    "viewers that read nothing": (deaf_viewers, 8),
+    "guesses of the token": (_guesses, 4),
+    "half-sent requests": (_half_sent, 1),
+    "half-sent bodies": (_half_bodies, 1),
+    "connections": (_connections, 4),
+    "bad Host and Origin": (_bad_names, 4),
+    "pages of 10 000 captures": (_pages, 8),
+    "messages": (_messages, 8),
+    "viewers that read nothing": (_deaf_viewers, 8),
 }
 """What is sent, and by how many threads."""
 
@@ -123,7 +123,7 @@ def _flood(name: str, address: Address, cookie: str) -> None:
         thread.join()
 
 
-def drip(address: Address, begin: bytes) -> None:
+def _drip(address: Address, begin: bytes) -> None:
     """Hold connections that have sent ``begin``, and a letter more now and then."""
     held: list[socket.socket] = []
     while True:

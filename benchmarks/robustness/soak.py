@@ -52,7 +52,7 @@ DEVIATION_MAX = 1.02
 that is wrong by 0.1 mm makes 1.026 of it, an exposure that is wrong by 5 % makes 4."""
 
 
-class SceneTruth:
+class _SceneTruth:
     """The scene under the camera of a simulated bench."""
 
     def __init__(self, config: BenchConfig) -> None:
@@ -80,7 +80,7 @@ class SceneTruth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Holdings:
+class _Holdings:
     """What this process holds."""
 
     memory_mb: float
@@ -88,7 +88,7 @@ class Holdings:
     files: int
 
     @classmethod
-    def now(cls) -> "Holdings":
+    def now(cls) -> "_Holdings":
         """Ask the kernel."""
         status = Path("/proc/self/status").read_text().splitlines()
         memory_kb = next(line.split()[1] for line in status if line.startswith("VmRSS"))
@@ -100,7 +100,7 @@ class Holdings:
 
 
 @dataclass(slots=True, kw_only=True)
-class Tally:
+class _Tally:
     """What happened; ``holdings`` are those of the last run, after each session."""
 
     runs: int = 0
@@ -115,10 +115,10 @@ class Tally:
     killed: int = 0
     faults: Counter[str] = field(default_factory=Counter)
     ended_runs: Counter[str] = field(default_factory=Counter)
-    holdings: list[Holdings] = field(default_factory=list)
+    holdings: list[_Holdings] = field(default_factory=list)
 
     @classmethod
-    def read(cls, path: Path) -> "Tally":
+    def read(cls, path: Path) -> "_Tally":
         """Read what earlier runs have added up; nothing if there is no file."""
         if not path.exists():
             return cls()
@@ -204,10 +204,10 @@ DISK_FULL_RATE = 0.01
 """Of the calls that make something durable."""
 
 
-class FaultyBench:
+class _FaultyBench:
     """The simulated bench and what goes wrong with it, until closed."""
 
-    def __init__(self, seed: int, tally: Tally, link: Path) -> None:
+    def __init__(self, seed: int, tally: _Tally, link: Path) -> None:
         self._random = random.Random(seed)
         self._tally = tally
         self._ending = threading.Event()
@@ -256,7 +256,7 @@ class FaultyBench:
 
 
 @contextmanager
-def full_disk_at_times(tally: Tally) -> Iterator[None]:
+def _full_disk_at_times(tally: _Tally) -> Iterator[None]:
     """Let syncing fail now and then as on a full disk."""
     fsync = os.fsync
 
@@ -270,36 +270,36 @@ def full_disk_at_times(tally: Tally) -> Iterator[None]:
         yield
 
 
-def stored(folder: Path) -> set[str]:
+def _stored(folder: Path) -> set[str]:
     """The captures that are journaled so far: none of them may be missing from now on."""
     if not (folder / MANIFEST_NAME).exists():
         return set()
     return {capture.record.uid for capture in Session(folder).captures}
 
 
-def take_session(folder: Path, config: BenchConfig, tally: Tally, promised: set[str]) -> None:
+def _take_session(folder: Path, config: BenchConfig, tally: _Tally, promised: set[str]) -> None:
     """Run a session to its end as the operator would."""
     for _ in range(TRIES):
-        promised |= stored(folder)
+        promised |= _stored(folder)
         try:
-            with full_disk_at_times(tally):
+            with _full_disk_at_times(tally):
                 run_once(folder, config)
         except (DeviceError, SessionError) as error:
             tally.ended_runs[type(error).__name__] += 1
             print(f"  {type(error).__name__}: {error}", flush=True)
             time.sleep(0.5)
             if isinstance(error, StageAlarmError | DeviceTimeoutError):
-                unlock(config, tally)
+                _unlock(config, tally)
         else:
             return
 
 
-def take_killed_session(
-    folder: Path, config: BenchConfig, tally: Tally, promised: set[str]
+def _take_killed_session(
+    folder: Path, config: BenchConfig, tally: _Tally, promised: set[str]
 ) -> None:
     """Let another process run it, and kill that at random moments until it is complete."""
     for _ in range(TRIES):
-        promised |= stored(folder)
+        promised |= _stored(folder)
         command = [
             sys.executable,
             "-m",
@@ -315,20 +315,20 @@ def take_killed_session(
             process.wait()
             tally.killed += 1
             time.sleep(1.0)  # the camera's heartbeat
-            unlock(config, tally)
+            _unlock(config, tally)
             continue
         if status == 0:
             return
         if status != ENDED_BY_FAULT:
             raise RuntimeError(f"a run ended with status {status}")
         tally.ended_runs["in a process of its own"] += 1
-        unlock(config, tally)
+        _unlock(config, tally)
 
 
-def check_session(folder: Path, truth: SceneTruth, tally: Tally, promised: set[str]) -> None:
+def _check_session(folder: Path, truth: _SceneTruth, tally: _Tally, promised: set[str]) -> None:
     """Look whether all that was stored is there and right, and whether the plan is done."""
     session = Session(folder)
-    tally.lost += len(promised - stored(folder)) + (not verify(folder).is_ok)
+    tally.lost += len(promised - _stored(folder)) + (not verify(folder).is_ok)
     tally.unfinished += not session.is_complete
     for record in session.records:
         deviation = truth.deviation(session.load(record))
@@ -340,7 +340,7 @@ def check_session(folder: Path, truth: SceneTruth, tally: Tally, promised: set[s
     tally.sessions += 1
 
 
-def unlock(config: BenchConfig, tally: Tally) -> None:
+def _unlock(config: BenchConfig, tally: _Tally) -> None:
     """Do what the message of a stage in alarm asks for: ``standoff stage unlock``."""
     try:
         with closing(open_stage(config.stage, first="reset")) as stage:
@@ -359,22 +359,22 @@ def main() -> int:
     parser.add_argument("--tally", type=Path, help="file in which the runs add up")
     parser.add_argument("--page", type=Path, help="write the figures as Markdown")
     given = parser.parse_args()
-    tally = Tally() if given.tally is None else Tally.read(given.tally)
+    tally = _Tally() if given.tally is None else _Tally.read(given.tally)
     random.seed(given.seed)
-    truth = SceneTruth(load_bench(shipped_config("simulated.toml"), SENSOR))
+    truth = _SceneTruth(load_bench(shipped_config("simulated.toml"), SENSOR))
     begun_s, before_minutes = time.monotonic(), tally.minutes
     tally.runs += 1
     folder = Path(tempfile.mkdtemp(prefix="standoff-soak-"))
-    bench = FaultyBench(given.seed + tally.runs, tally, folder / "stage")
+    bench = _FaultyBench(given.seed + tally.runs, tally, folder / "stage")
     try:
         config = soak_config(str(folder / "stage"))
         while time.monotonic() - begun_s < 60 * given.minutes:
-            take = take_killed_session if tally.sessions % 2 else take_session
+            take = _take_killed_session if tally.sessions % 2 else _take_session
             promised: set[str] = set()
             take(folder / "session", config, tally, promised)
-            check_session(folder / "session", truth, tally, promised)
+            _check_session(folder / "session", truth, tally, promised)
             shutil.rmtree(folder / "session")
-            tally.holdings.append(Holdings.now())
+            tally.holdings.append(_Holdings.now())
             tally.minutes = before_minutes + (time.monotonic() - begun_s) / 60
             if given.tally is not None:
                 tally.write(given.tally)

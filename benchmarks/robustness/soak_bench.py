@@ -1,7 +1,7 @@
 """The simulated bench of the soak, as a process of its own that goes wrong on command.
 
 What ``standoff mock --stage-protocol grbl`` serves, with its lines on standard input, and three
-more for the stage: ``alarm``, ``unplug`` and ``plug-in``. A link leads to the stage's port, as
+more for the stage: ``_alarm``, ``_unplug`` and ``plug-in``. A link leads to the stage's port, as
 those in ``/dev/serial/by-id`` do.
 """
 
@@ -17,20 +17,20 @@ from standoff.shipped_configs import shipped_config
 SENSOR = {"simulated.width_px": 390, "simulated.height_px": 290}
 
 
-def alarm(stage: SerialStage, code: int) -> None:
+def _alarm(stage: SerialStage, code: int) -> None:
     """Let the controller raise an alarm."""
     with stage.locked():
         assert isinstance(stage.firmware, GrblFirmware)
         stage.firmware.raise_alarm(code)
 
 
-def unplug(stage: SerialStage) -> None:
+def _unplug(stage: SerialStage) -> None:
     """Pull the cable out."""
     with stage.locked():
         stage.line.faults = LineFaults(unplugged=True)
 
 
-def plug_in(stage: SerialStage, link: Path) -> None:
+def _plug_in(stage: SerialStage, link: Path) -> None:
     """Put the cable in, and let the link lead to where the port is now."""
     stage.plug_in()
     link.unlink(missing_ok=True)
@@ -44,12 +44,12 @@ def main(address: str, link: Path) -> None:
     practice = PracticeBench(config, height_mm=lambda: stage.true_height_mm, address=address)
     console = PracticeConsole(practice, stage)
     own: dict[str, Callable[[], None]] = {
-        "alarm": lambda: alarm(stage, 1),
-        "unplug": lambda: unplug(stage),
-        "plug-in": lambda: plug_in(stage, link),
+        "alarm": lambda: _alarm(stage, 1),
+        "unplug": lambda: _unplug(stage),
+        "plug-in": lambda: _plug_in(stage, link),
     }
     with stage, practice:
-        plug_in(stage, link)
+        _plug_in(stage, link)
         print("ready", flush=True)
         for line in sys.stdin:
             if line.strip() in own:

@@ -14,7 +14,7 @@ ADDRESS = "127.211.3.1"
 ENDED_BY_FAULT = 3
 
 
-def soak_plan() -> CapturePlan:
+def _soak_plan() -> CapturePlan:
     """Ten captures, each of five frames."""
     return parse_plan(
         {
@@ -48,7 +48,7 @@ def run_once(folder: Path, config: BenchConfig) -> None:
     with open_bench(config) as devices:
         run_plan(
             folder,
-            soak_plan(),
+            _soak_plan(),
             BenchDevices(config=config, camera=devices.camera, stage=devices.stage),
             RunOperator(name="soak", place=lambda _: "ready"),
         )

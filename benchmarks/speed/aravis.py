@@ -31,7 +31,7 @@ AVERAGES, FRAMES_PER_AVERAGE = 50, 10
 CLIENT_TIMEOUT_S = 300
 
 
-class RecordedFrames:
+class _RecordedFrames:
     """Sixteen frames of noise over and over, so that the camera takes little of the machine."""
 
     def __init__(self) -> None:
@@ -48,9 +48,9 @@ class RecordedFrames:
         return self._frames[request.index % len(self._frames)]
 
 
-def serve() -> None:
+def _serve() -> None:
     """Serve the cameras until standard input ends."""
-    frames = RecordedFrames()
+    frames = _RecordedFrames()
     with (
         GigeDevice(frames, address=BARE_ADDRESS),
         GigeDevice(frames, address=DRIVER_ADDRESS),
@@ -59,7 +59,7 @@ def serve() -> None:
         sys.stdin.read()
 
 
-def config() -> CameraConfig:
+def _config() -> CameraConfig:
     return CameraConfig.model_validate(
         {
             "driver": "aravis",
@@ -73,7 +73,7 @@ def config() -> CameraConfig:
     )
 
 
-class BareLoop:
+class _BareLoop:
     """Pop, copy, push back: what any program that uses Aravis has to do."""
 
     def __init__(self) -> None:
@@ -108,9 +108,9 @@ class BareLoop:
         return lost
 
 
-def run_turns(rounds: int, frames: int) -> dict[str, list[float]]:
+def _run_turns(rounds: int, frames: int) -> dict[str, list[float]]:
     """Let both take as many frames in turns: processor seconds, and frames lost, of each turn."""
-    bare, camera = BareLoop(), AravisCamera.open(config())
+    bare, camera = _BareLoop(), AravisCamera.open(_config())
     average_frames(camera, FRAMES_PER_AVERAGE)
     bare.run(FRAMES_PER_AVERAGE)
     figures: dict[str, list[float]] = {
@@ -127,9 +127,9 @@ def run_turns(rounds: int, frames: int) -> dict[str, list[float]]:
     return figures
 
 
-def run_latency(frames: int) -> dict[str, float]:
+def _run_latency(frames: int) -> dict[str, float]:
     """Median time of a short average, start to stop, and of its share that is not waiting."""
-    camera = AravisCamera.open(config())
+    camera = AravisCamera.open(_config())
     average_frames(camera, frames)
     times_s = []
     for _ in range(AVERAGES):
@@ -141,9 +141,9 @@ def run_latency(frames: int) -> dict[str, float]:
 
 
 @contextmanager
-def camera_process() -> Iterator[None]:
+def _camera_process() -> Iterator[None]:
     with subprocess.Popen(
-        python("serve()"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        _python("serve()"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as server:
         assert server.stdout is not None
         assert server.stdout.readline() == "ready\n"
@@ -152,15 +152,15 @@ def camera_process() -> Iterator[None]:
         server.stdin.close()
 
 
-def python(call: str) -> list[str]:
+def _python(call: str) -> list[str]:
     """Command that runs a function of this module in a process of its own."""
     return [sys.executable, "-c", f"from benchmarks.speed.aravis import *; {call}"]
 
 
-def client(call: str) -> dict[str, Any]:
+def _client(call: str) -> dict[str, Any]:
     """Run one client in a process of its own; its figures."""
     done = subprocess.run(
-        python(f"print(json.dumps({call}))"),
+        _python(f"print(json.dumps({call}))"),
         capture_output=True,
         text=True,
         check=True,
@@ -170,12 +170,12 @@ def client(call: str) -> dict[str, Any]:
     return result
 
 
-def compare(record: Recorder, seconds: float) -> None:
+def _compare(record: Recorder, seconds: float) -> None:
     """Let bare loop and driver take turns, then measure the driver's short averages."""
     frames = round(seconds * RATE_HZ / ROUNDS)
-    with camera_process():
-        turns = client(f"run_turns({ROUNDS}, {frames})")
-        latency = client(f"run_latency({FRAMES_PER_AVERAGE})")
+    with _camera_process():
+        turns = _client(f"run_turns({ROUNDS}, {frames})")
+        latency = _client(f"run_latency({FRAMES_PER_AVERAGE})")
     for name in ("bare", "driver"):
         lost = round(sum(turns[f"{name}_lost"]))
         record.say(f"{name}: {lost} of {frames * ROUNDS} frames lost")
@@ -205,4 +205,4 @@ def main(
     record: Recorder, *, seconds: Annotated[float | None, "seconds of frames, 60 by default"] = None
 ) -> None:
     record.say(f"Aravis {load_aravis().aravis_version}")
-    compare(record, seconds or record.pick(SECONDS, 5))
+    _compare(record, seconds or record.pick(SECONDS, 5))

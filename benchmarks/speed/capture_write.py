@@ -37,7 +37,7 @@ SETTINGS = CameraSettings(
 )
 
 
-class MemoryCamera:
+class _MemoryCamera:
     """Frames from memory without any wait, so that only our own work is timed."""
 
     info = DeviceInfo(vendor="", model="", serial_number="", firmware="", driver="simulated")
@@ -109,14 +109,14 @@ def bench() -> BenchConfig:
     )
 
 
-def written_durably(path: Path, pages: Float32Array) -> None:
+def _written_durably(path: Path, pages: Float32Array) -> None:
     with path.open("wb") as file:
         tifffile.imwrite(file, pages)
         file.flush()
         os.fsync(file.fileno())
 
 
-def compare(
+def _compare(
     record: Recorder,
     what: str,
     ours: Work,
@@ -131,18 +131,18 @@ def compare(
     record.time(what, ours_s, peer, peer_s)
 
 
-def numpy_average(images: list[NDArray[np.uint16]]) -> tuple[object, ...]:
+def _numpy_average(images: list[NDArray[np.uint16]]) -> tuple[object, ...]:
     stack = np.stack(images).astype(np.float64)
     return stack.mean(0), stack.var(0, ddof=1), stack.min(), stack.max()
 
 
-def numpy_focus(image_dn: NDArray[np.uint16]) -> float:
+def _numpy_focus(image_dn: NDArray[np.uint16]) -> float:
     light = image_dn.astype(np.float64) - SETTINGS.black_level_dn
     gradient = np.mean(np.diff(light, axis=0) ** 2) + np.mean(np.diff(light, axis=1) ** 2)
     return float(gradient / np.mean(light**2))
 
 
-def store(session: SessionWriter, entry: PlanEntry, averaged: AveragedFrames) -> None:
+def _store(session: SessionWriter, entry: PlanEntry, averaged: AveragedFrames) -> None:
     now = datetime.now(UTC)
     session.add_capture(
         entry,
@@ -157,25 +157,25 @@ def store(session: SessionWriter, entry: PlanEntry, averaged: AveragedFrames) ->
     )
 
 
-def measure(record: Recorder, directory: Path) -> None:
+def _measure(record: Recorder, directory: Path) -> None:
     rng = np.random.default_rng(1)
     images = [rng.integers(0, 4096, (ROWS, COLS)).astype(np.uint16) for _ in range(FRAMES + 1)]
-    camera = MemoryCamera(images)
+    camera = _MemoryCamera(images)
     rounds = record.pick(ROUNDS, 10)
-    compare(
+    _compare(
         record,
         f"average of {FRAMES} frames",
         lambda: average_frames(camera, FRAMES),
         "numpy mean and var of the float64 stack",
-        lambda: numpy_average(images[1:]),
+        lambda: _numpy_average(images[1:]),
         rounds,
     )
-    compare(
+    _compare(
         record,
         "focus value of a frame",
         lambda: focus_value(images[0], black_level_dn=64.0),
         "numpy differences in float64",
-        lambda: numpy_focus(images[0]),
+        lambda: _numpy_focus(images[0]),
         rounds,
     )
     averaged = average_frames(camera, FRAMES)
@@ -186,19 +186,19 @@ def measure(record: Recorder, directory: Path) -> None:
             path, plan=plan(), bench=bench(), devices={}, operator="benchmark"
         ) as session:
             entries = iter(session.entries)
-            compare(
+            _compare(
                 record,
                 "store: TIFF, sha256, fsync, journal",
-                lambda: store(session, next(entries), averaged),
+                lambda: _store(session, next(entries), averaged),
                 "tifffile and fsync",
-                lambda: written_durably(Path(folder) / f"plain{time.monotonic_ns()}.tif", pages),
+                lambda: _written_durably(Path(folder) / f"plain{time.monotonic_ns()}.tif", pages),
                 rounds,
                 is_warm=True,  # the plan holds no entry to warm up with
             )
         plain = next(Path(folder).glob("plain*.tif"))
         reader = Session(path)
         capture = reader.records[0]
-        compare(
+        _compare(
             record,
             "load: sha256, parse",
             lambda: reader.load(capture),
@@ -210,4 +210,4 @@ def measure(record: Recorder, directory: Path) -> None:
 
 @benchmark("numpy", "numba", "tifffile")
 def main(record: Recorder, *, on: Path | None = None) -> None:
-    measure(record, on or Path(tempfile.gettempdir()))
+    _measure(record, on or Path(tempfile.gettempdir()))

@@ -38,7 +38,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cost:
+class _Cost:
     """Processor seconds of a comparison and of the peer, and peak resident memory in GB."""
 
     find_s: float
@@ -46,7 +46,7 @@ class Cost:
     peak_gb: float
 
 
-def scene(frame: tuple[int, int], seed: int) -> Float32Array:
+def _scene(frame: tuple[int, int], seed: int) -> Float32Array:
     """Noise of all scales, drawn ``FINER`` times as fine as the frame."""
     rng = np.random.default_rng(seed)
     rows, cols = (int(n * FINER) for n in frame)
@@ -60,10 +60,10 @@ def scene(frame: tuple[int, int], seed: int) -> Float32Array:
     return np.asarray(cv2.GaussianBlur(drawn, (0, 0), BLUR_PX * FINER), dtype=np.float32)
 
 
-def photographs(frame: tuple[int, int], zoom: float) -> tuple[AnyArray, AnyArray, FloatArray]:
+def _photographs(frame: tuple[int, int], zoom: float) -> tuple[AnyArray, AnyArray, FloatArray]:
     """Reference, follow-up, and the homography from the follow-up to the reference."""
     pose = PairPose(zoom=zoom, tilt_deg=4.0, bearing_deg=30.0, turn_deg=3.0, shift=(0.03, -0.02))
-    drawn, matrix = scene(frame, 1), pose.matrix(frame)
+    drawn, matrix = _scene(frame, 1), pose.matrix(frame)
     finer = np.diag([FINER, FINER, 1.0])
     made = []
     for seed, towards in enumerate((np.eye(3), matrix)):
@@ -79,15 +79,15 @@ def photographs(frame: tuple[int, int], zoom: float) -> tuple[AnyArray, AnyArray
     return made[0], made[1], matrix
 
 
-def cost(frame: tuple[int, int], zoom: float, rounds: int) -> Cost:
+def _cost(frame: tuple[int, int], zoom: float, rounds: int) -> _Cost:
     """Measure in this process, which must be a fresh one on one thread."""
     # So that start-up is not timed.
     from analysis.changes import find_changes
 
     cv2.setNumThreads(1)
-    small = photographs(FRAMES[0], zoom)
+    small = _photographs(FRAMES[0], zoom)
     find_changes(small[0], small[1])
-    reference, followup, matrix = photographs(frame, zoom)
+    reference, followup, matrix = _photographs(frame, zoom)
     levels = reference.astype(np.float32)
     find_s, peer_s = [], []
     for _ in range(rounds):
@@ -102,10 +102,10 @@ def cost(frame: tuple[int, int], zoom: float, rounds: int) -> Cost:
         find_changes(reference, followup)
         find_s.append(time.process_time() - start_s)
     peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return Cost(find_s=median(find_s), peer_s=median(peer_s), peak_gb=peak_kib / 2**20)
+    return _Cost(find_s=median(find_s), peer_s=median(peer_s), peak_gb=peak_kib / 2**20)
 
 
-def measured_apart(frame: tuple[int, int], zoom: float, rounds: int) -> Cost:
+def _measured_apart(frame: tuple[int, int], zoom: float, rounds: int) -> _Cost:
     """The same in a process of its own."""
     call = f"print(json.dumps(asdict(cost({frame}, {zoom}, {rounds}))))"
     done = subprocess.run(
@@ -115,7 +115,7 @@ def measured_apart(frame: tuple[int, int], zoom: float, rounds: int) -> Cost:
         check=True,
         text=True,
     )
-    return Cost(**json.loads(done.stdout))
+    return _Cost(**json.loads(done.stdout))
 
 
 @benchmark(
@@ -123,7 +123,7 @@ def measured_apart(frame: tuple[int, int], zoom: float, rounds: int) -> Cost:
 )
 def main(record: Recorder) -> None:
     for frame, zoom in product(FRAMES, ZOOMS):
-        found = measured_apart(frame, zoom, record.pick(3, 1))
+        found = _measured_apart(frame, zoom, record.pick(3, 1))
         name = f"{frame[1]}x{frame[0]}, zoom {zoom:g}"
         record.figure(
             f"changes, {name}", found.find_s, "s", peer="warp and blur", peer_value=found.peer_s

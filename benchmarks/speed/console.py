@@ -40,25 +40,25 @@ FIGURES = """() => {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Process:
+class _Process:
     """One process: resident memory in MB and processor seconds."""
 
     memory_mb: float
     processor_s: float
 
 
-def process_of(pid: int) -> Process:
+def process_of(pid: int) -> _Process:
     """Ask the kernel."""
     status = Path(f"/proc/{pid}/status").read_text()
     match = re.search(r"VmRSS:\s+(\d+) kB", status)
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return Process(
+    return _Process(
         memory_mb=int(match[1]) / 1e3 if match else 0.0,
         processor_s=(int(fields[11]) + int(fields[12])) / TICKS_PER_S,
     )
 
 
-def pids_of(word: str, *, parent: int) -> list[int]:
+def _pids_of(word: str, *, parent: int) -> list[int]:
     """Processes below ``parent`` whose command line has this word."""
     children: dict[int, list[int]] = {}
     for folder in Path("/proc").glob("[0-9]*"):
@@ -80,7 +80,7 @@ def pids_of(word: str, *, parent: int) -> list[int]:
     return found
 
 
-def lost_so_far(rig: ConsoleRig) -> tuple[int, int]:
+def _lost_so_far(rig: ConsoleRig) -> tuple[int, int]:
     """Frames that were lost or incomplete, and all, by the doctor page: it shows no picture."""
     with rig.page("/doctor") as page:
         match = re.search(r"(\d+) complete, (\d+) incomplete, (\d+) lost", text(page, "main"))
@@ -89,13 +89,13 @@ def lost_so_far(rig: ConsoleRig) -> tuple[int, int]:
     return incomplete + lost, complete + incomplete + lost
 
 
-def lost_frames(page: Page) -> tuple[int, int]:
+def _lost_frames(page: Page) -> tuple[int, int]:
     """Frames that were lost or incomplete, and all that the camera sent."""
     lost, all_ = text(page, "#frames-lost").split(" of ")
     return int(lost), int(all_)
 
 
-def begin_measuring(rig: ConsoleRig, page: Page) -> None:
+def _begin_measuring(rig: ConsoleRig, page: Page) -> None:
     """Draw a region over an edge, and watch the four corners as well."""
     rig.tell_mock("place edge 5")
     take_control(page)
@@ -110,22 +110,22 @@ def begin_measuring(rig: ConsoleRig, page: Page) -> None:
     wait_until(lambda: page.is_visible("#edge"), "an edge is measured")
 
 
-def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
-    (console,) = pids_of("console", parent=os.getpid())
+def _measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
+    (console,) = _pids_of("console", parent=os.getpid())
     time.sleep(3)
-    lost_at_first, all_at_first = lost_so_far(rig)
+    lost_at_first, all_at_first = _lost_so_far(rig)
     began, alone_begin_s = process_of(console), time.monotonic()
     time.sleep(ALONE_S)
     alone_s = process_of(console).processor_s - began.processor_s
     alone = alone_s / (time.monotonic() - alone_begin_s)
-    lost, all_ = lost_so_far(rig)
+    lost, all_ = _lost_so_far(rig)
     record.say(f"                  {lost - lost_at_first} of {all_ - all_at_first} frames lost")
     with rig.page() as one, rig.page() as other:
         pages = (one, other)
-        begin_measuring(rig, one)
+        _begin_measuring(rig, one)
         time.sleep(5)
-        renderers = pids_of("--type=renderer", parent=os.getpid())
-        lost_before, all_before = lost_frames(one)
+        renderers = _pids_of("--type=renderer", parent=os.getpid())
+        lost_before, all_before = _lost_frames(one)
         drawn_before = [page.evaluate(FIGURES)[0] for page in pages]
         begin_s, processor_s = time.monotonic(), process_of(console).processor_s
         latencies: list[float] = []
@@ -161,7 +161,7 @@ def measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
             (page.evaluate(FIGURES)[0] - before) / span_s
             for page, before in zip(pages, drawn_before, strict=True)
         ]
-        lost_after, all_after = lost_frames(one)
+        lost_after, all_after = _lost_frames(one)
         record.say(f"pictures/s        {rates[0]:5.1f} and {rates[1]:5.1f}")
         record.say(f"worst latency of a second, median: {statistics.median(worst):.1f} ms")
         record.say(f"frames lost       {lost_after - lost_before} of {all_after - all_before}")
@@ -194,5 +194,5 @@ def main(
         console_rig(Path(folder), mock_keys=WHOLE_FRAME) as rig,
     ):
         record.say(f"load {os.getloadavg()[0]:.1f}")
-        measure(record, rig, seconds or record.pick(SECONDS, 15.0))
+        _measure(record, rig, seconds or record.pick(SECONDS, 15.0))
         record.say(f"load {os.getloadavg()[0]:.1f}")

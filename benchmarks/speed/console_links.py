@@ -36,7 +36,7 @@ STOP = """() => new Promise((done) => {
 })"""
 
 
-def figures_of(page: Page) -> str:
+def _figures_of(page: Page) -> str:
     """One line of what a page shows for some time."""
     wait_until(lambda: page.evaluate(DRAWN) > 0, "a picture")
     time.sleep(SETTLING_S)
@@ -56,22 +56,22 @@ def figures_of(page: Page) -> str:
     )
 
 
-def opened(browser: Browser, url: str) -> Page:
+def _opened(browser: Browser, url: str) -> Page:
     page = browser.new_context(viewport={"width": 1440, "height": 900}).new_page()
     page.goto(url, timeout=120e3)
     return page
 
 
-def measure(record: Recorder, browser: Browser, address: Address) -> None:
+def _measure(record: Recorder, browser: Browser, address: Address) -> None:
     host, port = address
-    direct = opened(browser, f"http://{host}:{port}/")
-    record.say(f"no link between          {figures_of(direct)}")
+    direct = _opened(browser, f"http://{host}:{port}/")
+    record.say(f"no link between          {_figures_of(direct)}")
     direct.context.close()
     for rate_bytes_per_s, one_way_s in LINKS:
         with slow_link(address, rate_bytes_per_s, one_way_s) as link:
-            page = opened(browser, link.url)
+            page = _opened(browser, link.url)
             name = f"{1e-3 * rate_bytes_per_s:6.0f} kB/s, {2e3 * one_way_s:3.0f} ms there and back"
-            record.say(f"{name}  {figures_of(page)}")
+            record.say(f"{name}  {_figures_of(page)}")
             page.context.close()
 
 
@@ -83,4 +83,4 @@ def main(record: Recorder) -> None:
         served(hub) as address,
         chromium_browser() as browser,
     ):
-        measure(record, browser, address)
+        _measure(record, browser, address)

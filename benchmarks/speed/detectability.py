@@ -41,11 +41,11 @@ NOISE_DN, CONTRAST_DN = 2.0, 12.0
 WINDOW_TRIALS, FRAME_TRIALS = 500, 10
 
 
-def trials_for_one_per_cent(d_prime: float) -> float:
+def _trials_for_one_per_cent(d_prime: float) -> float:
     return 2 / (1e-4 * d_prime**2) + 1 / (4 * 1e-4)
 
 
-def analytic(scene: FloatArray, zoom: float) -> dict[str, float]:
+def _analytic(scene: FloatArray, zoom: float) -> dict[str, float]:
     scenario = Scenario(psf=PSF)
     artefact = scene_artefact(scene, scenario, "matched", zoom)
     changes = local_changes(SPOT, Scenario(psf=PSF), "matched", zoom)
@@ -54,9 +54,9 @@ def analytic(scene: FloatArray, zoom: float) -> dict[str, float]:
     }
 
 
-def window_trial_s(scene: FloatArray, zoom: float) -> float:
+def _window_trial_s(scene: FloatArray, zoom: float) -> float:
     """Time of one pair of trials for all observers, templates at hand."""
-    change, templates, artefact = prepared(scene, zoom)
+    change, templates, artefact = _prepared(scene, zoom)
     start = time.perf_counter()
     run_trials(
         change,
@@ -70,9 +70,9 @@ def window_trial_s(scene: FloatArray, zoom: float) -> float:
     return (time.perf_counter() - start) / WINDOW_TRIALS
 
 
-def frame_trial_s(scene: FloatArray, zoom: float) -> float:
+def _frame_trial_s(scene: FloatArray, zoom: float) -> float:
     """Time of one pair of trials that simulates both whole images."""
-    _, templates, _ = prepared(scene, zoom)
+    _, templates, _ = _prepared(scene, zoom)
     pair = compared_pair(SHAPE, PSF, "matched", zoom)
     rng = np.random.default_rng(0)
     start = time.perf_counter()
@@ -91,7 +91,7 @@ def frame_trial_s(scene: FloatArray, zoom: float) -> float:
     return (time.perf_counter() - start) / FRAME_TRIALS
 
 
-def prepared(scene: FloatArray, zoom: float) -> tuple[LocalChange, list[FloatArray], FloatArray]:
+def _prepared(scene: FloatArray, zoom: float) -> tuple[LocalChange, list[FloatArray], FloatArray]:
     artefact = scene_artefact(scene, Scenario(psf=PSF), "matched", zoom)
     change = local_changes(SPOT, Scenario(psf=PSF), "matched", zoom)[0]
     covariance = WindowCovariance(
@@ -102,21 +102,21 @@ def prepared(scene: FloatArray, zoom: float) -> tuple[LocalChange, list[FloatArr
     return change, list(templates.values()), image
 
 
-def compare(record: Recorder, zooms: tuple[float, ...]) -> None:
+def _compare(record: Recorder, zooms: tuple[float, ...]) -> None:
     """Sum the times over zooms."""
     rough = gaussian_filter(np.random.default_rng(0).standard_normal(SHAPE), 1.2)
     scene = 120 + 150 * rough
-    analytic(scene, 1.5)  # compiles
+    _analytic(scene, 1.5)  # compiles
     took_s = dict.fromkeys(("analytic", "windows", "frames"), 0.0)
     for zoom in zooms:
         compared_pair.cache_clear()
         start = time.perf_counter()
-        values = analytic(scene, zoom)
+        values = _analytic(scene, zoom)
         took_s["analytic"] += time.perf_counter() - start
         # The observer with the least d' decides how many trials are needed.
-        trials = trials_for_one_per_cent(min(values.values()))
-        took_s["windows"] += trials * window_trial_s(scene, zoom)
-        took_s["frames"] += trials * frame_trial_s(scene, zoom)
+        trials = _trials_for_one_per_cent(min(values.values()))
+        took_s["windows"] += trials * _window_trial_s(scene, zoom)
+        took_s["frames"] += trials * _frame_trial_s(scene, zoom)
         shown = ", ".join(f"{name} {values[name]:.3f}" for name in OBSERVERS)
         record.say(f"zoom {zoom:.2f}, d' of {shown}")
     for what in ("windows", "frames"):
@@ -131,4 +131,4 @@ def compare(record: Recorder, zooms: tuple[float, ...]) -> None:
 
 @benchmark("numpy", "scipy", "numba")
 def main(record: Recorder) -> None:
-    compare(record, record.pick(ZOOMS, QUICK_ZOOMS))
+    _compare(record, record.pick(ZOOMS, QUICK_ZOOMS))

@@ -43,7 +43,7 @@ def exact_edge(parameters: FloatArray, x: FloatArray, y: FloatArray) -> FloatArr
     return np.asarray(low + (high - low) * unit / (a * b))
 
 
-def naive_fit(image: FloatArray, segment: EdgeSegment) -> float:
+def _naive_fit(image: FloatArray, segment: EdgeSegment) -> float:
     """Optical width by scipy, from the start that ``fit_edge`` has."""
     sigma_px = segment.sigma_px
     half_width = min(band_half_width(sigma_px), segment.clearance_px)
@@ -59,7 +59,7 @@ def naive_fit(image: FloatArray, segment: EdgeSegment) -> float:
     return float(np.exp(fit.x[3]))
 
 
-def fit_speed(record: Recorder) -> None:
+def _fit_speed(record: Recorder) -> None:
     y, x = np.mgrid[:SIDE_PX, :SIDE_PX] - (SIDE_PX - 1) / 2
     for sigma_px in SIGMAS_PX:
         for angle_deg in (5.0, 35.0):
@@ -68,14 +68,14 @@ def fit_speed(record: Recorder) -> None:
             image += np.random.default_rng(1).normal(0, 25.0, image.shape)
             segment = find_edges(image, cell_px=1000.0)[0]
             own_s, peer_s = shortest_s(
-                [partial(fit_edge, image, segment), partial(naive_fit, image, segment)],
+                [partial(fit_edge, image, segment), partial(_naive_fit, image, segment)],
                 record.pick(2.0, 0.2),
             )
             name = f"edge fit, sigma {sigma_px} px, {angle_deg:g} degrees"
             record.time(name, own_s, "scipy least_squares", peer_s)
 
 
-def chart(rows: int = 1944, cols: int = 2592, pitch_px: float = 160.0) -> FloatArray:
+def _chart(rows: int = 1944, cols: int = 2592, pitch_px: float = 160.0) -> FloatArray:
     """Tilted dark squares on white: about 190 of them, 8-bit levels with noise of 1 DN."""
     y, x = np.mgrid[:rows, :cols].astype(np.float64)
     turn = np.deg2rad(5.0)
@@ -86,16 +86,16 @@ def chart(rows: int = 1944, cols: int = 2592, pitch_px: float = 160.0) -> FloatA
     return 220.0 - 190.0 * image + np.random.default_rng(2).normal(0, 1.0, image.shape)
 
 
-def canny_and_contours(image: NDArray[np.uint8]) -> int:
+def _canny_and_contours(image: NDArray[np.uint8]) -> int:
     ridge = cv2.Canny(image, 50, 100, L2gradient=True)
     return len(cv2.findContours(ridge, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0])
 
 
-def search_speed(record: Recorder) -> None:
-    image = chart()
+def _search_speed(record: Recorder) -> None:
+    image = _chart()
     codes = np.clip(np.rint(image), 0, 255).astype(np.uint8)
     own_s = best_s(partial(find_edges, image), record.pick(4.0, 0.3))
-    peer_s = best_s(partial(canny_and_contours, codes), record.pick(2.0, 0.3))
+    peer_s = best_s(partial(_canny_and_contours, codes), record.pick(2.0, 0.3))
     size = f"{image.shape[1]} x {image.shape[0]}"
     record.time(f"search for edges, {size}", own_s, "OpenCV's Canny and contours", peer_s)
 
@@ -108,5 +108,5 @@ def search_speed(record: Recorder) -> None:
     note=f"OpenCV with {cv2.getNumThreads()} threads",
 )
 def main(record: Recorder) -> None:
-    fit_speed(record)
-    search_speed(record)
+    _fit_speed(record)
+    _search_speed(record)

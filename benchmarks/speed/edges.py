@@ -32,7 +32,7 @@ _LEVELS = 16  # stored levels per DN: 12 bits in 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
+class _Scene:
     """A photograph of tilted squares: its size, and the number and the sides of the squares."""
 
     name: str
@@ -48,15 +48,15 @@ class Scene:
 
 
 SCENES = (
-    Scene(name="1 MP", rows=1000, cols=1000, squares=250, side_px=38),
-    Scene(name="12 MP", rows=3000, cols=4000, squares=250, side_px=130),
-    Scene(name="46 MP", rows=5520, cols=8288, squares=250, side_px=250),
+    _Scene(name="1 MP", rows=1000, cols=1000, squares=250, side_px=38),
+    _Scene(name="12 MP", rows=3000, cols=4000, squares=250, side_px=130),
+    _Scene(name="46 MP", rows=5520, cols=8288, squares=250, side_px=250),
 )
-QUICK = (Scene(name="0.2 MP", rows=480, cols=480, squares=49, side_px=38),)
-ONE_SQUARE = Scene(name="one square", rows=80, cols=80, squares=1, side_px=38)
+QUICK = (_Scene(name="0.2 MP", rows=480, cols=480, squares=49, side_px=38),)
+ONE_SQUARE = _Scene(name="one square", rows=80, cols=80, squares=1, side_px=38)
 
 
-def square(side_px: float, middle: FloatArray, turn_rad: float, half: int) -> FloatArray:
+def _square(side_px: float, middle: FloatArray, turn_rad: float, half: int) -> FloatArray:
     """Cover of pixels up to ``half`` from the middle by a blurred square, from 0 to 1."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     corners = 0.5 * side_px * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -69,7 +69,7 @@ def square(side_px: float, middle: FloatArray, turn_rad: float, half: int) -> Fl
     return np.asarray(blurred.reshape(size, _FINER, size, _FINER).mean(axis=(1, 3)))
 
 
-def photograph(scene: Scene, seed: int = 0) -> NDArray[np.uint16]:
+def photograph(scene: _Scene, seed: int = 0) -> NDArray[np.uint16]:
     """Render a scene."""
     rng = np.random.default_rng(seed)
     down = round(scene.rows / np.sqrt(scene.pixels / scene.squares))
@@ -82,7 +82,7 @@ def photograph(scene: Scene, seed: int = 0) -> NDArray[np.uint16]:
         place += rng.uniform(-0.5, 0.5, 2)
         x, y = np.floor(place).astype(int).tolist()
         turn = np.deg2rad(rng.uniform(5.0, 11.0))
-        cover = square(scene.side_px, place - [x, y], turn, half)
+        cover = _square(scene.side_px, place - [x, y], turn, half)
         top, left = max(y - half, 0), max(x - half, 0)
         part = image[top : y + half + 1, left : x + half + 1]
         inside = cover[top - y + half :, left - x + half :][: part.shape[0], : part.shape[1]]
@@ -107,7 +107,7 @@ def run_to_end(words: list[str], checkout: Path, **variables: str) -> tuple[floa
     return used.ru_utime + used.ru_stime, 1024.0 * used.ru_maxrss
 
 
-def costs(checkouts: list[Path], image: Path, rounds: int) -> FloatArray:
+def _costs(checkouts: list[Path], image: Path, rounds: int) -> FloatArray:
     """Least time and memory of the command in as many rounds, by checkout, which take turns."""
     words = ["-m", "standoff", "calibrate", str(image), "--out", str(image.with_suffix(".json"))]
     runs = [[run_to_end([*words, "--force"], one) for one in checkouts] for _ in range(rounds)]
@@ -130,13 +130,13 @@ def main(record: Recorder, *, beside: Beside = None) -> None:
     with TemporaryDirectory(prefix="standoff-") as folder:
         start = Path(folder) / "one.png"
         cv2.imwrite(str(start), photograph(ONE_SQUARE))
-        costs(checkouts, start, 1)  # compiles what is not
-        bare = costs(checkouts, start, rounds)
+        _costs(checkouts, start, 1)  # compiles what is not
+        bare = _costs(checkouts, start, rounds)
         record.say("start-up: " + ", ".join(f"{seconds:.2f} s" for seconds, _ in bare))
         for scene in record.pick(SCENES, QUICK):
             path = Path(folder) / "scene.png"
             cv2.imwrite(str(path), photograph(scene))
-            times_s, memories_bytes = (costs(checkouts, path, rounds) - bare).T.tolist()
+            times_s, memories_bytes = (_costs(checkouts, path, rounds) - bare).T.tolist()
             for name, unit, values in (
                 (f"calibrate, {scene.name}", "s", times_s),
                 (

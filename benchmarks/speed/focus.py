@@ -27,7 +27,7 @@ Views = dict[tuple[str, float], Float32Array]
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def compare_times(record: Recorder) -> None:
+def _compare_times(record: Recorder) -> None:
     frame = np.random.default_rng(1).integers(0, 4096, (580, 780)).astype(np.uint16)
     measures = [
         partial(focus_value, frame, black_level_dn=64, measure=name) for name in FOCUS_MEASURES
@@ -43,7 +43,7 @@ def compare_times(record: Recorder) -> None:
         )
 
 
-def truth_of_bench() -> BenchTruth:
+def _truth_of_bench() -> BenchTruth:
     """A lens of f/1 that is focused at one distance, on a small sensor."""
     keys = {
         "width_px": 390,
@@ -59,7 +59,7 @@ def truth_of_bench() -> BenchTruth:
     )
 
 
-def sweep_errors(
+def _sweep_errors(
     truth: BenchTruth,
     views: Views,
     target: str,
@@ -102,8 +102,8 @@ def sweep_errors(
     return float(np.sqrt(np.mean(np.square(errors)))), float(np.max(np.abs(errors))), refused
 
 
-def compare_peaks(record: Recorder) -> None:
-    truth, seeds = truth_of_bench(), record.pick(SEEDS, 4)
+def _compare_peaks(record: Recorder) -> None:
+    truth, seeds = _truth_of_bench(), record.pick(SEEDS, 4)
     views: Views = {}
     levels = record.pick((100.0, 50.0, 20.0, 10.0), (20.0,))
     cases = [(snr, drift) for snr in levels for drift in (0.0, 0.2)]
@@ -114,7 +114,7 @@ def compare_peaks(record: Recorder) -> None:
         record.say(" " * 18 + "".join(f"      SNR {s:3.0f} {100 * d:2.0f} %" for s, d in cases))
         for name in FOCUS_MEASURES:
             cells = [
-                sweep_errors(truth, views, target, name, *case, frames, seeds) for case in cases
+                _sweep_errors(truth, views, target, name, *case, frames, seeds) for case in cases
             ]
             line = "".join(f" {rms:5.2f} /{worst:5.2f} ({bad:2d})" for rms, worst, bad in cells)
             record.say(f"{name:18s}{line}")
@@ -130,5 +130,5 @@ def compare_peaks(record: Recorder) -> None:
 
 @benchmark("numpy", "numba")
 def main(record: Recorder) -> None:
-    compare_times(record)
-    compare_peaks(record)
+    _compare_times(record)
+    _compare_peaks(record)

@@ -44,7 +44,7 @@ REPEATS = 30
 JUMBO_MTU = 9000
 
 
-def serve(pipe: Connection, max_segments: int) -> None:
+def _serve(pipe: Connection, max_segments: int) -> None:
     """Serve until told to stop; then send the processor seconds used since the first word."""
     hil_mocks.gige.stream.MAX_SEGMENTS = max_segments
     bench = PracticeBench(
@@ -58,7 +58,7 @@ def serve(pipe: Connection, max_segments: int) -> None:
         pipe.send(time.process_time() - before_s)
 
 
-class Client:
+class _Client:
     """As little of a GigE Vision client as it takes to get frames."""
 
     def __init__(self) -> None:
@@ -116,15 +116,15 @@ class Client:
         self.stream.close()
 
 
-def measure(packet_size_bytes: int, max_segments: int, seconds: float) -> tuple[float, float]:
+def _measure(packet_size_bytes: int, max_segments: int, seconds: float) -> tuple[float, float]:
     """Frames per second and share of one core."""
     ours, theirs = multiprocessing.get_context("spawn").Pipe()
     process = multiprocessing.get_context("spawn").Process(
-        target=serve, args=(theirs, max_segments), daemon=True
+        target=_serve, args=(theirs, max_segments), daemon=True
     )
     process.start()
     ours.recv()
-    client = Client()
+    client = _Client()
     client.start(packet_size_bytes)
     client.count_frames(1.0)
     ours.send("begin")
@@ -137,7 +137,7 @@ def measure(packet_size_bytes: int, max_segments: int, seconds: float) -> tuple[
     return rate, share
 
 
-def milliseconds_of_parts(record: Recorder) -> None:
+def _milliseconds_of_parts(record: Recorder) -> None:
     """Where a frame's time goes, and what the sensor model's own noise would cost."""
     bench = PracticeBench(load_bench(CONFIG), height_mm=lambda: 200.0, address=ADDRESS)
     request = FrameRequest(
@@ -165,11 +165,11 @@ def milliseconds_of_parts(record: Recorder) -> None:
 
 @benchmark("numpy", "numba")
 def main(record: Recorder) -> None:
-    milliseconds_of_parts(record)
+    _milliseconds_of_parts(record)
     seconds = record.pick(SECONDS, 2.0)
     for packet_size_bytes in (1500, 8228):
-        rate, share = measure(packet_size_bytes, 64, seconds)
-        _, peer = measure(packet_size_bytes, 1, seconds)
+        rate, share = _measure(packet_size_bytes, 64, seconds)
+        _, peer = _measure(packet_size_bytes, 1, seconds)
         record.figure(
             f"serve 67.5 frames/s in packets of {packet_size_bytes} bytes",
             100 * share,

@@ -36,7 +36,7 @@ PSF = GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Growth:
+class _Growth:
     """Times of one piece of work for several sizes, ascending, and its peer's where it has one."""
 
     what: str
@@ -52,29 +52,29 @@ class Growth:
         return float(np.polyfit(np.log(self.sizes), np.log(self.times_s), 1)[0])
 
 
-def by_size(record: Recorder) -> Growth:
+def _by_size(record: Recorder) -> _Growth:
     rng = np.random.default_rng(0)
     sizes = record.pick((0.1, 0.3, 1.0, 3.0, 12.0, 24.0), (0.1, 0.5, 3.0))
     sides = [round(sqrt(size * 1e6)) for size in sizes]
     images = [rng.uniform(0, 255, (side, side)).astype(np.float32) for side in sides]
     cases = [(image, 2.0) for image in images]
-    return zoomed_out(record, "zoom-out by 2", "reference / megapixels", sizes, cases)
+    return _zoomed_out(record, "zoom-out by 2", "reference / megapixels", sizes, cases)
 
 
-def by_zoom(record: Recorder) -> Growth:
+def _by_zoom(record: Recorder) -> _Growth:
     image = np.random.default_rng(0).uniform(0, 255, (1732, 1732)).astype(np.float32)
     zooms = record.pick((1.05, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0), (1.2, 2.0, 4.0))
     cases = [(image, zoom) for zoom in zooms]
-    return zoomed_out(record, "zoom-out of 3 megapixels", "zoom-out z", zooms, cases)
+    return _zoomed_out(record, "zoom-out of 3 megapixels", "zoom-out z", zooms, cases)
 
 
-def zoomed_out(
+def _zoomed_out(
     record: Recorder,
     what: str,
     label: str,
     sizes: tuple[float, ...],
     cases: Sequence[tuple[Float32Array, float]],
-) -> Growth:
+) -> _Growth:
     """Time zoom-outs of images beside Pillow's and scipy's."""
     times_s = [
         shortest_s(
@@ -84,12 +84,12 @@ def zoomed_out(
         for image, zoom in cases
     ]
     ours, peer = zip(*times_s, strict=True)
-    return Growth(
+    return _Growth(
         what=what, label=label, sizes=sizes, times_s=ours, peer="Pillow + scipy", peer_s=peer
     )
 
 
-def by_edges(record: Recorder) -> Growth:
+def _by_edges(record: Recorder) -> _Growth:
     rng = np.random.default_rng(0)
     counts = record.pick((4, 16, 64, 256), (4, 16, 64))
     sources = [
@@ -99,7 +99,7 @@ def by_edges(record: Recorder) -> Growth:
         )
         for place, angle in enumerate(rng.uniform(0, 180, counts[-1]))
     ]
-    return timed(
+    return _timed(
         "calibration of the PSF",
         "edges, one a photograph",
         counts,
@@ -108,7 +108,7 @@ def by_edges(record: Recorder) -> Growth:
     )
 
 
-def by_heights(record: Recorder) -> Growth:
+def _by_heights(record: Recorder) -> _Growth:
     counts = record.pick((3, 5, 8, 12), (3, 5))
     truth = BenchTruth(load_bench(CONFIG, SMALL_CAMERA))
     heights = np.round(np.geomspace(180.0, 420.0, counts[-1]), 2)
@@ -119,7 +119,7 @@ def by_heights(record: Recorder) -> Growth:
             target="brick",
             orientation_deg=0.0,
             height_mm=float(height),
-            image=seen(truth, float(height)),
+            image=_seen(truth, float(height)),
         )
         for height in heights
     ]
@@ -129,10 +129,10 @@ def by_heights(record: Recorder) -> Growth:
         places = np.linspace(0, counts[-1] - 1, count).round().astype(int)
         return calibrate_geometry([captures[place] for place in places], nominal)
 
-    return timed("geometry of a height series", "heights of 390 x 290", counts, calibrate, record)
+    return _timed("geometry of a height series", "heights of 390 x 290", counts, calibrate, record)
 
 
-def seen(truth: BenchTruth, height_mm: float) -> Float32Array:
+def _seen(truth: BenchTruth, height_mm: float) -> Float32Array:
     """Capture without noise."""
     image = truth.expected_image_dn(
         "brick", 0.0, CameraPose(height_mm=height_mm), exposure_us=9000.0
@@ -140,7 +140,7 @@ def seen(truth: BenchTruth, height_mm: float) -> Float32Array:
     return np.asarray(image, dtype=np.float32)
 
 
-def by_images(record: Recorder) -> Growth:
+def _by_images(record: Recorder) -> _Growth:
     counts = record.pick((1, 4, 16, 64), (1, 4, 16))
     plan = SweepPlan(
         scenario=Scenario(psf=PSF), models=("matched",), zooms=(1.0, 1.5, 2.0), tiles_per_side=1
@@ -151,7 +151,7 @@ def by_images(record: Recorder) -> Growth:
         for path in paths:
             rough = cv2.GaussianBlur(rng.standard_normal((450, 600)), (0, 0), 1.2)
             np.save(path, 120 + 150 * rough)
-        return timed(
+        return _timed(
             "artefacts of a curve of d', 3 zooms",
             "images of 600 x 450",
             counts,
@@ -160,16 +160,16 @@ def by_images(record: Recorder) -> Growth:
         )
 
 
-def timed(
+def _timed(
     what: str,
     label: str,
     counts: tuple[int, ...],
     work: Callable[[int], object],
     record: Recorder,
-) -> Growth:
+) -> _Growth:
     """Time work of several sizes that has no peer."""
     times_s = [best_s(partial(work, count), record.pick(1.0, 0.1)) for count in counts]
-    return Growth(
+    return _Growth(
         what=what,
         label=label,
         sizes=tuple(float(count) for count in counts),
@@ -178,7 +178,7 @@ def timed(
 
 
 @in_report_style
-def plot_growths(growths: Sequence[Growth]) -> bytes:
+def _plot_growths(growths: Sequence[_Growth]) -> bytes:
     """Draw one panel for each; a dotted line through the last point has exponent 1."""
     columns = 3
     rows = -(-len(growths) // columns)
@@ -226,7 +226,7 @@ def main(
 ) -> None:
     cv2.setNumThreads(1)
     growths = []
-    for measure in (by_size, by_zoom, by_edges, by_heights, by_images):
+    for measure in (_by_size, _by_zoom, _by_edges, _by_heights, _by_images):
         growth = measure(record)
         growths.append(growth)
         for size, time_s in zip(growth.sizes, growth.times_s, strict=True):
@@ -240,5 +240,5 @@ def main(
         )
         record.figure(f"{growth.what}: exponent of {growth.label}", growth.exponent, "")
     if plot is not None:
-        plot.write_bytes(plot_growths(growths))
+        plot.write_bytes(_plot_growths(growths))
         record.say(f"\nwrote {plot}")

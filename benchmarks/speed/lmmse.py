@@ -19,7 +19,7 @@ ZOOMS = (1.1, 1.3, 2.0, 3.0)
 MODELS: tuple[Model, ...] = ("matched", "lmmse")
 
 
-def compare(record: Recorder, shape: tuple[int, int], rho: float) -> None:
+def _compare(record: Recorder, shape: tuple[int, int], rho: float) -> None:
     """Time all zooms for one size and one correlation of the PSF."""
     image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
     # Another width for each size: nothing of it is in a cache.
@@ -52,4 +52,4 @@ def compare(record: Recorder, shape: tuple[int, int], rho: float) -> None:
 def main(record: Recorder) -> None:
     for shape in record.pick(SHAPES, SHAPES[:1]):
         for rho in (0.0, 0.3):
-            compare(record, shape, rho)
+            _compare(record, shape, rho)

@@ -25,7 +25,7 @@ NOISE = 0.01  # of white, about a code on the bright side
 LOW_NOISE = 0.001  # a tenth of a code: each side is rounded to one
 
 
-def light(shape: tuple[int, int]) -> FloatArray:
+def _light(shape: tuple[int, int]) -> FloatArray:
     """An edge of known width from 0.05 to 0.85 of white, in light."""
     y, x = np.mgrid[: shape[0], : shape[1]] - np.reshape(shape, (2, 1, 1)) / 2
     turn = np.deg2rad(ANGLE_DEG)
@@ -33,20 +33,20 @@ def light(shape: tuple[int, int]) -> FloatArray:
     return np.asarray(0.45 + 0.4 * erf(across / (SIGMA_PX * np.sqrt(2))))
 
 
-def srgb(linear: FloatArray) -> FloatArray:
+def _srgb(linear: FloatArray) -> FloatArray:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def with_pillow(path: Path) -> object:
+def _with_pillow(path: Path) -> object:
     with Image.open(path) as image:
         return np.asarray(image)
 
 
-def to_light(path: Path) -> object:
+def _to_light(path: Path) -> object:
     return read_image(path).linear_planes
 
 
-def width_px(path: Path, options: ReadOptions) -> float:
+def _width_px(path: Path, options: ReadOptions) -> float:
     found = read_image(path, options)
     edges = measure_edges(EdgeImage(name=path.name, image_dn=found.grey_dn, is_jpeg=found.is_jpeg))
     return float(np.mean([edge.sigma_px for edge in edges]))
@@ -57,8 +57,8 @@ def main(record: Recorder) -> None:
     shape, rounds = record.pick(((3000, 4000), 7), ((1500, 2000), 3))
     with TemporaryDirectory() as folder:
         noise = np.random.default_rng(0).normal(0.0, NOISE, shape)
-        linear = np.clip(light(shape) + noise, 0.0, 1.0)
-        bytes_srgb = np.rint(srgb(linear) * 255).astype(np.uint8)
+        linear = np.clip(_light(shape) + noise, 0.0, 1.0)
+        bytes_srgb = np.rint(_srgb(linear) * 255).astype(np.uint8)
         colour = np.dstack([bytes_srgb] * 3)
         jpeg, png, tiff = (Path(folder) / f"edge.{kind}" for kind in ("jpg", "png", "tif"))
         buffer = BytesIO()
@@ -69,25 +69,25 @@ def main(record: Recorder) -> None:
             tiff, np.rint(linear * 65535).astype(np.uint16), compression="lzw", predictor=True
         )
         peers: tuple[tuple[str, Path, Callable[[], object], str], ...] = (
-            ("JPEG in colour", jpeg, partial(with_pillow, jpeg), "Pillow alone"),
-            ("8-bit PNG", png, partial(with_pillow, png), "Pillow alone"),
+            ("JPEG in colour", jpeg, partial(_with_pillow, jpeg), "Pillow alone"),
+            ("8-bit PNG", png, partial(_with_pillow, png), "Pillow alone"),
             ("16-bit TIFF, LZW", tiff, partial(tifffile.imread, tiff), "tifffile alone"),
         )
         megapixels = shape[0] * shape[1] / 1e6
         for name, path, peer, peer_name in peers:
-            ours_s, peer_s = medians_s([partial(to_light, path), peer], rounds)
+            ours_s, peer_s = medians_s([partial(_to_light, path), peer], rounds)
             what = f"{name} of {megapixels:g} Mpx to linear light"
             record.time(what, ours_s, peer_name, peer_s)
         quiet = Path(folder) / "quiet.png"
-        fine = np.clip(light(shape) + noise * (LOW_NOISE / NOISE), 0.0, 1.0)
-        Image.fromarray(np.rint(srgb(fine) * 255).astype(np.uint8)).save(quiet)
+        fine = np.clip(_light(shape) + noise * (LOW_NOISE / NOISE), 0.0, 1.0)
+        Image.fromarray(np.rint(_srgb(fine) * 255).astype(np.uint8)).save(quiet)
         for name, path in (
             ("JPEG, quality 95", jpeg),
             ("8-bit PNG", png),
             ("8-bit PNG with little noise", quiet),
         ):
-            error = 100 * abs(width_px(path, ReadOptions()) / SIGMA_PX - 1)
-            as_linear = 100 * abs(width_px(path, ReadOptions(encoding=LINEAR)) / SIGMA_PX - 1)
+            error = 100 * abs(_width_px(path, ReadOptions()) / SIGMA_PX - 1)
+            as_linear = 100 * abs(_width_px(path, ReadOptions(encoding=LINEAR)) / SIGMA_PX - 1)
             record.figure(
                 f"error of sigma, {name}", error, "%", peer="taken as linear", peer_value=as_linear
             )

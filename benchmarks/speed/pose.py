@@ -58,14 +58,14 @@ POSES = ((0.0, 0.0, 1.5), (10.0, 0.0, 1.3), (20.0, 0.0, 1.5), (20.0, 45.0, 2.0))
 PEER = "OpenCV's blur and cubic warp"
 
 
-def homography(
+def _homography(
     shape: tuple[int, int], tilt_deg: float, bearing_deg: float, zoom: float
 ) -> FloatArray:
     """Camera that looks at the reference's centre from ``zoom`` times its distance."""
     return PairPose(zoom=zoom, tilt_deg=tilt_deg, bearing_deg=bearing_deg).matrix(shape)
 
 
-def blurred_and_warped(
+def _blurred_and_warped(
     image: Float32Array, matrix: FloatArray, zoom: float, size: tuple[int, int]
 ) -> object:
     """What OpenCV alone makes of it."""
@@ -73,14 +73,14 @@ def blurred_and_warped(
     return cv2.warpPerspective(blurred, matrix, size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
 
 
-def seconds_of(work: Callable[[], object]) -> float:
+def _seconds_of(work: Callable[[], object]) -> float:
     """Seconds of a single run."""
     start_s = time.perf_counter()
     work()
     return time.perf_counter() - start_s
 
 
-def memory_mb(work: Callable[[], object]) -> float:
+def _memory_mb(work: Callable[[], object]) -> float:
     """Most memory that a run takes in a process of its own, beyond what there was before."""
     reading, writing = os.pipe()
     process = os.fork()
@@ -96,14 +96,14 @@ def memory_mb(work: Callable[[], object]) -> float:
     return taken / 1e6
 
 
-def compare_memory(record: Recorder, shape: tuple[int, int]) -> None:
+def _compare_memory(record: Recorder, shape: tuple[int, int]) -> None:
     """Measure the memory of every lens at one pose, before anything else has left memory behind."""
     image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
     size, pose = (shape[1], shape[0]), POSES[2]
-    matrix = homography(shape, *pose)
-    peer_mb = memory_mb(partial(blurred_and_warped, image, matrix, pose[2], size))
+    matrix = _homography(shape, *pose)
+    peer_mb = _memory_mb(partial(_blurred_and_warped, image, matrix, pose[2], size))
     for name, psf in LENSES:
-        own_mb = memory_mb(partial(simulate_pose, image, matrix, size, psf))
+        own_mb = _memory_mb(partial(simulate_pose, image, matrix, size, psf))
         record.figure(
             f"memory of a pose, {name}, {size[0]} x {size[1]}",
             own_mb,
@@ -113,17 +113,17 @@ def compare_memory(record: Recorder, shape: tuple[int, int]) -> None:
         )
 
 
-def compare(record: Recorder, shape: tuple[int, int]) -> None:
+def _compare(record: Recorder, shape: tuple[int, int]) -> None:
     """Time all lenses, poses and models for one size."""
     image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
     size, seconds = (shape[1], shape[0]), record.pick(1.0, 0.1)
     for name, psf in LENSES:
         for tilt_deg, bearing_deg, zoom in POSES:
-            matrix = homography(shape, tilt_deg, bearing_deg, zoom)
+            matrix = _homography(shape, tilt_deg, bearing_deg, zoom)
             for model in POSE_MODELS:
                 own = partial(simulate_pose, image, matrix, size, psf, PoseOptions(model=model))
-                record.say(f"the first call takes {1e3 * seconds_of(own):.0f} ms")
-                peer = partial(blurred_and_warped, image, matrix, zoom, size)
+                record.say(f"the first call takes {1e3 * _seconds_of(own):.0f} ms")
+                peer = partial(_blurred_and_warped, image, matrix, zoom, size)
                 own_s, peer_s = shortest_s([own, peer], seconds)
                 record.time(
                     f"pose, {name}, {size[0]} x {size[1]}, tilt {tilt_deg:g} at {bearing_deg:g}, "
@@ -134,7 +134,7 @@ def compare(record: Recorder, shape: tuple[int, int]) -> None:
                 )
 
 
-def corner_field(shape: tuple[int, int]) -> PsfField:
+def _corner_field(shape: tuple[int, int]) -> PsfField:
     """PSF whose sigma grows by 30 % with the square of the distance from the middle."""
     coefficients_px2 = np.zeros((3, 15))
     # (1 + .3 r^2)^2 with r^2 = u^2 + v^2
@@ -145,10 +145,10 @@ def corner_field(shape: tuple[int, int]) -> PsfField:
     return PsfField(width_px=shape[1], height_px=shape[0], coefficients_px2=coefficients_px2)
 
 
-def compare_fields(record: Recorder, shape: tuple[int, int]) -> None:
+def _compare_fields(record: Recorder, shape: tuple[int, int]) -> None:
     """Time zooms and models for a PSF that varies over the frame."""
     image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
-    field, (rows, cols) = corner_field(shape), shape
+    field, (rows, cols) = _corner_field(shape), shape
     for zoom in FIELD_ZOOMS:
         grid = SamplingGrid.centred(shape, zoom)
         size, origin_px = (grid.cols, grid.rows), ((cols - grid.cols) / 2, (rows - grid.rows) / 2)
@@ -157,7 +157,7 @@ def compare_fields(record: Recorder, shape: tuple[int, int]) -> None:
             own_s, peer_s = shortest_s(
                 [
                     partial(simulate_pose, image, grid.matrix, size, field, options),
-                    partial(blurred_and_warped, image, grid.matrix, zoom, size),
+                    partial(_blurred_and_warped, image, grid.matrix, zoom, size),
                 ],
                 record.pick(1.0, 0.1),
             )
@@ -169,11 +169,11 @@ def compare_fields(record: Recorder, shape: tuple[int, int]) -> None:
 def main(record: Recorder) -> None:
     cv2.setNumThreads(1)
     # Compiles.
-    matrix = homography((64, 64), 5.0, 0.0, 1.5)
+    matrix = _homography((64, 64), 5.0, 0.0, 1.5)
     simulate_pose(np.zeros((64, 64), np.float32), matrix, (64, 64), GAUSSIAN)
     shapes = record.pick(SHAPES, SHAPES[:1])
     for shape in shapes:
-        compare_memory(record, shape)
+        _compare_memory(record, shape)
     for shape in shapes:
-        compare(record, shape)
-    compare_fields(record, shapes[0])
+        _compare(record, shape)
+    _compare_fields(record, shapes[0])

@@ -47,7 +47,7 @@ CURVE = DetectabilityCurve(
 Image = NDArray[np.uint16]
 
 
-def path(truth: BenchTruth) -> list[Image]:
+def _path(truth: BenchTruth) -> list[Image]:
     """A hand that carries the camera up and back, and sways."""
     rng = np.random.default_rng(2)
     poses = [
@@ -64,8 +64,8 @@ def path(truth: BenchTruth) -> list[Image]:
     return [shot(truth, "coins", pose, rng) for pose in poses]
 
 
-def speed(record: Recorder, truth: BenchTruth) -> None:
-    reference, frames = reference_frame(truth, "coins", 0), path(truth)
+def _speed(record: Recorder, truth: BenchTruth) -> None:
+    reference, frames = reference_frame(truth, "coins", 0), _path(truth)
     tracker = PoseTracker(reference, CURVE, MIN_D_PRIME)
     took_s: list[float] = []
     anchor_s: list[float] = []
@@ -84,7 +84,7 @@ def speed(record: Recorder, truth: BenchTruth) -> None:
     record.say(f"slowest {1e3 * max(took_s):.0f} ms; an anchor {1e3 * max(anchor_s):.0f} ms")
 
 
-def verdicts(record: Recorder, truth: BenchTruth, count: int) -> None:
+def _verdicts(record: Recorder, truth: BenchTruth, count: int) -> None:
     decided = right = unknown = anchors = 0
     errors = []
     for number, target in enumerate(TARGETS):
@@ -115,5 +115,5 @@ def main(
 ) -> None:
     cv2.setNumThreads(1)
     truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 780, 580)
-    speed(record, truth)
-    verdicts(record, truth, poses or record.pick(200, 30))
+    _speed(record, truth)
+    _verdicts(record, truth, poses or record.pick(200, 30))

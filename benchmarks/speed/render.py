@@ -27,7 +27,7 @@ EDGE_DEG = 7.0
 EVEN_FIELD = {"simulated.corner_sigma_gain": 0.0, "simulated.k1": 0.0}
 
 
-def rendering_seconds(config: BenchConfig, target: str, seconds: float) -> float:
+def _rendering_seconds(config: BenchConfig, target: str, seconds: float) -> float:
     truth = BenchTruth(config)
     heights_mm = itertools.count(200.0)
     return best_s(
@@ -35,7 +35,7 @@ def rendering_seconds(config: BenchConfig, target: str, seconds: float) -> float
     )
 
 
-def supersampled_edge(truth: BenchTruth, samples_per_px: int) -> FloatArray:
+def _supersampled_edge(truth: BenchTruth, samples_per_px: int) -> FloatArray:
     """Point-sample the sharp edge, blur the samples, average the blocks of each pixel."""
     rows, cols, pad = truth.camera.height_px, truth.camera.width_px, 4
     x_px = (np.arange((cols + 2 * pad) * samples_per_px) + 0.5) / samples_per_px - 0.5 - pad
@@ -50,7 +50,7 @@ def supersampled_edge(truth: BenchTruth, samples_per_px: int) -> FloatArray:
     return np.asarray(blocks.mean(axis=(1, 3))[pad:-pad, pad:-pad])
 
 
-def compare_with_supersampling(record: Recorder) -> None:
+def _compare_with_supersampling(record: Recorder) -> None:
     truth = BenchTruth(load_bench(CONFIG, EVEN_FIELD | {"simulated.optical_rho": 0.0}))
     scene = Placed(scene=Edge(low=0.0, high=1.0), angle_deg=EDGE_DEG)
     pose = CameraPose(height_mm=200.0)
@@ -58,14 +58,14 @@ def compare_with_supersampling(record: Recorder) -> None:
     exact = truth.renderer.irradiance(scene, pose)
     for samples_per_px in (4, 8, 16):
         start = perf_counter()
-        plain = supersampled_edge(truth, samples_per_px)
+        plain = _supersampled_edge(truth, samples_per_px)
         plain_s = perf_counter() - start
         peer = f"{samples_per_px} x {samples_per_px} samples, blurred and averaged"
         record.time("render an edge exactly", exact_s, peer, plain_s)
         record.say(f"differs by up to {np.abs(plain - exact).max():.1e}")
 
 
-def compare_spline(record: Recorder) -> None:
+def _compare_spline(record: Recorder) -> None:
     image = PeriodicImage(np.random.default_rng(0).random((1024, 1024), dtype=np.float32))
     cols, rows = np.meshgrid(np.arange(2340) * 0.6, np.arange(1740) * 0.6)
     seconds = record.pick(SECONDS, 0.2)
@@ -91,7 +91,7 @@ def main(record: Recorder) -> None:
     seconds = record.pick(SECONDS, 0.2)
     even, full = load_bench(CONFIG, EVEN_FIELD), load_bench(CONFIG)
     for target in ("edge", "brick", "lesion", "chart", "board"):
-        even_s, full_s = (rendering_seconds(one, target, seconds) for one in (even, full))
+        even_s, full_s = (_rendering_seconds(one, target, seconds) for one in (even, full))
         record.time(f"render {target}", full_s)
         record.say(f"without distortion and growth to the corner {1e3 * even_s:.0f} ms")
     truth = BenchTruth(full)
@@ -100,5 +100,5 @@ def main(record: Recorder) -> None:
     electrons = truth.sensor.electrons(light, 9000.0)
     frame_s = best_s(lambda: truth.sensor.expose(electrons, 0.0, "Mono12", rng), seconds)
     record.time("noise of a frame of the simulated sensor", frame_s)
-    compare_with_supersampling(record)
-    compare_spline(record)
+    _compare_with_supersampling(record)
+    _compare_spline(record)

@@ -19,7 +19,7 @@ from benchmarks.harness import Recorder, benchmark
 ROUNDS = 3
 
 
-def session_of(path: Path, captures: int) -> None:
+def _session_of(path: Path, captures: int) -> None:
     """Write a session of photographs of 60 x 40 px."""
     plan = parse_plan(
         {
@@ -37,7 +37,7 @@ def session_of(path: Path, captures: int) -> None:
             session.add_photograph(entry, photograph)
 
 
-def hash_files(path: Path) -> None:
+def _hash_files(path: Path) -> None:
     """Hash every file, and nothing else."""
     for file in path.rglob("*.tif"):
         hashlib.sha256(file.read_bytes()).hexdigest()
@@ -48,13 +48,13 @@ def main(record: Recorder, *, captures: int = 10_000) -> None:
     with tempfile.TemporaryDirectory() as folder:
         count = record.pick(captures, 500)
         path = Path(folder) / "session"
-        session_of(path, count)
+        _session_of(path, count)
         ours_s, bare_s = [], []
         for _ in range(ROUNDS):
             start = time.process_time()
             assert verify(path).is_ok
             between = time.process_time()
-            hash_files(path)
+            _hash_files(path)
             ours_s.append(between - start)
             bare_s.append(time.process_time() - between)
         ours, bare = min(ours_s), min(bare_s)

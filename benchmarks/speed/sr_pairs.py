@@ -58,7 +58,7 @@ print((made.train + made.test) / (time.perf_counter() - start))
 """
 
 
-def write_photographs(folder: Path, shape: tuple[int, ...], count: int) -> None:
+def _write_photographs(folder: Path, shape: tuple[int, ...], count: int) -> None:
     """Scenes with a spectrum of 1/f^1.1 and noise of 1 DN, blurred as the camera does."""
     rng = np.random.default_rng(1)
     rows, cols = shape[:2]
@@ -75,7 +75,7 @@ def write_photographs(folder: Path, shape: tuple[int, ...], count: int) -> None:
 
 
 @dataclass(frozen=True)
-class Making:
+class _Making:
     """A way to make the pairs of a folder of photographs."""
 
     photographs: Path
@@ -99,7 +99,7 @@ class Making:
         return made.train + made.test
 
 
-def write_pairs_one_by_one(photographs: Path, out: Path) -> int:
+def _write_pairs_one_by_one(photographs: Path, out: Path) -> int:
     """Make the same pairs as earlier versions did."""
     out.mkdir()
     count = 0
@@ -121,7 +121,7 @@ def write_pairs_one_by_one(photographs: Path, out: Path) -> int:
     return count
 
 
-def rate(make: Callable[[Path], int], folder: Path) -> float:
+def _rate(make: Callable[[Path], int], folder: Path) -> float:
     """Pairs a second, into a new folder that stays: ext4 is slow where files were just deleted."""
     out = Path(mkdtemp(dir=folder)) / "out"
     start_s = time.perf_counter()
@@ -129,7 +129,7 @@ def rate(make: Callable[[Path], int], folder: Path) -> float:
     return count / (time.perf_counter() - start_s)
 
 
-def before_rate(checkout: Path, photographs: Path, folder: Path) -> float:
+def _before_rate(checkout: Path, photographs: Path, folder: Path) -> float:
     """Rate of an earlier version, in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-c", BEFORE, str(photographs), mkdtemp(dir=folder)],
@@ -142,26 +142,26 @@ def before_rate(checkout: Path, photographs: Path, folder: Path) -> float:
     return float(done.stdout)
 
 
-def compare_layouts(record: Recorder, folder: Path, checkout: Path | None) -> None:
+def _compare_layouts(record: Recorder, folder: Path, checkout: Path | None) -> None:
     """Rates of one process, by kind of photograph and layout."""
     layouts: tuple[PairFormat, ...] = ("folder", "webdataset")
     for number, (kind, (shape, count)) in enumerate(KINDS.items()):
         count = record.pick(count, 1)
         photographs = folder / f"photographs-{number}"
-        write_photographs(photographs, shape, count)
+        _write_photographs(photographs, shape, count)
         for layout in layouts:
             with patch("os.fsync", wraps=os.fsync) as synced:
-                rate(Making(photographs, layout), folder)
+                _rate(_Making(photographs, layout), folder)
             record.say(f"{kind}, {layout}: {synced.call_count} fsyncs for {count} shards")
         works: dict[str, Callable[[], float]] = {
-            layout: partial(rate, Making(photographs, layout), folder) for layout in layouts
+            layout: partial(_rate, _Making(photographs, layout), folder) for layout in layouts
         }
-        works["one by one"] = partial(rate, partial(write_pairs_one_by_one, photographs), folder)
+        works["one by one"] = partial(_rate, partial(_write_pairs_one_by_one, photographs), folder)
         if checkout is not None:
             for layout in layouts:
-                making = Making(photographs, layout, is_as_before=True)
-                works[f"{layout}, linear, matched"] = partial(rate, making, folder)
-            works["before"] = partial(before_rate, checkout, photographs, folder)
+                making = _Making(photographs, layout, is_as_before=True)
+                works[f"{layout}, linear, matched"] = partial(_rate, making, folder)
+            works["before"] = partial(_before_rate, checkout, photographs, folder)
         rates = dict.fromkeys(works, 0.0)
         for _ in range(record.pick(4, 1) + 1):
             for name, work in works.items():
@@ -174,14 +174,14 @@ def compare_layouts(record: Recorder, folder: Path, checkout: Path | None) -> No
             record.time(name, 1 / rates[layout], "one by one", 1 / rates["one by one"])
 
 
-def compare_workers(record: Recorder, folder: Path, workers: int) -> None:
+def _compare_workers(record: Recorder, folder: Path, workers: int) -> None:
     """Rates of worker processes in the second half of a run.
 
     Workers take some seconds to start, not always the same: the half lasts far longer than that.
     """
     count = record.pick(2048, 16)
     one = folder / "photographs-one"
-    write_photographs(one, (580, 780), 16)
+    _write_photographs(one, (580, 780), 16)
     half, whole = folder / "half", folder / "whole"
     for target, copies in ((half, count // 2), (whole, count)):
         target.mkdir()
@@ -195,7 +195,7 @@ def compare_workers(record: Recorder, folder: Path, workers: int) -> None:
     for number in (1, workers):
         for photographs in (half, whole):
             start_s = time.perf_counter()
-            making = Making(photographs, "webdataset", number)
+            making = _Making(photographs, "webdataset", number)
             pairs = making(Path(mkdtemp(dir=folder)) / "out")
             seconds[number].append(time.perf_counter() - start_s)
     rates = {n: pairs / 2 / (whole_s - half_s) for n, (half_s, whole_s) in seconds.items()}
@@ -211,5 +211,5 @@ def main(
 ) -> None:
     cv2.setNumThreads(1)
     with TemporaryDirectory() as name:
-        compare_layouts(record, Path(name), before)
-        compare_workers(record, Path(name), workers)
+        _compare_layouts(record, Path(name), before)
+        _compare_workers(record, Path(name), workers)

@@ -20,12 +20,12 @@ BYTES_PER_S = 11_520
 """115200 baud, 8N1."""
 
 
-def line_rate(parse: Callable[[bytes], object], line: bytes) -> float:
+def _line_rate(parse: Callable[[bytes], object], line: bytes) -> float:
     """Lines per second."""
     return LINES / best_s(lambda: [parse(line) for _ in range(LINES)], 0.2)
 
 
-def bare_round_trip_s(path: str) -> float:
+def _bare_round_trip_s(path: str) -> float:
     with serial.Serial(path, 115200, timeout=1) as port:
 
         def ask() -> None:
@@ -35,7 +35,7 @@ def bare_round_trip_s(path: str) -> float:
         return median_s(ask, ROUND_TRIPS)
 
 
-def driver_round_trip_s(path: str) -> float:
+def _driver_round_trip_s(path: str) -> float:
     link = SerialLink(open_serial_port(path, 115200), name="the stage", clock=monotonic)
     controller = GrblController(link, clock=monotonic)
     controller.get_in_step(may_boot=True)
@@ -48,7 +48,7 @@ def driver_round_trip_s(path: str) -> float:
 @benchmark("pyserial")
 def main(record: Recorder) -> None:
     for name, parse, line in (("Grbl", parse_line, REPORT), ("Zaber", parse_message, REPLY)):
-        rate = line_rate(parse, line)
+        rate = _line_rate(parse, line)
         wire = BYTES_PER_S / (len(line) + 2)
         record.figure(
             f"parse a line of {name}",
@@ -58,7 +58,7 @@ def main(record: Recorder) -> None:
             peer_value=1e6 / wire,
         )
     with SerialStage("grbl") as stage:
-        bare_s = bare_round_trip_s(stage.port)
-        driver_s = driver_round_trip_s(stage.port)
+        bare_s = _bare_round_trip_s(stage.port)
+        driver_s = _driver_round_trip_s(stage.port)
     record.time("status round trip", driver_s, "bare pyserial readline", bare_s)
     record.say("the emulator looks every 2 ms")

@@ -22,13 +22,13 @@ CHECKOUT = Path(__file__).parents[2]
 LINES = (["--version"], ["--help"], ["verify", "--help"], ["simulate", "--help"])
 
 
-def children_s() -> float:
+def _children_s() -> float:
     """Processor time of all processes that ended, in seconds."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
-def started(words: list[str]) -> Callable[[], object]:
+def _started(words: list[str]) -> Callable[[], object]:
     """What runs a process of Python to its end."""
     return partial(
         subprocess.run,
@@ -47,9 +47,9 @@ def main(record: Recorder) -> None:
         calibrate = ["calibrate", str(square), "--force", "--out", str(psf)]
         lines = {" ".join(words): words for words in LINES} | {"calibrate, one square": calibrate}
         works = [
-            started(["-c", "import numpy"]),
-            *(started(["-m", "standoff", *words]) for words in lines.values()),
+            _started(["-c", "import numpy"]),
+            *(_started(["-m", "standoff", *words]) for words in lines.values()),
         ]
-        peer_s, *ours_s = shortest_s(works, record.pick(20.0, 1.0), clock=children_s)
+        peer_s, *ours_s = shortest_s(works, record.pick(20.0, 1.0), clock=_children_s)
         for words, time_s in zip(lines, ours_s, strict=True):
             record.time(f"standoff {words}", time_s, "import numpy", peer_s)

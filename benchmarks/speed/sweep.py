@@ -37,7 +37,7 @@ TASK = DetectionTask(
 MB = 1e6
 
 
-class Run(TypedDict):
+class _Run(TypedDict):
     """What one sweep needed."""
 
     seconds: float
@@ -46,7 +46,7 @@ class Run(TypedDict):
     state_bytes: int
 
 
-def by_images(record: Recorder) -> None:
+def _by_images(record: Recorder) -> None:
     """Memory, disk and time by number of images, in this process and with two workers."""
     for workers in (1, 2):
         counts = record.pick((1000, 10_000, 100_000), (500, 4000))
@@ -54,7 +54,7 @@ def by_images(record: Recorder) -> None:
         record.say(" images   ms/image   client / MB   worker / MB   state / MB")
         runs = {}
         for count in counts:
-            run = runs[count] = started(count, 64, 1, workers)
+            run = runs[count] = _started(count, 64, 1, workers)
             record.say(
                 f"{count:7d} {1e3 * run['seconds'] / count:10.2f} {run['client_bytes'] / MB:13.1f} "
                 f"{run['worker_bytes'] / MB:13.1f} {run['state_bytes'] / MB:12.2f}"
@@ -75,21 +75,21 @@ def by_images(record: Recorder) -> None:
         record.figure(f"state for each image and model, {name}", grown, "bytes")
 
 
-def by_size(record: Recorder) -> None:
+def _by_size(record: Recorder) -> None:
     """Time by pixels and by models."""
     count = record.pick(1000, 200)
     for side in record.pick((64, 128, 256, 512), (64, 256)):
-        run = started(count, side, 1, 1)
+        run = _started(count, side, 1, 1)
         took_ms = 1e3 * run["seconds"] / count
         record.figure(f"an image of {side} x {side} px", took_ms, "ms")
     for models in (1, 2, 3):
-        run = started(count, 256, models, 1)
+        run = _started(count, 256, models, 1)
         took_ms = 1e3 * run["seconds"] / count
         record.figure(f"an image of 256 x 256 px, {models} models", took_ms, "ms")
         record.figure(f"state, {models} models", run["state_bytes"] / MB, "MB")
 
 
-def by_growth(record: Recorder) -> None:
+def _by_growth(record: Recorder) -> None:
     """Photographs that are measured when some came to those of an earlier run."""
     pairs = ((127, 129), (1000, 1030), (4095, 4097), (8191, 8200))
     for before, after in record.pick(pairs, pairs[:2]):
@@ -105,17 +105,17 @@ def by_growth(record: Recorder) -> None:
         record.figure(f"measured when {before} photographs become {after}", measured, "photographs")
 
 
-def started(count: int, side_px: int, models: int, workers: int) -> Run:
+def _started(count: int, side_px: int, models: int, workers: int) -> _Run:
     with TemporaryDirectory() as folder:
         call = f"one_run(Path({folder!r}), {count}, {side_px}, {models}, {workers})"
         script = f"from benchmarks.speed.sweep import *; print(json.dumps({call}))"
         words = [sys.executable, "-c", script]
         done = subprocess.run(words, capture_output=True, text=True, check=True)
-        run: Run = json.loads(done.stdout)
+        run: _Run = json.loads(done.stdout)
         return run
 
 
-def one_run(folder: Path, count: int, side_px: int, models: int, workers: int) -> Run:
+def _one_run(folder: Path, count: int, side_px: int, models: int, workers: int) -> _Run:
     """Sweep and compute the curves; Dask is imported before the memory is measured."""
     import analysis.sweep.cluster  # noqa: F401
 
@@ -135,7 +135,7 @@ def one_run(folder: Path, count: int, side_px: int, models: int, workers: int) -
         for path in (folder / "memory").iterdir()
         if workers > 1 and len(path.read_text().split()) == 2
     ]
-    return Run(
+    return _Run(
         seconds=seconds,
         client_bytes=memory_bytes("VmHWM") - before_bytes,
         worker_bytes=max((most - first for first, most in noted), default=0),
@@ -145,6 +145,6 @@ def one_run(folder: Path, count: int, side_px: int, models: int, workers: int) -
 
 @benchmark("numpy", "distributed")
 def main(record: Recorder) -> None:
-    by_images(record)
-    by_size(record)
-    by_growth(record)
+    _by_images(record)
+    _by_size(record)
+    _by_growth(record)

@@ -73,7 +73,7 @@ def pillow_and_scipy(image: Float32Array, zoom: float) -> Float32Array:
 
 
 @in_report_style
-def plot_growth(path: Path) -> None:
+def _plot_growth(path: Path) -> None:
     psf = GaussianPsf(sigma_x_px=SIGMA_PX, sigma_y_px=SIGMA_PX)
     rng = np.random.default_rng(0)
     figure = new_figure(8.0, 3.4)
@@ -102,13 +102,13 @@ def plot_growth(path: Path) -> None:
     path.write_bytes(png_bytes(figure))
 
 
-def opencv(image: Float32Array, zoom: float) -> AnyArray:
+def _opencv(image: Float32Array, zoom: float) -> AnyArray:
     grid = SamplingGrid.centred((image.shape[0], image.shape[1]), zoom)
     blurred = cv2.GaussianBlur(image, (0, 0), sqrt(zoom**2 - 1))
     return cv2.resize(blurred, (grid.cols, grid.rows), interpolation=cv2.INTER_CUBIC)
 
 
-def compare(record: Recorder, shape: tuple[int, int]) -> None:
+def _compare(record: Recorder, shape: tuple[int, int]) -> None:
     """Time all models, PSFs and zooms for one size."""
     image = np.random.default_rng(0).uniform(0, 255, shape).astype(np.float32)
     copy = np.empty_like(image)
@@ -119,7 +119,7 @@ def compare(record: Recorder, shape: tuple[int, int]) -> None:
     rows += [(model, name) for model in ("matched", "lmmse") for name in PSFS]
     for zoom in ZOOMS:
         calls: list[Callable[[], object]] = [
-            partial(opencv, image, zoom),
+            partial(_opencv, image, zoom),
             partial(pillow_and_scipy, image, zoom),
         ]
         calls += [partial(zoom_out, image, zoom, PSFS[name], model) for model, name in rows]
@@ -129,7 +129,7 @@ def compare(record: Recorder, shape: tuple[int, int]) -> None:
         record.say(f"Pillow + scipy {1e3 * pillow_s:.2f} ms")
 
 
-def build(record: Recorder) -> None:
+def _build(record: Recorder) -> None:
     """Time the kernels of a PSF that was not seen before, then those of another image size."""
     for zoom in ZOOMS:
         for model in ("matched", "lmmse"):
@@ -165,8 +165,8 @@ def main(
 ) -> None:
     cv2.setNumThreads(1)
     for shape in record.pick(SHAPES, SHAPES[:1]):
-        compare(record, shape)
-    build(record)
+        _compare(record, shape)
+    _build(record)
     if plot is not None:
-        plot_growth(plot)
+        _plot_growth(plot)
         record.say(f"\nwrote {plot}")

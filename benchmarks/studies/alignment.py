@@ -124,7 +124,7 @@ class Case:
         )
 
 
-def case(number: int, frame: tuple[int, int], first_seed: int = FIRST_SEED) -> Case:
+def _case(number: int, frame: tuple[int, int], first_seed: int = FIRST_SEED) -> Case:
     """Pair ``number`` of those that begin at a seed."""
     seed = first_seed + number
     rng = np.random.default_rng(seed)
@@ -177,7 +177,7 @@ def _share(matrix: FloatArray, frame: tuple[int, int]) -> float:
     return float(np.mean(inside))
 
 
-def peer_error_px(one: Case) -> float:
+def _peer_error_px(one: Case) -> float:
     """Error of OpenCV's SIFT and MAGSAC; infinite where it finds none."""
     reference, followup = (
         np.clip(image / (1 if one.bits == 8 else 16), 0, 255).astype(np.uint8)
@@ -193,7 +193,7 @@ def peer_error_px(one: Case) -> float:
     return one.pair.error_px(u / w, v / w)
 
 
-def judge_steep(record: Recorder, kinds: tuple[str, ...]) -> None:
+def _judge_steep(record: Recorder, kinds: tuple[str, ...]) -> None:
     """Print what becomes of pairs whose follow-up is taken steeply from aside."""
     views = list(product((kind for kind in kinds if kind != "tiled"), STEEP_TILTS_DEG))
     missed, wrong, peer_missed = 0, 0, 0
@@ -216,7 +216,7 @@ def judge_steep(record: Recorder, kinds: tuple[str, ...]) -> None:
         record.say(f"tilt {tilt_deg:g} degrees, {kind}: {verdict}, error {error_px:.3g} px")
         missed += verdict not in ("aligned", "coarse")
         wrong += verdict == "wrong"
-        peer_missed += not peer_error_px(one) <= WORST_FACTOR * bound
+        peer_missed += not _peer_error_px(one) <= WORST_FACTOR * bound
     record.figure(
         f"tilted by 35 to 60 degrees: not aligned to 4 bounds, of {len(views)}",
         missed,
@@ -228,7 +228,7 @@ def judge_steep(record: Recorder, kinds: tuple[str, ...]) -> None:
         sys.exit(f"{wrong} tilted pairs are silently wrong")
 
 
-def judge_extremes(record: Recorder, kinds: tuple[str, ...]) -> None:
+def _judge_extremes(record: Recorder, kinds: tuple[str, ...]) -> None:
     """Print what becomes of pairs that have a fortieth of one photograph in common, or nothing."""
     aligned, wrong = 0, 0
     kinds = tuple(kind for kind in kinds if kind != "tiled")
@@ -271,7 +271,7 @@ def judge_extremes(record: Recorder, kinds: tuple[str, ...]) -> None:
         sys.exit(f"{wrong} extreme pairs are silently wrong")
 
 
-def judge(record: Recorder, cases: Iterable[Case], hinted_each: int) -> None:
+def _judge(record: Recorder, cases: Iterable[Case], hinted_each: int) -> None:
     """Print what became of the pairs of every kind.
 
     The operator's hints are given to each ``hinted_each``-th pair and to those that fail without.
@@ -297,7 +297,7 @@ def judge(record: Recorder, cases: Iterable[Case], hinted_each: int) -> None:
                 if rescued not in ("aligned", "coarse"):
                     record.say(f"pair {number} ({one.kind}), {name}: {rescued}, {error:.3g} px")
         start = time.process_time()
-        peer = peer_error_px(one)
+        peer = _peer_error_px(one)
         seconds["peer"].append(time.process_time() - start)
         found[one.kind]["peer within 4 bounds"] += peer <= WORST_FACTOR * bound
         found[one.kind]["peer loose"] += peer <= LOOSE_PX
@@ -369,7 +369,7 @@ def main(
         sys.exit("--hints must be at least 1")
     pairs = record.pick(pairs, 6)
     frame = (round(width_px * 580 / 780), width_px)
-    cases = (case(number, frame, seed) for number in range(pairs))
-    judge(record, cases, hints)
-    judge_steep(record, record.pick(tuple(SCENES), ("text",)))
-    judge_extremes(record, record.pick(tuple(SCENES), ("text",)))
+    cases = (_case(number, frame, seed) for number in range(pairs))
+    _judge(record, cases, hints)
+    _judge_steep(record, record.pick(tuple(SCENES), ("text",)))
+    _judge_extremes(record, record.pick(tuple(SCENES), ("text",)))

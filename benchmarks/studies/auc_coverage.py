@@ -41,7 +41,7 @@ Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
+class _Condition:
     """What scores are drawn from."""
 
     effect: str
@@ -75,7 +75,7 @@ class Condition:
         return without, with_change + self.d_prime
 
 
-def won(without: FloatArray, with_change: FloatArray) -> FloatArray:
+def _won(without: FloatArray, with_change: FloatArray) -> FloatArray:
     """Comparisons won by photograph of the changed and of the unchanged pair; no ties."""
     photographs, pairs = without.shape
     order = np.argsort(np.concatenate([without.ravel(), with_change.ravel()]))
@@ -89,7 +89,7 @@ def won(without: FloatArray, with_change: FloatArray) -> FloatArray:
     return by_changed
 
 
-def around(auc: float, variance: float, freedom: float) -> dict[str, Interval]:
+def _around(auc: float, variance: float, freedom: float) -> dict[str, Interval]:
     """The interval plain and in the logit; where the variance says nothing, a point."""
     quantile = float(stdtrit(freedom, 0.975)) if freedom < np.inf else float(ndtri(0.975))
     half = quantile * sqrt(max(variance, 0.0))
@@ -101,7 +101,7 @@ def around(auc: float, variance: float, freedom: float) -> dict[str, Interval]:
     return {"plain": (auc - half, auc + half), "logit": (low, high)}
 
 
-def methods(
+def _methods(
     without: FloatArray, with_change: FloatArray, rng: np.random.Generator
 ) -> Iterator[tuple[str, Interval]]:
     """All methods on one set of scores."""
@@ -109,20 +109,20 @@ def methods(
     number = np.repeat(np.arange(photographs), pairs)
     chosen = auc_interval(without.ravel(), with_change.ravel(), number, number)
     yield CHOSEN, (chosen.low, chosen.high)
-    table = won(without, with_change)
+    table = _won(without, with_change)
     met = pairs**2
     auc = float(table.sum() / (met * photographs**2))
     ordered = np.sort(without.ravel()), np.sort(with_change.ravel())
     placed = np.searchsorted(ordered[0], with_change) / without.size
     placed_without = 1 - np.searchsorted(ordered[1], without) / with_change.size
     delong = float(np.var(placed, ddof=1) + np.var(placed_without, ddof=1)) / without.size
-    for scale, interval in around(auc, delong, np.inf).items():
+    for scale, interval in _around(auc, delong, np.inf).items():
         yield f"DeLong, {scale}", interval
     if photographs == 1:
         return
     away = placed.mean(axis=1) + placed_without.mean(axis=1) - 2 * auc
     clustered = float(np.sum(away**2)) / (photographs * (photographs - 1))
-    for scale, interval in around(auc, clustered, photographs - 1).items():
+    for scale, interval in _around(auc, clustered, photographs - 1).items():
         yield f"Obuchowski, {scale}", interval
     apart = table - np.diag(np.diag(table))
     between = float(apart.sum()) / (met * photographs * (photographs - 1))
@@ -131,18 +131,18 @@ def methods(
     jackknife = float(np.sum(away**2)) * (photographs - 1) / photographs
     yield (
         "jackknife between photographs, plain",
-        around(between, jackknife, photographs - 1)["plain"],
+        _around(between, jackknife, photographs - 1)["plain"],
     )
     drawn = rng.multinomial(photographs, np.full(photographs, 1 / photographs), RESAMPLES)
     again = np.sum((drawn @ table) * drawn, axis=1) / (met * photographs**2)
     low, high = np.quantile(again, (0.025, 0.975)).tolist()
     yield "bootstrap, percentiles", (low, high)
     spread = float(np.var(again, ddof=1)) * photographs / (photographs - 1)
-    for scale, interval in around(auc, spread, photographs - 1).items():
+    for scale, interval in _around(auc, spread, photographs - 1).items():
         yield f"bootstrap, {scale}", interval
 
 
-def tpr_methods(
+def _tpr_methods(
     without: FloatArray, with_change: FloatArray, rng: np.random.Generator
 ) -> Iterator[tuple[str, Interval]]:
     """The method of ``analysis``, that of independent pairs, and the bootstrap's."""
@@ -166,11 +166,11 @@ def tpr_methods(
     low, high = np.quantile(again, (0.025, 0.975)).tolist()
     yield "bootstrap, percentiles", (low, high)
     spread = float(np.var(again, ddof=1)) * photographs / (photographs - 1)
-    yield "bootstrap, logit", around(found.tpr, spread, photographs - 1)["logit"]
+    yield "bootstrap, logit", _around(found.tpr, spread, photographs - 1)["logit"]
 
 
 @dataclass(slots=True, kw_only=True)
-class Tally:
+class _Tally:
     """How often intervals held the truth, and how wide they were."""
 
     runs: int = 0
@@ -183,15 +183,15 @@ class Tally:
         return self.held / self.runs
 
 
-def tally(condition: Condition, runs: int, *, of_tpr: bool) -> dict[str, Tally]:
+def _tally(condition: _Condition, runs: int, *, of_tpr: bool) -> dict[str, _Tally]:
     """One condition, again and again."""
-    tallies: dict[str, Tally] = defaultdict(Tally)
+    tallies: dict[str, _Tally] = defaultdict(_Tally)
     seeds = (100 * condition.auc, 10 * condition.share, condition.photographs, condition.pairs)
     rng = np.random.default_rng([*map(round, seeds), len(condition.effect)])
     truth = condition.tpr if of_tpr else condition.auc
     for _ in range(runs):
         scores = condition.draw(rng)
-        for name, (low, high) in (tpr_methods if of_tpr else methods)(*scores, rng):
+        for name, (low, high) in (_tpr_methods if of_tpr else _methods)(*scores, rng):
             found = tallies[name]
             found.runs += 1
             found.held += low <= truth <= high
@@ -199,7 +199,7 @@ def tally(condition: Condition, runs: int, *, of_tpr: bool) -> dict[str, Tally]:
     return tallies
 
 
-def study(record: Recorder, runs: int, *, of_tpr: bool) -> None:
+def _study(record: Recorder, runs: int, *, of_tpr: bool) -> None:
     """All conditions: a row for each of the chosen method, and what each method does over all."""
     what = "TPR" if of_tpr else "AUC"
     over: dict[tuple[str, int], list[float]] = defaultdict(list)
@@ -207,10 +207,10 @@ def study(record: Recorder, runs: int, *, of_tpr: bool) -> None:
     for (effect, share), photographs, pairs in product(EFFECTS, PHOTOGRAPHS, PAIRS):
         cells = []
         for auc in AUCS:
-            condition = Condition(
+            condition = _Condition(
                 effect=effect, share=share, photographs=photographs, pairs=pairs, auc=auc
             )
-            tallies = tally(condition, runs, of_tpr=of_tpr)
+            tallies = _tally(condition, runs, of_tpr=of_tpr)
             for name, found in tallies.items():
                 alone = ", photographs differ" if photographs == 1 and share else ""
                 over[name + alone, photographs].append(found.coverage)
@@ -229,17 +229,17 @@ def study(record: Recorder, runs: int, *, of_tpr: bool) -> None:
         record.figure(f"{what} held at least, {name}, {photographs} photographs", 100 * low, "%")
 
 
-def few_photographs(record: Recorder, runs: int) -> None:
+def _few_photographs(record: Recorder, runs: int) -> None:
     """AUC of two and three photographs, by the method of ``analysis`` alone."""
     for (effect, share), photographs in product(EFFECTS, (2, 3)):
         cells = []
         number = np.repeat(np.arange(photographs), 20)
         for auc in AUCS:
-            condition = Condition(
+            condition = _Condition(
                 effect=effect, share=share, photographs=photographs, pairs=20, auc=auc
             )
             rng = np.random.default_rng([round(100 * auc), round(10 * share), photographs])
-            found = Tally()
+            found = _Tally()
             for _ in range(runs):
                 without, with_change = condition.draw(rng)
                 one = auc_interval(without.ravel(), with_change.ravel(), number, number)
@@ -252,6 +252,6 @@ def few_photographs(record: Recorder, runs: int) -> None:
 
 @benchmark("numpy", "scipy")
 def main(record: Recorder) -> None:
-    study(record, record.pick(1000, 20), of_tpr=False)
-    study(record, record.pick(400, 20), of_tpr=True)
-    few_photographs(record, record.pick(1000, 20))
+    _study(record, record.pick(1000, 20), of_tpr=False)
+    _study(record, record.pick(400, 20), of_tpr=True)
+    _few_photographs(record, record.pick(1000, 20))

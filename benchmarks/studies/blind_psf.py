@@ -35,7 +35,7 @@ LENSES_PX = ((0.4, 0.36), (0.55, 0.48), (0.75, 0.67), (1.0, 0.9), (1.3, 1.17))
 METHODS = ("two-distance", "single-image")
 
 
-def photograph(truth: BenchTruth, name: str, height_mm: float, seed: int) -> EdgeImage:
+def _photograph(truth: BenchTruth, name: str, height_mm: float, seed: int) -> EdgeImage:
     """A single frame of a print."""
     light = truth.irradiance(name, 5.0, CameraPose(height_mm=height_mm)).astype(np.float64)
     noise_dn = WHITE_DN / SNR
@@ -45,12 +45,12 @@ def photograph(truth: BenchTruth, name: str, height_mm: float, seed: int) -> Edg
     return EdgeImage(name=name, image_dn=image, noise=known)
 
 
-def ratios(found: PsfCalibration, truth_px: FloatArray) -> FloatArray:
+def _ratios(found: PsfCalibration, truth_px: FloatArray) -> FloatArray:
     assert found.covariance_px2 is not None
     return np.asarray(np.sqrt(np.diag(found.covariance_px2)) / truth_px)
 
 
-def holds(found: PsfCalibration, truth_px: FloatArray) -> list[bool]:
+def _holds(found: PsfCalibration, truth_px: FloatArray) -> list[bool]:
     """Whether the 95 % intervals of the widths along x and y hold the truth."""
     intervals = (found.intervals_95["sigma_x_px"], found.intervals_95["sigma_y_px"])
     return [
@@ -59,7 +59,7 @@ def holds(found: PsfCalibration, truth_px: FloatArray) -> list[bool]:
     ]
 
 
-def judge_lens(record: Recorder, lens_px: tuple[float, float]) -> dict[str, list[bool]]:
+def _judge_lens(record: Recorder, lens_px: tuple[float, float]) -> dict[str, list[bool]]:
     """Print the table of one lens; return which intervals of each method hold the truth."""
     keys = {
         "simulated.corner_sigma_gain": 0.0,
@@ -75,20 +75,20 @@ def judge_lens(record: Recorder, lens_px: tuple[float, float]) -> dict[str, list
     columns: dict[str, list[float]] = {method: [] for method in METHODS}
     held: dict[str, list[bool]] = {method: [] for method in METHODS}
     for seed, name in enumerate(PHOTOGRAPHS):
-        pair = [photograph(truth, name, h, seed) for h in (NEAR_MM, far_mm)]
+        pair = [_photograph(truth, name, h, seed) for h in (NEAR_MM, far_mm)]
         both = calibrate_from_distances([pair])
-        by_pair = ratios(both, truth_px)
+        by_pair = _ratios(both, truth_px)
         columns["two-distance"].extend(by_pair)
-        held["two-distance"].extend(holds(both, truth_px))
+        held["two-distance"].extend(_holds(both, truth_px))
         line = f"  {name:12s} {by_pair[0]:7.3f} {by_pair[1]:7.3f}"
         try:
-            alone = calibrate_from_scene([photograph(truth, name, SCENE_MM, seed)])
+            alone = calibrate_from_scene([_photograph(truth, name, SCENE_MM, seed)])
         except CalibrationError:
             record.say(f"{line}       -       -")
             continue
-        by_edges = ratios(alone, truth_px)
+        by_edges = _ratios(alone, truth_px)
         columns["single-image"].extend(by_edges)
-        held["single-image"].extend(holds(alone, truth_px))
+        held["single-image"].extend(_holds(alone, truth_px))
         clear = sum(is_clear(edge) for edge in alone.edges)
         record.say(f"{line} {by_edges[0]:7.3f} {by_edges[1]:7.3f} {clear:6d}")
     for method, values in columns.items():
@@ -102,7 +102,7 @@ def judge_lens(record: Recorder, lens_px: tuple[float, float]) -> dict[str, list
 def main(record: Recorder) -> None:
     held: dict[str, list[bool]] = {method: [] for method in METHODS}
     for lens_px in record.pick(LENSES_PX, LENSES_PX[:1]):
-        for method, of_lens in judge_lens(record, lens_px).items():
+        for method, of_lens in _judge_lens(record, lens_px).items():
             held[method].extend(of_lens)
     for method, of_all in held.items():
         share = 100 * float(np.mean(of_all))

@@ -43,7 +43,7 @@ BENCH = {
 
 
 @dataclass(kw_only=True)
-class Tally:
+class _Tally:
     """Sums over captures, by pixel."""
 
     light: NDArray[np.float64]
@@ -85,10 +85,10 @@ class Tally:
         self.total = self.total + found
         self.squares = self.squares + (found - self.light) ** 2
         self.variance = self.variance + variance
-        self.hat = self.hat + hat_merge(averages)
+        self.hat = self.hat + _hat_merge(averages)
 
 
-def hat_merge(averages: list[AveragedFrames]) -> NDArray[np.float64]:
+def _hat_merge(averages: list[AveragedFrames]) -> NDArray[np.float64]:
     """Light by the weights of Debevec and Malik, equation 4: largest at the middle of the range."""
     weights = [np.minimum(one.mean_dn, TOP_DN - one.mean_dn).astype(np.float64) for one in averages]
     light = [(one.mean_dn - BLACK_DN) / ratio for one, ratio in zip(averages, RATIOS, strict=True)]
@@ -96,7 +96,7 @@ def hat_merge(averages: list[AveragedFrames]) -> NDArray[np.float64]:
     return np.asarray(summed / np.maximum(sum(weights), 1e-9))
 
 
-def captured(delay: tuple[int, int], captures: int, seed: int) -> Tally:
+def _captured(delay: tuple[int, int], captures: int, seed: int) -> _Tally:
     """Capture the tablet by a camera whose exposure is late."""
     bench = SimulatedBench(BenchConfig.model_validate(BENCH))
     bench.stage.home(60)
@@ -106,18 +106,18 @@ def captured(delay: tuple[int, int], captures: int, seed: int) -> Tally:
     control = ExposureControl(camera, SHORTEST_US, lambda: bench.clock.now_s)
     exposures_us = [SHORTEST_US * ratio for ratio in RATIOS]
     level = bench.truth.expected_image_dn("step tablet", 0.0, bench.pose, exposure_us=SHORTEST_US)
-    tally = Tally(light=level - BLACK_DN)
+    tally = _Tally(light=level - BLACK_DN)
     for _ in range(captures):
         tally.add(camera, control.bracket(FRAMES, exposures_us, keep_frames=True))
     return tally
 
 
-def compare(record: Recorder) -> None:
+def _compare(record: Recorder) -> None:
     """Print one line for each delay, and the accuracy over all decades for all of them."""
     captures = record.pick(CAPTURES, 4) // len(DELAYS) or 1
     tallies = []
     for number, delay in enumerate(DELAYS):
-        tally = captured(delay, captures, seed=number)
+        tally = _captured(delay, captures, seed=number)
         record.say(
             f"exposure {delay[0]} to {delay[1]} frames late: {tally.frames} frames used, "
             f"{tally.stale} of them stale, {tally.refused} refused"
@@ -160,4 +160,4 @@ def compare(record: Recorder) -> None:
 
 @benchmark("numpy")
 def main(record: Recorder) -> None:
-    compare(record)
+    _compare(record)

@@ -47,7 +47,7 @@ ANGLES_DEG = tuple(8.0 + 18.0 * k for k in range(10))
 SNR = 500.0
 
 
-def judge(record: Recorder) -> Iterator[str]:
+def _judge(record: Recorder) -> Iterator[str]:
     """Print and record every case; yield the bounds that are broken."""
     scene = slanted_rectangles(SIDE_PX, SAMPLES, seed=5)
     record.say("| camera, noise, zoom | matched before | " + " | ".join(MODELS[1:]) + " |")
@@ -60,7 +60,7 @@ def judge(record: Recorder) -> Iterator[str]:
         ).best_psf(camera.name)
         for zoom, most_dn in zip(ZOOMS, before_dn, strict=True):
             case = f"{camera.name}, {noise_dn:g} DN, {zoom:g}"
-            found = ring_errors(scene, camera, psf, noise_dn, zoom)
+            found = _ring_errors(scene, camera, psf, noise_dn, zoom)
             values = " | ".join(f"{truth:.2f} ({whole:.2f})" for truth, whole in found.values())
             record.say(f"| {case} | {most_dn:.2f} | {values} |")
             for model, (truth_dn, _) in found.items():
@@ -75,7 +75,7 @@ def judge(record: Recorder) -> Iterator[str]:
             )
 
 
-def ring_errors(
+def _ring_errors(
     scene: Scene, camera: Camera, psf: Psf, noise_dn: float, zoom: float
 ) -> dict[str, tuple[float, float]]:
     """Rms error against the truth and against the whole photograph, by model."""
@@ -91,23 +91,23 @@ def ring_errors(
         for model in MODELS[1:]:
             made = zoom_out_on_grid(pixels, cut, psf, model)
             whole = zoom_out_on_grid(reference, inside, psf, model)
-            errors[model].append((ring(made - truth), ring(made - whole)))
-    return {model: (rms(of, 0), rms(of, 1)) for model, of in errors.items()}
+            errors[model].append((_ring(made - truth), _ring(made - whole)))
+    return {model: (_rms(of, 0), _rms(of, 1)) for model, of in errors.items()}
 
 
-def ring(image: FloatArray) -> FloatArray:
+def _ring(image: FloatArray) -> FloatArray:
     """Outermost pixels of an image."""
     is_outer = np.ones(image.shape, dtype=np.bool_)
     is_outer[1:-1, 1:-1] = False
     return np.asarray(image[is_outer])
 
 
-def rms(pairs: list[tuple[FloatArray, FloatArray]], which: int) -> float:
+def _rms(pairs: list[tuple[FloatArray, FloatArray]], which: int) -> float:
     return float(np.sqrt(np.mean(np.square([pair[which] for pair in pairs]))))
 
 
 @benchmark("numpy", "scipy", note=f"rms of the outermost ring of cut-outs of {CUT_PX} px, in DN")
 def main(record: Recorder) -> None:
-    broken = [*judge(record)]
+    broken = [*_judge(record)]
     if broken:
         sys.exit("\n".join(broken))

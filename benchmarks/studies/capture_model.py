@@ -140,7 +140,7 @@ FLOOR_DN2 = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ModelErrors:
+class _ModelErrors:
     """Mean squared errors in DN^2 by case and column; the column ``ideal`` is among them."""
 
     cases: list[str] = field(default_factory=list)
@@ -176,25 +176,25 @@ class ModelErrors:
         columns = [name for name in columns if name in self.errors]
         lines = [f"| case | {' | '.join(columns)} |", "|---|" + "---:|" * len(columns)]
         for index, case in enumerate(self.cases):
-            values = " | ".join(brief(self.errors[column][index]) for column in columns)
+            values = " | ".join(_brief(self.errors[column][index]) for column in columns)
             lines.append(f"| {case} | {values} |")
         if any(self.counted):
             for name, summary in (
                 ("geometric mean of ratio", self.mean_ratio),
                 ("worst ratio", self.worst_ratio),
             ):
-                values = " | ".join(brief(summary(column)) for column in columns)
+                values = " | ".join(_brief(summary(column)) for column in columns)
                 lines.append(f"| **{name}** | {values} |")
         return "\n".join(lines)
 
 
-def brief(value: float) -> str:
+def _brief(value: float) -> str:
     """Three digits, without an exponent where it can be helped."""
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}" if value >= 1e-4 else f"{value:.0e}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibrated:
+class _Calibrated:
     """One camera's PSFs: as measured, its Gaussian alone, and the true one."""
 
     camera: Camera
@@ -255,7 +255,7 @@ class Calibrated:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ZoomRuns:
+class _ZoomRuns:
     """Which zoom-outs are judged: zooms, noises of the reference, and by all models or one."""
 
     zooms: Sequence[float]
@@ -263,27 +263,27 @@ class ZoomRuns:
     is_default_only: bool = False
 
 
-def judge_zooms(
-    scene: Scene, cameras: Sequence[Calibrated], runs: ZoomRuns
-) -> dict[float, ModelErrors]:
+def _judge_zooms(
+    scene: Scene, cameras: Sequence[_Calibrated], runs: _ZoomRuns
+) -> dict[float, _ModelErrors]:
     """Errors by lens and zoom, for every level of noise in the reference."""
-    results = {noise_dn: ModelErrors() for noise_dn in runs.noises_dn}
+    results = {noise_dn: _ModelErrors() for noise_dn in runs.noises_dn}
     for calibrated in cameras:
         camera = calibrated.camera
         reference = scene.reference(camera)
         for zoom in runs.zooms:
-            for noise_dn, errors in zoom_errors(calibrated, scene, reference, zoom, runs):
+            for noise_dn, errors in _zoom_errors(calibrated, scene, reference, zoom, runs):
                 case = f"{camera.name}, {zoom:g}"
                 results[noise_dn].add(case, errors, is_counted=camera in BOUND_LENSES)
     return results
 
 
-def zoom_errors(
-    calibrated: Calibrated,
+def _zoom_errors(
+    calibrated: _Calibrated,
     scene: Scene,
     reference: FloatArray,
     zoom: float,
-    runs: ZoomRuns,
+    runs: _ZoomRuns,
 ) -> Iterator[tuple[float, dict[str, float]]]:
     """Yield errors by column, for one level of noise after another."""
     camera = calibrated.camera
@@ -306,9 +306,9 @@ def zoom_errors(
         )
 
 
-def judge_poses(cameras: Sequence[Calibrated], poses: Sequence[dict[str, float]]) -> ModelErrors:
+def _judge_poses(cameras: Sequence[_Calibrated], poses: Sequence[dict[str, float]]) -> _ModelErrors:
     """Errors by lens and pose, where the follow-up is the coarser one."""
-    results = ModelErrors()
+    results = _ModelErrors()
     scene = slanted_rectangles(POSE_SIDE_PX, POSE_SAMPLES, seed=7)
     for calibrated in cameras:
         camera = calibrated.camera
@@ -326,7 +326,7 @@ def judge_poses(cameras: Sequence[Calibrated], poses: Sequence[dict[str, float]]
     return results
 
 
-def broken_zoom_bounds(zooms: ModelErrors) -> Iterator[str]:
+def _broken_zoom_bounds(zooms: _ModelErrors) -> Iterator[str]:
     """Yield what does not hold of zoom-outs without noise."""
     mean, worst = zooms.mean_ratio(DEFAULT_MODEL), zooms.worst_ratio(DEFAULT_MODEL)
     if not mean <= ZOOM_MEAN_MOST:
@@ -339,17 +339,17 @@ def broken_zoom_bounds(zooms: ModelErrors) -> Iterator[str]:
             yield f"{case}: worse than bicubic"
 
 
-def broken_choice_bounds(by_noise: dict[float, ModelErrors]) -> Iterator[str]:
+def _broken_choice_bounds(by_noise: dict[float, _ModelErrors]) -> Iterator[str]:
     """Yield where ``lmmse`` is worse than ``matched``, with noise in the reference too."""
     for noise_dn, results in by_noise.items():
         for index, case in enumerate(results.cases):
             own, other = (results.at(index)[model] for model in ("lmmse", "matched"))
             if not own <= max(other * LMMSE_MOST, other + SLACK_DN2):
                 noise = f"noise {noise_dn:g} DN"
-                yield f"{case}, {noise}: lmmse leaves {brief(own)}, matched {brief(other)}"
+                yield f"{case}, {noise}: lmmse leaves {_brief(own)}, matched {_brief(other)}"
 
 
-def broken_gaussian_bounds(zooms: ModelErrors) -> Iterator[str]:
+def _broken_gaussian_bounds(zooms: _ModelErrors) -> Iterator[str]:
     """Yield where a model is worse for Gaussian cameras than it was."""
     for camera, zoom in product(GAUSSIANS_BEFORE, ZOOMS):
         case = f"{camera.name}, {zoom:g}"
@@ -359,10 +359,10 @@ def broken_gaussian_bounds(zooms: ModelErrors) -> Iterator[str]:
         at = zooms.at(zooms.cases.index(case))
         for model, before in zip(("matched", "lmmse"), figure, strict=True):
             if not at[model] <= max(before * BEFORE_MOST, before + SLACK_DN2):
-                yield f"{case}: {model} leaves {brief(at[model])}, before {brief(before)}"
+                yield f"{case}: {model} leaves {_brief(at[model])}, before {_brief(before)}"
 
 
-def broken_pose_bounds(poses: ModelErrors) -> Iterator[str]:
+def _broken_pose_bounds(poses: _ModelErrors) -> Iterator[str]:
     """Yield what does not hold of other poses."""
     worst = poses.worst_ratio(DEFAULT_MODEL)
     if not worst <= POSE_MOST:
@@ -383,44 +383,44 @@ def true_psf(camera: Camera, total: GaussianPsf) -> Psf:
     return MeasuredPsf(lens=lens, gaussian=total)
 
 
-def judge(record: Recorder, cameras: Sequence[Calibrated]) -> Iterator[str]:
+def _judge(record: Recorder, cameras: Sequence[_Calibrated]) -> Iterator[str]:
     """Print and record all tables; yield the bounds that are broken."""
     scene = slanted_rectangles(SIDE_PX, ZOOM_SAMPLES, seed=0)
-    runs = record.pick(ZoomRuns(zooms=ZOOMS, noises_dn=NOISES_DN), ZoomRuns(zooms=ZOOMS[1:]))
-    by_noise = judge_zooms(scene, cameras, runs)
+    runs = record.pick(_ZoomRuns(zooms=ZOOMS, noises_dn=NOISES_DN), _ZoomRuns(zooms=ZOOMS[1:]))
+    by_noise = _judge_zooms(scene, cameras, runs)
     for noise_dn, results in by_noise.items():
         record.say(f"\nlens and zoom, {noise_dn:g} DN of noise in the reference")
         record.say(results.table(COLUMNS))
         if any(results.counted):
-            record_ratios(record, f"zooms, noise {noise_dn:g} DN", results, "OpenCV")
+            _record_ratios(record, f"zooms, noise {noise_dn:g} DN", results, "OpenCV")
     noise_free = by_noise[0.0]
     if any(noise_free.counted):
-        yield from broken_zoom_bounds(noise_free)
-    yield from broken_choice_bounds(by_noise)
-    yield from broken_gaussian_bounds(noise_free)
+        yield from _broken_zoom_bounds(noise_free)
+    yield from _broken_choice_bounds(by_noise)
+    yield from _broken_gaussian_bounds(noise_free)
     posed = [calibrated for calibrated in cameras if calibrated.camera in POSE_LENSES]
     if posed:
-        poses = judge_poses(posed, record.pick(POSES, POSES[2:3]))
+        poses = _judge_poses(posed, record.pick(POSES, POSES[2:3]))
         record.say("\nposes")
         record.say(poses.table(COLUMNS))
-        record_ratios(record, "poses", poses, f"{DEFAULT_MODEL} with a Gaussian PSF")
-        yield from broken_pose_bounds(poses)
+        _record_ratios(record, "poses", poses, f"{DEFAULT_MODEL} with a Gaussian PSF")
+        yield from _broken_pose_bounds(poses)
 
 
-def judge_noisier_edges(record: Recorder, lenses: Sequence[Camera]) -> None:
+def _judge_noisier_edges(record: Recorder, lenses: Sequence[Camera]) -> None:
     """Record how near the default model comes with edges of a lower SNR."""
     scene = slanted_rectangles(SIDE_PX, ZOOM_SAMPLES, seed=0)
     counted = [lens for lens in lenses if lens in BOUND_LENSES]
     for snr in record.pick(OTHER_SNRS, OTHER_SNRS[1:]) if counted else ():
-        cameras = [Calibrated.of(lens, snr) for lens in counted]
-        runs = ZoomRuns(zooms=record.pick(ZOOMS, ZOOMS[2:]), is_default_only=True)
-        results = judge_zooms(scene, cameras, runs)[0.0]
+        cameras = [_Calibrated.of(lens, snr) for lens in counted]
+        runs = _ZoomRuns(zooms=record.pick(ZOOMS, ZOOMS[2:]), is_default_only=True)
+        results = _judge_zooms(scene, cameras, runs)[0.0]
         record.say(f"\nlens and zoom, edges at SNR {snr:g}")
         record.say(results.table(COLUMNS))
-        record_ratios(record, f"zooms, edges at SNR {snr:g}", results, "OpenCV")
+        _record_ratios(record, f"zooms, edges at SNR {snr:g}", results, "OpenCV")
 
 
-def record_ratios(record: Recorder, what: str, results: ModelErrors, peer: str) -> None:
+def _record_ratios(record: Recorder, what: str, results: _ModelErrors, peer: str) -> None:
     """Keep the mean and the worst ratio of the default model, beside a peer's."""
     column = peer.replace(" with a Gaussian PSF", ", Gaussian")
     name = "OpenCV's blur and resize" if peer == "OpenCV" else peer
@@ -451,9 +451,9 @@ def main(
         record.say("without pyBSM: pip install --no-deps pybsm")
     lenses = record.pick((*BOUND_LENSES, *OTHER_LENSES), QUICK_LENSES)
     lenses = tuple(one for one in lenses if lens in one.name)
-    cameras = [Calibrated.of(one, snr) for one in lenses]
-    broken = [*judge(record, cameras)]
+    cameras = [_Calibrated.of(one, snr) for one in lenses]
+    broken = [*_judge(record, cameras)]
     if snr == SNR:
-        judge_noisier_edges(record, lenses)
+        _judge_noisier_edges(record, lenses)
     if broken and snr == SNR:
         sys.exit("\n".join(broken))

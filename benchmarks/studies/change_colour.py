@@ -46,14 +46,14 @@ _DRAWS = 300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Spots:
+class _Spots:
     """Painted spots of a frame: what an ideal filter sees of each, and whether it was found."""
 
     heights: FloatArray
     found: FloatArray
 
 
-def covariance(kind: str) -> FloatArray:
+def _covariance(kind: str) -> FloatArray:
     """Of the channels' noise in one photograph."""
     sd, correlation = NOISES[kind]
     shape = np.full((3, 3), correlation)
@@ -61,7 +61,7 @@ def covariance(kind: str) -> FloatArray:
     return np.asarray(shape * np.outer(sd, sd))
 
 
-def scene(rng: np.random.Generator) -> FloatArray:
+def _scene(rng: np.random.Generator) -> FloatArray:
     """A soft texture of all channels, as a background has one."""
     freq = np.hypot(np.fft.fftfreq(SIDE_PX)[:, None], np.fft.rfftfreq(SIDE_PX)[None])
     white = np.fft.rfft2(rng.normal(size=(SIDE_PX, SIDE_PX))) * np.exp(-((freq / 0.05) ** 2))
@@ -70,13 +70,13 @@ def scene(rng: np.random.Generator) -> FloatArray:
     return np.repeat(levels[..., None], 3, axis=2)
 
 
-def with_noise(levels: FloatArray, kind: str, rng: np.random.Generator) -> FloatArray:
+def _with_noise(levels: FloatArray, kind: str, rng: np.random.Generator) -> FloatArray:
     """Levels with noise of a kind, as floats: no step of a file adds to it."""
-    root = np.linalg.cholesky(covariance(kind))
+    root = np.linalg.cholesky(_covariance(kind))
     return np.asarray(levels + rng.normal(size=levels.shape) @ root.T)
 
 
-def compared(before: FloatArray, after: FloatArray) -> ChangeResult:
+def _compared(before: FloatArray, after: FloatArray) -> ChangeResult:
     """Compare two frames of one pose in colour."""
     shape = (SIDE_PX, SIDE_PX)
     pose = DistortedPose(matrix=np.eye(3), k1=0.0, reference_shape=shape, followup_shape=shape)
@@ -85,23 +85,23 @@ def compared(before: FloatArray, after: FloatArray) -> ChangeResult:
     return find_changes(luma_plane(before), luma_plane(after), None, options)
 
 
-def false_px(kind: str, seed: int) -> int:
+def _false_px(kind: str, seed: int) -> int:
     """Changed pixels of a frame without change."""
     rng = np.random.default_rng((seed, 1))
-    levels = scene(rng)
-    found = compared(with_noise(levels, kind, rng), with_noise(levels, kind, rng)).summary
+    levels = _scene(rng)
+    found = _compared(_with_noise(levels, kind, rng), _with_noise(levels, kind, rng)).summary
     return found.changed_px + found.moved_px
 
 
-def painted(kind: str, seed: int) -> Spots:
+def _painted(kind: str, seed: int) -> _Spots:
     """Paint spots in random directions of colour, and say which are found."""
     rng = np.random.default_rng((seed, 2))
-    inverse = np.linalg.inv(2 * covariance(kind))
+    inverse = np.linalg.inv(2 * _covariance(kind))
     along = np.arange(APART_PX, SIDE_PX - APART_PX // 2, APART_PX)
     places = np.stack(np.meshgrid(along, along, indexing="ij"), axis=-1).reshape(-1, 2)
     centres = places + rng.uniform(-0.5, 0.5, places.shape)
     heights = rng.choice(HEIGHTS, len(places))
-    levels = scene(rng)
+    levels = _scene(rng)
     after = levels.copy()
     y, x = np.mgrid[:SIDE_PX, :SIDE_PX]
     for (row, col), height in zip(centres, heights, strict=True):
@@ -111,16 +111,16 @@ def painted(kind: str, seed: int) -> Spots:
         amplitude = height / (pi**0.5 * SPOT_SIGMA_PX)
         spot = np.exp(-((y - row) ** 2 + (x - col) ** 2) / (2 * SPOT_SIGMA_PX**2))
         after += amplitude * spot[..., None] * unit
-    made = compared(with_noise(levels, kind, rng), with_noise(after, kind, rng))
+    made = _compared(_with_noise(levels, kind, rng), _with_noise(after, kind, rng))
     is_change = made.is_change | made.is_moved
     near = [
         is_change[round(row) - 4 : round(row) + 5, round(col) - 4 : round(col) + 5].any()
         for row, col in centres
     ]
-    return Spots(heights=heights, found=np.array(near, dtype=np.float64))
+    return _Spots(heights=heights, found=np.array(near, dtype=np.float64))
 
 
-def half_found(spots: Sequence[Spots]) -> float:
+def _half_found(spots: Sequence[_Spots]) -> float:
     """Height at which half are found, by a cumulative Gaussian."""
     height = np.concatenate([one.heights for one in spots])
     found = np.concatenate([one.found for one in spots])
@@ -133,7 +133,7 @@ def half_found(spots: Sequence[Spots]) -> float:
     return float(fitted[0])
 
 
-def ideal_height() -> float:
+def _ideal_height() -> float:
     """The same of a filter that knows the noise, the width and the direction.
 
     It looks at one place, and its threshold is exceeded by as many pixels of a frame.
@@ -141,7 +141,7 @@ def ideal_height() -> float:
     return float(-ndtri(FALSE_ALARMS / SIDE_PX**2 / 2))
 
 
-def mean_interval(counts: Sequence[int]) -> tuple[float, float]:
+def _mean_interval(counts: Sequence[int]) -> tuple[float, float]:
     """95 % of the mean, by frames drawn anew: false pixels come in clumps."""
     rng = np.random.default_rng(0)
     drawn = np.array(counts)[rng.integers(len(counts), size=(_DRAWS, len(counts)))].mean(axis=1)
@@ -154,13 +154,13 @@ def main(
     record: Recorder, *, frames: Annotated[int | None, f"{FRAMES} by default"] = None, seed: int = 1
 ) -> None:
     frames = frames or record.pick(FRAMES, QUICK_FRAMES)
-    ideal = ideal_height()
+    ideal = _ideal_height()
     record.say(
         f"{frames} frames of {SIDE_PX} x {SIDE_PX} px a kind; {FALSE_ALARMS:g} false px stated"
     )
     for kind in NOISES:
-        counts = [false_px(kind, seed + number) for number in range(frames)]
-        low, high = mean_interval(counts)
+        counts = [_false_px(kind, seed + number) for number in range(frames)]
+        low, high = _mean_interval(counts)
         mean = sum(counts) / frames
         record.say(f"{kind:12s} false px a frame {mean:.2f} [{low:.2f}, {high:.2f}]")
         record.figure(
@@ -170,11 +170,11 @@ def main(
             peer="as stated",
             peer_value=FALSE_ALARMS,
         )
-        spots = [painted(kind, seed + number) for number in range(max(frames // 20, 3))]
-        ratio = half_found(spots) / ideal
+        spots = [_painted(kind, seed + number) for number in range(max(frames // 20, 3))]
+        ratio = _half_found(spots) / ideal
         rng = np.random.default_rng(0)
         drawn = [
-            half_found([spots[i] for i in rng.integers(len(spots), size=len(spots))]) / ideal
+            _half_found([spots[i] for i in rng.integers(len(spots), size=len(spots))]) / ideal
             for _ in range(_DRAWS if not record.is_quick else 20)
         ]
         low, high = np.percentile(drawn, [2.5, 97.5]).tolist()

@@ -48,7 +48,7 @@ def _round(sigma_px: float) -> Camera:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class _Kind:
     """A kind of pairs.
 
     Parameters
@@ -81,9 +81,9 @@ class Kind:
         return GaussianPsf(sigma_x_px=self.psf_px, sigma_y_px=self.psf_px)
 
 
-def _airy(number: float) -> Kind:
+def _airy(number: float) -> _Kind:
     lens = f_number(number)
-    return Kind(
+    return _Kind(
         name=f"f/{number:g}, rectangles",
         cameras=(lens, lens),
         blur_px=0.6,
@@ -91,24 +91,24 @@ def _airy(number: float) -> Kind:
     )
 
 
-def _focus(before_px: float, after_px: float) -> Kind:
-    return Kind(
+def _focus(before_px: float, after_px: float) -> _Kind:
+    return _Kind(
         name=f"{before_px:.2g} to {after_px:.2g} px",
         cameras=(_round(before_px), _round(after_px)),
         blur_px=after_px,
     )
 
 
-def _developed(name: str, **how: object) -> Kind:
+def _developed(name: str, **how: object) -> _Kind:
     made = replace(Development(), **how)  # type: ignore[arg-type]  # fields by name
-    return Kind(name=name, developments=(made, made))
+    return _Kind(name=name, developments=(made, made))
 
 
 KINDS = (
-    Kind(name="one camera"),
-    Kind(name="with its PSF", psf_px=0.9),
-    Kind(name="PSF 20 % too wide", psf_px=1.08),
-    Kind(name="PSF 20 % too narrow", psf_px=0.72),
+    _Kind(name="one camera"),
+    _Kind(name="with its PSF", psf_px=0.9),
+    _Kind(name="PSF 20 % too wide", psf_px=1.08),
+    _Kind(name="PSF 20 % too narrow", psf_px=0.72),
     _airy(4.0),
     _airy(5.6),
     _airy(8.0),
@@ -118,12 +118,12 @@ KINDS = (
     _focus(0.9, 0.55),
     _focus(1.3, 0.5),
     _focus(1.8, 0.5),
-    Kind(
+    _Kind(
         name="other camera, gamma",
         cameras=(_round(0.6), _round(0.9)),
         developments=(Development(), Development(gain=1.15, gamma=0.45)),
     ),
-    Kind(
+    _Kind(
         name="distortion 1 %",
         poses=tuple(replace(pose, distortion_k1=k1) for pose in POSES[1:3] for k1 in (-0.01, 0.01)),
     ),
@@ -131,7 +131,7 @@ KINDS = (
 
 
 @dataclass(kw_only=True)
-class Score:
+class _Score:
     """Sums over the pairs of a kind."""
 
     flagged: list[list[int]] = field(default_factory=list)
@@ -149,7 +149,7 @@ class Score:
         return [(own.false_at(rate) / frames, plain.false_at(rate) / frames) for rate in TPR]
 
 
-def pairs(kind: Kind, seed: int) -> Iterator[tuple[Pair, Pair, FloatArray]]:
+def _pairs(kind: _Kind, seed: int) -> Iterator[tuple[Pair, Pair, FloatArray]]:
     """A pair without a change, the same with spots, and where those are, ``(x, y)``."""
     for number, pose in enumerate(kind.poses):
         for place, (name, contrast_dn) in enumerate(kind.scenes):
@@ -180,7 +180,7 @@ def pairs(kind: Kind, seed: int) -> Iterator[tuple[Pair, Pair, FloatArray]]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study:
+class _Study:
     """How each kind is judged: noise of a photograph, pairs of noise a scene, seed, alignment."""
 
     noise_dn: float
@@ -189,11 +189,11 @@ class Study:
     is_aligned: bool
 
 
-def scored(
-    kind: Kind, made: list[tuple[Pair, Pair, FloatArray]], study: Study, *, is_swapped: bool
-) -> Score:
+def _scored(
+    kind: _Kind, made: list[tuple[Pair, Pair, FloatArray]], study: _Study, *, is_swapped: bool
+) -> _Score:
     """Compare pairs of a kind; swapped, the spots are in the earlier photograph."""
-    score = Score()
+    score = _Score()
     before, after = (replace(how, noise_dn=study.noise_dn) for how in kind.developments)
     for number, (unchanged, changed, where) in enumerate(made):
         first = 1000 * study.seed + 100 * number  # noise of its own for each pair
@@ -228,7 +228,7 @@ def scored(
 
 
 def _add_spots(
-    score: Score,
+    score: _Score,
     result: ChangeResult,
     change: FloatArray,
     where: FloatArray,
@@ -273,15 +273,15 @@ def main(
         used = record.pick(
             scenery, replace(scenery, poses=scenery.poses[:2], scenes=scenery.scenes[:2])
         )
-        study = Study(
+        study = _Study(
             noise_dn=noise,
             draws=record.pick(DRAWS, 1),
             seed=seed,
             is_aligned=not true_pose,
         )
-        made = list(pairs(used, seed))
+        made = list(_pairs(used, seed))
         for is_swapped in (False, True):
-            score = scored(used, made, study, is_swapped=is_swapped)
+            score = _scored(used, made, study, is_swapped=is_swapped)
             name = f"{scenery.name}{', swapped' if is_swapped else ''}"
             flagged = np.mean(score.flagged, axis=0)
             false = score.false_pixels()

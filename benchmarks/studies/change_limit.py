@@ -47,7 +47,7 @@ _ROUND = gaussian(0.9, has_pixel=False)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class _Kind:
     """What differs between reference and follow-up, and how both are stored."""
 
     name: str
@@ -58,25 +58,25 @@ class Kind:
 
 
 KINDS = (
-    *(Kind(name=name, scenes=(name,)) for name in SCENES),
-    Kind(name="other focus", cameras=(_ROUND, gaussian(1.2, has_pixel=False))),
-    Kind(
+    *(_Kind(name=name, scenes=(name,)) for name in SCENES),
+    _Kind(name="other focus", cameras=(_ROUND, gaussian(1.2, has_pixel=False))),
+    _Kind(
         name="JPEG 90",
         before=Development(jpeg_quality=90),
         after=Development(gain=1.03, jpeg_quality=90),
     ),
-    Kind(
+    _Kind(
         name="sRGB, 8 bits",
         before=Development(gamma=0.45, bits=8),
         after=Development(gain=1.03, gamma=0.45, bits=8),
     ),
-    Kind(name="shading", after=Development(gain=1.03, slope=0.25)),
-    Kind(name="f/5.6", cameras=(f_number(5.6), f_number(5.6)), scenes=("mondrian", "lesion")),
+    _Kind(name="shading", after=Development(gain=1.03, slope=0.25)),
+    _Kind(name="f/5.6", cameras=(f_number(5.6), f_number(5.6)), scenes=("mondrian", "lesion")),
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Judged:
+class _Judged:
     """A painted spot: the power that was predicted, whether it was found, and where it lay."""
 
     predicted: float
@@ -87,14 +87,14 @@ class Judged:
 
 
 @dataclass(kw_only=True)
-class Score:
+class _Score:
     """Spots of a kind, and pixels flagged where nothing changed."""
 
-    spots: list[Judged] = field(default_factory=list)
+    spots: list[_Judged] = field(default_factory=list)
     flagged: list[int] = field(default_factory=list)
 
 
-def developed(
+def _developed(
     levels_dn: FloatArray, how: Development, seed: int, painted: FloatArray
 ) -> FloatArray:
     """Develop a photograph; ``painted`` is added before rounding and compression."""
@@ -102,17 +102,17 @@ def developed(
     return Development(bits=how.bits, jpeg_quality=how.jpeg_quality).of(raw, 0)
 
 
-def judged(kind: Kind, name: str, pose: PairPose, seed: int, score: Score) -> None:
+def _judged(kind: _Kind, name: str, pose: PairPose, seed: int, score: _Score) -> None:
     """Paint spots of all sizes into a pair, and look for them."""
     rng = np.random.default_rng(seed)
     pair = pair_of(scene(name, FRAME, seed, contrast_dn=SCENES[name]), FRAME, pose, kind.cameras)
     before, after = (replace(how, noise_dn=NOISE_DN) for how in (kind.before, kind.after))
     nothing = np.zeros(FRAME)
-    reference = developed(pair.reference_dn, before, 2 * seed, nothing)
+    reference = _developed(pair.reference_dn, before, 2 * seed, nothing)
     known = DistortedPose(matrix=pair.matrix, k1=0, reference_shape=FRAME, followup_shape=FRAME)
 
     def compared(painted: FloatArray, sigma_px: float) -> ChangeResult:
-        followup = developed(pair.followup_dn, after, 2 * seed + 1, painted)
+        followup = _developed(pair.followup_dn, after, 2 * seed + 1, painted)
         options = ChangeOptions(pose=known, spot_sigma_px=sigma_px)
         return find_changes(reference, followup, None, options)
 
@@ -150,7 +150,7 @@ def judged(kind: Kind, name: str, pose: PairPose, seed: int, score: Score) -> No
             ]
             height = limit_height * abs(factor)
             score.spots.append(
-                Judged(
+                _Judged(
                     predicted=float(detection_power(np.array(height), threshold)),
                     found=bool(near),
                     sigma_px=sigma_px,
@@ -160,19 +160,19 @@ def judged(kind: Kind, name: str, pose: PairPose, seed: int, score: Score) -> No
             )
 
 
-def shares(spots: list[Judged]) -> tuple[float, float]:
+def _shares(spots: list[_Judged]) -> tuple[float, float]:
     """Mean predicted power and share found."""
     return float(np.mean([s.predicted for s in spots])), float(np.mean([s.found for s in spots]))
 
 
-def worst_tenth(record: Recorder, name: str, spots: list[Judged], least: int) -> float:
+def _worst_tenth(record: Recorder, name: str, spots: list[_Judged], least: int) -> float:
     """Say predicted and found by tenths of the power; return the largest difference."""
     worst, parts = 0.0, []
     for low, high in pairwise(TENTHS):
         inside = [s for s in spots if low <= s.predicted < high or s.predicted == high == 1]
         if len(inside) < least:
             continue
-        predicted, found = shares(inside)
+        predicted, found = _shares(inside)
         parts.append(f"{predicted:.2f}/{found:.2f} ({len(inside)})")
         worst = max(worst, abs(predicted - found))
     record.say(f"{name:14s} predicted/found (spots): {'  '.join(parts)}")
@@ -187,27 +187,27 @@ def main(
     seed: int = 3,
     rounds: Annotated[int, "of all scenes and poses"] = 1,
 ) -> None:
-    pooled: list[Judged] = []
+    pooled: list[_Judged] = []
     for place, scenery in enumerate(KINDS):
         if kind is not None and kind not in scenery.name:
             continue
-        score = Score()
+        score = _Score()
         turns = rounds * (3 if len(scenery.scenes) == 1 else 1)
         for turn in range(record.pick(turns, 1)):
             for number, name in enumerate(scenery.scenes):
                 for view, pose in enumerate(record.pick(POSES, POSES[1:2])):
                     # Noise and spots of its own for each kind: else they would err alike.
                     draw = 1000 * (seed + 10 * turn + 50 * place) + 10 * number + view
-                    judged(scenery, name, pose, draw, score)
-        predicted, found = shares(score.spots)
+                    _judged(scenery, name, pose, draw, score)
+        predicted, found = _shares(score.spots)
         record.say(
             f"{scenery.name:14s} {len(score.spots)} spots: predicted {predicted:.3f}, found "
             f"{found:.3f}; {np.mean(score.flagged):.2f} px flagged a frame without change"
         )
-        worst_tenth(record, scenery.name, score.spots, 12)
+        _worst_tenth(record, scenery.name, score.spots, 12)
         record.figure(f"{scenery.name}: predicted less found", predicted - found, "")
         pooled += score.spots
-    worst = worst_tenth(record, "pooled", pooled, 20)
+    worst = _worst_tenth(record, "pooled", pooled, 20)
     record.figure("largest difference in a tenth of the power", worst, "")
     order = sorted(pooled, key=lambda spot: spot.steepness)
     for name, part in (
@@ -216,7 +216,7 @@ def main(
         *((f"{s:g} px", [one for one in pooled if one.sigma_px == s]) for s in SIGMAS_PX),
     ):
         record.say(f"{name}: {len(part)} spots")
-        worst_tenth(record, name, part, 12)
+        _worst_tenth(record, name, part, 12)
         sizes = [s.fitted_px / s.sigma_px for s in part if s.fitted_px and s.predicted > 0.95]
         if sizes:
             right = float(np.mean(np.abs(np.array(sizes) - 1) < 0.3))

@@ -39,7 +39,7 @@ MARGIN_PX, APART_PX, REACH_PX = 22.0, 20.0, 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Truth:
+class _Truth:
     """A spot as the follow-up shows it at the resolution of the coarser photograph."""
 
     x_px: float
@@ -48,20 +48,20 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Case:
+class _Case:
     """A pair with spots, and its true pose."""
 
     reference: FloatArray
     followup: FloatArray
     pose: DistortedPose
-    spots: tuple[Truth, ...]
+    spots: tuple[_Truth, ...]
 
     def found(self, options: ChangeOptions) -> ChangeResult:
         """Compare the two."""
         return find_changes(self.reference, self.followup, None, options)
 
 
-def spread_out(rng: np.random.Generator, pose: PairPose) -> list[tuple[float, float]]:
+def _spread_out(rng: np.random.Generator, pose: PairPose) -> list[tuple[float, float]]:
     """Places (x, y) in the follow-up, far from one another and from borders of both."""
     rows, cols = FRAME
     chosen: list[tuple[float, float]] = []
@@ -74,7 +74,7 @@ def spread_out(rng: np.random.Generator, pose: PairPose) -> list[tuple[float, fl
     return chosen
 
 
-def case(number: int, snr: tuple[float, float], kinds: tuple[str, ...] = KINDS) -> Case:
+def _case(number: int, snr: tuple[float, float], kinds: tuple[str, ...] = KINDS) -> _Case:
     """A pair with spots of so many standard deviations of their matched filters."""
     rng = np.random.default_rng(7000 + number)
     pose = POSES[number // len(kinds) % len(POSES)]
@@ -83,7 +83,7 @@ def case(number: int, snr: tuple[float, float], kinds: tuple[str, ...] = KINDS) 
     # Noise of both at low frequencies, of the reference as it is seen.
     noise = NOISE_DN * sqrt(1 + 1 / zoom**2)
     truths, spots = [], list[Spot]()
-    for x, y in spread_out(rng, pose) if snr[1] > 0 else []:
+    for x, y in _spread_out(rng, pose) if snr[1] > 0 else []:
         sigma = rng.uniform(*WIDTHS_PX) * max(1.0, 1 / zoom)
         amplitude = rng.uniform(*snr) * noise / (sqrt(pi) * sigma) * rng.choice([-1.0, 1.0])
         spots.append(
@@ -92,13 +92,13 @@ def case(number: int, snr: tuple[float, float], kinds: tuple[str, ...] = KINDS) 
         # What is listed is the peak at the resolution of the coarser photograph.
         coarser_px2 = max(BLUR_PX / zoom, BLUR_PX) ** 2 - BLUR_PX**2
         lowered = sigma**2 / (sigma**2 + coarser_px2)
-        truths.append(Truth(x_px=x, y_px=y, amplitude_dn=amplitude * lowered))
+        truths.append(_Truth(x_px=x, y_px=y, amplitude_dn=amplitude * lowered))
     pair = pair_of(
         scene(kind, FRAME, 900 + number, contrast_dn=25.0), FRAME, pose, spots=tuple(spots)
     )
     shot = Development(noise_dn=NOISE_DN)
     reference, followup = pair.developed(shot, shot, number)
-    return Case(
+    return _Case(
         reference=reference,
         followup=followup,
         pose=DistortedPose(matrix=pair.matrix, k1=0.0, reference_shape=FRAME, followup_shape=FRAME),
@@ -106,23 +106,23 @@ def case(number: int, snr: tuple[float, float], kinds: tuple[str, ...] = KINDS) 
     )
 
 
-def nearest(truth: Truth, changes: tuple[Change, ...]) -> Change | None:
+def _nearest(truth: _Truth, changes: tuple[Change, ...]) -> Change | None:
     """The change found at a spot."""
     near = [c for c in changes if np.hypot(c.x_px - truth.x_px, c.y_px - truth.y_px) < REACH_PX]
     return max(near, key=lambda change: change.significance, default=None)
 
 
-def places_and_amplitudes(record: Recorder, frames: int) -> None:
+def _places_and_amplitudes(record: Recorder, frames: int) -> None:
     """Errors of spots of ten standard deviations of the matched filter."""
     off, scaled, ratio = [], [], []
     of_zoom: dict[float, list[float]] = {}
     spots = 0
     for number in range(frames):
-        made = case(number, (10.0, 10.0))
+        made = _case(number, (10.0, 10.0))
         changes = made.found(ChangeOptions(pose=made.pose)).summary.changes
         for truth in made.spots:
             spots += 1
-            change = nearest(truth, changes)
+            change = _nearest(truth, changes)
             if change is None:
                 continue
             off.append((change.x_px - truth.x_px, change.y_px - truth.y_px))
@@ -147,16 +147,16 @@ def places_and_amplitudes(record: Recorder, frames: int) -> None:
     record.figure("spots of 10 standard deviations listed", 100 * len(off) / spots, "%")
 
 
-def false_share(record: Recorder, frames: int) -> None:
+def _false_share(record: Recorder, frames: int) -> None:
     """Listed changes that are none, beside the rate asked for."""
     for rate in RATES:
         listed = false = hits = spots = 0
         shares = []
         for number in range(frames):
-            made = case(number, (5.0, 12.0))
+            made = _case(number, (5.0, 12.0))
             options = ChangeOptions(pose=made.pose, false_discovery_rate=rate)
             changes = made.found(options).summary.changes
-            own = {id(nearest(truth, changes)) for truth in made.spots} - {id(None)}
+            own = {id(_nearest(truth, changes)) for truth in made.spots} - {id(None)}
             listed += len(changes)
             false += len(changes) - len(own)
             hits += len(own)
@@ -170,12 +170,12 @@ def false_share(record: Recorder, frames: int) -> None:
         record.figure(f"false share at {rate:g}", share, "1", peer="asked", peer_value=rate)
 
 
-def clipped(record: Recorder, frames: int) -> None:
+def _clipped(record: Recorder, frames: int) -> None:
     """False pixels of unchanged pairs whose brightest pixels are clipped."""
     for share in CLIPPED:
         worst = total = 0
         for number in range(frames):
-            made = case(3 * number, (0.0, 0.0))
+            made = _case(3 * number, (0.0, 0.0))
             top = float(np.quantile(made.followup, 1 - share))
             reference, followup = (
                 np.minimum(np.rint(image), np.rint(top))
@@ -193,6 +193,6 @@ def clipped(record: Recorder, frames: int) -> None:
 
 @benchmark("numpy", "scipy", "numba")
 def main(record: Recorder) -> None:
-    places_and_amplitudes(record, record.pick(FRAMES, 10))
-    false_share(record, record.pick(FRAMES, 10))
-    clipped(record, record.pick(30, 5))
+    _places_and_amplitudes(record, record.pick(FRAMES, 10))
+    _false_share(record, record.pick(FRAMES, 10))
+    _clipped(record, record.pick(30, 5))

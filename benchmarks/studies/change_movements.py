@@ -54,7 +54,7 @@ Pair = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Spot:
+class _Spot:
     """A spot painted on a follow-up; height in what is just detectable there."""
 
     x_px: float
@@ -63,19 +63,19 @@ class Spot:
     height: float
 
 
-def pose_of(pose: PairPose) -> DistortedPose:
+def _pose_of(pose: PairPose) -> DistortedPose:
     """The true pose, that of the ground."""
     return DistortedPose(
         matrix=pose.matrix(FRAME), k1=0.0, reference_shape=FRAME, followup_shape=FRAME
     )
 
 
-def developed(pair: Pair, seed: int) -> Pair:
+def _developed(pair: Pair, seed: int) -> Pair:
     """Both with noise of their own."""
     return SHOT.of(pair[0], 2 * seed), SHOT.of(pair[1], 2 * seed + 1)
 
 
-def apart(
+def _apart(
     rng: np.random.Generator, count: int, margin_px: float, apart_px: float
 ) -> list[tuple[float, float]]:
     """At most so many places (x, y) in a frame, far from one another."""
@@ -91,34 +91,34 @@ def apart(
     return chosen
 
 
-def ground_of(number: int, first_seed: int) -> tuple[FlatScene, PairPose]:
+def _ground_of(number: int, first_seed: int) -> tuple[FlatScene, PairPose]:
     """Scene and pose of a frame."""
     kind, pose = KINDS[number % len(KINDS)], POSES[number // len(KINDS) % len(POSES)]
     return scene(kind, FRAME, first_seed + number, contrast_dn=CONTRAST_DN), pose
 
 
-def relief(number: int, *, is_hard: bool) -> ChangeSummary:
+def _relief(number: int, *, is_hard: bool) -> ChangeSummary:
     """A scene whose bumps, or layers, are displaced by 1 to 4 px along one direction."""
     rng = np.random.default_rng(4000 + number + (500 if is_hard else 0))
-    ground, pose = ground_of(number, 700)
+    ground, pose = _ground_of(number, 700)
     angle, bumps, layers = rng.uniform(0, 2 * pi), list[Bump](), list[Layer]()
     front = scene(
         KINDS[(number + 2) % 5], FRAME, 1700 + number, contrast_dn=CONTRAST_DN, mean_dn=120.0
     )
-    for place in apart(rng, 5 if is_hard else 4, 45.0, 70.0):
+    for place in _apart(rng, 5 if is_hard else 4, 45.0, 70.0):
         way = rng.uniform(1, 4)
         shift = (way * np.cos(angle), way * np.sin(angle))
         if is_hard:
             half, turn, is_round = rng.uniform(10, 28, 2), rng.uniform(0, 90), rng.uniform() < 0.3
-            layers.append(layer(front, place, (half[0], half[1]), turn, shift, is_round=is_round))
+            layers.append(_layer(front, place, (half[0], half[1]), turn, shift, is_round=is_round))
         else:
             bumps.append(Bump(centre_px=place, width_px=rng.uniform(12, 30), shift_px=shift))
     made = ReliefScene(ground=ground, bumps=tuple(bumps), layers=tuple(layers))
-    pair = developed(relief_pair(made, FRAME, pose), number)
-    return find_changes(*pair, options=ChangeOptions(pose=pose_of(pose))).summary
+    pair = _developed(relief_pair(made, FRAME, pose), number)
+    return find_changes(*pair, options=ChangeOptions(pose=_pose_of(pose))).summary
 
 
-def layer(
+def _layer(
     front: FlatScene,
     centre_px: tuple[float, float],
     half_px: tuple[float, float],
@@ -138,17 +138,17 @@ def layer(
     )
 
 
-def things(
+def _things(
     number: int, ways_px: tuple[float, float], first_seed: int
 ) -> tuple[ReliefScene, PairPose]:
     """Things that move over a ground, 6 to 20 px wide, all in px of the coarser photograph."""
     rng = np.random.default_rng(first_seed + number)
-    ground, pose = ground_of(number, 2700)
+    ground, pose = _ground_of(number, 2700)
     coarse = max(1.0, pose.zoom)
     level = 110 + rng.choice([-1, 1]) * rng.uniform(20, 50)
     front = scene("texture", FRAME, 3700 + number, contrast_dn=20.0, mean_dn=level)
     layers = []
-    for place in apart(rng, 6, 45.0, 75.0):
+    for place in _apart(rng, 6, 45.0, 75.0):
         way, angle = rng.uniform(*ways_px) * coarse, rng.uniform(0, 2 * pi)
         half, turn, is_round = (
             coarse * rng.uniform(3, 10, 2),
@@ -156,17 +156,17 @@ def things(
             rng.uniform() < 0.5,
         )
         shift = (way * np.cos(angle), way * np.sin(angle))
-        layers.append(layer(front, place, (half[0], half[1]), turn, shift, is_round=is_round))
+        layers.append(_layer(front, place, (half[0], half[1]), turn, shift, is_round=is_round))
     return ReliefScene(ground=ground, layers=tuple(layers)), pose
 
 
-def reliefs(record: Recorder, frames: int) -> None:
+def _reliefs(record: Recorder, frames: int) -> None:
     """Pixels listed as changes with the test and without."""
     for is_hard, name in ((False, "smooth relief"), (True, "relief with hard steps")):
         for half, which in ((0, "first half"), (1, "second half, kept back")):
             listed = left = 0.0
             for number in range(half, frames, 2):
-                found = relief(number, is_hard=is_hard)
+                found = _relief(number, is_hard=is_hard)
                 left += sum(one.area_px for one in found.changes)
                 listed += sum(one.area_px for one in (*found.changes, *found.moved))
             share = 100 * left / max(listed, 1.0)
@@ -174,15 +174,15 @@ def reliefs(record: Recorder, frames: int) -> None:
             record.figure(f"pixels left, {name}, {which}", share, "%")
 
 
-def moved_things(record: Recorder, frames: int) -> None:
+def _moved_things(record: Recorder, frames: int) -> None:
     """Entries and shifts of things that moved."""
     for ways, name in (((1.0, 3.0), "1 to 3 px"), ((6.0, 15.0), "6 to 15 px")):
         listed = once = 0
         errors = list[float]()
         for number in range(frames):
-            made, pose = things(number, ways, 9000 if ways[0] < 5 else 9500)
-            pair = developed(relief_pair(made, FRAME, pose), number)
-            true_pose = pose_of(pose)
+            made, pose = _things(number, ways, 9000 if ways[0] < 5 else 9500)
+            pair = _developed(relief_pair(made, FRAME, pose), number)
+            true_pose = _pose_of(pose)
             found = find_changes(*pair, options=ChangeOptions(pose=true_pose)).summary
             for one in made.layers:
                 x, y = np.array([one.centre_px, np.add(one.centre_px, one.shift_px)]).T
@@ -212,19 +212,19 @@ def moved_things(record: Recorder, frames: int) -> None:
         record.figure(f"shifts of {name} right to 0.3 px", right, "%")
 
 
-def appeared(record: Recorder, frames: int) -> None:
+def _appeared(record: Recorder, frames: int) -> None:
     """Patches that are in one photograph alone: none of them moved."""
     total = taken = 0.0
     for number in range(frames):
-        made, pose = things(number, (0.0, 0.0), 12000)
+        made, pose = _things(number, (0.0, 0.0), 12000)
         bare = ReliefScene(ground=made.ground)
         first, second = (bare, made) if number % 2 else (made, bare)
         pair = (
             photograph(first, FRAME, PairPose(), CAMERA),
             photograph(second, FRAME, pose, CAMERA),
         )
-        options = ChangeOptions(pose=pose_of(pose))
-        found = find_changes(*developed(pair, number), options=options).summary
+        options = ChangeOptions(pose=_pose_of(pose))
+        found = find_changes(*_developed(pair, number), options=options).summary
         taken += sum(one.area_px for one in found.moved)
         total += sum(one.area_px for one in (*found.changes, *found.moved))
     share = 100 * taken / total
@@ -232,15 +232,15 @@ def appeared(record: Recorder, frames: int) -> None:
     record.figure("pixels of what appeared or vanished taken for movements", share, "%")
 
 
-def painted(
+def _painted(
     rng: np.random.Generator, result: ChangeResult, followup: FloatArray, count: int
-) -> tuple[FloatArray, list[Spot]]:
+) -> tuple[FloatArray, list[_Spot]]:
     """The follow-up with spots, half of them on edges, away from what is listed already."""
     changed, valid = (image.astype(np.uint8) for image in (~result.is_change, result.valid))
     far = cv2.distanceTransform(changed, cv2.DIST_L2, 5)
     inner = cv2.distanceTransform(valid, cv2.DIST_L2, 5)
     sd, coarse = np.sqrt(result.variance_dn2), max(1.0, 1 / result.pose.zoom)
-    image, spots = np.array(followup, dtype=np.float64), list[Spot]()
+    image, spots = np.array(followup, dtype=np.float64), list[_Spot]()
     soft = cv2.GaussianBlur(image, (0, 0), 1.0)
     slope = np.hypot(*np.gradient(soft))
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
@@ -259,16 +259,16 @@ def painted(
         detectable = result.summary.threshold_sd * sd[row, col] * (sigma**2 + coarse**2) / sigma**2
         square = (x - col) ** 2 + (y - row) ** 2
         image += height * detectable * np.exp(-square / (2 * sigma**2))
-        spots.append(Spot(x_px=float(col), y_px=float(row), sigma_px=sigma, height=height))
+        spots.append(_Spot(x_px=float(col), y_px=float(row), sigma_px=sigma, height=height))
         if len(spots) == count:
             break
     return image, spots
 
 
-def judged(spots: list[Spot], found: ChangeSummary) -> tuple[int, int]:
+def _judged(spots: list[_Spot], found: ChangeSummary) -> tuple[int, int]:
     """Spots that are listed, and those that are listed as moved."""
 
-    def is_at(spot: Spot, change: Change) -> bool:
+    def is_at(spot: _Spot, change: Change) -> bool:
         reach = 1.2 * hypot(spot.sigma_px, 1.0) + 1.5
         return hypot(change.x_px - spot.x_px, change.y_px - spot.y_px) < reach
 
@@ -277,25 +277,25 @@ def judged(spots: list[Spot], found: ChangeSummary) -> tuple[int, int]:
     return sum(any(is_at(spot, change) for change in both) for spot in spots), taken
 
 
-def rendered_spots(record: Recorder, frames: int) -> None:
+def _rendered_spots(record: Recorder, frames: int) -> None:
     """Spots on unchanged scenes."""
     total = taken = 0
     for number in range(frames):
-        ground, pose = ground_of(number, 900)
+        ground, pose = _ground_of(number, 900)
         made = relief_pair(ReliefScene(ground=ground), FRAME, pose)
-        reference, followup = developed(made, number)
-        options = ChangeOptions(pose=pose_of(pose))
+        reference, followup = _developed(made, number)
+        options = ChangeOptions(pose=_pose_of(pose))
         rng = np.random.default_rng(7000 + number)
         clean = find_changes(reference, followup, options=options)
-        image, spots = painted(rng, clean, followup, 14)
+        image, spots = _painted(rng, clean, followup, 14)
         found = find_changes(reference, image, options=options).summary
-        listed, moved = judged(spots, found)
+        listed, moved = _judged(spots, found)
         total, taken = total + listed, taken + moved
     record.say(f"spots on unchanged scenes: {total} listed, {taken} as moved")
     record.figure("spots on unchanged scenes taken for movements", 100 * taken / total, "%")
 
 
-def real_pairs(record: Recorder, repeats: int) -> None:
+def _real_pairs(record: Recorder, repeats: int) -> None:
     """Pixels left of real pairs, time, and spots on their follow-ups."""
     folder = os.environ.get("STANDOFF_REAL_DATA")
     if folder is None:
@@ -325,8 +325,8 @@ def real_pairs(record: Recorder, repeats: int) -> None:
         options = ChangeOptions(pose=result.pose)
         for repeat in range(repeats):
             rng = np.random.default_rng(50 + repeat)
-            image, spots = painted(rng, result, followup, 25)
-            listed, as_moved = judged(
+            image, spots = _painted(rng, result, followup, 25)
+            listed, as_moved = _judged(
                 spots, find_changes(reference, image, options=options).summary
             )
             total, taken = total + listed, taken + as_moved
@@ -336,8 +336,8 @@ def real_pairs(record: Recorder, repeats: int) -> None:
 
 @benchmark("numpy", "scipy", "numba")
 def main(record: Recorder) -> None:
-    reliefs(record, record.pick(FRAMES, 4))
-    moved_things(record, record.pick(FRAMES, 3))
-    appeared(record, record.pick(FRAMES, 3))
-    rendered_spots(record, record.pick(SPOT_FRAMES, 4))
-    real_pairs(record, record.pick(3, 1))
+    _reliefs(record, record.pick(FRAMES, 4))
+    _moved_things(record, record.pick(FRAMES, 3))
+    _appeared(record, record.pick(FRAMES, 3))
+    _rendered_spots(record, record.pick(SPOT_FRAMES, 4))
+    _real_pairs(record, record.pick(3, 1))

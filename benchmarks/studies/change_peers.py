@@ -54,7 +54,7 @@ _RAW = Development(noise_dn=NOISE_DN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kind:
+class _Kind:
     """Cameras, scenes and development of a kind of pair."""
 
     name: str
@@ -70,25 +70,25 @@ _JPEG = Development(noise_dn=NOISE_DN, jpeg_quality=90)
 _SHARP = replace(_JPEG, sharpening=(0.6, 1.0))
 _AIRY = f_number(8.0)
 KINDS = (
-    Kind(name="Gaussian lens"),
-    Kind(name="Airy lens, Mondrian", scenes=("mondrian",), cameras=(_AIRY, _AIRY),
+    _Kind(name="Gaussian lens"),
+    _Kind(name="Airy lens, Mondrian", scenes=("mondrian",), cameras=(_AIRY, _AIRY),
          blurs_px=(0.62, 0.62)),
-    Kind(name="JPEG 90", before=_JPEG, after=_JPEG),
-    Kind(name="sharpened JPEG", before=_SHARP, after=_SHARP),
-    Kind(name="softer by 0.6 px^2",
+    _Kind(name="JPEG 90", before=_JPEG, after=_JPEG),
+    _Kind(name="sharpened JPEG", before=_SHARP, after=_SHARP),
+    _Kind(name="softer by 0.6 px^2",
          cameras=(SOFT, gaussian(sqrt(BLUR_PX**2 + 0.6), has_pixel=False)),
          blurs_px=(BLUR_PX, sqrt(BLUR_PX**2 + 0.6))),
-    Kind(name="sharper, 0.9 to 0.55 px", cameras=(SOFT, gaussian(0.55, has_pixel=False)),
+    _Kind(name="sharper, 0.9 to 0.55 px", cameras=(SOFT, gaussian(0.55, has_pixel=False)),
          blurs_px=(BLUR_PX, 0.55)),
-    Kind(name="other camera, gamma", cameras=(gaussian(0.6, has_pixel=False), SOFT),
+    _Kind(name="other camera, gamma", cameras=(gaussian(0.6, has_pixel=False), SOFT),
          blurs_px=(0.6, BLUR_PX),
          after=Development(noise_dn=NOISE_DN, gain=1.2, gamma=0.45)),
-    Kind(name="1 % of distortion", distortion_k1=-0.01),
+    _Kind(name="1 % of distortion", distortion_k1=-0.01),
 )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Case:
+class _Case:
     """A pair as taken, what its change adds, and where a pixel of it lies in the reference."""
 
     aligned: AlignedPair
@@ -96,7 +96,7 @@ class Case:
     pose: DistortedPose
 
 
-def case(kind: Kind, scene_name: str, pose: PairPose, seed: int) -> Case:
+def _case(kind: _Kind, scene_name: str, pose: PairPose, seed: int) -> _Case:
     """A pair with 24 spots in the follow-up."""
     pose = replace(pose, distortion_k1=kind.distortion_k1)
     rows, cols = FRAME
@@ -127,7 +127,7 @@ def case(kind: Kind, scene_name: str, pose: PairPose, seed: int) -> Case:
     at_x, at_y = pose.positions(x, y, FRAME)
     zoom = max(pose.zoom, 1.0)
     warped, overlap = cubic_warp(reference, followup, at_y, at_x)
-    return Case(
+    return _Case(
         aligned=AlignedPair(
             reference=reference,
             followup=followup,
@@ -150,7 +150,7 @@ def _true_pose(pair: Pair) -> DistortedPose:
     )
 
 
-def ours(made: Case) -> tuple[FloatArray, BoolArray]:
+def _ours(made: _Case) -> tuple[FloatArray, BoolArray]:
     """Significance of this project's comparison, without a calibration, and what was compared."""
     options = ChangeOptions(pose=made.pose)
     found = find_changes(made.aligned.reference, made.aligned.followup, None, options)
@@ -158,7 +158,7 @@ def ours(made: Case) -> tuple[FloatArray, BoolArray]:
 
 
 @dataclass(slots=True)
-class Scores:
+class _Scores:
     """Scores of a detector in spots and elsewhere, one array a frame."""
 
     inside: list[FloatArray]
@@ -166,15 +166,15 @@ class Scores:
     reason: str = ""
 
 
-def of_kind(record: Recorder, kind: Kind, peers: dict[str, Peer]) -> None:
+def _of_kind(record: Recorder, kind: _Kind, peers: dict[str, Peer]) -> None:
     """Score all frames of a kind by all detectors on the pixels that all of them see."""
-    scores = {name: Scores([], []) for name in (OURS, *peers)}
+    scores = {name: _Scores([], []) for name in (OURS, *peers)}
     frames = 0
     for scene_name in kind.scenes:
         for pose in POSES:
             for seed in SEEDS if not record.is_quick else SEEDS[:1]:
-                made = case(kind, scene_name, pose, seed)
-                significance, valid = ours(made)
+                made = _case(kind, scene_name, pose, seed)
+                significance, valid = _ours(made)
                 valid = binary_erosion(valid, iterations=4)
                 peak = made.change.max()
                 core = valid & (made.change > 0.5 * peak)
@@ -235,4 +235,4 @@ def main(
     share = ", ".join(f"{100 * rate:.0f}" for rate in TPR)
     record.say(f"false pixels a frame at {share} % true positives")
     for kind in record.pick(KINDS, KINDS[:1]):
-        of_kind(record, kind, detectors)
+        _of_kind(record, kind, detectors)

@@ -74,7 +74,7 @@ PLAIN = Development()
 SOURCES = ("focus", "light", "registration", "texture")
 
 
-def calibrated(camera: Camera) -> Psf:
+def _calibrated(camera: Camera) -> Psf:
     """The camera's PSF, 2 % too wide."""
     if not camera.has_pixel:
         return GaussianPsf(sigma_px=camera.sigma_px * (1 + PSF_ERR))
@@ -87,7 +87,7 @@ def calibrated(camera: Camera) -> Psf:
     )
 
 
-def predicted(
+def _predicted(
     reference: FloatArray, psf: Psf, noise_dn: float, observers: tuple[Observer, ...]
 ) -> DetectabilityCurves:
     task = DetectionTask(
@@ -102,7 +102,7 @@ def predicted(
     return d_prime_curves([reference], psf, task)
 
 
-def met(
+def _met(
     reference: FloatArray,
     followup: FloatArray,
     psf: Psf,
@@ -118,7 +118,7 @@ def met(
 
 
 @dataclass(kw_only=True)
-class Ratios:
+class _Ratios:
     """Logarithms of shown over predicted limits, with what they are of."""
 
     logs: list[float] = field(default_factory=list)
@@ -133,7 +133,7 @@ class Ratios:
         )
 
 
-def judge_pair(ratios: Ratios, camera: Camera, number: int, noises: tuple[float, ...]) -> None:
+def _judge_pair(ratios: _Ratios, camera: Camera, number: int, noises: tuple[float, ...]) -> None:
     """One pose of one lens in every noise."""
     lens = int(camera is SHARP)
     name = list(SCENES)[(number + lens) % len(SCENES)]
@@ -148,7 +148,7 @@ def judge_pair(ratios: Ratios, camera: Camera, number: int, noises: tuple[float,
     made = pair_of(
         scene(name, FRAME, seed, contrast_dn=SCENES[name]), FRAME, pose, (camera, camera)
     )
-    psf = calibrated(camera)
+    psf = _calibrated(camera)
     for place, noise_dn in enumerate(noises):
         developed = Development(noise_dn=noise_dn)
         reference, followup = (
@@ -156,12 +156,12 @@ def judge_pair(ratios: Ratios, camera: Camera, number: int, noises: tuple[float,
             for turn, levels in enumerate((made.reference_dn, made.followup_dn))
         )
         started = perf_counter()
-        own = predicted(reference, psf, noise_dn, ("changes",))
+        own = _predicted(reference, psf, noise_dn, ("changes",))
         half = perf_counter()
-        linear = predicted(reference, psf, noise_dn, OBSERVERS)
+        linear = _predicted(reference, psf, noise_dn, OBSERVERS)
         ratios.seconds["changes"] += half - started
         ratios.seconds["linear"] += perf_counter() - half
-        summary, limit = met(reference, followup, psf, own)
+        summary, limit = _met(reference, followup, psf, own)
         ratios.logs.append(log(limit.ratio))
         tilt = "to 5 deg" if pose.tilt_deg <= 5 else "to 15 deg"
         ratios.kinds.append({"lens": camera.name, "noise": noise_dn, "tilt": tilt, "scene": name})
@@ -174,7 +174,7 @@ def judge_pair(ratios: Ratios, camera: Camera, number: int, noises: tuple[float,
             ratios.peers[curve.observer].append(log(limit.shown_dn / said))
 
 
-def judge_bench(record: Recorder, targets: tuple[str, ...], turns: int) -> None:
+def _judge_bench(record: Recorder, targets: tuple[str, ...], turns: int) -> None:
     """Pairs of the simulated bench, whose noise depends on the level, by its mean."""
     truth = bench_of(0.0)
     psf, logs, seed = bench_psf(truth), [], 0
@@ -195,8 +195,8 @@ def judge_bench(record: Recorder, targets: tuple[str, ...], turns: int) -> None:
                 pair = with_noise_of(truth, clean, seed=seed, frames_averaged=frames)
                 variance_dn2 = bench_noise(truth, frames).variance_dn2(pair.reference)
                 noise_dn = float(np.sqrt(variance_dn2.mean()))
-                curves = predicted(pair.reference, psf, noise_dn, ("changes",))
-                summary, limit = met(pair.reference, pair.followup, psf, curves)
+                curves = _predicted(pair.reference, psf, noise_dn, ("changes",))
+                summary, limit = _met(pair.reference, pair.followup, psf, curves)
                 logs.append(log(limit.ratio))
                 if abs(logs[-1]) > log(1.4):
                     record.say(
@@ -209,7 +209,7 @@ def judge_bench(record: Recorder, targets: tuple[str, ...], turns: int) -> None:
     record.figure("limits apart on the simulated bench, 90 %", most, "")
 
 
-def say_agreement(record: Recorder, ratios: Ratios) -> None:
+def _say_agreement(record: Recorder, ratios: _Ratios) -> None:
     def figures(logs: FloatArray) -> tuple[float, float]:
         return float(np.median(np.abs(logs))), float(np.quantile(np.abs(logs), 0.9))
 
@@ -241,7 +241,7 @@ def say_agreement(record: Recorder, ratios: Ratios) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stage:
+class _Stage:
     """What is done to the follow-up, and what it should be called."""
 
     name: str
@@ -254,31 +254,31 @@ class Stage:
 
 
 STAGES = (
-    Stage(
+    _Stage(
         name="softer, 0.9 to 1.7 px",
         source="focus",
         cameras=(ROUND, gaussian(1.7, has_pixel=False)),
     ),
-    Stage(
+    _Stage(
         name="softer, 0.9 to 2 px", source="focus", cameras=(ROUND, gaussian(2.0, has_pixel=False))
     ),
-    Stage(name="half the light", source="light", after=Development(gain=0.5)),
-    Stage(name="twice the noise", source="light", noise=2.0),
-    Stage(name="homography, 1.2 px at the rim", source="registration", skew=1.0),
-    Stage(name="homography, 3 px at the rim", source="registration", skew=2.5),
-    Stage(
+    _Stage(name="half the light", source="light", after=Development(gain=0.5)),
+    _Stage(name="twice the noise", source="light", noise=2.0),
+    _Stage(name="homography, 1.2 px at the rim", source="registration", skew=1.0),
+    _Stage(name="homography, 3 px at the rim", source="registration", skew=2.5),
+    _Stage(
         name="JPEG 70",
         source="texture",
         before=Development(jpeg_quality=70),
         after=Development(jpeg_quality=70),
     ),
-    Stage(
+    _Stage(
         name="JPEG 85",
         source="texture",
         before=Development(jpeg_quality=85),
         after=Development(jpeg_quality=85),
     ),
-    Stage(name="f/2.8, aliasing", source="texture", cameras=(ALIASING, ALIASING), noise=0.4),
+    _Stage(name="f/2.8, aliasing", source="texture", cameras=(ALIASING, ALIASING), noise=0.4),
 )
 STAGED = (
     ("texture", 1.3, 4.0, 1.2),
@@ -290,7 +290,7 @@ STAGED = (
 """Scenes with zoom, tilt and noise."""
 
 
-def skewed(matrix: FloatArray, amount: float) -> FloatArray:
+def _skewed(matrix: FloatArray, amount: float) -> FloatArray:
     """A wrong homography about the middle of the frame."""
     middle = np.eye(3)
     middle[:2, 2] = -(FRAME[1] - 1) / 2, -(FRAME[0] - 1) / 2
@@ -300,7 +300,7 @@ def skewed(matrix: FloatArray, amount: float) -> FloatArray:
     return np.asarray(matrix @ np.linalg.inv(middle) @ wrong @ middle)
 
 
-def stage(kind: Stage, number: int, seed: int) -> PredictedLimit:
+def _stage(kind: _Stage, number: int, seed: int) -> PredictedLimit:
     """Predict from a sound reference, then compare the staged pair."""
     name, zoom, tilt_deg, noise_dn = STAGED[number]
     pose = PairPose(zoom=zoom, tilt_deg=tilt_deg, bearing_deg=50.0 * number, turn_deg=2.0)
@@ -308,7 +308,7 @@ def stage(kind: Stage, number: int, seed: int) -> PredictedLimit:
         scene(name, FRAME, seed + number, contrast_dn=SCENES[name]), FRAME, pose, kind.cameras
     )
     aliases = kind.cameras[0] is ALIASING
-    psf = GaussianPsf(sigma_px=0.36) if aliases else calibrated(ROUND)
+    psf = GaussianPsf(sigma_px=0.36) if aliases else _calibrated(ROUND)
     assumed_dn = noise_dn * kind.noise if aliases else noise_dn
     noise_dn *= kind.noise
     reference = replace(kind.before, noise_dn=noise_dn).of(
@@ -320,25 +320,25 @@ def stage(kind: Stage, number: int, seed: int) -> PredictedLimit:
     sound = Development(noise_dn=assumed_dn).of(made.reference_dn, 2 * seed + 20 * number)
     given = None
     if kind.skew:
-        matrix = skewed(made.matrix, kind.skew)
+        matrix = _skewed(made.matrix, kind.skew)
         given = DistortedPose(matrix=matrix, k1=0.0, reference_shape=FRAME, followup_shape=FRAME)
-    curves = predicted(sound, psf, assumed_dn, ("changes",))
-    return met(reference, followup, psf, curves, given)[1]
+    curves = _predicted(sound, psf, assumed_dn, ("changes",))
+    return _met(reference, followup, psf, curves, given)[1]
 
 
-def named(limit: PredictedLimit) -> list[str]:
+def _named(limit: PredictedLimit) -> list[str]:
     """Sources that a pair names, in its order."""
     return [line.rpartition("(")[2].rstrip(")") for line in limit.lost_to]
 
 
-def judge_stages(record: Recorder, rounds: int, scenes: int) -> None:
+def _judge_stages(record: Recorder, rounds: int, scenes: int) -> None:
     right = first = lost = 0
     for kind in STAGES:
         own = []
         for turn in range(rounds):
             for number in range(scenes):
-                limit = stage(kind, number, 500 + 100 * turn)
-                own.append((limit.ratio, named(limit)))
+                limit = _stage(kind, number, 500 + 100 * turn)
+                own.append((limit.ratio, _named(limit)))
         counted = [names for ratio, names in own if ratio > 1.15]
         lost += len(counted)
         right += sum(kind.source in names for names in counted)
@@ -358,10 +358,10 @@ def judge_stages(record: Recorder, rounds: int, scenes: int) -> None:
 
 @benchmark("numpy", "scipy", "numba")
 def main(record: Recorder) -> None:
-    ratios = Ratios()
+    ratios = _Ratios()
     for camera in (ROUND, SHARP):
         for number in record.pick(range(POSES), range(3, 4)):
-            judge_pair(ratios, camera, number, record.pick(NOISES_DN, NOISES_DN[1:2]))
-    say_agreement(record, ratios)
-    judge_bench(record, record.pick(TARGETS, TARGETS[:1]), record.pick(len(BENCH_POSES), 1))
-    judge_stages(record, record.pick(2, 1), record.pick(len(STAGED), 1))
+            _judge_pair(ratios, camera, number, record.pick(NOISES_DN, NOISES_DN[1:2]))
+    _say_agreement(record, ratios)
+    _judge_bench(record, record.pick(TARGETS, TARGETS[:1]), record.pick(len(BENCH_POSES), 1))
+    _judge_stages(record, record.pick(2, 1), record.pick(len(STAGED), 1))

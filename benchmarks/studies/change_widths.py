@@ -1,6 +1,6 @@
 """Spots of many widths: found, listed once, with their size; and which are taken for light.
 
-``Found``: six spots a pair, of 1.5 times the amplitude that a filter matched to them would need to
+``_Found``: six spots a pair, of 1.5 times the amplitude that a filter matched to them would need to
 find 95 % in the pair's own white noise, ``(t + 1.645) n / (sigma sqrt(pi))``; how many are listed,
 how many of these by one entry within twice their width, and the share whose size is right to 30 %.
 ``Kept``: one spot in the middle, without further noise; what the comparison leaves of its peak,
@@ -36,29 +36,29 @@ ACROSS, DOWN = (0.25, 0.5, 0.75), (0.32, 0.68)
 
 
 @dataclass(kw_only=True)
-class Found:
+class _Found:
     """Spots of a width: how many entries each has, and the size of the first."""
 
     entries: list[int] = field(default_factory=list)
     sizes: list[float] = field(default_factory=list)
 
 
-def compared(pair: Pair, seed: int, painted: FloatArray | float = 0.0) -> ChangeResult:
+def _compared(pair: Pair, seed: int, painted: FloatArray | float = 0.0) -> ChangeResult:
     """Compare a pair, with something painted into the developed follow-up."""
     reference, followup = pair.developed(BEFORE, AFTER, seed)
     pose = DistortedPose(matrix=pair.matrix, k1=0.0, reference_shape=FRAME, followup_shape=FRAME)
     return find_changes(reference, followup + painted, None, ChangeOptions(pose=pose))
 
 
-def spot(x_px: float, y_px: float, sigma_px: float) -> FloatArray:
+def _spot(x_px: float, y_px: float, sigma_px: float) -> FloatArray:
     """A Gaussian of peak 1."""
     x, y = np.arange(FRAME[1]) - x_px, np.arange(FRAME[0])[:, None] - y_px
     return np.asarray(np.exp(-(x**2 + y**2) / (2 * sigma_px**2)))
 
 
-def look(pair: Pair, seed: int, sigma_px: float, into: Found) -> None:
+def _look(pair: Pair, seed: int, sigma_px: float, into: _Found) -> None:
     """Paint six spots of a width and look for them."""
-    plain = compared(pair, seed)
+    plain = _compared(pair, seed)
     rng = np.random.default_rng(seed)
     # Behind a smoothing of s px, white noise of n has the deviation n / (2 s sqrt pi).
     smoothing_px = plain.filter_widths[0].width_px / sqrt(2)
@@ -70,13 +70,13 @@ def look(pair: Pair, seed: int, sigma_px: float, into: Found) -> None:
         for down in DOWN:
             x_px, y_px = across * FRAME[1], down * FRAME[0]
             x_px, y_px = x_px + rng.uniform(-6, 6), y_px + rng.uniform(-6, 6)
-            near = spot(x_px, y_px, max(sigma_px, 4.0)) > np.exp(-2.0)
+            near = _spot(x_px, y_px, max(sigma_px, 4.0)) > np.exp(-2.0)
             if not plain.valid[near].all():
                 continue
             sign = float(rng.choice([-1, 1]))
-            painted += sign * ABOVE_BOUND * bound_dn * spot(x_px, y_px, sigma_px)
+            painted += sign * ABOVE_BOUND * bound_dn * _spot(x_px, y_px, sigma_px)
             places.append((x_px, y_px, sign))
-    changes = compared(pair, seed, painted).summary.changes
+    changes = _compared(pair, seed, painted).summary.changes
     for x_px, y_px, sign in places:
         own = [
             one
@@ -89,13 +89,13 @@ def look(pair: Pair, seed: int, sigma_px: float, into: Found) -> None:
             into.sizes.append(own[0].spot_sigma_px)
 
 
-def kept_share(pair: Pair, seed: int, sigma_px: float) -> float:
+def _kept_share(pair: Pair, seed: int, sigma_px: float) -> float:
     """What is left of a wide spot's peak, over what the comparison's smoothing leaves."""
-    plain = compared(pair, seed)
+    plain = _compared(pair, seed)
     x_px, y_px = (FRAME[1] - 1) / 2, (FRAME[0] - 1) / 2
     sd_dn = float(np.sqrt(np.median(plain.variance_dn2[plain.valid])))
-    painted = 8 * sd_dn * spot(x_px, y_px, sigma_px)
-    left = compared(pair, seed, painted).difference_dn - plain.difference_dn
+    painted = 8 * sd_dn * _spot(x_px, y_px, sigma_px)
+    left = _compared(pair, seed, painted).difference_dn - plain.difference_dn
     smoothing_px = plain.filter_widths[0].width_px / sqrt(2)
     expected = painted.max() * sigma_px**2 / (sigma_px**2 + smoothing_px**2)
     return float(left[round(y_px) - 2 : round(y_px) + 3, round(x_px) - 2 : round(x_px) + 3].mean()
@@ -104,7 +104,7 @@ def kept_share(pair: Pair, seed: int, sigma_px: float) -> float:
 
 @benchmark("numpy", "scipy", "numba")
 def main(record: Recorder, *, seed: int = 31) -> None:
-    found = {sigma_px: Found() for sigma_px in SIGMAS_PX}
+    found = {sigma_px: _Found() for sigma_px in SIGMAS_PX}
     kept: dict[float, list[float]] = {sigma_px: [] for sigma_px in WIDE_PX}
     names = record.pick(tuple(SCENES), ("lesion",))
     for number, name in enumerate(names):
@@ -113,9 +113,9 @@ def main(record: Recorder, *, seed: int = 31) -> None:
             made = pair_of(scene(name, FRAME, draw_seed, contrast_dn=SCENES[name]), FRAME, pose)
             for turn, sigma_px in enumerate(SIGMAS_PX):
                 for draw in range(record.pick(3, 1)):
-                    look(made, 1000 * draw_seed + 10 * turn + draw, sigma_px, found[sigma_px])
+                    _look(made, 1000 * draw_seed + 10 * turn + draw, sigma_px, found[sigma_px])
             for sigma_px in WIDE_PX:
-                kept[sigma_px].append(kept_share(made, draw_seed, sigma_px))
+                kept[sigma_px].append(_kept_share(made, draw_seed, sigma_px))
     for sigma_px, one in found.items():
         entries, sizes = np.array(one.entries), np.array(one.sizes)
         share, once = float(np.mean(entries > 0)), float(np.mean(entries[entries > 0] == 1))

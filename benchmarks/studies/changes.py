@@ -52,19 +52,19 @@ TPR = (0.5, 0.8, 0.9)
 LENS_K1 = -0.01
 
 
-def found(truth: BenchTruth, pair: BenchPair) -> ChangeResult:
+def _found(truth: BenchTruth, pair: BenchPair) -> ChangeResult:
     options = ChangeOptions(noise=bench_noise(truth, FRAMES_AVERAGED))
     return find_changes(pair.reference, pair.followup, bench_psf(truth), options)
 
 
-def parts(pair: BenchPair, result: ChangeResult) -> tuple[BoolArray, BoolArray]:
+def _parts(pair: BenchPair, result: ChangeResult) -> tuple[BoolArray, BoolArray]:
     """Pixels in the core of a spot, and those that hold nothing of one."""
     core = result.valid & (pair.change > 0.5 * pair.change.max())
     clear = result.valid & (gaussian_filter(pair.change, 1.0) < 0.005 * pair.change.max())
     return core, clear
 
 
-def curves(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> dict[str, Roc]:
+def _curves(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> dict[str, Roc]:
     plain_in, plain_out, in_core, outside = [], [], [], []
     for number, target in enumerate(targets):
         for pose in POSES:
@@ -76,8 +76,8 @@ def curves(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> dic
                 frames_averaged=FRAMES_AVERAGED,
                 **SPOTS,
             )
-            result = found(truth, pair)
-            core, clear = parts(pair, result)
+            result = _found(truth, pair)
+            core, clear = _parts(pair, result)
             plain = np.abs(result.plain_difference_dn)
             significance = np.abs(result.significance)
             plain_in.append(plain[core])
@@ -96,7 +96,9 @@ def curves(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> dic
     }
 
 
-def false_alarms(record: Recorder, truth: BenchTruth, targets: tuple[str, ...], draws: int) -> None:
+def _false_alarms(
+    record: Recorder, truth: BenchTruth, targets: tuple[str, ...], draws: int
+) -> None:
     flagged, normal = np.zeros((2, len(STATED), len(targets) * len(POSES) * draws))
     frames = 0
     for number, target in enumerate(targets):
@@ -117,7 +119,7 @@ def false_alarms(record: Recorder, truth: BenchTruth, targets: tuple[str, ...], 
                     seed=10000 + 1000 * number + 100 * turn + draw,
                     frames_averaged=FRAMES_AVERAGED,
                 )
-                result = found(truth, pair)
+                result = _found(truth, pair)
                 significance = np.abs(result.significance[result.valid])
                 for place, rate in enumerate(STATED):
                     share = rate / significance.size
@@ -143,7 +145,7 @@ def false_alarms(record: Recorder, truth: BenchTruth, targets: tuple[str, ...], 
         record.say(f"  stated {rate:6.2f}   {shown}   frames with any: {np.count_nonzero(counts)}")
 
 
-def through_a_lens(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> None:
+def _through_a_lens(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> None:
     """Flagged pixels a frame at the command's own rate, where only the pose changed."""
     psf, noise = bench_psf(truth), bench_noise(truth, FRAMES_AVERAGED)
     flagged, by_homography, frames = 0, 0, 0
@@ -157,7 +159,7 @@ def through_a_lens(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]
                 frames_averaged=FRAMES_AVERAGED,
                 **(SPOTS | {"contrast": 0.0}),
             )
-            flagged += int(found(truth, pair).is_change.sum())
+            flagged += int(_found(truth, pair).is_change.sum())
             matrix = register(pair.reference, pair.followup, psf).matrix
             pose = DistortedPose(
                 matrix=matrix,
@@ -194,7 +196,7 @@ def main(record: Recorder, *, plot: Annotated[Path | None, "draw the ROC as PNG"
     truth = bench_of(k1=0.0)
     targets = record.pick(TARGETS, TARGETS[:1])
     record.say("false pixels, plain difference and this filter, at true positives of")
-    rocs = curves(record, truth, targets)
+    rocs = _curves(record, truth, targets)
     plain, own = rocs.values()
     for rate in TPR:
         false_plain, false_own = plain.false_at(rate), own.false_at(rate)
@@ -211,5 +213,5 @@ def main(record: Recorder, *, plot: Annotated[Path | None, "draw the ROC as PNG"
         )
     if plot is not None:
         plot.write_bytes(png_bytes(plot_change_roc(rocs)))
-    false_alarms(record, truth, targets, record.pick(NOISE_DRAWS, 2))
-    through_a_lens(record, bench_of(LENS_K1), targets)
+    _false_alarms(record, truth, targets, record.pick(NOISE_DRAWS, 2))
+    _through_a_lens(record, bench_of(LENS_K1), targets)

@@ -59,7 +59,7 @@ _TRUE_ZOOMS = np.linspace(1.03, 2.75, 19)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
+class _Condition:
     """What a run is made of."""
 
     snr: float
@@ -75,7 +75,7 @@ class Condition:
         return f"SNR {self.snr:g}, focus scatter {self.scatter_px2:g} px^2{whence}"
 
 
-def edges_of(condition: Condition, rng: np.random.Generator) -> Iterator[EdgeImage]:
+def _edges_of(condition: _Condition, rng: np.random.Generator) -> Iterator[EdgeImage]:
     """Four edges of each capture, all with the capture's focus; a closed form."""
     noise_dn = (LEVELS_DN[1] - LEVELS_DN[0]) / condition.snr
     known = LevelNoise(offset_dn2=noise_dn**2, slope_dn=0.0, floor_dn2=noise_dn**2)
@@ -95,12 +95,12 @@ def edges_of(condition: Condition, rng: np.random.Generator) -> Iterator[EdgeIma
             )
 
 
-def calibrated(
-    condition: Condition, rng: np.random.Generator
+def _calibrated(
+    condition: _Condition, rng: np.random.Generator
 ) -> tuple[PsfCalibration, ErrorSources]:
     """The PSF from pixels, and what is known of it."""
     if not condition.is_two_distance:
-        psf = calibrate_psf(edges_of(condition, rng))
+        psf = calibrate_psf(_edges_of(condition, rng))
         return psf, known_errors(psf)
     waves = SCENE.waves(rng)
     noise_dn = 2 * sqrt(sum(SCENE.variances_dn2)) / condition.snr
@@ -115,25 +115,25 @@ def calibrated(
     return psf, known_errors(psf, focus_scatter_px2=condition.scatter_px2)
 
 
-def focus_of_pair(condition: Condition, rng: np.random.Generator) -> tuple[float, float]:
+def _focus_of_pair(condition: _Condition, rng: np.random.Generator) -> tuple[float, float]:
     """What focus adds to the variance of reference and follow-up."""
     reference, followup = (condition.scatter_px2 * rng.standard_normal(2)).tolist()
     return reference, followup
 
 
-def curve_of(
-    condition: Condition, psf: PsfCalibration, sources: ErrorSources, rng: np.random.Generator
+def _curve_of(
+    condition: _Condition, psf: PsfCalibration, sources: ErrorSources, rng: np.random.Generator
 ) -> DetectabilityCurve:
     """The curve from photographs of the scene, each with its own focus."""
     scenes = [
         SCENE.photograph(300, PSF_PX2 + condition.scatter_px2 * rng.standard_normal(), rng)
         for _ in range(condition.photographs)
     ]
-    task = task_with(sources)
+    task = _task_with(sources)
     return d_prime_curves(scenes, psf.best_psf("psf"), task).curves[0]
 
 
-def task_with(sources: ErrorSources) -> DetectionTask:
+def _task_with(sources: ErrorSources) -> DetectionTask:
     """One curve: model ``matched``, Hotelling's observer."""
     return DetectionTask(
         noises_dn=(NOISE_DN,),
@@ -145,14 +145,14 @@ def task_with(sources: ErrorSources) -> DetectionTask:
     )
 
 
-def truth(zoom: float, focus_px2: tuple[float, float]) -> float:
+def _truth(zoom: float, focus_px2: tuple[float, float]) -> float:
     """The pair's d' in closed form."""
     return true_d_prime(SCENE, PSF_PX2, zoom, NOISE_DN, CONTRAST_DN, focus_px2)
 
 
-def true_zoom_limit(focus_px2: tuple[float, float]) -> float | None:
+def _true_zoom_limit(focus_px2: tuple[float, float]) -> float | None:
     """Zoom at which the pair's d' falls to the threshold; None beyond what is looked at."""
-    values = np.log([truth(zoom, focus_px2) / THRESHOLD for zoom in _TRUE_ZOOMS.tolist()])
+    values = np.log([_truth(zoom, focus_px2) / THRESHOLD for zoom in _TRUE_ZOOMS.tolist()])
     below = np.flatnonzero(values < 0)
     if below.size == 0 or below[0] == 0:
         return None
@@ -166,7 +166,7 @@ def true_zoom_limit(focus_px2: tuple[float, float]) -> float | None:
     )
 
 
-def tilted_zoom(tilt_deg: float) -> float:
+def _tilted_zoom(tilt_deg: float) -> float:
     """Worst local zoom of a camera that tilts about the point it looks at, by own ray tracing.
 
     Rays through a dense grid of pixels meet the plane; the stretch of the reference's pixels is
@@ -198,22 +198,22 @@ def tilted_zoom(tilt_deg: float) -> float:
     return worst
 
 
-def run(condition: Condition, seed: int, tally: Counter[str]) -> None:
+def _run(condition: _Condition, seed: int, tally: Counter[str]) -> None:
     """One calibration, one curve, and pairs that are judged by it."""
     rng = np.random.default_rng([seed, round(condition.snr), round(1000 * condition.scatter_px2)])
     try:
-        psf, sources = calibrated(condition, rng)
+        psf, sources = _calibrated(condition, rng)
     except PairError:  # the far photograph was the sharper one: refused, and no interval
         tally["refused"] += 1
         return
-    curve = curve_of(condition, psf, sources, rng)
-    focus_px2 = focus_of_pair(condition, rng)
+    curve = _curve_of(condition, psf, sources, rng)
+    focus_px2 = _focus_of_pair(condition, rng)
     for zoom in JUDGED:
         at = curve.zoom.index(zoom)
         tally[f"d' {zoom:g}"] += (
-            curve.dprime_low[at] <= truth(zoom, focus_px2) <= curve.dprime_high[at]
+            curve.dprime_low[at] <= _truth(zoom, focus_px2) <= curve.dprime_high[at]
         )
-    limit = true_zoom_limit(focus_px2)
+    limit = _true_zoom_limit(focus_px2)
     if limit is not None:
         tally["limits"] += 1
         found = pose_limits(curve, THRESHOLD, CAMERA)
@@ -221,16 +221,16 @@ def run(condition: Condition, seed: int, tally: Counter[str]) -> None:
         tally["zoom limit"] += (low or 0.0) <= limit <= (high or np.inf)
     tally["runs"] += 1
     for _ in range(2):
-        judge(curve, condition, rng, tally)
+        _judge(curve, condition, rng, tally)
 
 
-def judge(
-    curve: DetectabilityCurve, condition: Condition, rng: np.random.Generator, tally: Counter[str]
+def _judge(
+    curve: DetectabilityCurve, condition: _Condition, rng: np.random.Generator, tally: Counter[str]
 ) -> None:
     """A pose near the threshold, by the curve, and by the pair's own d'."""
     zoom = float(rng.uniform(1.25, 1.75))
-    focus_px2 = focus_of_pair(condition, rng)
-    true = truth(round(zoom, 2), focus_px2)
+    focus_px2 = _focus_of_pair(condition, rng)
+    true = _truth(round(zoom, 2), focus_px2)
     zoom = round(zoom, 2)
     verdict = decide(curve, zoom, float(curve.d_prime_at(zoom)), THRESHOLD).verdict
     tally["poses"] += 1
@@ -242,28 +242,30 @@ def judge(
         tally["near unsure"] += verdict == "unsure"
 
 
-def coverage(record: Recorder, runs: int) -> None:
+def _coverage(record: Recorder, runs: int) -> None:
     """All conditions; the shares of each, and of all together."""
     for is_two_distance in (False, True):
         everything: Counter[str] = Counter()
         for snr, scatter_px2 in product(SNRS, SCATTERS_PX2):
-            condition = Condition(snr=snr, scatter_px2=scatter_px2, is_two_distance=is_two_distance)
-            everything += repeated(record, condition.name, condition, runs)
-        say(record, "all from two distances" if is_two_distance else "all from edges", everything)
-    locked = Condition(snr=100.0, scatter_px2=0.002, captures=16, photographs=24)
-    repeated(record, "a focus that is locked, 24 photographs", locked, runs)
+            condition = _Condition(
+                snr=snr, scatter_px2=scatter_px2, is_two_distance=is_two_distance
+            )
+            everything += _repeated(record, condition.name, condition, runs)
+        _say(record, "all from two distances" if is_two_distance else "all from edges", everything)
+    locked = _Condition(snr=100.0, scatter_px2=0.002, captures=16, photographs=24)
+    _repeated(record, "a focus that is locked, 24 photographs", locked, runs)
 
 
-def repeated(record: Recorder, name: str, condition: Condition, runs: int) -> Counter[str]:
+def _repeated(record: Recorder, name: str, condition: _Condition, runs: int) -> Counter[str]:
     """One condition, again and again; its shares are printed."""
     tally: Counter[str] = Counter()
     for seed in range(runs):
-        run(condition, seed, tally)
-    say(record, name, tally)
+        _run(condition, seed, tally)
+    _say(record, name, tally)
     return tally
 
 
-def say(record: Recorder, name: str, tally: Counter[str]) -> None:
+def _say(record: Recorder, name: str, tally: Counter[str]) -> None:
     """Print the shares, and keep them."""
     shares = {f"d' at zoom {zoom:g}": tally[f"d' {zoom:g}"] / tally["runs"] for zoom in JUDGED}
     shares["zoom limit"] = tally["zoom limit"] / max(tally["limits"], 1)
@@ -277,7 +279,7 @@ def say(record: Recorder, name: str, tally: Counter[str]) -> None:
         record.figure(f"{what}, {name}", 100 * share, "%")
 
 
-def tilts(record: Recorder) -> None:
+def _tilts(record: Recorder) -> None:
     """The tilt limit is the zoom limit seen through the camera: by an own geometry."""
     errors = []
     curve = DetectabilityCurve.model_validate(
@@ -290,17 +292,17 @@ def tilts(record: Recorder) -> None:
     for threshold in (1.5, 2.0, 2.5, 3.0):
         found = pose_limits(curve, threshold, CAMERA)
         assert found.tilt_deg is not None
-        own = brentq(lambda t, zoom=found.zoom: tilted_zoom(t) - zoom, 0.5, 40.0)
+        own = brentq(lambda t, zoom=found.zoom: _tilted_zoom(t) - zoom, 0.5, 40.0)
         errors.append(abs(own - found.tilt_deg))
     record.say(f"tilt limits beside an own geometry: within {max(errors):.3f} degrees")
     record.figure("tilt limit's largest error", max(errors), "degrees")
 
 
-def cost(record: Recorder) -> None:
+def _cost(record: Recorder) -> None:
     """Time of the curves with and without what their intervals need, as a ratio."""
     rng = np.random.default_rng(0)
     scenes = [SCENE.photograph(300, PSF_PX2, rng) for _ in range(2)]
-    psf = calibrate_psf(edges_of(Condition(snr=100.0, scatter_px2=0.0), rng)).best_psf("psf")
+    psf = calibrate_psf(_edges_of(_Condition(snr=100.0, scatter_px2=0.0), rng)).best_psf("psf")
     task = DetectionTask()
     plan = task.plan(psf, 2)
     sums = [scene_sums(scene, plan) for scene in scenes]
@@ -326,6 +328,6 @@ def cost(record: Recorder) -> None:
 
 @benchmark("numpy", "scipy")
 def main(record: Recorder) -> None:
-    tilts(record)
-    cost(record)
-    coverage(record, 2 if record.is_quick else 63)
+    _tilts(record)
+    _cost(record)
+    _coverage(record, 2 if record.is_quick else 63)

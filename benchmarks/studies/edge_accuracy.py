@@ -30,7 +30,7 @@ PIXEL_SIGMA_PX = sqrt(1 / 12)
 
 
 @dataclass
-class Tally:
+class _Tally:
     """Errors of one cell in units of their bound, and how often the interval held the truth."""
 
     scaled: list[float] = field(default_factory=list)
@@ -54,12 +54,12 @@ class Tally:
         )
 
 
-def only_fit(image: FloatArray, noise: LevelNoise | None = None) -> EdgeFit | None:
+def _only_fit(image: FloatArray, noise: LevelNoise | None = None) -> EdgeFit | None:
     segments = find_edges(image, cell_px=1000.0)
     return fit_edge(image, segments[0], noise=noise) if len(segments) == 1 else None
 
 
-def noise_free(record: Recorder) -> None:
+def _noise_free(record: Recorder) -> None:
     record.say("\nnoise-free, normals of 0 to 90 degrees in steps of 1: worst error of sigma in %")
     record.say(
         "  sigma   point-sampled, total   pixel square, optical   the same in 16 bit  missed"
@@ -71,7 +71,7 @@ def noise_free(record: Recorder) -> None:
             for k, image in enumerate((edge_image(sigma_px, normal_deg), square, np.rint(square))):
                 if k == 0 and sigma_px < 0.4:
                     continue
-                fit = only_fit(image)
+                fit = _only_fit(image)
                 width = None if fit is None else (fit.sigma_px, fit.optical_sigma_px)[k > 0]
                 if width is None:
                     missed += 1
@@ -85,7 +85,7 @@ def noise_free(record: Recorder) -> None:
         )
 
 
-def bound_px(truth: FloatArray, x: FloatArray, y: FloatArray, noise_dn: FloatArray) -> float:
+def _bound_px(truth: FloatArray, x: FloatArray, y: FloatArray, noise_dn: FloatArray) -> float:
     """Cramer-Rao bound of sigma's standard deviation; ``noise_dn`` of each pixel."""
     steps = np.array([1e-6, 1e-5, 1e-8, 1e-5, 1e-1, 1e-1])
     jacobian = np.column_stack(
@@ -100,12 +100,12 @@ def bound_px(truth: FloatArray, x: FloatArray, y: FloatArray, noise_dn: FloatArr
     return float(np.exp(truth[3]) * np.sqrt(inverse[3, 3]) / scale[3])
 
 
-def noisy_cell(
+def _noisy_cell(
     sigma_px: float, snr: float, edges: int, *, is_shot: bool = False, length_px: int = SIDE_PX
-) -> Tally:
+) -> _Tally:
     """Optical widths of edges at random angles and places in white noise, or in shot noise."""
     rng = np.random.default_rng([round(1000 * sigma_px), round(snr), length_px, is_shot])
-    tally = Tally()
+    tally = _Tally()
     y, x = np.mgrid[:length_px, :length_px] - (length_px - 1) / 2
     reach_px = 6 * hypot(sigma_px, PIXEL_SIGMA_PX) + 3
     mean_variance = (CONTRAST_DN / snr) ** 2
@@ -123,13 +123,13 @@ def noisy_cell(
             variance = offset_dn2 + slope * clean
             line = LevelNoise(offset_dn2=offset_dn2, slope_dn=slope, floor_dn2=1.0)
         image = clean + rng.standard_normal(clean.shape) * np.sqrt(variance)
-        fit = only_fit(image, line)
+        fit = _only_fit(image, line)
         if fit is None or fit.optical_sigma_px is None or fit.optical_sigma_err_px is None:
             tally.missed += 1
             continue
         distance = np.abs(np.cos(angle) * x + np.sin(angle) * y - offset)
         near = distance <= reach_px
-        bound = bound_px(truth, x[near], y[near], np.sqrt(variance[near]))
+        bound = _bound_px(truth, x[near], y[near], np.sqrt(variance[near]))
         tally.add(fit.optical_sigma_px - sigma_px, fit.optical_sigma_err_px, bound, sigma_px)
     return tally
 
@@ -140,7 +140,7 @@ def noise(record: Recorder, edges: int) -> None:
     squares: list[float] = []
     for sigma_px in (0.5, 0.8, 1.5):
         for snr in (100.0, 30.0, 12.0):
-            tally = noisy_cell(sigma_px, snr, edges)
+            tally = _noisy_cell(sigma_px, snr, edges)
             squares += tally.scaled
             rms = float(np.sqrt(np.mean(np.square(tally.scaled))))
             record.figure(
@@ -149,13 +149,13 @@ def noise(record: Recorder, edges: int) -> None:
             record.say(f"  {sigma_px:5.2f} {snr:5.0f}{tally.line()}")
     record.say(f"  over all cells: rms/bound {np.sqrt(np.mean(np.square(squares))):.3f}")
     record.say("shot noise, 15 times the variance on the bright side, line known")
-    record.say(f"  {0.8:5.2f} {30:5.0f}{noisy_cell(0.8, 30.0, edges, is_shot=True).line()}")
+    record.say(f"  {0.8:5.2f} {30:5.0f}{_noisy_cell(0.8, 30.0, edges, is_shot=True).line()}")
     record.say("faint and short")
-    record.say(f"  {0.8:5.2f} {6:5.0f}{noisy_cell(0.8, 6.0, edges).line()}")
-    record.say(f"  {0.8:5.2f} {30:5.0f}{noisy_cell(0.8, 30.0, edges, length_px=20).line()}  20 px")
+    record.say(f"  {0.8:5.2f} {6:5.0f}{_noisy_cell(0.8, 6.0, edges).line()}")
+    record.say(f"  {0.8:5.2f} {30:5.0f}{_noisy_cell(0.8, 30.0, edges, length_px=20).line()}  20 px")
 
 
-def tilted_psf(record: Recorder, draws: int) -> None:
+def _tilted_psf(record: Recorder, draws: int) -> None:
     """Covariance of a PSF with rho 0.35 behind the pixel, from 24 edges of 100 px."""
     sigma_x, sigma_y, rho, snr, count = 0.9, 0.7, 0.35, 30.0, 24
     truth = np.array([sigma_x, sigma_y, rho])
@@ -172,11 +172,11 @@ def tilted_psf(record: Recorder, draws: int) -> None:
             width = sqrt(variance)
             edge = np.array([angle, rng.uniform(-10, 10), 0.0, np.log(width), LOW_DN, HIGH_DN])
             image = exact_edge(edge, x, y) + rng.normal(0, noise_dn, x.shape)
-            fit = only_fit(image)
+            fit = _only_fit(image)
             if fit is None or fit.optical_sigma_px is None or fit.optical_sigma_err_px is None:
                 continue
             near = np.abs(c * x + s * y - edge[1]) <= 6 * hypot(width, PIXEL_SIGMA_PX) + 3
-            bound = bound_px(edge, x[near], y[near], np.full(near.sum(), noise_dn))
+            bound = _bound_px(edge, x[near], y[near], np.full(near.sum(), noise_dn))
             # Derivative of the width by sigma_x, sigma_y and rho.
             rows.append(
                 np.array(
@@ -215,6 +215,6 @@ def main(
     edges: Annotated[int | None, "edges in each noise cell, 2000 by default"] = None,
     draws: Annotated[int | None, "draws of the tilted PSF, 200 by default"] = None,
 ) -> None:
-    noise_free(record)
+    _noise_free(record)
     noise(record, edges or record.pick(2000, 100))
-    tilted_psf(record, draws or record.pick(200, 10))
+    _tilted_psf(record, draws or record.pick(200, 10))

@@ -31,7 +31,7 @@ HELD = 1.959964
 
 
 @dataclass
-class Tally:
+class _Tally:
     """Errors over their stated ones and over the truth, and how many edges gave none."""
 
     scaled: list[float] = field(default_factory=list)
@@ -97,10 +97,10 @@ def compressed(image: FloatArray, quality: int) -> tuple[FloatArray, JpegCompres
 
 def level_errors(
     edges: int, contrast_dn: Range, noise_dn: Range, sigma_px: Range, seed: int, quality: int = 0
-) -> Tally:
+) -> _Tally:
     """Fit random edges in 8 bits, behind JPEG where there is a ``quality``."""
     rng = np.random.default_rng(seed)
-    tally = Tally()
+    tally = _Tally()
     for _ in range(edges):
         sigma = float(np.exp(rng.uniform(*np.log(sigma_px))))
         contrast, noise = rng.uniform(*contrast_dn), rng.uniform(*noise_dn)
@@ -118,10 +118,12 @@ def level_errors(
     return tally
 
 
-def side_errors(squares: int, side_px: int, noise_dn: Range, seed: int, quality: int = 0) -> Tally:
+def _side_errors(
+    squares: int, side_px: int, noise_dn: Range, seed: int, quality: int = 0
+) -> _Tally:
     """Fit the sides of dark squares, at any angle, place, contrast and width of the lens."""
     rng = np.random.default_rng(seed)
-    tally = Tally()
+    tally = _Tally()
     size = int(np.ceil(1.5 * side_px)) + 32
     y, x = (axis.astype(np.float64) for axis in np.mgrid[:size, :size])
     for _ in range(squares):
@@ -145,7 +147,7 @@ def side_errors(squares: int, side_px: int, noise_dn: Range, seed: int, quality:
     return tally
 
 
-def eight_bits(record: Recorder, edges: int) -> None:
+def _eight_bits(record: Recorder, edges: int) -> None:
     record.say(f"\n8 bits, {edges} edges a line; contrast and noise in DN, sigma in px")
     record.say("  contrast     noise      sigma    rms   most  in 95 %  rms %  worst %  missed")
     for contrast, noise, sigma in (
@@ -161,7 +163,7 @@ def eight_bits(record: Recorder, edges: int) -> None:
         record.say(f"  {contrast!s:13}{noise!s:11}{sigma!s:10}{tally.line()}")
 
 
-def jpegs(record: Recorder, edges: int) -> None:
+def _jpegs(record: Recorder, edges: int) -> None:
     record.say(f"\nJPEG, contrast 40 to 200, noise 0.5 to 2, sigma 0.7 to 1.5 px, {edges} a line")
     record.say("  quality    rms   most  in 95 %  rms %  worst %  missed")
     for quality in (75, 80, 85, 90, 95):
@@ -176,7 +178,7 @@ def squares(record: Recorder, sides: int) -> None:
     record.say("  side   noise       quality    rms   most  in 95 %  rms %  worst %  missed")
     for side_px in (60, 100):
         for noise, quality in (((0.5, 1.0), 0), ((0.5, 1.0), 95), ((0.0, 0.4), 95)):
-            tally = side_errors(sides // 4, side_px, noise, seed=3, quality=quality)
+            tally = _side_errors(sides // 4, side_px, noise, seed=3, quality=quality)
             name = f"squares of {side_px} px, noise {noise}, " + (
                 f"JPEG {quality}" if quality else "8 bits"
             )
@@ -185,7 +187,7 @@ def squares(record: Recorder, sides: int) -> None:
             record.say(f"  {side_px:4d}   {noise!s:11} {quality:5d} {tally.line()}")
 
 
-def board_scene(rng: np.random.Generator, sigma_px: float) -> FloatArray:
+def _board_scene(rng: np.random.Generator, sigma_px: float) -> FloatArray:
     """A chessboard with fields of 24 to 38 px, a few degrees from upright, with noise."""
     pitch, turn = rng.uniform(24, 38), np.deg2rad(rng.uniform(-8, 8))
     dark, white = rng.uniform(30, 60), rng.uniform(150, 220)
@@ -209,7 +211,7 @@ def board_scene(rng: np.random.Generator, sigma_px: float) -> FloatArray:
     return image + rng.uniform(0.5, 1.5) * rng.standard_normal(image.shape)
 
 
-def boards(record: Recorder, count: int) -> None:
+def _boards(record: Recorder, count: int) -> None:
     """Widths of the lens from all edges of a board together."""
     record.say(
         f"\nboards of fields of 24 to 38 px, {count} a line: sigma_x and sigma_y of the lens"
@@ -217,9 +219,9 @@ def boards(record: Recorder, count: int) -> None:
     record.say("  quality  sigma    rms   most  in 95 %  rms %  worst %  missed")
     for quality in (50, 75, 90):
         for sigma in (0.6, 0.9, 1.4):
-            rng, tally = np.random.default_rng(quality), Tally()
+            rng, tally = np.random.default_rng(quality), _Tally()
             for _ in range(count):
-                levels, compression = compressed(board_scene(rng, sigma), quality)
+                levels, compression = compressed(_board_scene(rng, sigma), quality)
                 source = EdgeImage(
                     name="board",
                     image_dn=levels,
@@ -241,7 +243,7 @@ def main(
     record: Recorder, *, edges: Annotated[int | None, "edges a line, 1000 by default"] = None
 ) -> None:
     edges = edges or record.pick(1000, 50)
-    eight_bits(record, edges)
-    jpegs(record, edges)
+    _eight_bits(record, edges)
+    _jpegs(record, edges)
     squares(record, record.pick(480, 24))
-    boards(record, record.pick(40, 2))
+    _boards(record, record.pick(40, 2))

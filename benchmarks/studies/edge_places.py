@@ -53,7 +53,7 @@ def is_hit(edge: EdgeMeasurement, side: Side) -> bool:
 
 
 @dataclass
-class Tally:
+class _Tally:
     """What came of the edges of one place."""
 
     sides: int = 0
@@ -67,7 +67,7 @@ class Tally:
 
     def add(
         self, image_dn: FloatArray, truth: Sequence[Sequence[Side]], sigma_px: float
-    ) -> "Tally":
+    ) -> "_Tally":
         """Measure one picture as ``calibrate`` does; ``truth`` are its sides, patch by patch."""
         source = EdgeImage(
             name="edges", image_dn=np.clip(np.rint(image_dn), 0, WHITE_DN), saturation_dn=WHITE_DN
@@ -122,9 +122,9 @@ HEADER = (
 )
 
 
-def beside_border(rng: np.random.Generator, sigma_px: float, edges: int) -> tuple[Tally, Tally]:
+def _beside_border(rng: np.random.Generator, sigma_px: float, edges: int) -> tuple[_Tally, _Tally]:
     """A row of patches 2 to 6 px from both long borders: sides along these, and that end there."""
-    along, ending = Tally(), Tally()
+    along, ending = _Tally(), _Tally()
     while along.sides < edges:
         rectangles = [_bordered(rng, 75 + 130 * k) for k in range(20)]
         image = patches((90, 130 * 20), rectangles, DARK_DN, sigma_px)
@@ -149,9 +149,9 @@ def _bordered(rng: np.random.Generator, x_px: float) -> Rectangle:
     )
 
 
-def into_border(rng: np.random.Generator, sigma_px: float, edges: int) -> Tally:
+def _into_border(rng: np.random.Generator, sigma_px: float, edges: int) -> _Tally:
     """Bars that run out of the picture at both ends, at angles of 60 to 120 degrees."""
-    tally = Tally()
+    tally = _Tally()
     while tally.sides < edges:
         bars = [
             Rectangle(
@@ -169,9 +169,9 @@ def into_border(rng: np.random.Generator, sigma_px: float, edges: int) -> Tally:
     return tally
 
 
-def crossed(rng: np.random.Generator, sigma_px: float, edges: int, *, has_line: bool) -> Tally:
+def _crossed(rng: np.random.Generator, sigma_px: float, edges: int, *, has_line: bool) -> _Tally:
     """Edges that are crossed, one crossing a picture."""
-    tally = Tally()
+    tally = _Tally()
     y, x = np.mgrid[:CROSSED_PX, :CROSSED_PX].astype(np.float64)
     while tally.sides < edges:
         x_px, y_px = CROSSED_PX / 2 + rng.uniform(-5, 5, 2)
@@ -193,7 +193,7 @@ def crossed(rng: np.random.Generator, sigma_px: float, edges: int, *, has_line: 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Chart:
+class _Chart:
     """Squares on a ground, each of a level of its own."""
 
     side_px: float
@@ -202,16 +202,16 @@ class Chart:
     noise_dn: float
 
     @classmethod
-    def even(cls, side_px: float, dark_dn: float, bright_dn: float, snr: float) -> "Chart":
+    def even(cls, side_px: float, dark_dn: float, bright_dn: float, snr: float) -> "_Chart":
         """All squares of one level."""
         noise_dn = (bright_dn - dark_dn) / snr
         levels = bright_dn, bright_dn
         return cls(side_px=side_px, ground_dn=dark_dn, levels_dn=levels, noise_dn=noise_dn)
 
 
-def squares(rng: np.random.Generator, sigma_px: float, chart: Chart, count: int) -> Tally:
+def _squares(rng: np.random.Generator, sigma_px: float, chart: _Chart, count: int) -> _Tally:
     """Squares at random angles and places, a hundred a picture."""
-    tally, pitch = Tally(), 2 * chart.side_px + 10
+    tally, pitch = _Tally(), 2 * chart.side_px + 10
     for left in range(count, 0, -100):
         rectangles = [
             Rectangle(
@@ -230,65 +230,65 @@ def squares(rng: np.random.Generator, sigma_px: float, chart: Chart, count: int)
     return tally
 
 
-def border(record: Recorder, edges: int) -> None:
+def _border(record: Recorder, edges: int) -> None:
     for sigma_px in SIGMAS_PX:
-        along, ending = beside_border(np.random.default_rng(1), sigma_px, edges)
+        along, ending = _beside_border(np.random.default_rng(1), sigma_px, edges)
         along.write(record, "2 to 6 px beside the border", sigma_px)
         ending.write(record, "ending 2 to 6 px before the border", sigma_px)
-        into = into_border(np.random.default_rng(2), sigma_px, edges)
+        into = _into_border(np.random.default_rng(2), sigma_px, edges)
         into.write(record, "running into the border", sigma_px)
 
 
-def crossings(record: Recorder, edges: int) -> None:
+def _crossings(record: Recorder, edges: int) -> None:
     for sigma_px in SIGMAS_PX:
         for name, has_line in (("crossed by a line of 2 to 4 px", True), ("of a board", False)):
-            tally = crossed(np.random.default_rng(3), sigma_px, edges, has_line=has_line)
+            tally = _crossed(np.random.default_rng(3), sigma_px, edges, has_line=has_line)
             tally.write(record, name, sigma_px)
 
 
-def faint(record: Recorder, edges: int) -> None:
-    chart = Chart.even(80.0, 1600.0, 2000.0, snr=30.0)
+def _faint(record: Recorder, edges: int) -> None:
+    chart = _Chart.even(80.0, 1600.0, 2000.0, snr=30.0)
     for sigma_px in SIGMAS_PX:
-        tally = squares(np.random.default_rng(4), sigma_px, chart, edges // 4)
+        tally = _squares(np.random.default_rng(4), sigma_px, chart, edges // 4)
         tally.write(record, "contrast 5:4 at SNR 30, 80 px", sigma_px)
 
 
-def short(record: Recorder, edges: int) -> None:
+def _short(record: Recorder, edges: int) -> None:
     count = edges // 4
     for side_px in (22.0, 25.0, 30.0):
-        chart = Chart.even(side_px, DARK_DN, BRIGHT_DN, SNR)
+        chart = _Chart.even(side_px, DARK_DN, BRIGHT_DN, SNR)
         for sigma_px in SIGMAS_PX:
             name = f"squares of {side_px:g} px"
-            tally = squares(np.random.default_rng(5), sigma_px, chart, count)
+            tally = _squares(np.random.default_rng(5), sigma_px, chart, count)
             tally.write(record, name, sigma_px)
             whole = 100 * tally.whole / count
             record.say(f"    all four sides measured: {whole:.1f} % of {count} squares")
             record.figure(f"all four sides, {name}, sigma {sigma_px}", whole, "%")
 
 
-def clipped(record: Recorder, edges: int) -> None:
+def _clipped(record: Recorder, edges: int) -> None:
     ground_dn = 400.0
     rise_dn = WHITE_DN - ground_dn
     for least, most in pairwise(CLIPPED_SHARES):
-        chart = Chart(
+        chart = _Chart(
             side_px=80.0,
             ground_dn=ground_dn,
             levels_dn=(ground_dn + rise_dn / (1 - least), ground_dn + rise_dn / (1 - most)),
             noise_dn=rise_dn / SNR,
         )
         for sigma_px in SIGMAS_PX:
-            tally = squares(np.random.default_rng(6), sigma_px, chart, edges // 4)
+            tally = _squares(np.random.default_rng(6), sigma_px, chart, edges // 4)
             name = f"{100 * least:g} to {100 * most:g} % of the rise clipped"
             tally.write(record, name, sigma_px)
 
 
 Place = Literal["border", "crossing", "faint", "short", "clipped"]
 PLACES: dict[Place, Callable[[Recorder, int], None]] = {
-    "border": border,
-    "crossing": crossings,
-    "faint": faint,
-    "short": short,
-    "clipped": clipped,
+    "border": _border,
+    "crossing": _crossings,
+    "faint": _faint,
+    "short": _short,
+    "clipped": _clipped,
 }
 
 

@@ -135,7 +135,7 @@ def measured(image_dn: FloatArray) -> list[EdgeMeasurement]:
     return EdgeSelection().measured_in(source, "all-angles")
 
 
-def study(record: Recorder, sides: int, seed: int) -> SidesTally:
+def _study(record: Recorder, sides: int, seed: int) -> SidesTally:
     """Go through sigmas, angles and noises, as often as the number of sides takes."""
     rng = np.random.default_rng(seed)
     tally = SidesTally()
@@ -155,7 +155,7 @@ def main(
     sides: Annotated[int | None, "least number of sides, 4000 by default"] = None,
     seed: Annotated[int, "of all that is drawn"] = 500,
 ) -> None:
-    tally = study(record, sides or record.pick(4000, 40), seed)
+    tally = _study(record, sides or record.pick(4000, 40), seed)
     for name in tally.lost:
         record.say(f"  lost: {name}")
     record.say(f"{len(tally.lost)} of {tally.sides} sides lost")

@@ -39,7 +39,7 @@ EVERY_DEG = (0, 0.1, 0.2, 0.3, 0.5, 0.7, 1, 2, 5, 10, 18.435, 26.565, 35, 45, 63
 HELD = 1.959964
 
 
-def cases() -> dict[str, list[tuple[FloatArray, float]]]:
+def _cases() -> dict[str, list[tuple[FloatArray, float]]]:
     """Images and their true MTF50, by kind."""
     turns = [(n, float(np.deg2rad(n))) for n in NORMALS_DEG]
     return {
@@ -57,24 +57,24 @@ def cases() -> dict[str, list[tuple[FloatArray, float]]]:
     }
 
 
-def by_spline(image: FloatArray) -> float:
+def _by_spline(image: FloatArray) -> float:
     esfr = measure_esfr(samples_of(image)[1])
     return (esfr.mtf50_cy_per_px if esfr else None) or np.nan
 
 
-def by_bins(image: FloatArray) -> float:
+def _by_bins(image: FloatArray) -> float:
     """ISO 12233:2017, annex D, on the pixels that the spline sees."""
     return curve_by_bins(samples_of(image)[0]).mtf50 or np.nan
 
 
-def by_quick_mtf(image: FloatArray) -> float:
+def _by_quick_mtf(image: FloatArray) -> float:
     try:
         return quick_mtf(image).mtf50 or np.nan
     except PeerError:
         return np.nan
 
 
-def every_angle(record: Recorder) -> None:
+def _every_angle(record: Recorder) -> None:
     """Largest error of MTF50 without noise at any angle, and how many edges have none."""
     worst, missing, count = 0.0, 0, 0
     for sigma in (0.4, 0.5, 0.6, 0.8, 1.5):
@@ -92,7 +92,7 @@ def every_angle(record: Recorder) -> None:
     record.figure("MTF50 at every angle, missing", 100 * missing / count, "%")
 
 
-def shading(record: Recorder) -> None:
+def _shading(record: Recorder) -> None:
     """Print what light that falls off costs sigma and MTF50, by its kind and the image's width."""
     record.say(
         "\nlight that falls off, no noise: largest error of the lens's sigma and of MTF50 / %"
@@ -119,7 +119,7 @@ def shading(record: Recorder) -> None:
             record.figure(f"MTF50, {name}, worst", 100 * mtf50_error, "%")
 
 
-def squares_by_the_frame(record: Recorder) -> None:
+def _squares_by_the_frame(record: Recorder) -> None:
     """Print what uneven light costs MTF50 where the frame cuts what lies beside an edge."""
     record.say(
         "\nsquares of 60 px near the frame, uneven light, no noise: largest error of MTF50 / %"
@@ -141,7 +141,7 @@ def squares_by_the_frame(record: Recorder) -> None:
         record.figure(name, 100 * error, "%")
 
 
-def intervals_in_uneven_light(record: Recorder) -> None:
+def _intervals_in_uneven_light(record: Recorder) -> None:
     """How often intervals hold where light falls off by a third over 512 px, in any direction."""
     rng = np.random.default_rng(2)
     record.say("\nlight that falls off, noise: 95 % intervals of MTF50 and of sigma that hold / %")
@@ -184,7 +184,7 @@ def _vignetting(shape: tuple[int, int]) -> FloatArray:
     return np.asarray(1 - 0.3 * (x[None, :] ** 2 + y[:, None] ** 2) / 2)
 
 
-def intervals(record: Recorder) -> None:
+def _intervals(record: Recorder) -> None:
     """Scatter of MTF50 over random edges, and how often its 95 % interval holds the truth."""
     rng = np.random.default_rng(0)
     draws = record.pick(1000, 100)
@@ -212,13 +212,13 @@ def intervals(record: Recorder) -> None:
         record.figure(f"95 % intervals of MTF50 that hold, {case}", coverage, "%")
 
 
-def compare_errors(
+def _compare_errors(
     record: Recorder, peers: dict[str, Callable[[FloatArray], float]], rng: np.random.Generator
 ) -> None:
     """Print the errors of MTF50 by kind of edge."""
     heading = f"{'|error of MTF50| / %: median (largest)':40s}"
     record.say("\n" + heading + "".join(f"{name:>22s}" for name in peers))
-    for kind, edges in cases().items():
+    for kind, edges in _cases().items():
         for noise_dn in (0.0, NOISE_DN):
             errors: dict[str, list[float]] = {name: [] for name in peers}
             for clean, truth in edges:
@@ -240,19 +240,19 @@ def compare_errors(
 
 @benchmark("numpy", "scipy", "numba")
 def main(record: Recorder) -> None:
-    peers: dict[str, Callable[[FloatArray], float]] = {"spline": by_spline, "bins": by_bins}
+    peers: dict[str, Callable[[FloatArray], float]] = {"spline": _by_spline, "bins": _by_bins}
     has_quick_mtf = find_spec("quickMTF") is not None
     if has_quick_mtf:
-        peers["quickMTF"] = by_quick_mtf
+        peers["quickMTF"] = _by_quick_mtf
     else:
         record.say("quickMTF is not installed: pip install quickMTF to compare with it")
     rng = np.random.default_rng(1)
-    compare_errors(record, peers, rng)
-    every_angle(record)
-    shading(record)
-    squares_by_the_frame(record)
-    intervals_in_uneven_light(record)
-    intervals(record)
+    _compare_errors(record, peers, rng)
+    _every_angle(record)
+    _shading(record)
+    _squares_by_the_frame(record)
+    _intervals_in_uneven_light(record)
+    _intervals(record)
     clean = edge_image(0.8, 5.0, has_pixel=True)
     image = clean + rng.normal(size=clean.shape) * NOISE_DN
     samples, binned = samples_of(image)
@@ -262,7 +262,7 @@ def main(record: Recorder) -> None:
     record.say(f"  spline, samples at hand  {1e3 * own_s:8.2f}")
     peer_ms = None
     if has_quick_mtf:
-        peer_ms = 1e3 * best_s(lambda: by_quick_mtf(image), seconds, time.thread_time)
+        peer_ms = 1e3 * best_s(lambda: _by_quick_mtf(image), seconds, time.thread_time)
         record.say(f"  quickMTF, whole image    {peer_ms:8.2f}")
     record.figure(
         "e-SFR of one edge",

@@ -55,7 +55,7 @@ MIDDLES_PX = {1.1: 286, 1.5: 288, 2.0: 288, 2.5: 290}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Views:
+class _Views:
     """Levels without noise of one print from one pose, without and with spots."""
 
     reference: FloatArray
@@ -65,7 +65,7 @@ class Views:
     places_px: FloatArray
 
 
-def views(truth: BenchTruth, target: str, pose: CameraPose, contrast: float, seed: int) -> Views:
+def _views(truth: BenchTruth, target: str, pose: CameraPose, contrast: float, seed: int) -> _Views:
     """Photograph a print from both poses; ``places_px`` are the spots in the reference, (n, 2)."""
     rng = np.random.default_rng(seed)
     scene, near = Placed(scene=scene_of(target)), CameraPose(height_mm=NEAR_MM)
@@ -85,7 +85,7 @@ def views(truth: BenchTruth, target: str, pose: CameraPose, contrast: float, see
         for shown in (scene, with_spots)
     )
     added = changed[0] - plain[0]
-    return Views(
+    return _Views(
         reference=plain[0],
         changed_reference=changed[0],
         followup=(plain[1], changed[1]),
@@ -106,14 +106,16 @@ def _peaks(added: FloatArray, count: int) -> FloatArray:
     return np.array(found)
 
 
-def noisy(truth: BenchTruth, levels: FloatArray, frames: int, *seed: int) -> FloatArray:
+def _noisy(truth: BenchTruth, levels: FloatArray, frames: int, *seed: int) -> FloatArray:
     """The mean of so many frames."""
     rng = np.random.default_rng(seed)
     sd = np.sqrt(bench_noise(truth, frames).variance_dn2(np.maximum(levels, 0.0)))
     return np.asarray(levels + sd * rng.standard_normal(levels.shape))
 
 
-def simulated(model: str, truth: BenchTruth, source: FloatArray, seen: Views) -> FloatArray | None:
+def _simulated(
+    model: str, truth: BenchTruth, source: FloatArray, seen: _Views
+) -> FloatArray | None:
     """The follow-up that a model makes of a capture; None where it cannot."""
     height, width = seen.followup[0].shape
     if model == "bicubic":
@@ -123,13 +125,13 @@ def simulated(model: str, truth: BenchTruth, source: FloatArray, seen: Views) ->
         )
         return np.asarray(made, np.float64)
     if model == "pyBSM":
-        return zoomed_by_pybsm(truth, source, seen) if HAS_PYBSM else None
+        return _zoomed_by_pybsm(truth, source, seen) if HAS_PYBSM else None
     options = PoseOptions(model="lmmse" if model == "lmmse" else "matched")
     made = simulate_pose(source, seen.matrix, (width, height), bench_psf(truth), options).image
     return np.asarray(made, np.float64)
 
 
-def zoomed_by_pybsm(truth: BenchTruth, source: FloatArray, seen: Views) -> FloatArray | None:
+def _zoomed_by_pybsm(truth: BenchTruth, source: FloatArray, seen: _Views) -> FloatArray | None:
     """Zoom the middle of the reference out; None of a pose that is more than that."""
     zoom = round(float(seen.matrix[0, 0]), 6)
     side = MIDDLES_PX.get(zoom)
@@ -146,8 +148,8 @@ def zoomed_by_pybsm(truth: BenchTruth, source: FloatArray, seen: Views) -> Float
     return whole
 
 
-def crops(
-    seen: Views, reference: FloatArray, followup: FloatArray, seed: int
+def _crops(
+    seen: _Views, reference: FloatArray, followup: FloatArray, seed: int
 ) -> Iterator[tuple[Float32Array, Float32Array, FloatArray]]:
     """Cut the pairs around the spots, each a little off its spot."""
     rng = np.random.default_rng([seed, 77])
@@ -179,7 +181,7 @@ def crops(
         )
 
 
-def areas(
+def _areas(
     truth: BenchTruth, detector: str, zoom: float, tilt_deg: float, targets: tuple[str, ...]
 ) -> dict[str, float]:
     """AUC on captures, and on pairs simulated by each model."""
@@ -189,19 +191,19 @@ def areas(
         for number, target in enumerate(targets):
             seed = 1000 * number + round(100 * zoom) + round(tilt_deg)
             pose = far_pose(truth, zoom, **({"tilt_x_deg": tilt_deg} if tilt_deg else {}))
-            seen = views(truth, target, pose, CONTRASTS[detector] * SHARES[zoom], seed)
-            reference = noisy(truth, seen.reference, FRAMES, seed, 1)
+            seen = _views(truth, target, pose, CONTRASTS[detector] * SHARES[zoom], seed)
+            reference = _noisy(truth, seen.reference, FRAMES, seed, 1)
             for is_changed, near in enumerate((seen.reference, seen.changed_reference)):
-                source = noisy(truth, near, SOURCE_FRAMES, seed, 2 + is_changed)
+                source = _noisy(truth, near, SOURCE_FRAMES, seed, 2 + is_changed)
                 made = {
                     "captured": seen.followup[is_changed],
-                    **{model: simulated(model, truth, source, seen) for model in MODELS},
+                    **{model: _simulated(model, truth, source, seen) for model in MODELS},
                 }
                 for name, followup in made.items():
                     if followup is None:
                         continue
-                    shown = noisy(truth, followup, FRAMES, seed, 4 + is_changed)
-                    for pair in crops(seen, reference, shown, seed):
+                    shown = _noisy(truth, followup, FRAMES, seed, 4 + is_changed)
+                    for pair in _crops(seen, reference, shown, seed):
                         scores.setdefault(name, ([], []))[is_changed].append(judge(*pair).score)
                         groups.setdefault(name, ([], []))[is_changed].append(number)
     return {
@@ -225,7 +227,7 @@ def main(record: Recorder) -> None:
         for zoom, tilt in product(record.pick(ZOOMS, (1.5,)), record.pick(TILTS_DEG, (0.0,))):
             if is_slow and (zoom not in SLOW_ZOOMS or tilt == TILTS_DEG[1]):
                 continue
-            found = areas(truth, detector, zoom, tilt, targets)
+            found = _areas(truth, detector, zoom, tilt, targets)
             captured = found.pop("captured")
             told = ", ".join(f"{name} {value - captured:+.3f}" for name, value in found.items())
             record.say(

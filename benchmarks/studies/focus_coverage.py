@@ -46,7 +46,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Figures:
+class _Figures:
     """Focus value by height, its scatter in one frame and in the mean of several, and the share."""
 
     f_number: float
@@ -56,7 +56,7 @@ class Figures:
     texture_share: float
 
     @classmethod
-    def of_bench(cls, target: str, f_number: float, frames: int, seed: int) -> "Figures":
+    def of_bench(cls, target: str, f_number: float, frames: int, seed: int) -> "_Figures":
         """Render the views of a target and take their figures."""
         keys = {"width_px": 390, "height_px": 290, "f_number": f_number, "focus_distance_mm": 300.0}
         truth = BenchTruth(
@@ -107,8 +107,8 @@ def _scatter(truth: BenchTruth, view: Float32Array, frames: int, rng: np.random.
     return float(np.std(values, ddof=1))
 
 
-def peaks_of(
-    figures: Figures, range_mm: tuple[int, int], pupil: PupilOffset, frames: int, draws: int
+def _peaks_of(
+    figures: _Figures, range_mm: tuple[int, int], pupil: PupilOffset, frames: int, draws: int
 ) -> list[FocusPeak]:
     """The peaks of the sweeps that are not refused."""
     low, high = range_mm
@@ -132,10 +132,10 @@ def peaks_of(
     return found
 
 
-def coverage(
+def _coverage(
     record: Recorder, target: str, frames: int, draws: int, f_numbers: Sequence[float]
 ) -> None:
-    figures = {f: Figures.of_bench(target, f, frames, 1) for f in f_numbers}
+    figures = {f: _Figures.of_bench(target, f, frames, 1) for f in f_numbers}
     for name, pupil in PUPILS.items():
         record.say(
             f"\n{target}, mean of {frames} frames, pupil {name}: covered / %, mean half-interval"
@@ -146,7 +146,7 @@ def coverage(
             peaks = [
                 peak
                 for range_mm in RANGES_MM
-                for peak in peaks_of(figures[f], range_mm, pupil, frames, draws)
+                for peak in _peaks_of(figures[f], range_mm, pupil, frames, draws)
             ]
             asked = draws * len(RANGES_MM)
             if not peaks:
@@ -169,6 +169,6 @@ def coverage(
 def main(record: Recorder) -> None:
     draws = record.pick(40, 2)
     f_numbers = record.pick(F_NUMBERS, (1.4, 4.0))
-    coverage(record, "edge", 10, draws, f_numbers)
-    coverage(record, "edge", 2, draws // 2, f_numbers)
-    coverage(record, "coins", 10, draws // 2, f_numbers)
+    _coverage(record, "edge", 10, draws, f_numbers)
+    _coverage(record, "edge", 2, draws // 2, f_numbers)
+    _coverage(record, "coins", 10, draws // 2, f_numbers)

@@ -34,7 +34,7 @@ EXPOSURE_US = 9000.0
 
 
 @dataclass(frozen=True)
-class Case:
+class _Case:
     """A camera, its captures and what is true of it."""
 
     target: str
@@ -45,7 +45,7 @@ class Case:
     images: list[Float32Array]
 
 
-def draw_case(seed: int, width_px: int) -> Case:
+def _draw_case(seed: int, width_px: int) -> _Case:
     """Draw a camera and photograph a target with it, 10 frames averaged."""
     rng = np.random.default_rng(seed)
     target = TARGETS[seed % len(TARGETS)]
@@ -104,10 +104,10 @@ def draw_case(seed: int, width_px: int) -> Case:
         )
         noisy = clean + rng.normal(size=clean.shape) * np.sqrt(variance / FRAMES)
         images.append(noisy.astype(np.float32))
-    return Case(target, truth, k1, (float(tilt[0]), float(tilt[1])), heights, images)
+    return _Case(target, truth, k1, (float(tilt[0]), float(tilt[1])), heights, images)
 
 
-def calibrated(case: Case) -> GeometryCalibration:
+def _calibrated(case: _Case) -> GeometryCalibration:
     """Calibrate one case as the command does."""
     kind = "board" if case.target == "board" else "texture"
     captures = [
@@ -125,7 +125,7 @@ def calibrated(case: Case) -> GeometryCalibration:
     return calibrate_geometry(captures, nominal)
 
 
-def peer_pupil_mm(case: Case) -> tuple[float, float]:
+def _peer_pupil_mm(case: _Case) -> tuple[float, float]:
     """Pupil offset and largest relative error of a zoom by pairwise homographies."""
     zooms = [1.0]
     for image in case.images[1:]:
@@ -136,7 +136,7 @@ def peer_pupil_mm(case: Case) -> tuple[float, float]:
     return float(level / slope), float(np.abs(np.array(zooms) / true - 1).max())
 
 
-def compare(record: Recorder, cases: int, width_px: int) -> None:
+def _compare(record: Recorder, cases: int, width_px: int) -> None:
     """Print a line for each case, and how the errors compare with what was claimed of them."""
     record.say(
         "target     n  pupil err +- se / mm     peer/mm  zoom err  peer zoom  scale err"
@@ -148,14 +148,14 @@ def compare(record: Recorder, cases: int, width_px: int) -> None:
     own_mm: list[float] = []
     off_mm: list[float] = []
     for seed in range(cases):
-        case = draw_case(seed, width_px)
+        case = _draw_case(seed, width_px)
         start = time.perf_counter()
-        found = calibrated(case)
+        found = _calibrated(case)
         own_s = time.perf_counter() - start
         truth = case.truth
         start = time.perf_counter()
         try:
-            peer_mm, peer_zoom = peer_pupil_mm(case)
+            peer_mm, peer_zoom = _peer_pupil_mm(case)
         except RegistrationError:
             peer_mm, peer_zoom = np.nan, np.nan
         peer_s = time.perf_counter() - start
@@ -221,4 +221,4 @@ def main(
     cases: Annotated[int | None, "number of cameras, 24 by default"] = None,
     width_px: int = WIDTH_PX,
 ) -> None:
-    compare(record, cases or record.pick(24, 3), width_px)
+    _compare(record, cases or record.pick(24, 3), width_px)

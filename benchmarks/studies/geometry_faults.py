@@ -18,7 +18,7 @@ SIZES = (0.0025, 0.005, 0.01, 0.02)
 """Over the camera's distance; a zoom that is off by 0.02 moves d' by 5 %."""
 
 
-def is_named(seed: int, fault: Fault, size: float) -> bool:
+def _is_named(seed: int, fault: Fault, size: float) -> bool:
     """Whether a survey with this fault says so."""
     kind = "board" if fault == "sag" or seed % 2 else "texture"
     found = surveyed(seed, kind, fault, size)
@@ -40,6 +40,6 @@ def main(record: Recorder) -> None:
     draws = record.pick(40, 5)
     for fault in WORDS:
         for size in SIZES:
-            named = sum(is_named(1000 + seed, fault, size) for seed in range(draws))
+            named = sum(_is_named(1000 + seed, fault, size) for seed in range(draws))
             record.say(f"{fault}, {100 * size:g} % of the distance: {named} of {draws} named")
             record.figure(f"{fault} of {100 * size:g} % named", named / draws, "share")

@@ -50,7 +50,7 @@ Variances = tuple[float, float]
 Estimator = Callable[[float, int], Variances]
 
 
-def layer_by_layer(crop: Tensor, layers: Sequence[Tensor], taps: Tensor) -> Tensor:
+def _layer_by_layer(crop: Tensor, layers: Sequence[Tensor], taps: Tensor) -> Tensor:
     """Convolve layer by layer, then sample: what any zoom needs, the publication's order."""
     x = crop[None, None]
     for weight in layers:
@@ -58,7 +58,7 @@ def layer_by_layer(crop: Tensor, layers: Sequence[Tensor], taps: Tensor) -> Tens
     return x[:, :, taps][:, :, :, taps]
 
 
-def layer_by_layer_with_stride(crop: Tensor, layers: Sequence[Tensor], _: Tensor) -> Tensor:
+def _layer_by_layer_with_stride(crop: Tensor, layers: Sequence[Tensor], _: Tensor) -> Tensor:
     """The same at zoom 2 by a stride in the last layer wider than 1 px: a quarter of the rest."""
     x = crop[None, None]
     for place, weight in enumerate(layers):
@@ -66,20 +66,20 @@ def layer_by_layer_with_stride(crop: Tensor, layers: Sequence[Tensor], _: Tensor
     return x
 
 
-def composed(crop: Tensor, layers: Sequence[Tensor], taps: Tensor) -> Tensor:
+def _composed(crop: Tensor, layers: Sequence[Tensor], taps: Tensor) -> Tensor:
     """Compose the kernel, then convolve at the samples only."""
     return sampled(crop, composed_kernel(layers)[0, 0], taps)
 
 
 Form = Callable[[Tensor, Sequence[Tensor], Tensor], Tensor]
 FORMS: dict[str, Form] = {
-    "composed": composed,
-    "layer by layer": layer_by_layer,
-    "... with stride": layer_by_layer_with_stride,
+    "composed": _composed,
+    "layer by layer": _layer_by_layer,
+    "... with stride": _layer_by_layer_with_stride,
 }
 
 
-def generator_s(steps: int, form: Form) -> list[float]:
+def _generator_s(steps: int, form: Form) -> list[float]:
     """Times of forward and backward of the generator alone."""
     layers = DeepLinearGenerator(torch.Generator().manual_seed(0), 1.0, torch.float32).parameters
     crop = torch.rand(63, 63, generator=torch.Generator().manual_seed(1))
@@ -93,7 +93,7 @@ def generator_s(steps: int, form: Form) -> list[float]:
     return times
 
 
-def step_s(steps: int) -> list[float]:
+def _step_s(steps: int) -> list[float]:
     """Times of whole training steps with the composed generator."""
     image = dead_leaves(SHAPE, 0.8, seed=0, discs_per_px=0.3)
     picker = CropPicker.of_image(image, ZOOM, 13)
@@ -106,10 +106,10 @@ def step_s(steps: int) -> list[float]:
     return times
 
 
-def print_speed(record: Recorder, steps: int) -> None:
+def _print_speed(record: Recorder, steps: int) -> None:
     # The first steps allocate and choose algorithms.
-    whole_s = statistics.median(step_s(steps)[3:])
-    own_s = {name: statistics.median(generator_s(steps, form)[3:]) for name, form in FORMS.items()}
+    whole_s = statistics.median(_step_s(steps)[3:])
+    own_s = {name: statistics.median(_generator_s(steps, form)[3:]) for name, form in FORMS.items()}
     # All else in a step is the same for all.
     rest_s = whole_s - own_s["composed"]
     record.figure(
@@ -134,7 +134,7 @@ def print_speed(record: Recorder, steps: int) -> None:
     record.say("generator: discriminator, crops and regularisers are the same")
 
 
-def by_training(model: KernelModel, steps: int, sigma_px: float, seed: int) -> Variances:
+def _by_training(model: KernelModel, steps: int, sigma_px: float, seed: int) -> Variances:
     """Variances of the kernel that a training on one photograph found, (y, x), px^2."""
     image = dead_leaves(TABLE_SHAPE, sigma_px, seed)
     settings = KernelGanSettings(zoom=ZOOM, model=model, steps=steps, seed=seed)
@@ -142,7 +142,7 @@ def by_training(model: KernelModel, steps: int, sigma_px: float, seed: int) -> V
     return yy, xx
 
 
-def by_edges(sigma_px: float, seed: int) -> Variances:
+def _by_edges(sigma_px: float, seed: int) -> Variances:
     """The same from the edges of a photograph of squares: discs have no straight ones."""
     image = dead_leaves(
         TABLE_SHAPE, sigma_px, seed, discs_per_px=0.003, is_square=True, radius_min_px=12.0
@@ -151,7 +151,7 @@ def by_edges(sigma_px: float, seed: int) -> Variances:
     return _between(calibration.total.covariance_px2)
 
 
-def by_distances(sigma_px: float, seed: int) -> Variances:
+def _by_distances(sigma_px: float, seed: int) -> Variances:
     """The same from that photograph and one of the scene from twice as far away."""
     near, far = (TOP_DN * dead_leaves(TABLE_SHAPE, sigma_px, seed, zoom=z) for z in (1, 2))
     matrix = np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]])
@@ -165,7 +165,7 @@ def _between(covariance_px2: FloatArray | None) -> Variances:
     return yy, xx
 
 
-def print_table(
+def _print_table(
     record: Recorder, methods: dict[str, Estimator], sigmas_px: Sequence[float], seeds: int
 ) -> None:
     record.say(
@@ -207,14 +207,14 @@ def main(
 ) -> None:
     torch.set_num_threads(1)
     if not table:
-        print_speed(record, steps or record.pick(30, 15))
+        _print_speed(record, steps or record.pick(30, 15))
         return
     steps = steps or 1000
     methods: dict[str, Estimator] = {
-        **{model: partial(by_training, model, steps) for model in KERNEL_MODELS},
-        "single-image": by_edges,
-        "two-distance": by_distances,
+        **{model: partial(_by_training, model, steps) for model in KERNEL_MODELS},
+        "single-image": _by_edges,
+        "two-distance": _by_distances,
     }
     sigmas_px = [float(text) for text in sigmas.split(",")]
     chosen = method or METHODS
-    print_table(record, {name: methods[name] for name in chosen}, sigmas_px, seeds)
+    _print_table(record, {name: methods[name] for name in chosen}, sigmas_px, seeds)

@@ -62,7 +62,7 @@ MODELS: tuple[Model, ...] = ("lmmse", "bicubic")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shown:
+class _Shown:
     """A crop of a pair of the bench."""
 
     reference: Float32Array
@@ -73,17 +73,17 @@ class Shown:
     zoom: float
 
 
-def bench_crops(truth: BenchTruth, name: str, number: int, zoom: float) -> Iterator[Shown]:
+def _bench_crops(truth: BenchTruth, name: str, number: int, zoom: float) -> Iterator[_Shown]:
     """Crops of one print at one ratio: at every spot in the frame one with it and one without."""
     near_px_per_mm = truth.camera.scale_px_per_mm(NEAR_MM)
     noise = bench_noise(truth, 1)
     middle_dn = truth.black_level_dn + 1500.0
     noise_dn = float(np.sqrt(noise.variance_dn2(np.array(middle_dn))))
-    white = bench_pair_of(truth, "flat", zoom, 0.0, SIGMA_PX / near_px_per_mm)
+    white = _bench_pair_of(truth, "flat", zoom, 0.0, SIGMA_PX / near_px_per_mm)
     per_reflectance = float(white.reference.max()) - truth.black_level_dn
     sign = 1 if (number + ZOOMS.index(zoom)) % 2 else -1
     contrast = sign * CONTRAST_SD * zoom**2 * noise_dn / per_reflectance
-    clean = bench_pair_of(truth, name, zoom, contrast, SIGMA_PX / near_px_per_mm)
+    clean = _bench_pair_of(truth, name, zoom, contrast, SIGMA_PX / near_px_per_mm)
     plain = replace(clean, followup=clean.followup - clean.change)
     seed = 100 * number + ZOOMS.index(zoom)
     changed, unchanged = (
@@ -97,9 +97,9 @@ def bench_crops(truth: BenchTruth, name: str, number: int, zoom: float) -> Itera
     for y, x in peaks:
         top, left = (int(at - rng.integers(side // 4, side - side // 4)) for at in (y, x))
         for pair, is_changed in ((unchanged, False), (changed, True)):
-            cut = crop_of(pair, top, left, side)
+            cut = _crop_of(pair, top, left, side)
             if cut is not None:
-                yield Shown(
+                yield _Shown(
                     reference=cut[0],
                     followup=cut[1],
                     homography=cut[2],
@@ -109,7 +109,7 @@ def bench_crops(truth: BenchTruth, name: str, number: int, zoom: float) -> Itera
                 )
 
 
-def bench_pair_of(
+def _bench_pair_of(
     truth: BenchTruth, name: str, zoom: float, contrast: float, sigma_mm: float
 ) -> BenchPair:
     return bench_pair(
@@ -124,7 +124,7 @@ def bench_pair_of(
     )
 
 
-def crop_of(
+def _crop_of(
     pair: BenchPair, top: int, left: int, side: int
 ) -> tuple[Float32Array, Float32Array, FloatArray] | None:
     """A square of the follow-up and the reference's around it; None at the frame's border."""
@@ -146,7 +146,7 @@ def crop_of(
     )
 
 
-def trained(
+def _trained(
     record: Recorder, truth: BenchTruth, model: Model, folder: Path, pairs: int, seeds: range
 ) -> list[Detector]:
     """Networks that learnt from pairs of a model."""
@@ -181,13 +181,13 @@ def trained(
     return detectors
 
 
-def scores_of(detector: Detector, shown: list[Shown]) -> FloatArray:
+def _scores_of(detector: Detector, shown: list[_Shown]) -> FloatArray:
     return np.array(
         [float(np.max(detector(one.reference, one.followup, one.homography))) for one in shown]
     )
 
 
-def area(shown: list[Shown], scores: FloatArray) -> tuple[float, float, float]:
+def _area(shown: list[_Shown], scores: FloatArray) -> tuple[float, float, float]:
     """AUC with its interval over prints."""
     is_changed = np.array([one.is_changed for one in shown])
     prints = np.array([one.print_number for one in shown])
@@ -197,8 +197,8 @@ def area(shown: list[Shown], scores: FloatArray) -> tuple[float, float, float]:
     return found.auc, found.low, found.high
 
 
-def gained(
-    shown: list[Shown], better: list[FloatArray], worse: list[FloatArray]
+def _gained(
+    shown: list[_Shown], better: list[FloatArray], worse: list[FloatArray]
 ) -> tuple[float, float]:
     """Mean over prints of the gain of AUC, and half of its 95 % interval."""
     gains = []
@@ -206,7 +206,7 @@ def gained(
         own = [place for place, one in enumerate(shown) if one.print_number == number]
         part = [shown[place] for place in own]
         areas = [
-            np.mean([area(part, scores[own])[0] for scores in group]) for group in (better, worse)
+            np.mean([_area(part, scores[own])[0] for scores in group]) for group in (better, worse)
         ]
         gains.append(areas[0] - areas[1])
     if len(gains) < 2:
@@ -215,7 +215,7 @@ def gained(
     return float(np.mean(gains)), quantile * float(np.std(gains, ddof=1)) / len(gains) ** 0.5
 
 
-def report(record: Recorder, shown: list[Shown], scores: dict[str, list[FloatArray]]) -> None:
+def _report(record: Recorder, shown: list[_Shown], scores: dict[str, list[FloatArray]]) -> None:
     names = list(scores)
     record.say(f"\n  zoom  pairs  {'  '.join(f'{name:^20s}' for name in names)}  lmmse - bicubic")
     kinds: list[tuple[str, list[int]]] = [
@@ -227,17 +227,17 @@ def report(record: Recorder, shown: list[Shown], scores: dict[str, list[FloatArr
         part = [shown[place] for place in own]
         cells = []
         for name in names:
-            of_seeds = [area(part, one[own]) for one in scores[name]]
+            of_seeds = [_area(part, one[own]) for one in scores[name]]
             auc, low, high = np.mean(of_seeds, axis=0)
             cells.append(f"{auc:.3f} ({low:.3f}-{high:.3f})")
-        gain, half = gained(
+        gain, half = _gained(
             part, [one[own] for one in scores["lmmse"]], [one[own] for one in scores["bicubic"]]
         )
         row = "  ".join(f"{cell:^20s}" for cell in cells)
         record.say(f"  {title:>4s}  {len(part):5d}  {row}  {gain:+.3f} +- {half:.3f}")
         record.figure(f"gain of AUC by the calibrated model, zoom {title}", gain, "")
     for name in names:
-        apart = [area(shown, one)[0] for one in scores[name]]
+        apart = [_area(shown, one)[0] for one in scores[name]]
         record.say(f"  {name}: AUC of each seed {', '.join(f'{one:.3f}' for one in apart)}")
 
 
@@ -249,13 +249,13 @@ def main(record: Recorder) -> None:
             one
             for number, name in enumerate(record.pick(list(PHOTOGRAPHS), ["brick", "coins"]))
             for zoom in record.pick(ZOOMS, ZOOMS[1:2])
-            for one in bench_crops(truth, name, number, zoom)
+            for one in _bench_crops(truth, name, number, zoom)
         ]
         record.say(f"{len(shown)} crops of the bench; training:")
         scores: dict[str, list[FloatArray]] = {
             model: [
-                scores_of(one, shown)
-                for one in trained(
+                _scores_of(one, shown)
+                for one in _trained(
                     record,
                     truth,
                     model,
@@ -266,5 +266,5 @@ def main(record: Recorder) -> None:
             ]
             for model in MODELS
         }
-        scores["absolute-difference"] = [scores_of(absolute_difference, shown)]
-        report(record, shown, scores)
+        scores["absolute-difference"] = [_scores_of(absolute_difference, shown)]
+        _report(record, shown, scores)

@@ -24,29 +24,29 @@ NEAR = 0.1
 VAGUE = 0.1  # of sigma: refused as too noisy
 
 
-def was_used(edge: EdgeMeasurement) -> bool:
+def _was_used(edge: EdgeMeasurement) -> bool:
     """Whether the edge counted where only saturation, length and contrast exclude one."""
     flags = set(edge.flags) - NOT_AN_EDGE
     is_vague = edge.sigma_err_px > VAGUE * edge.sigma_px and (edge.snr or np.inf) >= 3.0
     return not flags & (measurement.REJECTING_FLAGS - ({"too_noisy"} if is_vague else set()))
 
 
-def remarks(edge: EdgeMeasurement) -> set[str]:
+def _remarks(edge: EdgeMeasurement) -> set[str]:
     """Flags of an edge apart from that of the file."""
     return set(edge.flags) - {"jpeg"}
 
 
-def false_numbers(record: Recorder, count: int, seed: int) -> None:
+def _false_numbers(record: Recorder, count: int, seed: int) -> None:
     made, before, used, bare = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
     bare_before = 0
     for region in without_edges(count, seed):
         edges = measure_edges(region.source)
         made[region.kind] += 1
-        before[region.kind] += any(was_used(edge) for edge in edges)
+        before[region.kind] += any(_was_used(edge) for edge in edges)
         used[region.kind] += any(edge.is_used for edge in edges)
-        bare[region.kind] += any(not remarks(edge) for edge in edges)
+        bare[region.kind] += any(not _remarks(edge) for edge in edges)
         new = NOT_AN_EDGE | {"too_noisy"}
-        bare_before += any(was_used(edge) and not remarks(edge) - new for edge in edges)
+        bare_before += any(_was_used(edge) and not _remarks(edge) - new for edge in edges)
     record.say(f"\n{count} regions without a straight edge: how many give a number")
     record.say(f"  {'':24} regions  before  now  now, without any flag")
     for kind in sorted(made):
@@ -61,13 +61,13 @@ def false_numbers(record: Recorder, count: int, seed: int) -> None:
         record.say(f"  {name:36} {100 * number / count:6.2f} %")
 
 
-def refused(record: Recorder, name: str, make: RegionMaker, count: int, seed: int) -> None:
+def _refused(record: Recorder, name: str, make: RegionMaker, count: int, seed: int) -> None:
     true = lost = 0
     why = Counter[str]()
     for region in make(count, seed):
         assert region.sigma_px is not None
         for edge in measure_edges(region.source):
-            if not was_used(edge) or abs(edge.sigma_px / region.sigma_px - 1) > NEAR:
+            if not _was_used(edge) or abs(edge.sigma_px / region.sigma_px - 1) > NEAR:
                 continue
             true += 1
             new = measurement.REJECTING_FLAGS & set(edge.flags)
@@ -79,7 +79,7 @@ def refused(record: Recorder, name: str, make: RegionMaker, count: int, seed: in
     )
 
 
-def cost(record: Recorder) -> None:
+def _cost(record: Recorder) -> None:
     """Time of one edge with the flags for what is no edge, and without."""
     record.say(
         "\none edge of 90 px at 5 degrees, all of the measurement\n  sigma  with ms  without ms"
@@ -113,8 +113,8 @@ def _without_border(source: EdgeImage) -> None:
 @benchmark("numpy", "numba", "scikit-image")
 def main(record: Recorder, *, seed: Annotated[int, "of all that is drawn"] = 7000) -> None:
     count = record.pick(1000, 60)
-    false_numbers(record, count, seed)
+    _false_numbers(record, count, seed)
     record.say("\ntrue edges")
-    refused(record, "closed form", with_edges, count, seed + 1)
-    refused(record, "bench", edges_of_bench, record.pick(60, 4), seed + 2)
-    cost(record)
+    _refused(record, "closed form", with_edges, count, seed + 1)
+    _refused(record, "bench", edges_of_bench, record.pick(60, 4), seed + 2)
+    _cost(record)

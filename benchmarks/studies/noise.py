@@ -43,7 +43,7 @@ print(json.dumps({"gain": 1 / float(found.K), "read": float(found.sigma_d)}))
 Pair = tuple[NDArray[np.uint16], NDArray[np.uint16]]
 
 
-def pair(
+def _pair(
     truth: BenchTruth, kind: str, exposure_us: float, seed: int, view: tuple[slice, slice]
 ) -> Pair:
     """Two frames of the bench at one exposure."""
@@ -54,7 +54,7 @@ def pair(
     return first.astype(np.uint16), second.astype(np.uint16)
 
 
-def sample(kind: str, frames: Pair, exposure_us: float) -> LevelSample:
+def _sample(kind: str, frames: Pair, exposure_us: float) -> LevelSample:
     """Those frames as a capture."""
     stack = np.stack(frames).astype(np.float64)
     return LevelSample(
@@ -70,9 +70,9 @@ def sample(kind: str, frames: Pair, exposure_us: float) -> LevelSample:
     )
 
 
-def ours(frames: dict[tuple[str, float], Pair]) -> tuple[float, float, float, float]:
+def _ours(frames: dict[tuple[str, float], Pair]) -> tuple[float, float, float, float]:
     """Gain, its error, read noise, its error."""
-    samples = [sample(kind, both, exposure) for (kind, exposure), both in frames.items()]
+    samples = [_sample(kind, both, exposure) for (kind, exposure), both in frames.items()]
     found = fit_photon_transfer(samples, Saturation(level_dn=4095.0, err_dn=0.3))
     return (
         found.gain_e_per_dn,
@@ -111,7 +111,7 @@ def peer(python: str, frames: dict[tuple[str, float], Pair]) -> tuple[float, flo
     return float(result["gain"]), float(result["read"])
 
 
-def compare(record: Recorder, python: str | None) -> None:
+def _compare(record: Recorder, python: str | None) -> None:
     """Print gain and read noise by seed, and how often the truth was within the errors."""
     truth = BenchTruth(load_bench(CONFIGS / "simulated.toml"))
     gain_true, read_true = truth.sensor.gain_e_per_dn, truth.sensor.read_noise_e
@@ -122,11 +122,11 @@ def compare(record: Recorder, python: str | None) -> None:
     for seed in range(seeds):
         view = (slice(None), slice(None)) if seed == 0 else part
         frames = {
-            (kind, exposure): pair(truth, kind, exposure, seed, view)
+            (kind, exposure): _pair(truth, kind, exposure, seed, view)
             for exposure in EXPOSURES_US
             for kind in ("dark", "flat")
         }
-        gain, gain_err, read, read_err = ours(frames)
+        gain, gain_err, read, read_err = _ours(frames)
         pulls.append(((gain - gain_true) / gain_err, (read - read_true) / read_err))
         record.say(
             f"seed {seed}: {gain:.4f} +- {gain_err:.4f} e/DN, {read:.3f} +- {read_err:.3f} e"
@@ -160,4 +160,4 @@ def main(
     *,
     peer: Annotated[str | None, "Python interpreter with emva1288 installed"] = None,
 ) -> None:
-    compare(record, peer)
+    _compare(record, peer)

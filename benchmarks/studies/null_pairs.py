@@ -44,7 +44,7 @@ _DRAWS = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class _Row:
     """What was said of a pair; figures are NaN where the comparison was refused."""
 
     number: int
@@ -109,12 +109,12 @@ class Row:
         )
 
 
-def row_of(pair: NullPair, keep: Path | None) -> Row:
+def _row_of(pair: NullPair, keep: Path | None) -> _Row:
     """Make a pair, compare its files, and note what is said."""
     with TemporaryDirectory() as made_in:
         folder = keep or Path(made_in)
         made = pair.make(folder)
-        head = Row(
+        head = _Row(
             number=pair.number,
             seed=pair.seed,
             kind=pair.kind,
@@ -151,18 +151,18 @@ def row_of(pair: NullPair, keep: Path | None) -> Row:
         )
 
 
-def _with(row: Row, **values: float | str | bool) -> Row:
-    return Row(**(asdict(row) | values))
+def _with(row: _Row, **values: float | str | bool) -> _Row:
+    return _Row(**(asdict(row) | values))
 
 
-def rows_of(pairs: Sequence[NullPair], workers: int, keep: Path | None) -> Iterator[Row]:
+def _rows_of(pairs: Sequence[NullPair], workers: int, keep: Path | None) -> Iterator[_Row]:
     """Rows in the pairs' order; what nobody foresaw is a row as well, and said on stderr."""
-    for pair, outcome in outcomes(partial(row_of, keep=keep), pairs, workers):
-        if isinstance(outcome, Row):
+    for pair, outcome in outcomes(partial(_row_of, keep=keep), pairs, workers):
+        if isinstance(outcome, _Row):
             yield outcome
             continue
         print(f"{pair.command}: {outcome!r}", file=sys.stderr, flush=True)
-        yield Row(
+        yield _Row(
             number=pair.number,
             seed=pair.seed,
             kind=pair.kind,
@@ -176,7 +176,7 @@ def rows_of(pairs: Sequence[NullPair], workers: int, keep: Path | None) -> Itera
         )
 
 
-def mean_px(rows: Sequence[Row]) -> tuple[float, float, float]:
+def _mean_px(rows: Sequence[_Row]) -> tuple[float, float, float]:
     """Mean false pixels a frame and its interval, by drawing pictures with all their pairs."""
     of_picture: dict[str, list[float]] = {}
     for row in rows:
@@ -196,7 +196,7 @@ HEAD = (
 )
 
 
-def line(record: Recorder, name: str, rows: Sequence[Row]) -> None:
+def _line(record: Recorder, name: str, rows: Sequence[_Row]) -> None:
     """Say a row of a table and keep its figures."""
     known = [row for row in rows if not row.refused]
     refused = len(rows) - len(known)
@@ -211,7 +211,7 @@ def line(record: Recorder, name: str, rows: Sequence[Row]) -> None:
     as_sharp = Share.of(sum(row.says_as_sharp for row in sharp), len(sharp))
     entries = float(np.mean([row.entries for row in known]))
     stated = float(np.mean([row.stated_px for row in known]))
-    mean, low, high = mean_px(known)
+    mean, low, high = _mean_px(known)
     record.say(
         f"{name:18s} {len(rows):6d} {refused:7d}  {any_entry!s:>20s} {entries:8.2f}  "
         f"{f'{mean:.1f} [{low:.1f}, {high:.1f}]':>26s} {stated:6.2f}  {gain_off!s:>20s}  "
@@ -226,16 +226,16 @@ def line(record: Recorder, name: str, rows: Sequence[Row]) -> None:
         record.figure(f"not said to be as sharp, {name}", 100 - as_sharp.percent, "%")
 
 
-def tell(record: Recorder, rows: Sequence[Row]) -> None:
+def _tell(record: Recorder, rows: Sequence[_Row]) -> None:
     """Say the tables: pooled, by kind, by genre; refusals; the worst pairs."""
     record.say(f"\n{HEAD}")
-    line(record, "all", rows)
+    _line(record, "all", rows)
     for kind in KINDS:
         if of_kind := [row for row in rows if row.kind == kind]:
-            line(record, kind, of_kind)
+            _line(record, kind, of_kind)
     record.say()
     for genre in sorted({row.genre for row in rows}):
-        line(record, f"all, {genre}", [row for row in rows if row.genre == genre])
+        _line(record, f"all, {genre}", [row for row in rows if row.genre == genre])
     if seconds := [row.seconds for row in rows if isfinite(row.seconds)]:
         record.say(f"\n{np.median(seconds):.2f} s a pair, {max(seconds):.1f} s at most")
     refusals = Counter(_without_names(row.refused) for row in rows if row.refused)
@@ -263,7 +263,7 @@ def tell(record: Recorder, rows: Sequence[Row]) -> None:
         )
 
 
-def _badness(row: Row) -> tuple[bool, int, float]:
+def _badness(row: _Row) -> tuple[bool, int, float]:
     return row.crashed, row.entries, row.false_px if isfinite(row.false_px) else 0.0
 
 
@@ -302,4 +302,4 @@ def main(
     ]
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
-    tell(record, list(written(rows_of(chosen, workers, keep), Row, rows)))
+    _tell(record, list(written(_rows_of(chosen, workers, keep), _Row, rows)))

@@ -42,7 +42,7 @@ Owners = Callable[[Sequence[Entry]], list[int | None]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Case:
+class _Case:
     """Two files and what is between them."""
 
     name: str
@@ -53,7 +53,7 @@ class Case:
 
 
 @dataclass(slots=True)
-class Tally:
+class _Tally:
     """What a program listed over pairs of a sort."""
 
     pairs: int = 0
@@ -63,7 +63,7 @@ class Tally:
     things: int = 0
     entries: list[int] = field(default_factory=list)
 
-    def add(self, case: Case, entries: Sequence[Entry]) -> None:
+    def add(self, case: _Case, entries: Sequence[Entry]) -> None:
         """Count a pair."""
         owners = case.owners(entries)
         false = owners.count(None)
@@ -73,12 +73,12 @@ class Tally:
         self.entries += [count for count in counts if count]
 
 
-def nothing(entries: Sequence[Entry]) -> list[int | None]:
+def _nothing(entries: Sequence[Entry]) -> list[int | None]:
     """No entry is of anything."""
     return [None] * len(entries)
 
 
-def in_boxes(boxes: Sequence[tuple[float, float, float, float]]) -> Owners:
+def _in_boxes(boxes: Sequence[tuple[float, float, float, float]]) -> Owners:
     """Owners by boxes ``(left, top, right, bottom)`` in follow-up px, and 4 px around them."""
 
     def owners(entries: Sequence[Entry]) -> list[int | None]:
@@ -99,19 +99,23 @@ def in_boxes(boxes: Sequence[tuple[float, float, float, float]]) -> Owners:
     return owners
 
 
-def null_cases(pictures: Sequence[Picture], count: int, seed: int, folder: Path) -> Iterator[Case]:
+def _null_cases(
+    pictures: Sequence[Picture], count: int, seed: int, folder: Path
+) -> Iterator[_Case]:
     """Files of the same levels, and of the same scene with noise."""
     for pair in null_pairs(pictures, KINDS, count, seed):
         made = pair.make(folder)
         name = "nothing changed, noise" if pair.kind in NOISE_KINDS else "nothing changed, copies"
-        yield Case(name=name, before=made.before, after=made.after, things=0, owners=nothing)
+        yield _Case(name=name, before=made.before, after=made.after, things=0, owners=_nothing)
 
 
-def thing_cases(pictures: Sequence[Picture], count: int, seed: int, folder: Path) -> Iterator[Case]:
+def _thing_cases(
+    pictures: Sequence[Picture], count: int, seed: int, folder: Path
+) -> Iterator[_Case]:
     """Things in photographs."""
     for number in range(count):
         pair = thing_pair(pictures, number, seed, folder)
-        yield Case(
+        yield _Case(
             name="things, one pose" if pair.pose is None else "things, another pose",
             before=pair.before,
             after=pair.after,
@@ -120,33 +124,33 @@ def thing_cases(pictures: Sequence[Picture], count: int, seed: int, folder: Path
         )
 
 
-def real_cases(folder: Path) -> Iterator[Case]:
+def _real_cases(folder: Path) -> Iterator[_Case]:
     """Boards with boxes of their defects, and the page."""
     for board in BOARDS:
         lines = (folder / f"{board}.txt").read_text("utf-8").split("\n")
         rows = [tuple(float(word) for word in line.split()[:4]) for line in lines if line.strip()]
         boxes = [(left, top, right, bottom) for left, top, right, bottom in rows]
-        yield Case(
+        yield _Case(
             name="circuit boards, two levels",
             before=folder / f"{board}_temp.jpg",
             after=folder / f"{board}_test.jpg",
             things=len(boxes),
-            owners=in_boxes(boxes),
+            owners=_in_boxes(boxes),
         )
     x, y, wide, high = WORD
-    yield Case(
+    yield _Case(
         name="page, a word erased",
         before=folder / "half_a.png",
         after=folder / "half_chg.png",
         things=1,
-        owners=in_boxes([(x - wide / 2, y - high / 2, x + wide / 2, y + high / 2)]),
+        owners=_in_boxes([(x - wide / 2, y - high / 2, x + wide / 2, y + high / 2)]),
     )
 
 
-def count_case(tallies: dict[str, dict[str, Tally]], case: Case) -> None:
+def _count_case(tallies: dict[str, dict[str, _Tally]], case: _Case) -> None:
     """Let all programs list what changed in a pair."""
     for name, lister in LISTERS.items():
-        tally = tallies.setdefault(case.name, {}).setdefault(name, Tally())
+        tally = tallies.setdefault(case.name, {}).setdefault(name, _Tally())
         tally.pairs += 1
         tally.things += case.things
         try:
@@ -157,7 +161,7 @@ def count_case(tallies: dict[str, dict[str, Tally]], case: Case) -> None:
         tally.add(case, entries)
 
 
-def tell(record: Recorder, tallies: dict[str, dict[str, Tally]]) -> None:
+def _tell(record: Recorder, tallies: dict[str, dict[str, _Tally]]) -> None:
     """Say the table and keep its figures."""
     record.say(
         f"\n{'':28s} {'pairs':>5s} {'refused':>7s} {'on nothing, a pair':>18s} "
@@ -215,17 +219,17 @@ def main(
         shelf = catalogue()
         for reason in shelf.left_out:
             record.say(f"left out, {reason}")
-        tallies = dict[str, dict[str, Tally]]()
+        tallies = dict[str, dict[str, _Tally]]()
         nulls = _asked(null_pairs, record.pick(NULL_PAIRS, QUICK_NULL_PAIRS))
-        for case in null_cases(shelf.pictures, nulls, seed, folder):
-            count_case(tallies, case)
+        for case in _null_cases(shelf.pictures, nulls, seed, folder):
+            _count_case(tallies, case)
         things = _asked(thing_pairs, record.pick(THING_PAIRS, QUICK_THING_PAIRS))
-        for case in thing_cases(suitable(shelf.pictures), things, seed, folder):
-            count_case(tallies, case)
+        for case in _thing_cases(suitable(shelf.pictures), things, seed, folder):
+            _count_case(tallies, case)
         real = os.environ.get("STANDOFF_REAL_DATA")
         if real is None or not Path(real, "null_pairs").is_dir():
             record.say("STANDOFF_REAL_DATA does not name a folder with null_pairs: no boards")
         else:
-            for case in real_cases(Path(real, "null_pairs")):
-                count_case(tallies, case)
-        tell(record, tallies)
+            for case in _real_cases(Path(real, "null_pairs")):
+                _count_case(tallies, case)
+        _tell(record, tallies)

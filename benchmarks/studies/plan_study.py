@@ -28,7 +28,7 @@ QUANTITIES = (
 )
 
 
-def target(kind: str, orientations_deg: list[float], heights_mm: list[float]) -> dict[str, object]:
+def _target(kind: str, orientations_deg: list[float], heights_mm: list[float]) -> dict[str, object]:
     """A target of a plan; the simulated bench has one of the kind's name."""
     return {
         "kind": kind,
@@ -45,8 +45,8 @@ PLANS = (
         plan={
             "frames_per_capture": 4,
             "targets": [
-                target("edge", FAN, [180.0, 280.0]),
-                target("board", [0.0], [360.0, 400.0, 460.0, 520.0]),
+                _target("edge", FAN, [180.0, 280.0]),
+                _target("board", [0.0], [360.0, 400.0, 460.0, 520.0]),
             ],
         },
         photographs=4,
@@ -57,8 +57,8 @@ PLANS = (
             "frames_per_capture": 10,
             "repeats": 2,
             "targets": [
-                target("edge", [5.0, 95.0], [250.0]),
-                target("board", [0.0], [360.0, 440.0, 520.0]),
+                _target("edge", [5.0, 95.0], [250.0]),
+                _target("board", [0.0], [360.0, 440.0, 520.0]),
             ],
         },
         exposure_us=1500.0,
@@ -71,8 +71,8 @@ PLANS = (
         plan={
             "frames_per_capture": 4,
             "targets": [
-                target("edge", FAN, [180.0, 400.0]),
-                target("board", [0.0], [360.0, 400.0, 440.0, 480.0, 520.0]),
+                _target("edge", FAN, [180.0, 400.0]),
+                _target("board", [0.0], [360.0, 400.0, 440.0, 480.0, 520.0]),
             ],
         },
         focus_scatter_px2=0.03,
@@ -84,8 +84,8 @@ PLANS = (
         plan={
             "frames_per_capture": 2,
             "targets": [
-                target("edge", [8.0, 40.0, 98.0, 130.0], [250.0]),
-                target("board", [20.0], [420.0, 470.0, 520.0]),
+                _target("edge", [8.0, 40.0, 98.0, 130.0], [250.0]),
+                _target("board", [20.0], [420.0, 470.0, 520.0]),
             ],
         },
         bench={"width_px": 200, "height_px": 160, "read_noise_e": 25.0},
@@ -100,8 +100,8 @@ PLANS = (
         plan={
             "frames_per_capture": 6,
             "targets": [
-                target("edge", [5.0, 65.0, 125.0], [220.0, 320.0]),
-                target("board", [0.0], [280.0, 300.0, 320.0, 340.0]),
+                _target("edge", [5.0, 65.0, 125.0], [220.0, 320.0]),
+                _target("board", [0.0], [280.0, 300.0, 320.0, 340.0]),
             ],
         },
         bench={
@@ -118,7 +118,7 @@ PLANS = (
 )
 
 
-def compare(record: Recorder, number: int, session: StudiedSession, seed: int) -> None:
+def _compare(record: Recorder, number: int, session: StudiedSession, seed: int) -> None:
     """Print predicted and achieved errors of one plan."""
     repetitions = record.pick(REPETITIONS, FEWEST)
     rng = np.random.default_rng([number, seed, 1])
@@ -153,4 +153,4 @@ def main(
 ) -> None:
     for number, session in enumerate(PLANS, start=1):
         if plan in (None, number):
-            compare(record, number, session, seed)
+            _compare(record, number, session, seed)

@@ -85,7 +85,7 @@ def photographed(shot: Shot, rng: np.random.Generator) -> EdgeImage:
 
 
 @cache
-def total_px2() -> float:
+def _total_px2() -> float:
     """Mean squared total width of edges of the lens in all directions, nearly without noise."""
     rng = np.random.default_rng(0)
     shots = [Shot(lens_px2=LENS_PX2, half_px=22.0, snr=1e4, capture=k) for k in range(24)]
@@ -93,13 +93,13 @@ def total_px2() -> float:
     return float(np.mean([edge.sigma_px**2 for edge in edges]))
 
 
-def holds(estimates: PsfEstimates, truth_px2: float) -> list[bool]:
+def _holds(estimates: PsfEstimates, truth_px2: float) -> list[bool]:
     """Whether the intervals of both widths hold the truth."""
     known = (estimates.sigma_x_px, estimates.sigma_y_px)
     return [one is not None and one.low <= sqrt(truth_px2) <= one.high for one in known]
 
 
-def calibrated(scatter_px2: float, snr: float, rng: np.random.Generator) -> PsfCalibration:
+def _calibrated(scatter_px2: float, snr: float, rng: np.random.Generator) -> PsfCalibration:
     """A calibration from 4 to 12 captures at one height."""
     captures = int(rng.integers(4, 13))
     offsets = rng.normal(0.0, scatter_px2, captures).tolist()
@@ -110,16 +110,16 @@ def calibrated(scatter_px2: float, snr: float, rng: np.random.Generator) -> PsfC
     return calibrate_psf(photographed(shot, rng) for shot in shots)
 
 
-def transfer(fx: FloatArray, fy: FloatArray) -> FloatArray:
+def _transfer(fx: FloatArray, fy: FloatArray) -> FloatArray:
     """The true transfer at the mean focus."""
     gauss = np.exp(-2 * pi**2 * LENS_PX2 * (fx**2 + fy**2))
     return np.asarray(gauss * np.sinc(fx) * np.sinc(fy))
 
 
-def coverage(record: Recorder, draws: int) -> None:
+def _coverage(record: Recorder, draws: int) -> None:
     """Shares of intervals that hold the truth."""
     fx, fy = HALF_NYQUIST * np.cos(ANGLES_RAD), HALF_NYQUIST * np.sin(ANGLES_RAD)
-    truth = transfer(fx, fy)
+    truth = _transfer(fx, fy)
     for snr in SNRS:
         for scatter_px2 in SCATTERS_PX2:
             rng = np.random.default_rng([round(snr), round(100 * scatter_px2)])
@@ -127,8 +127,8 @@ def coverage(record: Recorder, draws: int) -> None:
             bands: list[BoolArray] = []
             found_px4: list[float] = []
             for _ in range(draws):
-                psf = calibrated(scatter_px2, snr, rng)
-                held.append(holds(psf.optical, LENS_PX2) + holds(psf.total, total_px2()))
+                psf = _calibrated(scatter_px2, snr, rng)
+                held.append(_holds(psf.optical, LENS_PX2) + _holds(psf.total, _total_px2()))
                 assert psf.transfer_2d is not None
                 away = np.abs(psf.transfer_2d.otf(fx, fy) - truth)
                 bands.append(away < 1.96 * psf.transfer_2d.otf_err(fx, fy))
@@ -147,7 +147,7 @@ def coverage(record: Recorder, draws: int) -> None:
             record.figure(f"transfer covered, {name}", band, "%")
 
 
-def soft(blur_mm: float, snr: float, rng: np.random.Generator) -> PsfCalibration:
+def _soft(blur_mm: float, snr: float, rng: np.random.Generator) -> PsfCalibration:
     """A calibration over five heights from a target of this blur."""
     shots = []
     for k, height_mm in enumerate(HEIGHTS_MM):
@@ -164,19 +164,19 @@ def soft(blur_mm: float, snr: float, rng: np.random.Generator) -> PsfCalibration
     return calibrate_psf(photographed(shot, rng) for shot in shots)
 
 
-def softness(record: Recorder, draws: int) -> None:
+def _softness(record: Recorder, draws: int) -> None:
     """Bias of the width, and how often a softness is taken off."""
     for snr in SNRS:
         for blur_mm in BLURS_MM:
             rng = np.random.default_rng([7, round(snr), round(1000 * blur_mm)])
             widths, held, removed = [], [], []
             for _ in range(draws):
-                psf = soft(blur_mm, snr, rng)
+                psf = _soft(blur_mm, snr, rng)
                 optical = psf.optical
                 assert optical.sigma_x_px is not None
                 assert optical.sigma_y_px is not None
                 widths.append([optical.sigma_x_px.value, optical.sigma_y_px.value])
-                held.append(holds(optical, LENS_PX2))
+                held.append(_holds(optical, LENS_PX2))
                 removed.append(psf.target_softness is not None and psf.target_softness.is_removed)
             ratio = np.array(widths) / sqrt(LENS_PX2) - 1
             bias, scatter = 100 * float(ratio.mean()), 100 * float(ratio.std())
@@ -191,7 +191,7 @@ def softness(record: Recorder, draws: int) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SoftEdge:
+class _SoftEdge:
     """The simulated bench's edge, printed with a blur."""
 
     blur_mm: float
@@ -203,7 +203,7 @@ class SoftEdge:
         return Edge().reflectance(x_mm, y_mm, hypot(sigma_mm, self.blur_mm))  # type: ignore[return-value]
 
 
-def on_the_bench(record: Recorder, draws: int) -> None:
+def _on_the_bench(record: Recorder, draws: int) -> None:
     """The same on the simulated bench: one long edge a capture, scales from the heights."""
     truth = BenchTruth(load_bench(CONFIG))
     lens_px2 = np.square([truth.settings.optical_sigma_x_px, truth.settings.optical_sigma_y_px])
@@ -213,7 +213,7 @@ def on_the_bench(record: Recorder, draws: int) -> None:
                 k,
                 height_mm,
                 truth.renderer.irradiance(
-                    Placed(scene=SoftEdge(blur_mm=blur_mm), angle_deg=angle_deg),
+                    Placed(scene=_SoftEdge(blur_mm=blur_mm), angle_deg=angle_deg),
                     CameraPose(height_mm=height_mm),
                 ),
             )
@@ -251,6 +251,6 @@ def on_the_bench(record: Recorder, draws: int) -> None:
 
 @benchmark("numpy", "scipy")
 def main(record: Recorder) -> None:
-    on_the_bench(record, record.pick(8, 1))
-    softness(record, record.pick(40, 2))
-    coverage(record, record.pick(500, 3))
+    _on_the_bench(record, record.pick(8, 1))
+    _softness(record, record.pick(40, 2))
+    _coverage(record, record.pick(500, 3))

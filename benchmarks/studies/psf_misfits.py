@@ -41,7 +41,7 @@ PER_HEIGHT = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
+class _Fault:
     """What is wrong, by its name in psf.json; every strength is 0 where nothing is."""
 
     name: str
@@ -52,23 +52,23 @@ class Fault:
     halo: float = 0.0
 
 
-def scale2(height_mm: float) -> float:
+def _scale2(height_mm: float) -> float:
     """Square of the scale, over its mean over the heights."""
     scales = [(HEIGHTS_MM[0] + PUPIL_MM) / (h + PUPIL_MM) for h in (height_mm, *HEIGHTS_MM)]
     return scales[0] ** 2 / float(np.mean(np.square(scales[1:])))
 
 
 FAULTS = (
-    Fault(name="soft_target", blur_px2=OFF_PX2),
-    Fault(name="focus_drift", drift_px2=OFF_PX2),
-    Fault(name="focus_drift", drift_px2=-OFF_PX2),
-    Fault(name="focus_scatter", scatter_px2=OFF_PX2),
-    Fault(name="stage", stage=OFF_DISTANCE),
-    Fault(name="shape", halo=HALO_SHARE),
+    _Fault(name="soft_target", blur_px2=OFF_PX2),
+    _Fault(name="focus_drift", drift_px2=OFF_PX2),
+    _Fault(name="focus_drift", drift_px2=-OFF_PX2),
+    _Fault(name="focus_scatter", scatter_px2=OFF_PX2),
+    _Fault(name="stage", stage=OFF_DISTANCE),
+    _Fault(name="shape", halo=HALO_SHARE),
 )
 
 
-def shown(fault: Fault, shot: Shot, rng: np.random.Generator) -> EdgeImage:
+def _shown(fault: _Fault, shot: Shot, rng: np.random.Generator) -> EdgeImage:
     """A capture; a halo is a second Gaussian that gets a share of the light."""
     if fault.halo == 0:
         return photographed(shot, rng)
@@ -82,13 +82,13 @@ def shown(fault: Fault, shot: Shot, rng: np.random.Generator) -> EdgeImage:
     return replace(core, image_dn=image)
 
 
-def calibrated(fault: Fault, snr: float, rng: np.random.Generator) -> PsfCalibration:
+def _calibrated(fault: _Fault, snr: float, rng: np.random.Generator) -> PsfCalibration:
     """A calibration with a fault, over five heights."""
     low, high = HEIGHTS_MM[0], HEIGHTS_MM[-1]
     sources = []
     for k, height_mm in enumerate(np.repeat(HEIGHTS_MM, PER_HEIGHT).tolist()):
         away = 2 * (height_mm - low) / (high - low) - 1
-        added = fault.blur_px2 * scale2(height_mm) + fault.drift_px2 * away
+        added = fault.blur_px2 * _scale2(height_mm) + fault.drift_px2 * away
         added += rng.normal(0.0, fault.scatter_px2)
         misread = rng.normal(0.0, fault.stage) * (height_mm + PUPIL_MM)
         shot = Shot(
@@ -98,11 +98,11 @@ def calibrated(fault: Fault, snr: float, rng: np.random.Generator) -> PsfCalibra
             capture=k,
             height_mm=height_mm + misread,
         )
-        sources.append(shown(fault, shot, rng))
+        sources.append(_shown(fault, shot, rng))
     return calibrate_psf(sources)
 
 
-def names_of(psf: PsfCalibration) -> set[str]:
+def _names_of(psf: PsfCalibration) -> set[str]:
     """What is named."""
     assert psf.cross_validation is not None
     return {one.kind for one in psf.cross_validation.named}
@@ -112,9 +112,9 @@ def names_of(psf: PsfCalibration) -> set[str]:
 def main(record: Recorder) -> None:
     clean_draws, draws = record.pick(100, 2), record.pick(30, 2)
     for snr in SNRS:
-        for fault, count in ((Fault(name="clean"), clean_draws), *((f, draws) for f in FAULTS)):
+        for fault, count in ((_Fault(name="clean"), clean_draws), *((f, draws) for f in FAULTS)):
             rng = np.random.default_rng([11, round(snr)])
-            found = [names_of(calibrated(fault, snr, rng)) for _ in range(count)]
+            found = [_names_of(_calibrated(fault, snr, rng)) for _ in range(count)]
             listed = Counter(name for names in found for name in names)
             right = 100 * float(np.mean([fault.name in names for names in found]))
             some = 100 * float(np.mean([bool(names) for names in found]))

@@ -32,9 +32,9 @@ TOLERANCE_PX = 3.0
 MEDIAN_MAX_PX = 0.05
 
 
-def judge(record: Recorder, width_px: int) -> None:
+def _judge(record: Recorder, width_px: int) -> None:
     """Print the error of every target and zoom."""
-    truth = bench_of(width_px)
+    truth = _bench_of(width_px)
     psf = GaussianPsf.from_covariance(truth.total_covariance_px2(NEAR_MM))
     rng = np.random.default_rng(1)
     ours: list[float] = []
@@ -42,18 +42,18 @@ def judge(record: Recorder, width_px: int) -> None:
         "target   zoom   ours / px  claimed  precise SIFT  default SIFT  0.35 (z-1)  seconds"
     )
     for target in record.pick(TARGETS, TARGETS[:1]):
-        near = photograph(truth, target, NEAR_MM, rng)
+        near = _photograph(truth, target, NEAR_MM, rng)
         for zoom in ZOOMS:
             offset_mm = truth.camera.pupil_offset_mm
             far_mm = zoom * (NEAR_MM + offset_mm) - offset_mm
-            far = photograph(truth, target, far_mm, rng)
+            far = _photograph(truth, target, far_mm, rng)
             start = time.process_time()
             found = register(near, far, psf, RegistrationHints(zoom=zoom))
             seconds = time.process_time() - start
             error_px = float(np.median(truth.place_errors_px(found.pose, NEAR_MM, far_mm)))
             ours.append(error_px)
             peers = [
-                peer_error_px(near, far, found.pose, truth, far_mm, is_precise=is_precise)
+                _peer_error_px(near, far, found.pose, truth, far_mm, is_precise=is_precise)
                 for is_precise in (True, False)
             ]
             record.say(
@@ -66,7 +66,7 @@ def judge(record: Recorder, width_px: int) -> None:
         sys.exit(f"a pair is off by more than {MEDIAN_MAX_PX} px")
 
 
-def bench_of(width_px: int) -> BenchTruth:
+def _bench_of(width_px: int) -> BenchTruth:
     """The paper's bench, with larger pixels where fewer are asked for."""
     config = load_bench(shipped_config("paper_bench.toml"))
     assert config.simulated is not None
@@ -88,7 +88,7 @@ def bench_of(width_px: int) -> BenchTruth:
     )
 
 
-def photograph(
+def _photograph(
     truth: BenchTruth, target: str, height_mm: float, rng: np.random.Generator
 ) -> FloatArray:
     """Mean of ``FRAMES`` frames."""
@@ -99,7 +99,7 @@ def photograph(
     return np.asarray(image + rng.normal(size=image.shape) * noise_dn)
 
 
-def peer_error_px(
+def _peer_error_px(
     near: FloatArray,
     far: FloatArray,
     ours: DistortedPose,
@@ -142,4 +142,4 @@ def peer_error_px(
     note="{width_px} px wide, {FRAMES} frames averaged",
 )
 def main(record: Recorder, *, width_px: int = 780) -> None:
-    judge(record, width_px)
+    _judge(record, width_px)

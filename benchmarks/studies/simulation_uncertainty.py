@@ -46,7 +46,7 @@ PIXEL_PX2 = 1 / 12
 
 
 @dataclass(frozen=True)
-class Case:
+class _Case:
     """A kind of pair: where the follow-up is, and how near and far are rendered by their PSFs."""
 
     name: str
@@ -58,7 +58,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Ratios:
+class _Ratios:
     """Mean squares of errors over what is stated, one for each pair."""
 
     without_model: list[float]
@@ -70,7 +70,7 @@ class Ratios:
         self.with_model.append(float(np.nanmean((error / whole) ** 2)))
 
 
-def wave_cases() -> Iterator[Case]:
+def _wave_cases() -> Iterator[_Case]:
     """Zooms and a tilt; the PSF is a Gaussian."""
     variance = 0.64
     size = (54, 42)
@@ -96,14 +96,14 @@ def wave_cases() -> Iterator[Case]:
             far = scene.photographed(seen[..., 0], seen[..., 1], far_px2 * seen[..., 2:])
             return scene.photographed(x, y, flat), far
 
-        yield Case(f"waves, {name}", view, render, _gaussian, variance, np.s_[8:-8, 8:-8])
+        yield _Case(f"waves, {name}", view, render, _gaussian, variance, np.s_[8:-8, 8:-8])
 
 
 def _gaussian(variance_px2: float) -> Psf:
     return GaussianPsf(sigma_px=sqrt(variance_px2))
 
 
-def bench_cases() -> Iterator[Case]:
+def _bench_cases() -> Iterator[_Case]:
     """The simulated bench from further away, and tilted."""
     truth = _truth(OPTICAL_PX2)
     near = CameraPose(height_mm=NEAR_MM)
@@ -136,7 +136,7 @@ def bench_cases() -> Iterator[Case]:
             return images[0], np.where(inside, images[1], np.nan)
 
         name = f"bench, zoom {zoom:g}" + f", tilt {tilt_deg:g} degrees" * (tilt_deg > 0)
-        yield Case(name, view, render, _over_pixels, OPTICAL_PX2, np.s_[:, :])
+        yield _Case(name, view, render, _over_pixels, OPTICAL_PX2, np.s_[:, :])
 
 
 def _over_pixels(variance_px2: float) -> Psf:
@@ -184,10 +184,10 @@ def _pose(truth: BenchTruth, zoom: float, tilt_deg: float) -> CameraPose:
     )
 
 
-def ratios_of(case: Case, model: PoseModel, pairs: int, noise_dn: float) -> Ratios:
+def _ratios_of(case: _Case, model: PoseModel, pairs: int, noise_dn: float) -> _Ratios:
     """Draw pairs; every four of them have the errors of a design of two levels in the focus."""
     view, rng = case.view(model), np.random.default_rng(0)
-    found = Ratios([], [])
+    found = _Ratios([], [])
     sigma = sqrt(case.variance_px2)
     for pair in range(pairs):
         signs = [1 - 2 * (pair >> bit & 1) for bit in range(3)]
@@ -220,12 +220,12 @@ def main(record: Recorder) -> None:
     record.say("| pairs | model | error over stated | with the model's own |")
     record.say("|---|---|---:|---:|")
     for cases, pairs, noise_dn in (
-        (wave_cases(), record.pick(64, 8), NOISE_DN),
-        (bench_cases(), record.pick(32, 8), 4 * NOISE_DN),
+        (_wave_cases(), record.pick(64, 8), NOISE_DN),
+        (_bench_cases(), record.pick(32, 8), 4 * NOISE_DN),
     ):
         for case in cases:
             for model in MODELS:
-                found = ratios_of(case, model, pairs, noise_dn)
+                found = _ratios_of(case, model, pairs, noise_dn)
                 without, whole = (
                     sqrt(np.mean(one)) for one in (found.without_model, found.with_model)
                 )

@@ -52,7 +52,7 @@ SHIFT_OFF_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class _Row:
     """A thing and what was listed of it; the first of a pair has what was listed on nothing."""
 
     number: int
@@ -99,9 +99,9 @@ def assigned(pair: ThingPair, entries: Sequence[Entry]) -> list[int | None]:
     return owners
 
 
-def rows_of_pair(
+def _rows_of_pair(
     number: int, seed: int, pictures: Sequence[Picture], keep: Path | None
-) -> list[Row]:
+) -> list[_Row]:
     """Make a pair, compare its files, and note what is listed of each thing."""
     with TemporaryDirectory() as made_in:
         pair = thing_pair(pictures, number, seed, keep or Path(made_in))
@@ -116,7 +116,7 @@ def rows_of_pair(
         seconds = time.perf_counter() - began_s
     owners = assigned(pair, entries)
     alone = [entry for entry, owner in zip(entries, owners, strict=True) if owner is None]
-    rows = list[Row]()
+    rows = list[_Row]()
     for place, thing in enumerate(pair.things):
         own = [entry for entry, owner in zip(entries, owners, strict=True) if owner == place]
         rows.append(
@@ -137,7 +137,7 @@ def rows_of_pair(
     return rows
 
 
-def _row(pair: ThingPair, thing: Thing, own: Sequence[Entry], **values: float | str | bool) -> Row:
+def _row(pair: ThingPair, thing: Thing, own: Sequence[Entry], **values: float | str | bool) -> _Row:
     rows, cols = np.nonzero(thing.outlines)
     shifts = [entry.shift_px for entry in own if entry.shift_px is not None]
     off = nan
@@ -163,7 +163,7 @@ def _row(pair: ThingPair, thing: Thing, own: Sequence[Entry], **values: float | 
         "said_right": words.count(WORDS[thing.happening]),
         "shift_off_px": off,
     }
-    return Row(**(kept | values))  # type: ignore[arg-type]
+    return _Row(**(kept | values))  # type: ignore[arg-type]
 
 
 def _draw(pair: ThingPair, folder: Path) -> None:
@@ -175,17 +175,17 @@ def _draw(pair: ThingPair, folder: Path) -> None:
     cv2.imwrite(str(folder / "outlines.png"), shown)
 
 
-def _crashed(number: int, seed: int, error: BaseException) -> Row:
+def _crashed(number: int, seed: int, error: BaseException) -> _Row:
     """Row of an error that nobody foresaw, which is said on stderr."""
     print(f"--seed {seed} --only {number}: {error!r}", file=sys.stderr, flush=True)
-    return Row(
+    return _Row(
         number=number, seed=seed, recipe="", pose="", happening="", ground="", way="",
         size_px=nan, contrast_dn=nan, shift_px=nan, x_px=nan, y_px=nan,
         refused=f"{type(error).__name__}: {error}", crashed=True,
     )  # fmt: skip
 
 
-def tell(record: Recorder, rows: Sequence[Row]) -> None:
+def _tell(record: Recorder, rows: Sequence[_Row]) -> None:
     """Say the tables and keep the figures."""
     known = [row for row in rows if not row.refused]
     pairs = [row for row in known if row.is_first]
@@ -210,7 +210,7 @@ def tell(record: Recorder, rows: Sequence[Row]) -> None:
     _misses(record, known)
 
 
-def _parts(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
+def _parts(rows: Sequence[_Row]) -> Iterator[tuple[str, list[_Row]]]:
     """Rows by ground, pose, contrast and size."""
     for ground in GROUNDS:
         yield ground, [row for row in rows if row.ground == ground]
@@ -222,7 +222,7 @@ def _parts(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
         yield f"{low:.0f} to {high:.0f} px", [row for row in rows if low <= row.size_px < high]
 
 
-def _line(record: Recorder, name: str, rows: Sequence[Row], *, is_figure: bool = True) -> None:
+def _line(record: Recorder, name: str, rows: Sequence[_Row], *, is_figure: bool = True) -> None:
     found = [row for row in rows if row.entries]
     share = Share.of(len(found), len(rows))
     moved = Share.of(sum(row.moved > 0 for row in rows), len(rows))
@@ -244,7 +244,7 @@ def _line(record: Recorder, name: str, rows: Sequence[Row], *, is_figure: bool =
         record.figure(f"wrong words for what was {name}", 100 - right.percent, "%")
 
 
-def _totals(record: Recorder, known: Sequence[Row], pairs: Sequence[Row]) -> None:
+def _totals(record: Recorder, known: Sequence[_Row], pairs: Sequence[_Row]) -> None:
     found = [row.entries for row in known if row.entries]
     if not pairs or not found:
         return
@@ -272,7 +272,7 @@ def _totals(record: Recorder, known: Sequence[Row], pairs: Sequence[Row]) -> Non
     record.say(f"{np.median(seconds):.2f} s a pair, {max(seconds):.1f} s at most")
 
 
-def _misses(record: Recorder, known: Sequence[Row]) -> None:
+def _misses(record: Recorder, known: Sequence[_Row]) -> None:
     """Name what went wrong, and how to make it again."""
     wrong = [
         (word, row)
@@ -318,10 +318,10 @@ def main(
     count = ceil((things or record.pick(COUNT, QUICK_COUNT)) / THINGS)
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
-    work = partial(rows_of_pair, seed=seed, pictures=pictures, keep=keep)
+    work = partial(_rows_of_pair, seed=seed, pictures=pictures, keep=keep)
     found = (
         row
         for number, outcome in outcomes(work, only or list(range(count)), workers)
         for row in (outcome if isinstance(outcome, list) else [_crashed(number, seed, outcome)])
     )
-    tell(record, list(written(found, Row, rows)))
+    _tell(record, list(written(found, _Row, rows)))

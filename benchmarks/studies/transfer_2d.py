@@ -49,53 +49,53 @@ UPRIGHT = {
 BAND_FREQ = np.array([0.125, 0.25, 0.4])  # 0.25, 0.5 and 0.8 of Nyquist
 
 
-def round_lens(name: str) -> Lens:
+def _round_lens(name: str) -> Lens:
     f_number, waves = ROUND_LENSES[name]
     period = f_number * PX_PER_F_NUMBER
     return Lens(period, period, waves=waves)
 
 
-def directions(freq: FloatArray, step_deg: float) -> tuple[FloatArray, FloatArray]:
+def _directions(freq: FloatArray, step_deg: float) -> tuple[FloatArray, FloatArray]:
     angle = np.deg2rad(np.arange(0.0, 180.0, step_deg))[:, None]
     return freq * np.cos(angle), freq * np.sin(angle)
 
 
-def measured(lens: Lens, normals_deg: tuple[float, ...], snr: float) -> list[EdgeMeasurement]:
+def _measured(lens: Lens, normals_deg: tuple[float, ...], snr: float) -> list[EdgeMeasurement]:
     sources = edge_photographs(lens, normals_deg, snr, seed=3)
     return [edge for source in sources for edge in measure_edges(source)]
 
 
-def bins_of(edges: list[EdgeMeasurement]) -> list[BinnedEdge]:
+def _bins_of(edges: list[EdgeMeasurement]) -> list[BinnedEdge]:
     return [edge.binned for edge in edges if edge.binned is not None]
 
 
-def gaussian_otf(edges: list[EdgeMeasurement], fx: FloatArray, fy: FloatArray) -> FloatArray:
+def _gaussian_otf(edges: list[EdgeMeasurement], fx: FloatArray, fy: FloatArray) -> FloatArray:
     """A round Gaussian of the edges' mean optical width, with its pixel."""
     variance = np.mean([(edge.optical_sigma_px or 0.0) ** 2 for edge in edges])
     gauss = np.exp(-2 * np.pi**2 * variance * (fx**2 + fy**2))
     return np.asarray(gauss * np.sinc(fx) * np.sinc(fy))
 
 
-def errors(record: Recorder) -> None:
-    fx, fy = directions(np.linspace(0.0, 0.5, 26), 10.0)
+def _errors(record: Recorder) -> None:
+    fx, fy = _directions(np.linspace(0.0, 0.5, 26), 10.0)
     for snr in (500.0, 100.0, 30.0):
         record.say(f"\n8 edges of 200 px at SNR {snr:g}: largest error up to Nyquist")
         for name in ROUND_LENSES:
-            lens = round_lens(name)
-            edges = measured(lens, EIGHT_DEG, snr)
-            found = measure_transfer_2d(bins_of(edges))
+            lens = _round_lens(name)
+            edges = _measured(lens, EIGHT_DEG, snr)
+            found = measure_transfer_2d(_bins_of(edges))
             assert found is not None
             truth = lens.otf(fx, fy)
             error = float(np.abs(found.otf(fx, fy) - truth).max())
-            peer = float(np.abs(gaussian_otf(edges, fx, fy) - truth).max())
+            peer = float(np.abs(_gaussian_otf(edges, fx, fy) - truth).max())
             record.say(f"  {name:18} {found.form:9} {error:.5f}   Gaussian and pixel {peer:.5f}")
             record.figure(
                 f"error at SNR {snr:g}, {name}", error, "1", peer="Gaussian", peer_value=peer
             )
 
 
-def bias(record: Recorder, draws: int) -> None:
-    lens = round_lens("f/5.6")
+def _bias(record: Recorder, draws: int) -> None:
+    lens = _round_lens("f/5.6")
     at = np.array([0.7])
     record.say(f"\nmean error at 0.7 cy/px, f/5.6, 8 edges, {draws} draws")
     for snr in (100.0, 30.0):
@@ -103,7 +103,7 @@ def bias(record: Recorder, draws: int) -> None:
         for seed in range(draws):
             sources = edge_photographs(lens, EIGHT_DEG, snr, seed)
             edges = [edge for source in sources for edge in measure_edges(source)]
-            found = measure_transfer_2d(bins_of(edges))
+            found = measure_transfer_2d(_bins_of(edges))
             assert found is not None
             normal = np.array([edge.normal_rad for edge in edges])
             truth = lens.otf(at * np.cos(normal), at * np.sin(normal))
@@ -115,8 +115,8 @@ def bias(record: Recorder, draws: int) -> None:
         record.figure(f"bias at SNR {snr:g}", ours, "1", peer="e-SFR", peer_value=peer)
 
 
-def coverage(record: Recorder, draws: int) -> None:
-    fx, fy = directions(BAND_FREQ, 15.0)
+def _coverage(record: Recorder, draws: int) -> None:
+    fx, fy = _directions(BAND_FREQ, 15.0)
     contrast = HIGH_DN - LOW_DN
     for name, lens in ASTIGMATIC.items():
         truth = lens.otf(fx, fy)
@@ -134,7 +134,7 @@ def coverage(record: Recorder, draws: int) -> None:
                     )
                 )
             ]
-            found = measure_transfer_2d(bins_of(edges))
+            found = measure_transfer_2d(_bins_of(edges))
             assert found is not None
             away = np.abs(found.otf(fx, fy) - truth)
             inside.append(away < 1.96 * found.otf_err(fx, fy))
@@ -150,9 +150,9 @@ def coverage(record: Recorder, draws: int) -> None:
         record.figure(f"largest error, {name}", worst, "1")
 
 
-def charts(record: Recorder, tilts: str, draws: int) -> None:
+def _charts(record: Recorder, tilts: str, draws: int) -> None:
     """Edges near the vertical and the horizontal alone, as standard charts have them."""
-    along, between = (directions(BAND_FREQ, 90.0), directions(BAND_FREQ, 15.0))
+    along, between = (_directions(BAND_FREQ, 90.0), _directions(BAND_FREQ, 15.0))
     record.say(f"\n4 edges of a chart {tilts} degrees, SNR 100, {draws} draws: largest error")
     shares = []
     for name, lens in UPRIGHT.items():
@@ -179,13 +179,13 @@ def charts(record: Recorder, tilts: str, draws: int) -> None:
     record.figure(f"95 % band of charts {tilts}", float(100 * np.mean(shares)), "%")
 
 
-def speed(record: Recorder) -> None:
+def _speed(record: Recorder) -> None:
     record.say("")
-    for name, lens in (("f/5.6", round_lens("f/5.6")), ("ellipse", ASTIGMATIC["ellipse"])):
+    for name, lens in (("f/5.6", _round_lens("f/5.6")), ("ellipse", ASTIGMATIC["ellipse"])):
         for count in (8, 50):
             normals = tuple(5.0 + 180.0 / count * k for k in range(count))
             started = time.perf_counter()
-            edges = bins_of(measured(lens, normals, 300.0))
+            edges = _bins_of(_measured(lens, normals, 300.0))
             whole = time.perf_counter() - started
             best = best_s(partial(measure_transfer_2d, edges))
             record.say(
@@ -197,9 +197,9 @@ def speed(record: Recorder) -> None:
 
 @benchmark("numpy", "scipy")
 def main(record: Recorder) -> None:
-    errors(record)
-    bias(record, record.pick(10, 3))
-    coverage(record, record.pick(60, 3))
+    _errors(record)
+    _bias(record, record.pick(10, 3))
+    _coverage(record, record.pick(60, 3))
     for tilts in CHARTS_DEG:
-        charts(record, tilts, record.pick(60, 3))
-    speed(record)
+        _charts(record, tilts, record.pick(60, 3))
+    _speed(record)

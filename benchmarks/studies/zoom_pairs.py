@@ -59,7 +59,7 @@ _LEAST_VARIANCE_PX2 = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SharpenedPsf:
+class _SharpenedPsf:
     """A Gaussian total PSF after an unsharp mask: ``amount`` times what a blur takes away is added.
 
     ``sigma_px`` is the Gaussian's width, ``radius_px`` that of the mask's blur.
@@ -83,7 +83,7 @@ class SharpenedPsf:
 
 
 @dataclass(frozen=True)
-class Pair:
+class _Pair:
     """A nearer photograph and the further one on its grid."""
 
     name: str
@@ -95,14 +95,14 @@ class Pair:
         """Follow-up of the nearer photograph on its own grid, processed."""
         zoom = ZOOMS[self.camera]
         made = zoom_out(self.near.astype(np.float32), zoom, psf, model)
-        return process_for_comparison(as_published(made, zoom, self.near.shape))
+        return process_for_comparison(_as_published(made, zoom, self.near.shape))
 
     def metrics(self, model: Model, psf: Any) -> ImageMetrics:  # noqa: ANN401
         """Of the processed further photograph and the processed simulated one."""
         return compare_images(process_for_comparison(self.far), self.simulated(model, psf))
 
 
-def as_published(followup: FloatImage, zoom: float, shape: tuple[int, ...]) -> FloatImage:
+def _as_published(followup: FloatImage, zoom: float, shape: tuple[int, ...]) -> FloatImage:
     """Follow-up scaled up to a size, both centred, by OpenCV's cubic (a = -0.75).
 
     Scaling up leaves weak copies of the picture's spectrum around the follow-up's sampling
@@ -127,27 +127,27 @@ def as_published(followup: FloatImage, zoom: float, shape: tuple[int, ...]) -> F
     return np.asarray(warped, dtype=np.float64)
 
 
-def judge_cameras(record: Recorder) -> None:
+def _judge_cameras(record: Recorder) -> None:
     """Print Table II of every camera."""
     folder = os.environ.get("STANDOFF_REAL_DATA")
     if folder is None:
         record.say("STANDOFF_REAL_DATA does not name a folder of real photographs: nothing to do")
         return
-    cameras: dict[str, list[Pair]] = defaultdict(list)
-    for pair in read_pairs(Path(folder) / "zoom_pairs"):
+    cameras: dict[str, list[_Pair]] = defaultdict(list)
+    for pair in _read_pairs(Path(folder) / "zoom_pairs"):
         cameras[pair.camera].append(pair)
     if not cameras:
         sys.exit(f"{folder}/zoom_pairs contains no photographs")
     failures = [
         broken
         for camera, pairs in cameras.items()
-        for broken in print_camera(record, camera, pairs)
+        for broken in _print_camera(record, camera, pairs)
     ]
     if failures:
         sys.exit("\n".join(failures))
 
 
-def print_camera(record: Recorder, camera: str, pairs: list[Pair]) -> list[str]:
+def _print_camera(record: Recorder, camera: str, pairs: list[_Pair]) -> list[str]:
     """Print Table II of one camera; return the bounds that are broken."""
     found: dict[Model, list[ImageMetrics]] = defaultdict(list)
     record.say(f"\n{camera}, zoom {ZOOMS[camera]}, {len(pairs)} pairs")
@@ -155,7 +155,7 @@ def print_camera(record: Recorder, camera: str, pairs: list[Pair]) -> list[str]:
         others = [pair for pair in pairs if pair is not judged]
         names = ", ".join(pair.name for pair in others)
         for model in MODELS:
-            psf = fitted_psf(model, others)
+            psf = _fitted_psf(model, others)
             if psf is not None:
                 record.say(f"  {judged.name}, {model}: {psf} fitted on {names}")
             found[model].append(judged.metrics(model, psf))
@@ -175,7 +175,7 @@ def print_camera(record: Recorder, camera: str, pairs: list[Pair]) -> list[str]:
         f"{camera}: {model} does not beat bicubic in {name}"
         for model in ("paper", DEFAULT)
         for name in METRICS
-        if not is_better(name, getattr(means[model], name), getattr(means["bicubic"], name))
+        if not _is_better(name, getattr(means[model], name), getattr(means["bicubic"], name))
     ]
     ratio = means[DEFAULT].mse_dn2 / means["paper"].mse_dn2
     if ratio > MSE_MOST:
@@ -183,20 +183,20 @@ def print_camera(record: Recorder, camera: str, pairs: list[Pair]) -> list[str]:
     return broken
 
 
-def is_better(metric: str, one: float, other: float) -> bool:
+def _is_better(metric: str, one: float, other: float) -> bool:
     """Whether a value of a metric is better than another; of the error less is."""
     return one < other if metric == "mse_dn2" else one > other
 
 
-def fitted_psf(model: Model, pairs: list[Pair]) -> GaussianPsf | SharpenedPsf | None:
+def _fitted_psf(model: Model, pairs: list[_Pair]) -> GaussianPsf | _SharpenedPsf | None:
     """PSF with which a model has the least mean squared error on the pairs; None for bicubic."""
     if model == "bicubic":
         return None
     targets = [process_for_comparison(pair.far) for pair in pairs]
-    psf_of: Callable[[FloatArray], GaussianPsf | SharpenedPsf] = sharpened
+    psf_of: Callable[[FloatArray], GaussianPsf | _SharpenedPsf] = _sharpened
     start: tuple[float, ...] = SHARPENED_START
     if model == "paper":
-        psf_of, start = axis_aligned, GAUSSIAN_START_PX
+        psf_of, start = _axis_aligned, GAUSSIAN_START_PX
 
     def error(logs: FloatArray) -> float:
         psf = psf_of(np.exp(logs))
@@ -217,27 +217,27 @@ def fitted_psf(model: Model, pairs: list[Pair]) -> GaussianPsf | SharpenedPsf | 
     return psf_of(np.exp(found.x))
 
 
-def axis_aligned(values: FloatArray) -> GaussianPsf:
+def _axis_aligned(values: FloatArray) -> GaussianPsf:
     x_px, y_px = values.tolist()
     return GaussianPsf(sigma_x_px=x_px, sigma_y_px=y_px)
 
 
-def sharpened(values: FloatArray) -> SharpenedPsf:
+def _sharpened(values: FloatArray) -> _SharpenedPsf:
     sigma_px, amount, radius_px = values.tolist()
-    return SharpenedPsf(sigma_px=sigma_px, amount=amount, radius_px=radius_px)
+    return _SharpenedPsf(sigma_px=sigma_px, amount=amount, radius_px=radius_px)
 
 
-def read_pairs(folder: Path) -> list[Pair]:
+def _read_pairs(folder: Path) -> list[_Pair]:
     """All pairs of a folder: ``camera_numberH.png`` nearer, ``camera_numberL.png`` further."""
     pairs = []
     for near in sorted(folder.glob("*H.png")):
         far = near.with_name(near.name.replace("H.png", "L.png"))
         planes = [luma_plane(np.asarray(Image.open(path))) for path in (near, far)]
         name = near.stem.removesuffix("H")
-        pairs.append(Pair(name, name.partition("_")[0], *planes))
+        pairs.append(_Pair(name, name.partition("_")[0], *planes))
     return pairs
 
 
 @benchmark("numpy", "scipy", "opencv-contrib-python-headless", "scikit-image")
 def main(record: Recorder) -> None:
-    judge_cameras(record)
+    _judge_cameras(record)

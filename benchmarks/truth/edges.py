@@ -84,7 +84,7 @@ def pixel_means(scene: Scene, x: FloatArray, y: FloatArray) -> FloatArray:
     return total
 
 
-def both(first: FloatArray, second: FloatArray, between_rad: float) -> FloatArray:
+def _both(first: FloatArray, second: FloatArray, between_rad: float) -> FloatArray:
     """Light of a wedge: probability that two normals with a correlation are below two bounds.
 
     Drezner and Wesolowsky, On the computation of the bivariate normal integral, 1990, eq. 3.
@@ -142,11 +142,11 @@ class Crossing:
         first = self._across(x, y, self.normal_rad)
         second = self._across(x, y, self.normal_rad + between)
         if self.line_dn is None:
-            light = ndtr(first) + ndtr(second) - 2 * both(first, second, between)
+            light = ndtr(first) + ndtr(second) - 2 * _both(first, second, between)
             return np.asarray(dark_dn + contrast * light)
         above, below = (second + sign * self.half_line_px / self.sigma_px for sign in (1, -1))
         line = ndtr(above) - ndtr(below)
-        light = ndtr(first) - both(first, above, between) + both(first, below, between)
+        light = ndtr(first) - _both(first, above, between) + _both(first, below, between)
         return np.asarray(dark_dn * (1 - line) + contrast * light + self.line_dn * line)
 
     def sides(self) -> list[Side]:
@@ -208,7 +208,7 @@ _CORNER_PX = 390.0  # from the middle of a frame of 640 x 480: where distortion 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SceneRegion:
+class _SceneRegion:
     """What is measured: its kind, and for a true edge its width with the pixel."""
 
     kind: str
@@ -216,7 +216,7 @@ class SceneRegion:
     sigma_px: float | None = None
 
 
-def without_edges(count: int, seed: int) -> Iterator[SceneRegion]:
+def without_edges(count: int, seed: int) -> Iterator[_SceneRegion]:
     """Regions without a straight edge: a third photographs, a half prints, a sixth arcs."""
     rng = np.random.default_rng(seed)
     pictures = {name: _photograph(name) for name in NOTHING_STRAIGHT}
@@ -226,19 +226,19 @@ def without_edges(count: int, seed: int) -> Iterator[SceneRegion]:
         if kind == 0:
             name = str(rng.choice(NOTHING_STRAIGHT))
             source = _source(_region(pictures[name], rng), is_jpeg=name.endswith(".jpg"))
-            yield SceneRegion(kind=name, source=source)
+            yield _SceneRegion(kind=name, source=source)
             made += 1
         elif kind == 1:
-            yield SceneRegion(kind="arc", source=_source(arc(rng)))
+            yield _SceneRegion(kind="arc", source=_source(_arc(rng)))
             made += 1
         else:
             name = str(rng.choice(TEXTURES))
             for region in _of_bench(name, rng, min(_REGIONS_A_VIEW, count - made)):
-                yield SceneRegion(kind=f"bench {name}", source=region)
+                yield _SceneRegion(kind=f"bench {name}", source=region)
                 made += 1
 
 
-def arc(rng: np.random.Generator) -> FloatArray:
+def _arc(rng: np.random.Generator) -> FloatArray:
     """The border of a disc of 12 to 150 px, its profile a Gaussian's, in noise."""
     side = int(rng.integers(_LEAST_SIDE_PX, _LARGEST_SIDE_PX))
     y, x = np.mgrid[:side, :side] - (side - 1) / 2
@@ -250,7 +250,7 @@ def arc(rng: np.random.Generator) -> FloatArray:
     return np.asarray(image + rng.normal(0, contrast / _log_uniform(rng, 30, 1000), image.shape))
 
 
-def with_edges(count: int, seed: int) -> Iterator[SceneRegion]:
+def with_edges(count: int, seed: int) -> Iterator[_SceneRegion]:
     """True edges in closed form, sigma .4 to 3 px, SNR 30 to 1000, half of them in JPEG files."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
@@ -266,10 +266,10 @@ def with_edges(count: int, seed: int) -> Iterator[SceneRegion]:
             source = _source(np.clip(np.rint(image), 0, _WHITE_DN))
         else:
             source = _compressed(image, int(kind[-2:]), bool(rng.integers(2)))
-        yield SceneRegion(kind=kind, source=source, sigma_px=total)
+        yield _SceneRegion(kind=kind, source=source, sigma_px=total)
 
 
-def edges_of_bench(views: int, seed: int) -> Iterator[SceneRegion]:
+def edges_of_bench(views: int, seed: int) -> Iterator[_SceneRegion]:
     """Whole views of the bench's edge and board, with distortion, vignetting and noise."""
     rng = np.random.default_rng(seed)
     for _ in range(views):
@@ -277,7 +277,7 @@ def edges_of_bench(views: int, seed: int) -> Iterator[SceneRegion]:
         sigma = rng.uniform(0.4, 2.0)
         frame = _frame(_bench(sigma, rng), name, rng, rng.uniform(0, 360), (120.0, 300.0))
         source = _source(frame, saturation_dn=4095.0)
-        yield SceneRegion(
+        yield _SceneRegion(
             kind=f"bench {name}", source=source, sigma_px=math.sqrt(sigma**2 + 1 / 12)
         )
 
@@ -384,4 +384,4 @@ def _log_uniform(rng: np.random.Generator, least: float, most: float) -> float:
     return float(math.exp(rng.uniform(math.log(least), math.log(most))))
 
 
-RegionMaker = Callable[[int, int], Iterator[SceneRegion]]
+RegionMaker = Callable[[int, int], Iterator[_SceneRegion]]

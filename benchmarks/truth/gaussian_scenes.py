@@ -45,19 +45,19 @@ class GaussianScene:
         drawn = np.fft.ifft2(np.sqrt(power) * noise) * size
         return np.asarray(128.0 + drawn.real[:side_px, :side_px])
 
-    def waves(self, rng: np.random.Generator) -> "Waves":
+    def waves(self, rng: np.random.Generator) -> "_Waves":
         """One scene of this kind, as a sum of plane waves."""
         lengths = np.repeat(self.lengths_px2, WAVES)
         amplitude = np.repeat(np.sqrt(np.array(self.variances_dn2) / WAVES), WAVES)
         parts = rng.standard_normal((2, lengths.size))
-        return Waves(
+        return _Waves(
             vectors=rng.standard_normal((lengths.size, 2)) / np.sqrt(lengths)[:, None],
             amplitudes=amplitude * (parts[0] + 1j * parts[1]),
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Waves:
+class _Waves:
     """A scene that can be photographed more than once: wave vectors, shape (n, 2), per near px."""
 
     vectors: Array
@@ -73,7 +73,7 @@ class Waves:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair:
+class _Pair:
     """A window on the reference, the follow-up's pixels around it, and their own two lenses.
 
     ``phase`` is where the window's middle lies between follow-up pixels, ``(y, x)``.
@@ -136,12 +136,12 @@ PHASES = tuple((float(y), float(x)) for y, x in np.random.default_rng(1).uniform
 
 
 @lru_cache(maxsize=256)
-def templates(scene: GaussianScene, psf_px2: float, zoom: float, noise_dn: float) -> list[Array]:
+def _templates(scene: GaussianScene, psf_px2: float, zoom: float, noise_dn: float) -> list[Array]:
     """Hotelling's templates at each phase, for lenses in their mean focus.
 
     The artefact is that of any place: its covariance by lag, averaged over the phases.
     """
-    pairs = [Pair(zoom=zoom, psf_px2=psf_px2, phase=phase) for phase in PHASES]
+    pairs = [_Pair(zoom=zoom, psf_px2=psf_px2, phase=phase) for phase in PHASES]
     by_lag = _stationary(
         np.mean([_written(p.artefact(scene)) for p in _many(zoom, psf_px2)], axis=0)
     )
@@ -163,8 +163,8 @@ def true_d_prime(
 ) -> float:
     """The d' of those templates where reference and follow-up have a focus of their own."""
 
-    def focused(phase: tuple[float, float]) -> Pair:
-        return Pair(
+    def focused(phase: tuple[float, float]) -> _Pair:
+        return _Pair(
             zoom=zoom,
             psf_px2=psf_px2,
             phase=phase,
@@ -174,7 +174,7 @@ def true_d_prime(
 
     around = [focused(pair.phase).artefact(scene) for pair in _many(zoom, psf_px2)]
     values = []
-    for template, phase in zip(templates(scene, psf_px2, zoom, noise_dn), PHASES, strict=True):
+    for template, phase in zip(_templates(scene, psf_px2, zoom, noise_dn), PHASES, strict=True):
         pair = focused(phase)
         spread = noise_dn**2 * _quadratic(template, pair.noise())
         spread += float(np.mean([_quadratic(template, parts) for parts in around]))
@@ -182,9 +182,9 @@ def true_d_prime(
     return float(np.mean(values))
 
 
-def _many(zoom: float, psf_px2: float) -> list[Pair]:
+def _many(zoom: float, psf_px2: float) -> list[_Pair]:
     phases = (np.arange(4) + 0.5) / 4 - 0.5
-    return [Pair(zoom=zoom, psf_px2=psf_px2, phase=(y, x)) for y in phases for x in phases]
+    return [_Pair(zoom=zoom, psf_px2=psf_px2, phase=(y, x)) for y in phases for x in phases]
 
 
 def _quadratic(template: Array, parts: list[tuple[float, Array, Array]]) -> float:

@@ -83,7 +83,7 @@ class Scene:
         The two broadcast. ``transfer`` takes cycles per *reference* pixel: of a camera at the
         ``zoom``-fold distance that is ``lambda fx, fy: camera.otf(zoom * fx, zoom * fy)``.
         """
-        return series_at(self, self.coefficients * transfer(*self.frequencies), x_px, y_px)
+        return _series_at(self, self.coefficients * transfer(*self.frequencies), x_px, y_px)
 
     def from_reference(self, reference: FloatArray, kernel: FloatArray) -> NDArray[np.complex128]:
         """Fourier series of a reference, as impulses, through a kernel's transfer function.
@@ -96,7 +96,7 @@ class Scene:
         return np.asarray(tiled * kernel)
 
 
-def series_at(
+def _series_at(
     scene: Scene, series: NDArray[np.complex128], x_px: FloatArray, y_px: FloatArray
 ) -> FloatArray:
     """Sum a Fourier series at positions: a quintic spline through its fine samples.
@@ -235,7 +235,7 @@ class Ideal:
         """
         kernel = far(*self.scene.frequencies) * self.spectrum_share
         series = self.scene.from_reference(reference, kernel / kernel[0, 0])
-        return series_at(self.scene, series, x_px, y_px)
+        return _series_at(self.scene, series, x_px, y_px)
 
 
 def _folded(half_plane: FloatArray, side_px: int) -> FloatArray:

@@ -389,7 +389,7 @@ def pair_of(
     )
 
 
-class Scene(Protocol):
+class _Scene(Protocol):
     """What can be photographed."""
 
     def at(self, x_px: FloatArray, y_px: FloatArray) -> Float32Array:
@@ -398,7 +398,7 @@ class Scene(Protocol):
 
 
 def photograph(
-    scene: Scene,
+    scene: _Scene,
     frame: tuple[int, int],
     pose: PairPose,
     camera: Camera,

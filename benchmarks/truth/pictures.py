@@ -61,7 +61,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shelf:
+class _Shelf:
     """Files of an installed package, or below a folder; ``distribution`` is what pip calls it."""
 
     package: str
@@ -82,7 +82,7 @@ _NEXUS: dict[str, Genre] = {
     "contributed_definitions/region/NXregion-example.png": "drawing",
 }
 SHELVES = (
-    Shelf(
+    _Shelf(
         package="skimage",
         distribution="scikit-image",
         folder="data",
@@ -114,7 +114,7 @@ SHELVES = (
             "text.png": "text",
         },
     ),
-    Shelf(
+    _Shelf(
         package="matplotlib",
         distribution="matplotlib",
         folder="mpl-data/sample_data",
@@ -125,7 +125,7 @@ SHELVES = (
             "Minduka_Present_Blue_Pack.png": "drawing",
         },
     ),
-    Shelf(
+    _Shelf(
         package="astropy",
         distribution="astropy",
         folder="",
@@ -135,13 +135,13 @@ SHELVES = (
             "modeling/tests/data/1904-66_AZP.fits": "stars",
         },
     ),
-    Shelf(
+    _Shelf(
         package="nexusformat",
         distribution="nexusformat",
         folder="definitions",
         files=_NEXUS,
     ),
-    Shelf(
+    _Shelf(
         package="networkx",
         distribution="networkx",
         folder="drawing/tests/baseline",
@@ -151,13 +151,13 @@ SHELVES = (
             "test_house_with_colors.png": "drawing",
         },
     ),
-    Shelf(
+    _Shelf(
         package="distributed",
         distribution="distributed",
         folder="http/static/images",
         files={"numpy.png": "drawing"},
     ),
-    Shelf(
+    _Shelf(
         package="a11y_pygments",
         distribution="accessible-pygments",
         folder="",
@@ -166,19 +166,19 @@ SHELVES = (
             "github_light/images/github-light.png": "text",
         },
     ),
-    Shelf(
+    _Shelf(
         package="sphinx",
         distribution="sphinx",
         folder="themes/scrolls/static",
         files={"darkmetal.png": "texture", "watermark.png": "texture"},
     ),
-    Shelf(
+    _Shelf(
         package="sklearn",
         distribution="scikit-learn",
         folder="datasets/images",
         files={"china.jpg": "photograph", "flower.jpg": "photograph"},
     ),
-    Shelf(
+    _Shelf(
         package="pywt",
         distribution="PyWavelets",
         folder="data",
@@ -217,7 +217,7 @@ _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Catalogue:
+class _Catalogue:
     """Pictures that are here, and why others are not, a sentence each."""
 
     pictures: tuple[Picture, ...]
@@ -233,7 +233,7 @@ class Catalogue:
         )
 
 
-def catalogue(folder: Path | None = None) -> Catalogue:
+def catalogue(folder: Path | None = None) -> _Catalogue:
     """Find the pictures that are installed, those of ``STANDOFF_REAL_DATA``, and of a folder."""
     pictures, left_out = list[Picture](), list[str]()
     for shelf in SHELVES:
@@ -268,7 +268,7 @@ def catalogue(folder: Path | None = None) -> Catalogue:
             for path in sorted(folder.rglob("*"))
             if path.suffix.lower() in _SUFFIXES
         ]
-    return Catalogue(pictures=tuple(pictures), left_out=tuple(left_out))
+    return _Catalogue(pictures=tuple(pictures), left_out=tuple(left_out))
 
 
 def _below(root: Path, label: str, files: Mapping[str, Genre]) -> Iterator[Picture]:
@@ -345,7 +345,7 @@ Container = Literal["png", "jpg", "tif"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MadePair:
+class _MadePair:
     """Two files, in what way they differ, and what is true of them.
 
     ``gain`` is that of the stored levels, after over before, NaN where one follows no gain of the
@@ -378,7 +378,7 @@ class NullPair:
     kind: str
     picture: Picture = field(repr=False)
 
-    def make(self, folder: Path) -> MadePair:
+    def make(self, folder: Path) -> _MadePair:
         """Write the two files into a folder: ``before.*`` and ``after.*``.
 
         Raises
@@ -401,7 +401,7 @@ class NullPair:
         ]
         order = ", the second first" if is_turned else ""
         rows, cols = part.shape[:2]
-        return MadePair(
+        return _MadePair(
             before=names[0],
             after=names[1],
             recipe=f"{draft.recipe}{order}; {cols} x {rows} px{grey} at ({left}, {top})",

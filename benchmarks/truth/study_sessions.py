@@ -194,7 +194,7 @@ def calibrated(session: StudiedSession, rng: np.random.Generator) -> PsfCalibrat
     return calibrate_psf(images)
 
 
-def pupil_offset_mm(
+def _pupil_offset_mm(
     session: StudiedSession, truth: BenchTruth, rng: np.random.Generator
 ) -> float | None:
     """The pupil offset of one repetition; None without captures of a board."""
@@ -218,7 +218,7 @@ def pupil_offset_mm(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ChangeCurves:
+class _ChangeCurves:
     """Curves of d' of a session's photographs, at no more zooms than d' and tilt need."""
 
     session: StudiedSession
@@ -237,7 +237,7 @@ class ChangeCurves:
         )
         return d_prime_curves(session.scenes(rng, session.photographs), psf, task).curves[0]
 
-    def about(self, curve: DetectabilityCurve) -> "ChangeCurves":
+    def about(self, curve: DetectabilityCurve) -> "_ChangeCurves":
         """Return the same with the zooms next to where a curve falls below the threshold."""
         below = int(np.sum(np.array(curve.dprime) >= self.session.min_d_prime))
         near = ZOOMS[max(below - 2, 0) : below + 2]
@@ -268,7 +268,7 @@ def achieved(
     truth = session.truth()
     mean_dn = float(np.mean([one.mean() for one in session.scenes(np.random.default_rng(0), 24)]))
     sensor = truth.sensor
-    changes = ChangeCurves(session=session)
+    changes = _ChangeCurves(session=session)
     found: dict[str, list[float]] = {}
 
     def keep(name: str, value: float | None) -> None:
@@ -283,7 +283,7 @@ def achieved(
             keep("transfer_x", float(psf.transfer_2d.otf(*QUARTER)[0]))
             keep("transfer_y", float(psf.transfer_2d.otf(*QUARTER[::-1])[0]))
         if number < boards:
-            keep("pupil_offset_mm", pupil_offset_mm(session, truth, rng))
+            keep("pupil_offset_mm", _pupil_offset_mm(session, truth, rng))
         gain = sensor.gain_e_per_dn * (1 + session.gain_relative_err * float(rng.standard_normal()))
         variance = (mean_dn - sensor.black_level_dn) / gain + (sensor.read_noise_e / gain) ** 2
         noise_dn = sqrt((variance + 1 / 12) / session.frames)
