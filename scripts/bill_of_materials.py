@@ -55,10 +55,7 @@ def installed() -> dict[str, Distribution]:
 def locked_here(packages: Mapping[str, Distribution]) -> dict[str, Locked]:
     """The lines of the lock that hold on this machine, by name.
 
-    Raises
-    ------
-    NotTheLockError
-        If a package is missing, of another version or not in the lock.
+    NotTheLockError if a package is missing, of another version or not in the lock.
     """
     environment = {key: str(value) for key, value in default_environment().items()} | {"extra": ""}
     torch = packages.get("torch")

@@ -96,13 +96,7 @@ def _for_targets(locked: Locked) -> Locked | None:
 
 
 def _torch_for_the_processor(torch: Locked, before: list[Locked]) -> Locked:
-    """The line of torch's build for the processor: what pip finds here, and what was locked.
-
-    Raises
-    ------
-    LookupError
-        If there is neither.
-    """
+    """The line of torch's build for the processor: what pip finds here, or what was locked."""
     requirement = Requirement(f"{torch.name}=={Version(torch.version).public}+cpu")
     hashes = {h for one in before if one.requirement == requirement for h in one.hashes}
     found = found_by_pip(str(requirement))

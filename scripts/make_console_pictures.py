@@ -42,13 +42,7 @@ DRAWN = "standoff.picture.drawn"
 
 
 class _Photographer:
-    """Stores what pages show.
-
-    Parameters
-    ----------
-    folder
-        Where the pictures go.
-    """
+    """Stores what pages show in a folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

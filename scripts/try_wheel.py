@@ -69,13 +69,7 @@ def _interpreter(version: str) -> Path | None:
 
 
 def build_wheel(folder: Path) -> Path:
-    """Build the wheel with the build tools of this environment, and return its path.
-
-    Raises
-    ------
-    WheelError
-        If it cannot be built.
-    """
+    """Build the wheel with the build tools of this environment, and return its path."""
     shutil.rmtree(folder, ignore_errors=True)
     _run([sys.executable, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check",
          "--no-deps", "--no-build-isolation", "--wheel-dir", folder, ROOT], ROOT)  # fmt: skip
@@ -84,13 +78,7 @@ def build_wheel(folder: Path) -> Path:
 
 
 def _install(wheel: Path, python: Path, folder: Path, *, is_newest: bool) -> Path:
-    """Make an environment with the wheel in it, and return its folder of programs.
-
-    Raises
-    ------
-    WheelError
-        If a package cannot be installed, or the packages do not go with one another.
-    """
+    """Make an environment with the wheel in it, and return its folder of programs."""
     _run([python, "-m", "venv", folder], folder.parent)
     pip: list[str | Path] = [folder / "bin" / "python", "-m", "pip", "--disable-pip-version-check"]
     add = [*pip, "install", "--quiet", "--no-compile"]  # half the time; each module is, when used
@@ -118,13 +106,7 @@ def _uses(programs: Path, folder: Path) -> Iterator[list[str | Path]]:
 
 
 def _run(command: Sequence[str | Path], folder: Path) -> str:
-    """Run a command without what points it to the checkout, and return what it prints.
-
-    Raises
-    ------
-    WheelError
-        If it fails; with its last lines.
-    """
+    """Run a command without what points it to the checkout, and return what it prints."""
     clean = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
     done = subprocess.run(
         command, cwd=folder, env=clean, check=False, capture_output=True, text=True
@@ -141,13 +123,7 @@ def _size_mb(folder: Path) -> float:
 
 
 def _try_on(wheel: Path, python: Path, *, is_newest: bool) -> None:
-    """Install the wheel for one interpreter, use it, and print sizes and times.
-
-    Raises
-    ------
-    WheelError
-        If a step fails.
-    """
+    """Install the wheel for one interpreter, use it, and print sizes and times."""
     with TemporaryDirectory(prefix="standoff-wheel-") as name:
         folder, started = Path(name), time.perf_counter()
         programs = _install(wheel, python, folder / "venv", is_newest=is_newest)

@@ -29,13 +29,7 @@ _FIT_CY_PER_PX = (0.05, 0.45)
 
 
 def curve_of_kernel(weights: FloatArray, zoom: float, axis: int) -> Curve:
-    """Curve of the PSF along x (axis 0) or y (1) from the kernel between two distances.
-
-    Parameters
-    ----------
-    weights
-        Shape ``(n, n)``, order (y, x), with its middle in the middle.
-    """
+    """Curve of the PSF along x (axis 0) or y (1) from the square kernel between two distances."""
     spread = weights.sum(axis=axis)
     place = np.arange(spread.size) - spread.size // 2
     powers = zoom ** np.arange(1.0, _FACTORS + 1)

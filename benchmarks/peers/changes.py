@@ -109,12 +109,9 @@ def _local_correlation(pair: AlignedPair) -> FloatArray:
 def pca_kmeans(task: Task) -> ChangeScore:
     """Principal components of blocks of the difference image, in two clusters.
 
-    The score is the distance from the unchanged cluster over that from the changed one.
-
-    References
-    ----------
+    The score is the distance from the unchanged cluster over that from the changed one. After
     T. Celik, "Unsupervised change detection in satellite images using principal component analysis
-    and k-means clustering", IEEE Geosci. Remote Sens. Lett. 6 (2009) 772-776. Blocks of 4 x 4 px,
+    and k-means clustering", IEEE Geosci. Remote Sens. Lett. 6 (2009) 772-776: blocks of 4 x 4 px,
     components with 0.9 of the variance.
     """
     pair = _pair(task)

@@ -30,19 +30,9 @@ _TIME_LIMIT_S = 300
 class AlignedPair:
     """Two photographs with the truth that some peers are given.
 
-    Parameters
-    ----------
-    reference, followup
-        As taken.
-    warped
-        The reference on the follow-up's pixels by the true pose, in the follow-up's light; the
-        follow-up itself where the reference shows nothing.
-    overlap
-        Pixels that both show.
-    noise_dn
-        Of a pixel, of the warped reference and of the follow-up.
-    blur_px
-        Width of the PSF, of the warped reference and of the follow-up, in follow-up pixels.
+    ``warped`` is the reference on the follow-up's pixels by the true pose and in its light, and the
+    follow-up itself outside the ``overlap``; noise and width of the PSF are of the warped reference
+    and of the follow-up, in follow-up pixels.
     """
 
     reference: FloatArray = field(repr=False)

@@ -46,13 +46,7 @@ class Frontal:
 
     @classmethod
     def of(cls, task: Task) -> "Frontal":
-        """Read it from a task's homography.
-
-        Raises
-        ------
-        PeerError
-            If the pose has a tilt or a turn.
-        """
+        """Read it from a task's homography; PeerError if the pose has a tilt or a turn."""
         if task.facts["kind"] != "frontal":
             raise PeerError("it knows no tilt")
         matrix = task.homography

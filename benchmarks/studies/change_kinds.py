@@ -51,18 +51,9 @@ def _round(sigma_px: float) -> Camera:
 class _Kind:
     """A kind of pairs.
 
-    Parameters
-    ----------
-    name
-        As the table writes it.
-    cameras, blur_px
-        Of reference and follow-up, and roughly the width of the latter's PSF.
-    developments
-        What reference and follow-up are made into; the noise comes on top.
-    psf_px
-        Width of the PSF that the comparison is told; None for none.
-    poses, scenes
-        With which pairs are made.
+    Cameras and rough width of the PSF are of reference and follow-up; developments are what they
+    are made into, the noise comes on top. ``psf_px`` is what the comparison is told, None for
+    nothing.
     """
 
     name: str

@@ -15,15 +15,7 @@ _COLOURS = ("#D55E00", "#0072B2", "#009E73")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Roc:
-    """Receiver operating characteristic of a score.
-
-    Parameters
-    ----------
-    true_positive_rate, false_positive_rate
-        Shape (n,), both rising from 0 to 1 as the threshold falls.
-    negatives
-        Pixels without a change.
-    """
+    """Receiver operating characteristic of a score; both rates rise as the threshold falls."""
 
     true_positive_rate: FloatArray
     false_positive_rate: FloatArray
@@ -36,13 +28,7 @@ class Roc:
 
 
 def roc_of(with_change: FloatArray, without: FloatArray) -> Roc:
-    """Compute the curve from scores of pixels with and without a change.
-
-    Raises
-    ------
-    ValueError
-        If either kind is missing.
-    """
+    """Compute the curve from scores of pixels with and without a change; both have to be there."""
     if not with_change.size or not without.size:
         raise ValueError("scores with and without a change are needed")
     levels = np.unique(np.concatenate([with_change.ravel(), without.ravel()]))[::-1]

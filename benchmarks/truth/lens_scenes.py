@@ -224,14 +224,8 @@ class Ideal:
     ) -> FloatArray:
         """Estimate what the camera sees from elsewhere, at positions in the reference.
 
-        Parameters
-        ----------
-        reference
-            One period, shape ``(side, side)``.
-        far
-            The camera's transfer function there, in cycles per reference pixel.
-        x_px, y_px
-            Reference positions of the far pixels; the two broadcast.
+        ``reference`` is one period; ``far`` is the camera's transfer function there, in cycles per
+        reference pixel; the positions broadcast.
         """
         kernel = far(*self.scene.frequencies) * self.spectrum_share
         series = self.scene.from_reference(reference, kernel / kernel[0, 0])

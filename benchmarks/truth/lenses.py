@@ -34,22 +34,10 @@ _EDGE_STEPS_PER_PX = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """A lens before square pixels, or a Gaussian in place of both.
+    """A lens before square pixels, or without a pixel a Gaussian in place of both.
 
-    Parameters
-    ----------
-    name
-        As tables write it.
-    cut_off_cy_per_px
-        Where the circular pupil passes nothing any more; infinite without a pupil.
-    defocus_waves
-        Optical path difference at the pupil's rim.
-    sigma_px
-        A Gaussian on top.
-    stretch
-        The lens passes at ``f`` what the round one passes at ``stretch f``: an astigmatic lens.
-    has_pixel
-        Without, the Gaussian is the total PSF.
+    Without a pupil the cut-off is infinite; the defocus is at the pupil's rim, the Gaussian comes
+    on top. The lens passes at ``f`` what the round one passes at ``stretch f``: an astigmatic lens.
     """
 
     name: str
@@ -121,17 +109,8 @@ def defocused_pupil_otf(relative_freq: FloatArray, defocus_waves: float) -> Floa
 
     Two unit circles with centres ``2 s`` apart have in common, at the distance ``x`` from the line
     midway between them, a chord of ``2 sqrt(1 - (|x| + s)^2)``, along which the path difference is
-    ``4 s x`` times the defocus.
+    ``4 s x`` times the defocus at the rim. Frequencies are relative to the cut-off, 0 to 1.
 
-    Parameters
-    ----------
-    relative_freq
-        Frequencies over the cut-off frequency, 0 to 1.
-    defocus_waves
-        Optical path difference at the rim.
-
-    References
-    ----------
     H. H. Hopkins, "The frequency response of a defocused optical system", Proc. R. Soc. A 231
     (1955), 91-103, equation (10).
     """
@@ -175,18 +154,7 @@ def edge_photographs(
 ) -> list[FloatArray]:
     """Photographs of one straight edge each, 60 to 180 DN, through nearly the middle.
 
-    Parameters
-    ----------
-    camera
-        Took them all.
-    angles_deg
-        Directions of the edges' normals against +x, y down.
-    side_px
-        Their size.
-    snr
-        The step over the standard deviation of the noise.
-    seed
-        Of noise and places.
+    Angles are of the edges' normals against +x, y down; the SNR is the step over the noise.
     """
     rng = np.random.default_rng(seed)
     row, col = np.mgrid[:side_px, :side_px] - (side_px - 1) / 2

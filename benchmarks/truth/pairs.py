@@ -275,20 +275,9 @@ class Spot:
 class Development:
     """What a camera makes of the levels behind its lens; applied in this order.
 
-    Parameters
-    ----------
-    gain, slope
-        Light, and its change from the left to the right edge, relative.
-    noise_dn
-        Standard deviation, independent from pixel to pixel.
-    gamma
-        Exponent of the tone curve (0.45: a common photograph), full scale stays.
-    sharpening
-        Amount and width in px of an unsharp mask.
-    bits
-        Levels are rounded and clipped to so many bits, each DN here being one of 8; None: float.
-    jpeg_quality
-        8-bit JPEG of this quality; None for none.
+    ``slope`` is the relative change of light from left to right, ``gamma`` the exponent of a tone
+    curve that keeps full scale (0.45: a common photograph), ``sharpening`` amount and width in px
+    of an unsharp mask. Levels are rounded and clipped to ``bits``, each DN here being one of 8.
     """
 
     gain: float = 1.0

@@ -280,13 +280,7 @@ def _below(root: Path, label: str, files: Mapping[str, Genre]) -> Iterator[Pictu
 def region_of(
     levels: ByteImage, most: tuple[int, int], rng: np.random.Generator
 ) -> tuple[ByteImage, tuple[int, int]]:
-    """At most ``(rows, cols)`` of a picture, anywhere in it, and where: its first row and column.
-
-    Raises
-    ------
-    ValueError
-        If the picture is smaller than ``LEAST_PX`` along a side.
-    """
+    """At most ``(rows, cols)`` of a picture, anywhere in it, and its first row and column."""
     rows, cols = levels.shape[:2]
     if min(rows, cols) < LEAST_PX:
         raise ValueError(f"a picture of {rows} x {cols} pixels is too small")
@@ -379,13 +373,7 @@ class NullPair:
     picture: Picture = field(repr=False)
 
     def make(self, folder: Path) -> _MadePair:
-        """Write the two files into a folder: ``before.*`` and ``after.*``.
-
-        Raises
-        ------
-        ValueError
-            If the picture is too small.
-        """
+        """Write the two files into a folder: ``before.*`` and ``after.*``."""
         keys = (self.seed, self.number, *(crc32(one.encode()) for one in self.words))
         rng = np.random.default_rng(keys)
         part, (top, left) = region_of(self.picture.levels(), MOST_PX, rng)
@@ -443,17 +431,8 @@ def with_noise(
 ) -> FloatArray:
     """Levels of 0 to 255 with noise; neither rounded nor clipped.
 
-    Parameters
-    ----------
-    levels
-        Of 0 to 255; not changed.
-    snr
-        Mean of the levels (shot noise: of the light) over the noise's standard deviation there.
-    is_shot
-        Whether the noise is that of a number of electrons that is proportional to the light;
-        otherwise it is the same everywhere.
-    is_srgb
-        Whether levels are sRGB, so that electrons are counted in light.
+    The SNR is the mean of the levels over the noise there. Shot noise is that of a number of
+    electrons that is proportional to the light, which sRGB levels are first converted to.
     """
     if not is_shot:
         noise_sd = float(levels.mean()) / snr

@@ -42,20 +42,9 @@ Image = NDArray[np.float64]
 class StudiedSession:
     """A plan, its bench, and what differs from repetition to repetition.
 
-    Parameters
-    ----------
-    plan
-        As in a plan file, without schema and name.
-    bench
-        Keys of ``[simulated]`` that differ from configs/simulated.toml.
-    exposure_us
-        Of every capture.
-    focus_scatter_px2, height_scatter_mm, noise_relative_err
-        Standard deviations of what a repetition draws.
-    scene
-        Name of the photograph of skimage from which the photographs are cut.
-    photographs, contrast_dn, min_d_prime
-        Photographs of a repetition, and the change in them.
+    ``plan`` is as in a plan file without schema and name, ``bench`` the keys of ``[simulated]``
+    that differ from configs/simulated.toml. Scatters and errors are standard deviations of what a
+    repetition draws; its photographs are cut from a photograph of skimage, the scene.
     """
 
     name: str

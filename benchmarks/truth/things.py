@@ -58,23 +58,12 @@ _PERIOD_PX = (28, 80)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Thing:
-    """What happened to a thing.
+    """What happened to a thing, of which size, and where, in reference px.
 
-    Parameters
-    ----------
-    happening, ground, way
-        What happened, on what, and how the thing was made.
-    size_px
-        Root of its area, in reference px.
-    contrast_dn
-        Mean absolute difference of its levels to what replaces it, over its outline and channels;
-        of what moved, at the fainter of both places.
-    shift_px
-        ``(x, y)`` from before to after in reference px; NaN where it did not move.
-    outlines
-        Reference pixels that it covers, before or after.
-    distance_px
-        From each reference pixel to the nearest outline.
+    ``size_px`` is the root of its area; ``contrast_dn`` the mean absolute difference to what
+    replaces it, over its outline and channels, of what moved at the fainter place; ``shift_px`` is
+    ``(x, y)`` from before to after, NaN where it did not move. ``outlines`` are pixels that it
+    covers before or after, ``distance_px`` those from each pixel to the nearest outline.
     """
 
     happening: Happening

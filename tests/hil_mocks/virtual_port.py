@@ -10,15 +10,7 @@ BYTE_S = 10 / 115200
 
 
 class VirtualPort:
-    """Stands where a driver expects its open port; the driver sleeps on the same clock.
-
-    Parameters
-    ----------
-    line
-        What is at the other end.
-    clock
-        Moved on by a read that waits.
-    """
+    """Stands where a driver expects its open port; the driver sleeps on the same clock."""
 
     def __init__(self, line: SerialLine, *, clock: SimulatedClock) -> None:
         self.line = line
