@@ -188,12 +188,7 @@ def _scored(
     before, after = (replace(how, noise_dn=study.noise_dn) for how in kind.developments)
     for number, (unchanged, changed, where) in enumerate(made):
         first = 1000 * study.seed + 100 * number  # noise of its own for each pair
-        pose = DistortedPose(
-            matrix=unchanged.matrix,
-            k1=unchanged.pose.distortion_k1,
-            reference_shape=FRAME,
-            followup_shape=FRAME,
-        )
+        pose = unchanged.pose.known(FRAME)
 
         def found(pair: Pair, draw: int, pose: DistortedPose = pose) -> ChangeResult:
             reference, followup = pair.developed(before, after, draw)

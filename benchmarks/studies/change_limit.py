@@ -21,7 +21,6 @@ from analysis.changes import ChangeOptions, ChangeResult, detection_power, find_
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.lenses import Camera, f_number, gaussian
 from benchmarks.truth.pairs import Development, PairPose, pair_of, scene
-from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 
 FRAME = (290, 390)
@@ -109,7 +108,7 @@ def _judged(kind: _Kind, name: str, pose: PairPose, seed: int, score: _Score) ->
     before, after = (replace(how, noise_dn=NOISE_DN) for how in (kind.before, kind.after))
     nothing = np.zeros(FRAME)
     reference = _developed(pair.reference_dn, before, 2 * seed, nothing)
-    known = DistortedPose(matrix=pair.matrix, k1=0, reference_shape=FRAME, followup_shape=FRAME)
+    known = pose.known(FRAME)
 
     def compared(painted: FloatArray, sigma_px: float) -> ChangeResult:
         followup = _developed(pair.followup_dn, after, 2 * seed + 1, painted)

@@ -101,7 +101,7 @@ def _case(number: int, snr: tuple[float, float], kinds: tuple[str, ...] = KINDS)
     return _Case(
         reference=reference,
         followup=followup,
-        pose=DistortedPose(matrix=pair.matrix, k1=0.0, reference_shape=FRAME, followup_shape=FRAME),
+        pose=pose.known(FRAME),
         spots=tuple(truths),
     )
 

@@ -21,6 +21,7 @@ import numpy as np
 from analysis.changes import Change, ChangeOptions, ChangeResult, ChangeSummary, find_changes
 from analysis.errors import AnalysisError
 from benchmarks.harness import Recorder, benchmark
+from benchmarks.studies.change_list import FRAME, KINDS, POSES
 from benchmarks.truth.pairs import (
     DEFAULT_CAMERA as CAMERA,
     Bump,
@@ -33,17 +34,8 @@ from benchmarks.truth.pairs import (
     relief_pair,
     scene,
 )
-from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 
-FRAME = (290, 390)
-KINDS = ("texture", "retina", "lesion", "mondrian", "text")
-POSES = (
-    PairPose(zoom=1.0, turn_deg=3.0),
-    PairPose(zoom=1.3, tilt_deg=5.0, bearing_deg=40.0),
-    PairPose(zoom=1.5, shift=(0.04, -0.03)),
-    PairPose(zoom=0.75, tilt_deg=4.0, bearing_deg=200.0),
-)
 SHOT = Development(noise_dn=1.2)
 CONTRAST_DN = 25.0
 FRAMES, SPOT_FRAMES = 20, 60
@@ -61,13 +53,6 @@ class _Spot:
     y_px: float
     sigma_px: float
     height: float
-
-
-def _pose_of(pose: PairPose) -> DistortedPose:
-    """The true pose, that of the ground."""
-    return DistortedPose(
-        matrix=pose.matrix(FRAME), k1=0.0, reference_shape=FRAME, followup_shape=FRAME
-    )
 
 
 def _developed(pair: Pair, seed: int) -> Pair:
@@ -115,7 +100,7 @@ def _relief(number: int, *, is_hard: bool) -> ChangeSummary:
             bumps.append(Bump(centre_px=place, width_px=rng.uniform(12, 30), shift_px=shift))
     made = ReliefScene(ground=ground, bumps=tuple(bumps), layers=tuple(layers))
     pair = _developed(relief_pair(made, FRAME, pose), number)
-    return find_changes(*pair, options=ChangeOptions(pose=_pose_of(pose))).summary
+    return find_changes(*pair, options=ChangeOptions(pose=pose.known(FRAME))).summary
 
 
 def _layer(
@@ -182,7 +167,7 @@ def _moved_things(record: Recorder, frames: int) -> None:
         for number in range(frames):
             made, pose = _things(number, ways, 9000 if ways[0] < 5 else 9500)
             pair = _developed(relief_pair(made, FRAME, pose), number)
-            true_pose = _pose_of(pose)
+            true_pose = pose.known(FRAME)
             found = find_changes(*pair, options=ChangeOptions(pose=true_pose)).summary
             for one in made.layers:
                 x, y = np.array([one.centre_px, np.add(one.centre_px, one.shift_px)]).T
@@ -223,7 +208,7 @@ def _appeared(record: Recorder, frames: int) -> None:
             photograph(first, FRAME, PairPose(), CAMERA),
             photograph(second, FRAME, pose, CAMERA),
         )
-        options = ChangeOptions(pose=_pose_of(pose))
+        options = ChangeOptions(pose=pose.known(FRAME))
         found = find_changes(*_developed(pair, number), options=options).summary
         taken += sum(one.area_px for one in found.moved)
         total += sum(one.area_px for one in (*found.changes, *found.moved))
@@ -284,7 +269,7 @@ def _rendered_spots(record: Recorder, frames: int) -> None:
         ground, pose = _ground_of(number, 900)
         made = relief_pair(ReliefScene(ground=ground), FRAME, pose)
         reference, followup = _developed(made, number)
-        options = ChangeOptions(pose=_pose_of(pose))
+        options = ChangeOptions(pose=pose.known(FRAME))
         rng = np.random.default_rng(7000 + number)
         clean = find_changes(reference, followup, options=options)
         image, spots = _painted(rng, clean, followup, 14)

@@ -36,7 +36,7 @@ from benchmarks.peers.scores import (
 )
 from benchmarks.truth.change_roc import roc_of
 from benchmarks.truth.lenses import Camera, f_number, gaussian
-from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene, seen_spot
+from benchmarks.truth.pairs import Development, PairPose, pair_of, scene, seen_spot
 from calibration.registration import DistortedPose
 from simulation.arrays import BoolArray, FloatArray
 
@@ -137,16 +137,7 @@ def _case(kind: _Kind, scene_name: str, pose: PairPose, seed: int) -> _Case:
             blur_px=(kind.blurs_px[0] / zoom, kind.blurs_px[1]),
         ),
         change=np.abs(changed.followup_dn - plain.followup_dn),
-        pose=_true_pose(changed),
-    )
-
-
-def _true_pose(pair: Pair) -> DistortedPose:
-    return DistortedPose(
-        matrix=pair.matrix,
-        k1=pair.pose.distortion_k1,
-        reference_shape=pair.frame,
-        followup_shape=pair.frame,
+        pose=changed.pose.known(changed.frame),
     )
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from analysis.changes import ChangeOptions, ChangeResult, find_changes
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene
-from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
 
 FRAME = (290, 390)
@@ -46,8 +45,8 @@ class _Found:
 def _compared(pair: Pair, seed: int, painted: FloatArray | float = 0.0) -> ChangeResult:
     """Compare a pair, with something painted into the developed follow-up."""
     reference, followup = pair.developed(BEFORE, AFTER, seed)
-    pose = DistortedPose(matrix=pair.matrix, k1=0.0, reference_shape=FRAME, followup_shape=FRAME)
-    return find_changes(reference, followup + painted, None, ChangeOptions(pose=pose))
+    options = ChangeOptions(pose=pair.pose.known(FRAME))
+    return find_changes(reference, followup + painted, None, options)
 
 
 def _spot(x_px: float, y_px: float, sigma_px: float) -> FloatArray:

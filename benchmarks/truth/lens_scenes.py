@@ -7,7 +7,7 @@ the camera's transfer function and summed at the pixels. Shares nothing with ``s
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from math import cos, exp, hypot, log, pi, radians, sin
+from math import exp, hypot, log, pi
 from typing import Self
 
 import numpy as np
@@ -18,6 +18,7 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import map_coordinates
 
 from benchmarks.truth.lenses import Camera, Transfer, elsewhere
+from benchmarks.truth.pairs import plane_rays
 from simulation.arrays import FloatArray
 
 LEVELS_DN = (20, 235)
@@ -279,14 +280,7 @@ class Pose:
     @property
     def homography(self) -> FloatArray:
         """Follow-up pixel (x, y, 1) to reference pixel, both without distortion, shape (3, 3)."""
-        tilt, bearing = radians(self.tilt_deg), radians(self.bearing_deg)
-        towards = _about_axis(bearing)
-        lean = np.array([[cos(tilt), 0, sin(tilt)], [0, 1, 0], [-sin(tilt), 0, cos(tilt)]])
-        rotation = towards @ lean @ towards.T @ _about_axis(radians(self.turn_deg))
-        # A ray of the follow-up, from a camera at zoom times the unit distance of the plane.
-        pupil = np.array([0.0, 0.0, 1.0]) - self.zoom * rotation[:, 2]
-        rays = (1 - pupil[2]) * rotation + np.outer(pupil, rotation[2])
-        rays[2] = rotation[2]
+        rays = plane_rays(self.zoom, self.tilt_deg, self.bearing_deg, self.turn_deg)
         focal = FOCAL_PX_PER_WIDTH * self.reference_side
         seen, shown = (self.reference_side - 1) / 2, (self.followup_side - 1) / 2
         to_reference = np.array([[focal, 0, seen], [0, focal, seen], [0, 0, 1]])
@@ -367,8 +361,3 @@ def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:
         for other in np.delete(nodes, index):
             made[index] *= (at - other) / (node - other)
     return made
-
-
-def _about_axis(angle_rad: float) -> FloatArray:
-    c, s = cos(angle_rad), sin(angle_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.fft
 
 from benchmarks.truth.lenses import Camera, gaussian
+from calibration.registration import DistortedPose
 from hil_mocks.truth.images import spline_at
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
@@ -214,13 +215,7 @@ class PairPose:
     def matrix(self, frame: tuple[int, int]) -> FloatArray:
         """Ideal follow-up pixel ``(x, y, 1)`` to ideal reference pixel, shape (3, 3)."""
         rows, cols = frame
-        tilt, bearing = radians(self.tilt_deg), radians(self.bearing_deg)
-        towards = _about_axis(bearing)
-        lean = np.array([[cos(tilt), 0, sin(tilt)], [0, 1, 0], [-sin(tilt), 0, cos(tilt)]])
-        rotation = towards @ lean @ towards.T @ _about_axis(radians(self.turn_deg))
-        pupil = np.array([0.0, 0.0, 1.0]) - self.zoom * rotation[:, 2]
-        rays = (1 - pupil[2]) * rotation + np.outer(pupil, rotation[2])
-        rays[2] = rotation[2]
+        rays = plane_rays(self.zoom, self.tilt_deg, self.bearing_deg, self.turn_deg)
         focal = _FOCAL_PER_WIDTH * cols
         x, y = (cols - 1) / 2, (rows - 1) / 2
         lens = np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
@@ -228,6 +223,15 @@ class PairPose:
         aside[:2, 2] = self.shift[0] * cols, self.shift[1] * rows
         made = aside @ lens @ rays @ np.linalg.inv(lens)
         return np.asarray(made / made[2, 2])
+
+    def known(self, frame: tuple[int, int]) -> DistortedPose:
+        """The true pose, as a comparison can be told it."""
+        return DistortedPose(
+            matrix=self.matrix(frame),
+            k1=self.distortion_k1,
+            reference_shape=frame,
+            followup_shape=frame,
+        )
 
     def positions(
         self, x_px: FloatArray, y_px: FloatArray, frame: tuple[int, int]
@@ -437,6 +441,20 @@ def seen_spot(
         sigma_px=pose.zoom * sqrt(own_px2),
         amplitude_dn=amplitude_dn * sigma_px**2 / own_px2,
     )
+
+
+def plane_rays(zoom: float, tilt_deg: float, bearing_deg: float, turn_deg: float) -> FloatArray:
+    """Rays of a follow-up that looks at the reference's middle from zoom times its distance.
+
+    They meet the plane, which is 1 from the reference's camera, shape (3, 3).
+    """
+    tilt, towards = radians(tilt_deg), _about_axis(radians(bearing_deg))
+    lean = np.array([[cos(tilt), 0, sin(tilt)], [0, 1, 0], [-sin(tilt), 0, cos(tilt)]])
+    rotation = towards @ lean @ towards.T @ _about_axis(radians(turn_deg))
+    pupil = np.array([0.0, 0.0, 1.0]) - zoom * rotation[:, 2]
+    rays = (1 - pupil[2]) * rotation + np.outer(pupil, rotation[2])
+    rays[2] = rotation[2]
+    return rays
 
 
 def _about_axis(angle_rad: float) -> FloatArray:

@@ -74,15 +74,13 @@ def test_it_shows_its_height_on_the_way(rig: Rig) -> None:
 
 
 class TestRefusals:
-    @pytest.mark.parametrize("height_mm", [float("nan"), float("inf"), -1.0, 9.99, 400.01])
-    def test_a_height_that_is_none_is_refused_before_anything_is_sent(
-        self, rig: Rig, height_mm: float
-    ) -> None:
+    def test_a_height_that_is_none_is_refused_before_anything_is_sent(self, rig: Rig) -> None:
         sent = len(rig.sent)
-        with pytest.raises(StageLimitError) as refused:
-            rig.stage.move_to(height_mm, 120)
-        assert refused.value.limits_mm == (10.0, 400.0)
-        assert refused.value.height_mm == pytest.approx(height_mm, nan_ok=True)
+        for height_mm in (float("nan"), float("inf"), -1.0, 9.99, 400.01):
+            with pytest.raises(StageLimitError) as refused:
+                rig.stage.move_to(height_mm, 120)
+            assert refused.value.limits_mm == (10.0, 400.0)
+            assert refused.value.height_mm == pytest.approx(height_mm, nan_ok=True)
         assert len(rig.sent) == sent
 
     def test_a_second_move_while_one_runs_is_refused_and_nothing_sent(self, rig: Rig) -> None:
