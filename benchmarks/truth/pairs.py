@@ -454,7 +454,7 @@ def plane_rays(zoom: float, tilt_deg: float, bearing_deg: float, turn_deg: float
     pupil = np.array([0.0, 0.0, 1.0]) - zoom * rotation[:, 2]
     rays = (1 - pupil[2]) * rotation + np.outer(pupil, rotation[2])
     rays[2] = rotation[2]
-    return rays
+    return np.asarray(rays)
 
 
 def _about_axis(angle_rad: float) -> FloatArray:
