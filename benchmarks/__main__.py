@@ -14,20 +14,26 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.page import benchmark_page
+from benchmarks.harness import Figure, environment_line, number_text
 
 FOLDER = Path(__file__).parent
+ROOMS = ("speed", "studies", "robustness")
 PLOT_NAME = "cost-growth.png"
 
 
-def names() -> list[str]:
-    """All benchmarks in alphabetical order."""
-    return sorted(path.stem.removeprefix("bench_") for path in FOLDER.glob("bench_*.py"))
+def modules() -> dict[str, str]:
+    """Module of each benchmark, by name in alphabetical order."""
+    files = [path for room in ROOMS for path in (FOLDER / room).glob("*.py")]
+    return {
+        path.stem: f"benchmarks.{path.parent.name}.{path.stem}"
+        for path in sorted(files, key=lambda path: path.stem)
+        if "\n@benchmark(" in path.read_text("utf-8")
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +55,7 @@ class Run:
         if self.resumes and is_finished(lines):
             return True
         lines.unlink(missing_ok=True)
-        command = [sys.executable, "-m", f"benchmarks.bench_{name}", "--json", str(lines)]
+        command = [sys.executable, "-m", modules()[name], "--json", str(lines)]
         command += ["--quick"] if self.is_quick else []
         command += ["--plot", str(self.plot)] if name == "growth" else []
         one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -77,6 +83,82 @@ def is_finished(lines: Path) -> bool:
     return bool(last) and "figures" in json.loads(last)
 
 
+HEADING = """# Benchmarks
+
+Made by `python -m benchmarks --page docs/benchmarks.md`; do not edit.{mode}
+
+Every row was measured in one run with its peer; **times** is the peer's figure over ours: how many
+times faster or more exact we are. Rows without a peer stand for themselves. What a benchmark does
+and leaves out is said at the top of its module, `benchmarks/ROOM/NAME.py`; `python -m
+benchmarks.ROOM.NAME` prints all of it.
+
+{environment}
+
+{contents}
+
+## How cost grows
+
+![Time over image size, zoom, edges, heights and images]({plot})
+
+Both axes are logarithmic; the dotted line through the last point doubles with the size.
+"""
+
+
+def read_runs(path: Path) -> tuple[list[dict[str, object]], list[Figure]]:
+    """Read the heads of all benchmarks and their figures from a file of JSON lines."""
+    heads, figures = [], []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        document = json.loads(line)
+        if "environment" in document:
+            heads.append(document)
+        elif "value" in document:
+            figures.append(Figure(**document))
+    return heads, figures
+
+
+def benchmark_page(
+    path: Path, *, plot: str, is_quick: bool, failed: Iterable[str] = (), note: str = ""
+) -> str:
+    """Write the page in Markdown."""
+    heads, figures = read_runs(path)
+    facts: dict[str, str] = {}
+    for head in heads:
+        found = head["environment"]
+        if isinstance(found, dict):
+            facts |= found
+    mode = (
+        " This run was `--quick`: each thing was timed briefly, and other programs ran beside it."
+        if is_quick
+        else ""
+    )
+    mode += f" {note}" if note else ""
+    links = ", ".join(f"[{head['benchmark']}](#{head['benchmark']})" for head in heads)
+    parts = [
+        HEADING.format(
+            mode=mode, environment=environment_line(facts) + ".", contents=links, plot=plot
+        )
+    ]
+    parts += [f"`{name}` could not run here.\n" for name in failed]
+    for head in heads:
+        name = head["benchmark"]
+        rows = [figure for figure in figures if figure.benchmark == name]
+        parts.append(f"## {name}\n")
+        if head["note"]:
+            parts.append(f"{head['note']}.\n")
+        parts.append("| figure | ours | peer | peer's | times |")
+        parts.append("| --- | ---: | --- | ---: | ---: |")
+        parts += [_row(figure) for figure in rows]
+        parts.append("")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _row(figure: Figure) -> str:
+    theirs = "" if figure.peer_value is None else number_text(figure.peer_value)
+    times = "" if figure.ratio is None else f"**{number_text(figure.ratio)}**"
+    ours = f"{number_text(figure.value)} {figure.unit}".rstrip()
+    return f"| {figure.name} | {ours} | {figure.peer or ''} | {theirs} | {times} |"
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
@@ -95,13 +177,15 @@ def main() -> int:
     parser.add_argument("--page", type=Path, metavar="FILE", help="write a Markdown page as well")
     parser.add_argument("--note", default="", help="a remark about the run, for the page")
     given = parser.parse_args()
-    if unknown := set(given.names) - set(names()):
-        parser.error(f"no such benchmark: {', '.join(sorted(unknown))}; {', '.join(names())}")
+    if unknown := set(given.names) - set(modules()):
+        parser.error(
+            f"no such benchmark: {', '.join(sorted(unknown))}; {', '.join(list(modules()))}"
+        )
     given.out.mkdir(parents=True, exist_ok=True)
     pictures = given.page.parent / "images" if given.page else given.out
     pictures.mkdir(parents=True, exist_ok=True)
     plot = pictures / PLOT_NAME
-    chosen = given.names or names()
+    chosen = given.names or list(modules())
     run = Run(out=given.out, plot=plot, is_quick=given.quick, resumes=given.resume)
     with ThreadPoolExecutor(given.jobs) as pool:
         failed = [

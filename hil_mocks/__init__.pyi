@@ -1,5 +1,8 @@
 from .bench import SimulatedBench as SimulatedBench
-from .clock import SimulatedClock as SimulatedClock
-from .scene.pinhole import CameraPose as CameraPose
-from .scene.truth import BenchTruth as BenchTruth
-from .stage import SimulatedStage as SimulatedStage, StageFaults as StageFaults
+from .devices import (
+    SimulatedClock as SimulatedClock,
+    SimulatedStage as SimulatedStage,
+    StageFaults as StageFaults,
+)
+from .truth.bench_truth import BenchTruth as BenchTruth
+from .truth.render import CameraPose as CameraPose

@@ -1,32 +1,75 @@
-"""The in-process simulated bench: camera, stage and the target under them."""
+"""The in-process simulated bench: camera, stage, and a target under them."""
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
+from math import isfinite
+from threading import RLock
+
+import numpy as np
+from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
-from hil_mocks.camera import SimulatedCamera
-from hil_mocks.clock import SimulatedClock
-from hil_mocks.scene import CameraPose
-from hil_mocks.stage import SimulatedStage
-from hil_mocks.target_bench import TargetBench
+from hil_mocks.devices import SimulatedCamera, SimulatedClock, SimulatedStage
+from hil_mocks.truth import TARGETS, BenchTruth, CameraPose, scene_of
+
+
+class TargetBench(ABC):
+    """A bench whose target can be exchanged, also while its camera runs in another thread.
+
+    BenchConfigError if the bench has no ``[simulated]`` section, or an impossible one.
+    """
+
+    def __init__(self, config: BenchConfig) -> None:
+        self.truth = BenchTruth(config)
+        self._lock = RLock()
+        self._target, self._orientation_deg = "edge", 0.0
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Names that `place` accepts."""
+        return tuple(TARGETS)
+
+    @property
+    def target(self) -> str:
+        """The target under the camera."""
+        return self._target
+
+    @property
+    def orientation_deg(self) -> float:
+        """Rotation of the target, from +x towards +y."""
+        return self._orientation_deg
+
+    @property
+    @abstractmethod
+    def pose(self) -> CameraPose:
+        """True pose of the camera."""
+
+    def place(self, target: str, orientation_deg: float = 0.0) -> None:
+        """Place one of `targets` under the camera, as an operator would.
+
+        It is turned from +x towards +y (y is down) about the optical axis; for ``edge``, that is
+        the direction of the edge line. ValueError, which lists them, if there is no such target, or
+        if the angle is not finite.
+        """
+        scene_of(target)
+        if not isfinite(orientation_deg):
+            raise ValueError(f"the angle of a target must be finite, got {orientation_deg}")
+        with self._lock:
+            self._target, self._orientation_deg = target, orientation_deg
+
+    def _look(self) -> NDArray[np.float32]:
+        """Present light on the sensor."""
+        with self._lock:
+            return self.truth.irradiance(self._target, self._orientation_deg, self.pose)
 
 
 class SimulatedBench(TargetBench):
     """A camera on a stage that looks down on a target, which an operator can exchange.
 
     The camera sees from the stage's *true* height. At first the target is black and white paper
-    with a horizontal edge.
-
-    Parameters
-    ----------
-    config
-        A bench with a ``[simulated]`` section, which holds the truth.
-    clock
-        Clock of both devices; by default, one whose time passes only when a device uses it.
-
-    Raises
-    ------
-    BenchConfigError
-        If it has no such section, or an impossible one.
+    with a horizontal edge. ``clock`` is that of both devices; by default time passes only when one
+    uses it. BenchConfigError if the bench has no ``[simulated]`` section, which holds the truth, or
+    a wrong one.
     """
 
     def __init__(self, config: BenchConfig, *, clock: SimulatedClock | None = None) -> None:

@@ -1,18 +1,25 @@
-"""The practice bench: the simulated GigE camera on a stage in real time."""
+"""The practice bench: the simulated GigE camera on a stage in real time, and its commands."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import isfinite
 from time import sleep
-from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
-from hil_mocks.gige import ETHERNET_MTU_BYTES, BenchFrameSource, GigeDevice, Maker, maker_identity
-from hil_mocks.scene import CameraPose
-from hil_mocks.target_bench import TargetBench
+from hil_mocks.bench import TargetBench
+from hil_mocks.gige import (
+    ETHERNET_MTU_BYTES,
+    BenchFrameSource,
+    GigeDevice,
+    GigeFaults,
+    Maker,
+    maker_identity,
+)
+from hil_mocks.truth import CameraPose
 
 
 class StageEmulator(Protocol):
@@ -30,13 +37,7 @@ class StageEmulator(Protocol):
 
 
 class HandStage:
-    """A stand without motor or port, moved by hand; it starts in the middle.
-
-    Parameters
-    ----------
-    limits_mm
-        Its lowest and highest height.
-    """
+    """A stand without motor or port, moved by hand; it starts in the middle."""
 
     def __init__(self, limits_mm: tuple[float, float]) -> None:
         self._limits_mm = limits_mm
@@ -53,13 +54,7 @@ class HandStage:
         return self._height_mm
 
     def move_to(self, height_mm: float) -> None:
-        """Move the stand.
-
-        Raises
-        ------
-        ValueError
-            If the height is outside its limits.
-        """
+        """Move the stand; ValueError if the height is outside its limits."""
         low, high = self._limits_mm
         if not low <= height_mm <= high:
             raise ValueError(f"the stand travels from {low:g} to {high:g} mm, not to {height_mm:g}")
@@ -79,31 +74,12 @@ STILL_S = 0.005
 class PracticeBench(TargetBench):
     """A GigE camera on a stage that looks down on a target, which an operator can exchange.
 
-    At first the target is black and white paper with a horizontal edge. The first frame after
-    the stage or the target has moved is late by its rendering time, but none of a stage at rest
-    shows where it was on its way.
-
-    Parameters
-    ----------
-    config
-        A bench with a ``[simulated]`` section, which holds the truth.
-    height_mm
-        Returns the present true height of the stage.
-    address
-        Address of the camera, in 127.0.0.0/8.
-    bayer_order
-        Colour filter of the camera, such as ``RG``; None for a monochrome one.
-    link_mtu_bytes
-        Largest packet that the link to the camera carries.
-    maker
-        Whose cameras it is like, in the names, types and units of its features.
-
-    Raises
-    ------
-    BenchConfigError
-        If the bench has no ``[simulated]`` section, or an impossible one.
-    ValueError
-        If the address is not one of the loopback network.
+    At first the target is black and white paper with a horizontal edge. The first frame after the
+    stage or the target has moved is late by its rendering time, but none of a stage at rest shows
+    where it was on its way. ``height_mm`` returns the present true height; ``address`` is the
+    camera's in 127.0.0.0/8; ``bayer_order`` its colour filter, such as ``RG``; ``maker`` whose
+    cameras it is like. BenchConfigError if the bench has no ``[simulated]`` section, or a wrong
+    one.
     """
 
     def __init__(
@@ -156,10 +132,143 @@ class PracticeBench(TargetBench):
         self.camera.open()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.camera.close()
+
+
+TRUTH_VALUES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+class PracticeCommandError(Exception):
+    """The practice bench does not understand a line; nothing was done.
+
+    ``word`` is the part of the line that is wrong.
+    """
+
+    def __init__(self, text: str, word: str) -> None:
+        super().__init__(text)
+        self.word = word
+
+
+class PracticeConsole:
+    """Executes one line at a time on a practice bench."""
+
+    def __init__(self, bench: PracticeBench, stage: StageEmulator) -> None:
+        self._bench = bench
+        self._stage = stage
+        self._commands: dict[str, Callable[[list[str]], str]] = {
+            "place": self._place,
+            "height": self._height,
+            "fault": self._fault,
+            "restart": self._restart,
+            "drop-control": self._drop_control,
+            "status": self._status,
+        }
+
+    def execute(self, line: str) -> str:
+        """Execute a line and return what was done; PracticeCommandError if it is not understood."""
+        name, *words = line.split()
+        command = self._commands.get(name)
+        if command is None:
+            raise PracticeCommandError(
+                f"unknown command {name}; the commands are {', '.join(self._commands)}", name
+            )
+        return command(words)
+
+    def _place(self, words: list[str]) -> str:
+        if not 1 <= len(words) <= 2:
+            raise PracticeCommandError("expected: place TARGET [DEGREES]", "place")
+        orientation_deg = _number(words[1]) if len(words) == 2 else 0.0
+        try:
+            self._bench.place(words[0], orientation_deg)
+        except ValueError as error:
+            at_fault = words[0] if isfinite(orientation_deg) else words[1]
+            raise PracticeCommandError(str(error), at_fault) from error
+        return self._status([])
+
+    def _height(self, words: list[str]) -> str:
+        if len(words) != 1:
+            raise PracticeCommandError("expected: height MM", "height")
+        if not isinstance(self._stage, HandStage):
+            raise PracticeCommandError(
+                "the stage of this bench is moved through its serial port", "height"
+            )
+        try:
+            self._stage.move_to(_number(words[0]))
+        except ValueError as error:
+            raise PracticeCommandError(str(error), words[0]) from error
+        return self._status([])
+
+    def _fault(self, words: list[str]) -> str:
+        if words == ["none"]:
+            self._bench.camera.faults = GigeFaults()
+        else:
+            self._bench.camera.faults = faults_from_words(self._bench.camera.faults, words)
+        return self._status([])
+
+    def _restart(self, _: list[str]) -> str:
+        self._bench.camera.restart()
+        return "the camera was restarted"
+
+    def _drop_control(self, _: list[str]) -> str:
+        self._bench.camera.drop_control()
+        return "the camera is not under anyone's control"
+
+    def _status(self, _: list[str]) -> str:
+        bench = self._bench
+        on = [
+            f"{name}={getattr(bench.camera.faults, name)}"
+            for name in GigeFaults.names()
+            if getattr(bench.camera.faults, name) != getattr(GigeFaults(), name)
+        ]
+        return (
+            f"target {bench.target} at {bench.orientation_deg:g} degrees, "
+            f"height {self._stage.true_height_mm:.3f} mm, faults: {', '.join(on) or 'none'}"
+        )
+
+
+def faults_from_words(faults: GigeFaults, words: list[str]) -> GigeFaults:
+    """Return the faults with new values: ``packet_loss_rate=0.01 is_stalled=true``.
+
+    PracticeCommandError if there is no such fault or its value is invalid.
+    """
+    if not words:
+        raise PracticeCommandError(
+            f"expected: fault NAME=VALUE ... or fault none; "
+            f"faults are {', '.join(GigeFaults.names())}",
+            "fault",
+        )
+    for word in words:
+        name, equals, text = word.partition("=")
+        if name not in GigeFaults.names() or not equals:
+            raise PracticeCommandError(
+                f"{word}: expected NAME=VALUE; faults are {', '.join(GigeFaults.names())}", word
+            )
+        try:
+            value = _value(name, text, getattr(faults, name))
+            faults = replace(faults, **{name: value})  # type: ignore[arg-type]  # of the default's type
+        except ValueError as error:
+            raise PracticeCommandError(str(error), word) from error
+    return faults
+
+
+def _value(name: str, text: str, like: object) -> bool | int | float | frozenset[str]:
+    if isinstance(like, bool):
+        if text.lower() not in TRUTH_VALUES:
+            raise ValueError(f"{name} must be true or false, got {text}")
+        return TRUTH_VALUES[text.lower()]
+    if isinstance(like, frozenset):
+        return frozenset(part for part in text.split(",") if part)
+    value = _number(text)
+    if isinstance(like, int):
+        if not value.is_integer():
+            raise ValueError(f"{name} must be a whole number, got {text}")
+        return int(value)
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise PracticeCommandError(f"not a number: {text}", text) from error

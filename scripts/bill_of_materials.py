@@ -39,7 +39,7 @@ class NotTheLockError(Exception):
     """What is installed is not what the lock says."""
 
 
-def purl(name: str, version: str) -> str:
+def _purl(name: str, version: str) -> str:
     """The package URL of a Python package."""
     return f"pkg:pypi/{name}@{version.replace('+', '%2B')}"
 
@@ -55,10 +55,7 @@ def installed() -> dict[str, Distribution]:
 def locked_here(packages: Mapping[str, Distribution]) -> dict[str, Locked]:
     """The lines of the lock that hold on this machine, by name.
 
-    Raises
-    ------
-    NotTheLockError
-        If a package is missing, of another version or not in the lock.
+    NotTheLockError if a package is missing, of another version or not in the lock.
     """
     environment = {key: str(value) for key, value in default_environment().items()} | {"extra": ""}
     torch = packages.get("torch")
@@ -112,10 +109,10 @@ def edges(packages: Mapping[str, Distribution], extras: set[str]) -> dict[str, l
     return {name: sorted(others) for name, others in found.items()}
 
 
-def component(package: Distribution, line: Locked | None) -> dict[str, Any]:
+def _component(package: Distribution, line: Locked | None) -> dict[str, Any]:
     """One package; without ``line`` it is the project itself."""
     name = str(canonicalize_name(package.metadata["Name"]))
-    reference = purl(name, package.version)
+    reference = _purl(name, package.version)
     licence = licence_of(package)
     made: dict[str, Any] = {
         "type": "library" if line else "application",
@@ -131,7 +128,7 @@ def component(package: Distribution, line: Locked | None) -> dict[str, Any]:
         made["externalReferences"] = [
             {
                 "type": "distribution",
-                "url": purl(name, line.version),
+                "url": _purl(name, line.version),
                 "comment": "the wheels and the source of this version: set-up takes no other file",
                 "hashes": [
                     {"alg": "SHA-256", "content": text.removeprefix("sha256:")}
@@ -147,13 +144,13 @@ def bill(packages: Mapping[str, Distribution], lines: Mapping[str, Locked]) -> d
     ours = packages[PROJECT]
     kept = {name: packages[name] for name in [*lines, PROJECT]}
     asks = edges(kept, set(ours.metadata.get_all("Provides-Extra") or []))
-    references = {name: purl(name, package.version) for name, package in kept.items()}
+    references = {name: _purl(name, package.version) for name, package in kept.items()}
     document: dict[str, Any] = {
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
         "version": 1,
-        "metadata": {"component": component(ours, None)},
-        "components": [component(packages[name], lines[name]) for name in sorted(lines)],
+        "metadata": {"component": _component(ours, None)},
+        "components": [_component(packages[name], lines[name]) for name in sorted(lines)],
         "dependencies": [
             {"ref": references[name], "dependsOn": [references[other] for other in asks[name]]}
             for name in sorted(kept)

@@ -15,7 +15,7 @@ import standoff
 
 
 @dataclass(frozen=True, kw_only=True)
-class Group:
+class _Group:
     """A page: what stands on it, in this order, as docs/library.md names it."""
 
     file: str
@@ -24,8 +24,8 @@ class Group:
     names: tuple[str, ...]
 
 
-_GROUPS = (
-    Group(
+GROUPS = (
+    _Group(
         file="bench",
         title="The bench",
         about="[Programs](../../programs.md), [capture sessions](../../capture-sessions.md), "
@@ -39,7 +39,7 @@ _GROUPS = (
             "find_cameras",
         ),
     ),
-    Group(
+    _Group(
         file="sessions",
         title="Sessions",
         about="[Capture sessions](../../capture-sessions.md), [validation](../../validation.md).",
@@ -60,7 +60,7 @@ _GROUPS = (
             "write_report",
         ),
     ),
-    Group(
+    _Group(
         file="psf",
         title="Photographs and the PSF",
         about="[Photographs](../../photographs.md), [calibration](../../calibration.md).",
@@ -79,7 +79,7 @@ _GROUPS = (
             "TabulatedPsf",
         ),
     ),
-    Group(
+    _Group(
         file="camera",
         title="Noise, geometry and studies",
         about="[Noise](../../noise.md), [geometry](../../geometry.md), "
@@ -97,7 +97,7 @@ _GROUPS = (
             "read_study",
         ),
     ),
-    Group(
+    _Group(
         file="simulation",
         title="Simulated photographs",
         about="[Zoom-out](../../theory-simulation.md), [general pose](../../theory-pose.md), "
@@ -113,7 +113,7 @@ _GROUPS = (
             "training_pairs",
         ),
     ),
-    Group(
+    _Group(
         file="comparison",
         title="What changed",
         about="[What changed](../../changes.md).",
@@ -130,7 +130,7 @@ _GROUPS = (
             "read_time_line",
         ),
     ),
-    Group(
+    _Group(
         file="detectability",
         title="Detectability and poses",
         about="[How far may the camera move?](../../detectability.md), "
@@ -151,7 +151,7 @@ _GROUPS = (
             "PoseWatch",
         ),
     ),
-    Group(
+    _Group(
         file="detectors",
         title="Detectors of changes",
         about="[Your own detector](../../evaluate.md), [what a detector is](../../detectors.md).",
@@ -169,30 +169,19 @@ _GROUPS = (
             "TrainingOptions",
         ),
     ),
-    Group(
+    _Group(
         file="benchmark",
         title="The public benchmark",
         about="[The data](../../benchmark-data.md), [the scores](../../benchmark-scoring.md).",
         names=("make_benchmark", "score_benchmark", "read_scores"),
     ),
-    Group(
+    _Group(
         file="calls",
         title="What calls share",
         about="[As a library](../../library.md).",
         names=("Progress", "SweepOptions", "ArgumentError"),
     ),
-)
-
-TYPES = tuple(
-    name
-    for name in dir(standoff)
-    if name[0].isupper() and not any(name in group.names for group in _GROUPS)
-)
-"""What calls take and return: shown where it is made."""
-
-GROUPS = (
-    *_GROUPS,
-    Group(
+    _Group(
         file="types",
         title="Types of arguments and results",
         about="[As a library](../../library.md).",
@@ -220,7 +209,7 @@ _ITEM = re.compile(r"^(?P<head>\S.*)\n(?P<text>(?:(?: {4}.*)?(?:\n|$))*)", re.MU
 def library_pages(made: str) -> dict[str, Callable[[], str]]:
     """The pages by their path in the reference; ``made`` says what they are made from."""
 
-    def page_of(group: Group) -> Callable[[], str]:
+    def page_of(group: _Group) -> Callable[[], str]:
         return lambda: _page(group, made)
 
     index = {"library/index.md": lambda: _index(made)}
@@ -241,7 +230,7 @@ def _index(made: str) -> str:
     return "\n".join([*lines, "\n## Types", _ALIASES.rstrip()]) + "\n"
 
 
-def _page(group: Group, made: str) -> str:
+def _page(group: _Group, made: str) -> str:
     parts = [f"# {group.title}\n\n{made}", f"See {group.about} Files of examples and types: "]
     parts[-1] += "[Functions](index.md)."
     for name in group.names:

@@ -75,7 +75,7 @@ def locked_extras() -> list[str]:
     return [name for name in project["optional-dependencies"] if name not in NOT_LOCKED]
 
 
-def resolved(output: Path, *arguments: str) -> list[Locked]:
+def _resolved(output: Path, *arguments: str) -> list[Locked]:
     """What uv makes of ``arguments``; versions in ``output`` stay unless told otherwise."""
     command = [str(UV), "pip", "compile", "--universal", "--generate-hashes", "--quiet"]
     command += ["--python-version", OLDEST_PYTHON, "--no-header", "--annotation-style", "line"]
@@ -83,7 +83,7 @@ def resolved(output: Path, *arguments: str) -> list[Locked]:
     return parse(output.read_text(encoding="utf-8"))
 
 
-def for_targets(locked: Locked) -> Locked | None:
+def _for_targets(locked: Locked) -> Locked | None:
     """Without a marker that holds on every target; None if it holds on none."""
     holds = [locked.is_for(target) for target in TARGETS]
     if not any(holds):
@@ -95,14 +95,8 @@ def for_targets(locked: Locked) -> Locked | None:
     return replace(locked, requirement=bare)
 
 
-def torch_for_the_processor(torch: Locked, before: list[Locked]) -> Locked:
-    """The line of torch's build for the processor: what pip finds here, and what was locked.
-
-    Raises
-    ------
-    LookupError
-        If there is neither.
-    """
+def _torch_for_the_processor(torch: Locked, before: list[Locked]) -> Locked:
+    """The line of torch's build for the processor: what pip finds here, or what was locked."""
     requirement = Requirement(f"{torch.name}=={Version(torch.version).public}+cpu")
     hashes = {h for one in before if one.requirement == requirement for h in one.hashes}
     found = found_by_pip(str(requirement))
@@ -113,7 +107,7 @@ def torch_for_the_processor(torch: Locked, before: list[Locked]) -> Locked:
     return Locked(requirement=requirement, hashes=tuple(sorted(hashes)), via="standoff")
 
 
-def step_of(name: NormalizedName, build: set[NormalizedName], core: set[NormalizedName]) -> str:
+def _step_of(name: NormalizedName, build: set[NormalizedName], core: set[NormalizedName]) -> str:
     """The file that a package is in."""
     if name == GOBJECT:
         return "gobject"
@@ -126,7 +120,7 @@ def step_of(name: NormalizedName, build: set[NormalizedName], core: set[Normaliz
     return "core" if name in core else "full"
 
 
-def lock(upgrade: list[str]) -> dict[str, list[Locked]]:
+def _lock(upgrade: list[str]) -> dict[str, list[Locked]]:
     """Every step's packages."""
     before = [one for step in STEPS if (FOLDER / f"{step}.txt").exists() for one in read(step)]
     pins = [one for one in before if Version(one.version).local is None]
@@ -134,26 +128,26 @@ def lock(upgrade: list[str]) -> dict[str, list[Locked]]:
         everything = Path(folder) / "all.txt"
         everything.write_text("".join(f"{one.requirement}\n" for one in pins), encoding="utf-8")
         extras = (word for name in locked_extras() for word in ("--extra", name))
-        found = resolved(everything, "pyproject.toml", *extras, "--group", "build", *upgrade)
+        found = _resolved(everything, "pyproject.toml", *extras, "--group", "build", *upgrade)
         same = ("--constraint", str(everything))
-        core = resolved(Path(folder) / "core.txt", "pyproject.toml", *same)
-        build = resolved(Path(folder) / "build.txt", "--group", "build", *same)
+        core = _resolved(Path(folder) / "core.txt", "pyproject.toml", *same)
+        build = _resolved(Path(folder) / "build.txt", "--group", "build", *same)
     names = [{one.name for one in part} for part in (build, core)]
     steps: dict[str, list[Locked]] = {step: [] for step in STEPS}
     for one in found:
-        kept = for_targets(one)
+        kept = _for_targets(one)
         if kept is None:
             continue
-        steps[step_of(one.name, *names)].append(kept)
+        steps[_step_of(one.name, *names)].append(kept)
     (torch,) = steps["torch"]
-    steps["torch-cpu"] = [torch_for_the_processor(torch, before)]
+    steps["torch-cpu"] = [_torch_for_the_processor(torch, before)]
     return steps
 
 
 def main() -> None:
     """Write every file of `requirements/`."""
     FOLDER.mkdir(exist_ok=True)
-    for step, packages in lock(sys.argv[1:]).items():
+    for step, packages in _lock(sys.argv[1:]).items():
         text = f"# {ABOUT[step]}.\n# Made by `make lock`; do not edit.\n"
         text += "".join(one.text() for one in packages)
         (FOLDER / f"{step}.txt").write_text(text, encoding="utf-8")

@@ -20,13 +20,7 @@ from scripts.requirements_file import FOLDER, Locked, read
 
 
 def locked_extras(extras: Iterable[str]) -> list[Locked]:
-    """The lines that the extras need beside the core.
-
-    Raises
-    ------
-    KeyError
-        If there is no such extra.
-    """
+    """The lines that the extras need beside the core; KeyError if there is no such extra."""
     table = tomllib.loads((FOLDER.parent / "pyproject.toml").read_text("utf-8"))
     asked = table["project"]["optional-dependencies"]
     wanted = {canonicalize_name(Requirement(one).name) for name in extras for one in asked[name]}

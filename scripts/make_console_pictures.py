@@ -41,14 +41,8 @@ WIDTH_PX, QUALITY = 1280, 82
 DRAWN = "standoff.picture.drawn"
 
 
-class Photographer:
-    """Stores what pages show.
-
-    Parameters
-    ----------
-    folder
-        Where the pictures go.
-    """
+class _Photographer:
+    """Stores what pages show in a folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -63,21 +57,21 @@ class Photographer:
         print(f"console-{name}.jpg")
 
 
-def see(page: Page, pictures: int) -> None:
+def _see(page: Page, pictures: int) -> None:
     """Wait for new pictures: the practice camera takes its time for each new scene."""
     drawn = page.evaluate(DRAWN)
     wait_until(lambda: page.evaluate(DRAWN) >= drawn + pictures, "new pictures")
 
 
-def focus_about(page: Page, peak_mm: float) -> None:
+def _focus_about(page: Page, peak_mm: float) -> None:
     """Leave a trace of the focus to both sides of its peak."""
     for height_mm in (-6, -3, 0, 3, 6, 3, 0):
         move_to(page, peak_mm + height_mm)
         wait_at(page, peak_mm + height_mm)
-        see(page, 12)
+        _see(page, 12)
 
 
-def draw_region(page: Page) -> None:
+def _draw_region(page: Page) -> None:
     """Draw a region over the edge in the middle."""
     bounds = page.locator("#picture").bounding_box()
     assert bounds is not None
@@ -89,21 +83,21 @@ def draw_region(page: Page) -> None:
     wait_until(lambda: page.is_visible("#edge"), "an edge is measured")
 
 
-def align(rig: ConsoleRig, page: Page) -> None:
+def _align(rig: ConsoleRig, page: Page) -> None:
     """Show the edges of a reference over the picture of a camera that has moved since."""
     rig.tell_mock("place coins")
     page.uncheck("#watch-field")
     page.click("#clear-region")
-    see(page, 40)
+    _see(page, 40)
     page.click("#pose-here")
     move_to(page, 281.0)
     wait_at(page, 281.0)
-    see(page, 20)
+    _see(page, 20)
     page.select_option("#reference-how", "edges")
     page.wait_for_selector("#reference-edges:visible")
 
 
-def run_session(rig: ConsoleRig, page: Page, photographer: Photographer) -> None:
+def _run_session(rig: ConsoleRig, page: Page, photographer: _Photographer) -> None:
     """Capture the plan; the operator places each target when asked."""
     page.fill("#session-name", "monday")
     page.click("#run")
@@ -123,7 +117,7 @@ def run_session(rig: ConsoleRig, page: Page, photographer: Photographer) -> None
     wait_until(lambda: text(page, "#run-state") == "finished", "finished")
 
 
-def look_through_results(rig: ConsoleRig, page: Page, photographer: Photographer) -> None:
+def _look_through_results(rig: ConsoleRig, page: Page, photographer: _Photographer) -> None:
     """Calibrate, and show what there is of the session."""
     page.goto(f"{rig.url}sessions")
     photographer.take(page, "sessions", 330)
@@ -136,7 +130,7 @@ def look_through_results(rig: ConsoleRig, page: Page, photographer: Photographer
 
 
 @contextmanager
-def dark_page(rig: ConsoleRig) -> Iterator[Page]:
+def _dark_page(rig: ConsoleRig) -> Iterator[Page]:
     """Open the bench page in dark colours."""
     with rig.page(color_scheme="dark", viewport={"width": WIDTH_PX, "height": 940}) as page:
         wait_until(lambda: page.evaluate(DRAWN) > 5, "pictures")
@@ -147,7 +141,7 @@ def main() -> None:
     """Make them all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, default=Path("docs/images"))
-    photographer = Photographer(parser.parse_args().folder)
+    photographer = _Photographer(parser.parse_args().folder)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "edges.toml").write_text(PLAN)
@@ -155,18 +149,18 @@ def main() -> None:
             rig.tell_mock("place edge 5")
             with rig.operator(viewport={"width": WIDTH_PX, "height": 1060}) as page:
                 page.select_option("#plan", "edges")
-                run_session(rig, page, photographer)
+                _run_session(rig, page, photographer)
                 rig.tell_mock("place edge 5")
-                see(page, 40)
-                draw_region(page)
+                _see(page, 40)
+                _draw_region(page)
                 page.check("#watch-field")
-                focus_about(page, 287.5)
+                _focus_about(page, 287.5)
                 page.hover("#picture", position={"x": 300, "y": 400})
                 photographer.take(page, "bench", 1060)
-                align(rig, page)
+                _align(rig, page)
                 photographer.take(page, "align", 900)
-                look_through_results(rig, page, photographer)
-            with dark_page(rig) as page:
+                _look_through_results(rig, page, photographer)
+            with _dark_page(rig) as page:
                 rig.tell_mock("fault is_dead=true")
                 page.wait_for_selector("#alert-camera:visible")
                 photographer.take(page, "lost-dark", 940)

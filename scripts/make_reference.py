@@ -74,7 +74,7 @@ REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
 MADE = "Made from the code by `python -m scripts.make_reference`; do not edit.\n"
 
 
-def commands_page() -> str:
+def _commands_page() -> str:
     """Every command with its arguments and options."""
     parts = [f"# Commands\n\n{MADE}"]
     root: Any = typer.main.get_command(application([]))
@@ -119,7 +119,7 @@ def _code(names: list[str]) -> str:
     return " ".join(f"`{name}`" for name in names)
 
 
-def configs_page() -> str:
+def _configs_page() -> str:
     """Every key of a bench file, of a capture plan and of a limits file."""
     parts = [f"# Bench files, capture plans and limits\n\n{MADE}"]
     parts += ["All are TOML. A key that is unknown, missing or out of range is an error that names"]
@@ -246,7 +246,7 @@ FILES: tuple[tuple[str, str, tuple[type, ...]], ...] = (
 )
 
 
-def files_page() -> str:
+def _files_page() -> str:
     """Every key of the files that people may read."""
     parts = [f"# File formats\n\n{MADE}"]
     parts += ["All JSON is UTF-8, finite numbers only; units are in the names. `H.json` holds"]
@@ -341,7 +341,7 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
 
 
-PAGES = {"commands.md": commands_page, "configs.md": configs_page, "files.md": files_page}
+PAGES = {"commands.md": _commands_page, "configs.md": _configs_page, "files.md": _files_page}
 PAGES |= library_pages(MADE)
 
 

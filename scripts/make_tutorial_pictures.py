@@ -23,7 +23,7 @@ Picture = NDArray[np.uint8]
 FREQUENCIES = np.linspace(0, 0.5, 101)
 
 
-def run_tutorial(name: str, folder: Path) -> Path:
+def _run_tutorial(name: str, folder: Path) -> Path:
     """Type the tutorial ``name`` into a terminal; return the folder it ends in."""
     for read in READ:
         shutil.copytree(CHECKOUT / read, folder / read)
@@ -33,18 +33,18 @@ def run_tutorial(name: str, folder: Path) -> Path:
     return typed.folder
 
 
-def grey(path: Path, white_dn: float) -> Picture:
+def _grey(path: Path, white_dn: float) -> Picture:
     """The mean of a capture as it would look on a screen."""
-    return shown(tifffile.imread(path)[0], white_dn)
+    return _shown(tifffile.imread(path)[0], white_dn)
 
 
-def shown(level_dn: NDArray[np.float64], white_dn: float) -> Picture:
+def _shown(level_dn: NDArray[np.float64], white_dn: float) -> Picture:
     """Linear levels with the usual gamma of a screen, 8 bits."""
     light = np.clip(level_dn / white_dn, 0, 1)
     return np.rint(255 * light ** (1 / 2.2)).astype(np.uint8)
 
 
-def beside(pictures: list[Picture]) -> Picture:
+def _beside(pictures: list[Picture]) -> Picture:
     """Pictures of one height in a row, with white between them."""
     gap = np.full((pictures[0].shape[0], 8, *pictures[0].shape[2:]), 255, np.uint8)
     row = [part for picture in pictures for part in (picture, gap)][:-1]
@@ -59,13 +59,13 @@ def read(path: Path) -> Picture:
     return picture.astype(np.uint8)
 
 
-def smaller(picture: Picture, cols: int) -> Picture:
+def _smaller(picture: Picture, cols: int) -> Picture:
     """``picture`` scaled down to a width."""
     rows = round(picture.shape[0] * cols / picture.shape[1])
     return cv2.resize(picture, (cols, rows), interpolation=cv2.INTER_AREA).astype(np.uint8)
 
 
-def transfer(path: Path, *, along_y: bool = False) -> NDArray[np.float64]:
+def _transfer(path: Path, *, along_y: bool = False) -> NDArray[np.float64]:
     """The measured transfer of a psf.json at ``FREQUENCIES`` along x or y."""
     measured = standoff.read_psf(path).transfer_2d
     if measured is None:
@@ -74,22 +74,22 @@ def transfer(path: Path, *, along_y: bool = False) -> NDArray[np.float64]:
     return measured.otf(none, FREQUENCIES) if along_y else measured.otf(FREQUENCIES, none)
 
 
-def save(path: Path, picture: Picture) -> None:
+def _save(path: Path, picture: Picture) -> None:
     """Write a picture, JPEG at a quality of 85."""
     how = [cv2.IMWRITE_JPEG_QUALITY, 85] if path.suffix == ".jpg" else []
     if not cv2.imwrite(str(path), picture, how):
         raise OSError(f"cannot write {path}")
 
 
-def draw_operator(folder: Path, images: Path) -> None:
+def _draw_operator(folder: Path, images: Path) -> None:
     """The sweep's plot, and the four placements."""
-    save(images / "tutorial-focus.png", smaller(read(folder / "focus.png"), 640))
+    _save(images / "tutorial-focus.png", _smaller(read(folder / "focus.png"), 640))
     placed = sorted((folder / "session" / "captures").glob("*_h0200.000mm.tif"))
-    small = [grey(path, 3000)[::2, ::2] for path in placed]
-    save(images / "tutorial-targets.png", beside(small))
+    small = [_grey(path, 3000)[::2, ::2] for path in placed]
+    _save(images / "tutorial-targets.png", _beside(small))
 
 
-def draw_lens(folder: Path, images: Path) -> None:
+def _draw_lens(folder: Path, images: Path) -> None:
     """The photographed edge with its contrast, and the transfer of two lenses."""
     figure = Figure(figsize=(7, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 2.4))
@@ -98,15 +98,15 @@ def draw_lens(folder: Path, images: Path) -> None:
         left.plot([x - 9, x + 9], [y - 1, y + 1], color="tab:red")
         left.annotate(name, (x + 12, y), color="tab:red")
     left.set(title="v_edge.tif / px")
-    right.plot(FREQUENCIES, transfer(folder / "both.json"))
+    right.plot(FREQUENCIES, _transfer(folder / "both.json"))
     right.axhline(0.5, color="grey", linewidth=0.8, linestyle=":")
     right.set(xlabel="frequency across the edge / (cy/px)", ylabel="contrast", xlim=(0, 0.5))
     figure.savefig(images / "tutorial-edge.png", dpi=90)
     figure = Figure(figsize=(6, 3.2), layout="constrained")
     axes = figure.subplots()
     for name in ("both", "august", "september"):
-        axes.plot(FREQUENCIES, transfer(folder / f"{name}.json"), label=f"{name}.json, along x")
-    along_y = transfer(folder / "august.json", along_y=True)
+        axes.plot(FREQUENCIES, _transfer(folder / f"{name}.json"), label=f"{name}.json, along x")
+    along_y = _transfer(folder / "august.json", along_y=True)
     axes.plot(FREQUENCIES, along_y, "--", label="august.json, along y")
     axes.axhline(0.5, color="grey", linewidth=0.8, linestyle=":")
     axes.set(xlabel="frequency / (cy/px)", ylabel="contrast", xlim=(0, 0.5))
@@ -114,15 +114,15 @@ def draw_lens(folder: Path, images: Path) -> None:
     figure.savefig(images / "tutorial-mtf.png", dpi=90)
 
 
-def draw_pair(folder: Path, images: Path) -> None:
+def _draw_pair(folder: Path, images: Path) -> None:
     """The photographs, the comparison, and the map of the detection limit."""
     names = ("nearer.png", "further.png", "later.png")
     pair = [read(folder / name) for name in names]
     for x, y in ((60, 110), (400, 180)):
         cv2.circle(pair[2], (x, y), 14, (255, 255, 255), 1, cv2.LINE_AA)
-    save(images / "tutorial-pair.jpg", smaller(beside(pair), 946))
+    _save(images / "tutorial-pair.jpg", _smaller(_beside(pair), 946))
     compared = read(folder / "changed" / "changes-figure.png")
-    save(images / "tutorial-changes.jpg", smaller(compared, 900))
+    _save(images / "tutorial-changes.jpg", _smaller(compared, 900))
     figure = Figure(figsize=(5, 3.6), layout="constrained")
     axes = figure.subplots()
     limit = tifffile.imread(folder / "unchanged" / "limit.tif")
@@ -133,23 +133,23 @@ def draw_pair(folder: Path, images: Path) -> None:
     figure.savefig(images / "tutorial-limit.png", dpi=80)
 
 
-def draw_followup(folder: Path, images: Path) -> None:
+def _draw_followup(folder: Path, images: Path) -> None:
     """The lesion with the spot that has to be found, and d' against zoom."""
     mean = tifffile.imread(next((folder / "scenes").glob("0004*")))[0]
     rows, cols = np.indices(mean.shape)
     spot = np.exp(-((cols - 120) ** 2 + (rows - 60) ** 2) / (2 * 2.0**2))
-    save(
+    _save(
         images / "tutorial-lesion.png",
-        beside([shown(mean - strength * spot, 3000) for strength in (1000, 100)]),
+        _beside([_shown(mean - strength * spot, 3000) for strength in (1000, 100)]),
     )
-    save(images / "tutorial-curves.png", smaller(read(folder / "curves-noise.png"), 640))
+    _save(images / "tutorial-curves.png", _smaller(read(folder / "curves-noise.png"), 640))
 
 
 DRAWN = {
-    "operator": draw_operator,
-    "lens-report": draw_lens,
-    "two-photographs": draw_pair,
-    "follow-up-system": draw_followup,
+    "operator": _draw_operator,
+    "lens-report": _draw_lens,
+    "two-photographs": _draw_pair,
+    "follow-up-system": _draw_followup,
 }
 
 
@@ -161,7 +161,7 @@ def main() -> None:
     mpl.rcParams["font.size"] = 9
     with tempfile.TemporaryDirectory() as scratch:
         for name, draw in DRAWN.items():
-            draw(run_tutorial(name, Path(scratch) / name / "standoff"), images)
+            draw(_run_tutorial(name, Path(scratch) / name / "standoff"), images)
 
 
 if __name__ == "__main__":

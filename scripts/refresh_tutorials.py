@@ -13,7 +13,7 @@ from tests.docs.shown import with_its_numbers
 from tests.docs.test_tutorials import TUTORIALS, fresh_checkout
 
 
-def refreshed(page: str, folder: Path) -> str:
+def _refreshed(page: str, folder: Path) -> str:
     """The page with the numbers that its commands print in a folder."""
     with terminal(fresh_checkout(folder)) as typed:
         for block in blocks(page):
@@ -28,7 +28,7 @@ def main() -> int:
         before = path.read_text("utf-8")
         try:
             with tempfile.TemporaryDirectory() as folder:
-                after = refreshed(before, Path(folder) / "standoff")
+                after = _refreshed(before, Path(folder) / "standoff")
         except DoesNotRunError as error:
             print(f"{path.name}: {error}", file=sys.stderr)
             return 1

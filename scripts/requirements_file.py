@@ -55,13 +55,7 @@ class Locked:
 
 
 def parse(text: str) -> list[Locked]:
-    """Every line of a locked set, in order.
-
-    Raises
-    ------
-    ValueError
-        If a line is not one version of one package with at least one SHA-256.
-    """
+    """Every line of a locked set, in order; each is one version of a package with SHA-256 sums."""
     found: list[Locked] = []
     for line in text.replace("\\\n", " ").splitlines():
         if line.strip().startswith("# via ") and found:

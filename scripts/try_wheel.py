@@ -41,7 +41,7 @@ _WHERE = (
 )
 
 
-class WheelError(Exception):
+class _WheelError(Exception):
     """The wheel cannot be built, or does not work where it is installed."""
 
 
@@ -52,7 +52,7 @@ def pythons() -> tuple[str, ...]:
     return tuple(version for version in last if "." in version)
 
 
-def interpreter(version: str) -> Path | None:
+def _interpreter(version: str) -> Path | None:
     """An interpreter of this version: on the PATH, or the newest below ~/.pyenv/versions."""
     kept = sorted(
         (Path.home() / ".pyenv" / "versions").glob(f"{version}.*/bin/python"),
@@ -69,95 +69,71 @@ def interpreter(version: str) -> Path | None:
 
 
 def build_wheel(folder: Path) -> Path:
-    """Build the wheel with the build tools of this environment, and return its path.
-
-    Raises
-    ------
-    WheelError
-        If it cannot be built.
-    """
+    """Build the wheel with the build tools of this environment, and return its path."""
     shutil.rmtree(folder, ignore_errors=True)
-    run([sys.executable, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check",
+    _run([sys.executable, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check",
          "--no-deps", "--no-build-isolation", "--wheel-dir", folder, ROOT], ROOT)  # fmt: skip
     (wheel,) = folder.glob("standoff-*.whl")
     return wheel
 
 
-def install(wheel: Path, python: Path, folder: Path, *, is_newest: bool) -> Path:
-    """Make an environment with the wheel in it, and return its folder of programs.
-
-    Raises
-    ------
-    WheelError
-        If a package cannot be installed, or the packages do not go with one another.
-    """
-    run([python, "-m", "venv", folder], folder.parent)
+def _install(wheel: Path, python: Path, folder: Path, *, is_newest: bool) -> Path:
+    """Make an environment with the wheel in it, and return its folder of programs."""
+    _run([python, "-m", "venv", folder], folder.parent)
     pip: list[str | Path] = [folder / "bin" / "python", "-m", "pip", "--disable-pip-version-check"]
     add = [*pip, "install", "--quiet", "--no-compile"]  # half the time; each module is, when used
     if is_newest:
-        run([*add, wheel], folder.parent)
+        _run([*add, wheel], folder.parent)
     else:
         for step in ("build", "core"):  # what both need is in the first
-            run([*add, "--no-deps", "--require-hashes", "-r",
+            _run([*add, "--no-deps", "--require-hashes", "-r",
                  ROOT / "requirements" / f"{step}.txt"], folder.parent)  # fmt: skip
-        run([*add, "--no-deps", wheel], folder.parent)
-    run([*pip, "check"], folder.parent)
+        _run([*add, "--no-deps", wheel], folder.parent)
+    _run([*pip, "check"], folder.parent)
     return folder / "bin"
 
 
-def uses(programs: Path, folder: Path) -> Iterator[list[str | Path]]:
+def _uses(programs: Path, folder: Path) -> Iterator[list[str | Path]]:
     """Command lines that each must succeed, in this order, in an empty folder."""
     python, standoff = programs / "python", programs / "standoff"
     yield [standoff, "--version"]
     yield [python, "-c", _LIBRARY]
-    camera, nearer, further = run([python, "-c", _WHERE], folder).splitlines()
+    camera, nearer, further = _run([python, "-c", _WHERE], folder).splitlines()
     yield [standoff, "calibrate", camera, "--out", "psf.json", "--report", "psf.html"]
     yield [standoff, "simulate", nearer, "--psf", "psf.json", "--zoom", "1.5", "--out", "far.tif"]
     yield [standoff, "changes", nearer, further, "--out", "changes"]
     yield [standoff, "changes", nearer, "far.tif", "--out", "changes-far", "--json"]
 
 
-def run(command: Sequence[str | Path], folder: Path) -> str:
-    """Run a command without what points it to the checkout, and return what it prints.
-
-    Raises
-    ------
-    WheelError
-        If it fails; with its last lines.
-    """
+def _run(command: Sequence[str | Path], folder: Path) -> str:
+    """Run a command without what points it to the checkout, and return what it prints."""
     clean = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
     done = subprocess.run(
         command, cwd=folder, env=clean, check=False, capture_output=True, text=True
     )
     if done.returncode != 0:
         said = "\n".join((done.stdout + done.stderr).splitlines()[-15:])
-        raise WheelError(f"{' '.join(map(str, command))} ended with {done.returncode}:\n{said}")
+        raise _WheelError(f"{' '.join(map(str, command))} ended with {done.returncode}:\n{said}")
     return done.stdout
 
 
-def size_mb(folder: Path) -> float:
+def _size_mb(folder: Path) -> float:
     """Room that the files below a folder take."""
     return sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6
 
 
-def try_on(wheel: Path, python: Path, *, is_newest: bool) -> None:
-    """Install the wheel for one interpreter, use it, and print sizes and times.
-
-    Raises
-    ------
-    WheelError
-        If a step fails.
-    """
+def _try_on(wheel: Path, python: Path, *, is_newest: bool) -> None:
+    """Install the wheel for one interpreter, use it, and print sizes and times."""
     with TemporaryDirectory(prefix="standoff-wheel-") as name:
         folder, started = Path(name), time.perf_counter()
-        programs = install(wheel, python, folder / "venv", is_newest=is_newest)
+        programs = _install(wheel, python, folder / "venv", is_newest=is_newest)
         installed_s = time.perf_counter() - started
-        print(f"{python}: {size_mb(folder / 'venv'):.0f} MB installed in {installed_s:.0f} s")
+        print(f"{python}: {_size_mb(folder / 'venv'):.0f} MB installed in {installed_s:.0f} s")
         work = folder / "work"
         work.mkdir()
-        for command in uses(programs, work):
+        for command in _uses(programs, work):
             started = time.perf_counter()
-            run(command, work)
+            _run(command, work)
             shown = " ".join([Path(command[0]).name, *map(str, command[1:3])])
             print(f"  {time.perf_counter() - started:5.1f} s  {shown[:70]}", flush=True)
 
@@ -173,16 +149,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         wheel = build_wheel(WHEELS)
         print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.2f} MB", flush=True)
         for version in asked.python or pythons():
-            python = interpreter(version)
+            python = _interpreter(version)
             if python is None:
                 print(f"Python {version} is not here: not tried")
                 continue
             try:
-                try_on(wheel, python, is_newest=asked.newest)
-            except WheelError as error:
+                _try_on(wheel, python, is_newest=asked.newest)
+            except _WheelError as error:
                 print(f"Python {version}: {error}")
                 status = 1
-    except WheelError as error:
+    except _WheelError as error:
         print(error)
         status = 1
     return status

@@ -37,7 +37,7 @@ from calibration.edges import (
 )
 from calibration.registration import DistortedPose, RegistrationHints, register
 from hil_mocks.benchmark_set import benchmark_tasks
-from hil_mocks.scene import PeriodicImage
+from hil_mocks.truth import PeriodicImage
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf
 from standoff.cli import run

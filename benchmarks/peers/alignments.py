@@ -38,7 +38,7 @@ _DEGENERATE = 1e-9
 """Ratio of a homography's singular values below which it maps the frame onto a line."""
 
 
-def by_features(task: Task, name: str) -> AlignedPoints:
+def _by_features(task: Task, name: str) -> AlignedPoints:
     """OpenCV's features, the ratio test and USAC_MAGSAC."""
     return AlignedPoints(homography=_feature_matrix(task, name))
 
@@ -49,7 +49,7 @@ def _feature_matrix(task: Task, name: str) -> FloatArray:
     return _normalised(magsac(matches, MATCHING))
 
 
-def ecc(task: Task, *, from_features: bool) -> AlignedPoints:
+def _ecc(task: Task, *, from_features: bool) -> AlignedPoints:
     """Enhanced correlation from SIFT's homography, or from none over a pyramid.
 
     G. D. Evangelidis, E. Z. Psarakis, "Parametric image alignment using enhanced correlation
@@ -104,7 +104,7 @@ def _reduced(image: NDArray[np.uint8], level: int) -> NDArray[np.uint8]:
     return image
 
 
-def by_scikit_image(task: Task, name: str) -> AlignedPoints:
+def _by_scikit_image(task: Task, name: str) -> AlignedPoints:
     """Features of scikit-image, its matches and its RANSAC of a projective transform."""
     keypoints, descriptors = [], []
     for key in ("followup", "reference"):
@@ -134,7 +134,7 @@ def by_scikit_image(task: Task, name: str) -> AlignedPoints:
     return AlignedPoints(homography=_normalised(np.asarray(model.params, dtype=np.float64)))
 
 
-def by_phase(task: Task) -> AlignedPoints:
+def _by_phase(task: Task) -> AlignedPoints:
     """Turn and zoom from log-polar spectra, then the shift, by phase correlation.
 
     B. S. Reddy, B. N. Chatterji, "An FFT-based technique for translation, rotation, and
@@ -231,7 +231,7 @@ PROGRAMS = (
             f"opencv-{name}",
             f"OpenCV's {shown}, ratio test at {MATCHING.ratio}, USAC_MAGSAC within "
             f"{MATCHING.tolerance_px:g} px, {_REFUSAL}; 8-bit pictures",
-            partial(by_features, name=name),
+            partial(_by_features, name=name),
             _CV,
         )
         for name, shown in (
@@ -244,14 +244,14 @@ PROGRAMS = (
     _program(
         "opencv-sift-ecc",
         "the homography of opencv-sift, refined by OpenCV's findTransformECC",
-        partial(ecc, from_features=True),
+        partial(_ecc, from_features=True),
         _CV,
     ),
     _program(
         "opencv-ecc",
         "OpenCV's findTransformECC from no movement, over a pyramid of four levels; refused below "
         f"a correlation of {_LEAST_CORRELATION}",
-        partial(ecc, from_features=False),
+        partial(_ecc, from_features=False),
         _CV,
     ),
     *(
@@ -259,7 +259,7 @@ PROGRAMS = (
             f"skimage-{name}",
             f"scikit-image's {name.upper()}, ratio test at {MATCHING.ratio} with cross check, "
             f"ransac of a ProjectiveTransform within {MATCHING.tolerance_px:g} px, {_REFUSAL}",
-            partial(by_scikit_image, name=name),
+            partial(_by_scikit_image, name=name),
             "scikit-image",
         )
         for name in ("sift", "orb")
@@ -268,7 +268,7 @@ PROGRAMS = (
         "phase",
         "Fourier-Mellin by scikit-image's log-polar warp and phase correlation: a similarity; "
         f"refused below a correlation of {_LEAST_CORRELATION}",
-        by_phase,
+        _by_phase,
         "scikit-image",
     ),
 )

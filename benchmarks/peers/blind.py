@@ -28,13 +28,7 @@ _FIT_CY_PER_PX = (0.05, 0.45)
 
 
 def curve_of_kernel(weights: FloatArray, zoom: float, axis: int) -> Curve:
-    """Curve of the PSF along x (axis 0) or y (1) from the kernel between two distances.
-
-    Parameters
-    ----------
-    weights
-        Shape ``(n, n)``, order (y, x), with its middle in the middle.
-    """
+    """Curve of the PSF along x (axis 0) or y (1) from the square kernel between two distances."""
     spread = weights.sum(axis=axis)
     place = np.arange(spread.size) - spread.size // 2
     powers = zoom ** np.arange(1.0, _FACTORS + 1)
@@ -43,7 +37,7 @@ def curve_of_kernel(weights: FloatArray, zoom: float, axis: int) -> Curve:
     return Curve(freq=_FREQ, contrast=contrast)
 
 
-def delbracio(task: Task) -> list[EdgeContrast]:
+def _delbracio(task: Task) -> list[EdgeContrast]:
     """Kernel between the two photographs by non-negative least squares, without any model of it.
 
     M. Delbracio, A. Almansa, P. Musé, J.-M. Morel, "Subpixel point spread function estimation from
@@ -69,7 +63,7 @@ def delbracio(task: Task) -> list[EdgeContrast]:
     return along_both(weights.reshape(2 * radius + 1, -1), zoom)
 
 
-def single_image(task: Task) -> list[EdgeContrast]:
+def _single_image(task: Task) -> list[EdgeContrast]:
     """The sharpest edges of the further photograph, after Luxen and Förstner (2002)."""
     try:
         psf = standoff.calibrate_psf(task.path("file"), method="single-image")
@@ -88,7 +82,7 @@ def gaussian_answers(psf: PsfCalibration) -> list[EdgeContrast]:
     ]
 
 
-def spectrum(task: Task) -> list[EdgeContrast]:
+def _spectrum(task: Task) -> list[EdgeContrast]:
     """A Gaussian PSF before which the scene's power falls as 1 / f^2, with white noise.
 
     D. J. Field, "Relations between the statistics of natural images and the response properties of
@@ -141,17 +135,17 @@ PROGRAMS = (
         name="delbracio",
         given="the two-distance method of Delbracio and others (2012), written out here: both "
         "photographs, their zoom and homography",
-        answers={"psf": of_photographs(delbracio)},
+        answers={"psf": of_photographs(_delbracio)},
     ),
     Program(
         name="single-image",
         given="the method of Luxen and Förstner (2002) as standoff has it: the further photograph",
-        answers={"psf": of_photographs(single_image)},
+        answers={"psf": of_photographs(_single_image)},
     ),
     Program(
         name="spectrum",
         given="a Gaussian fitted to the power spectrum, the scene's falling as 1/f²: the further "
         "photograph and its noise",
-        answers={"psf": of_photographs(spectrum)},
+        answers={"psf": of_photographs(_spectrum)},
     ),
 )

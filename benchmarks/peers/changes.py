@@ -7,8 +7,10 @@ import numpy as np
 from scipy.ndimage import center_of_mass, gaussian_filter, label, uniform_filter
 
 from analysis.detectors import followup_view, in_light_of
-from benchmarks.change_peer_worker import sfft
-from benchmarks.change_peers import (
+from benchmarks.peers.change_worker import sfft
+from benchmarks.peers.edges import chart_width_px
+from benchmarks.peers.program import ChangeScore, PeerError, Program
+from benchmarks.peers.scores import (
     SMOOTHING_PX,
     AlignedPair,
     Peer,
@@ -17,8 +19,6 @@ from benchmarks.change_peers import (
     structural_dissimilarity,
     zogy,
 )
-from benchmarks.peers.edges import chart_width_px
-from benchmarks.peers.program import ChangeScore, PeerError, Program
 from benchmarks.peers.tasks import Task
 from simulation.arrays import BoolArray, FloatArray
 
@@ -82,12 +82,12 @@ def _middles(changed: BoolArray) -> FloatArray:
     return np.array(middles, dtype=np.float64).reshape(-1, 2)[:, ::-1]
 
 
-def difference(pair: AlignedPair) -> FloatArray:
+def _difference(pair: AlignedPair) -> FloatArray:
     """Absolute difference of the cubic warp, smoothed by 1 px."""
     return np.abs(gaussian_filter(pair.followup - pair.warped, SMOOTHING_PX))
 
 
-def matched_difference(pair: AlignedPair) -> FloatArray:
+def _matched_difference(pair: AlignedPair) -> FloatArray:
     """The same, after a Gaussian that gives both the same width; over its local scatter."""
     before, after = pair.blur_px
     lacking = sqrt(max(after**2 - before**2, 0.0))
@@ -97,7 +97,7 @@ def matched_difference(pair: AlignedPair) -> FloatArray:
     return np.abs(made) / np.maximum(scatter, 1e-9)
 
 
-def local_correlation(pair: AlignedPair) -> FloatArray:
+def _local_correlation(pair: AlignedPair) -> FloatArray:
     """One minus the correlation in windows of 9 x 9 px."""
     x, y = pair.warped - pair.warped.mean(), pair.followup - pair.followup.mean()
     mean_x, mean_y = uniform_filter(x, _LOCAL_PX), uniform_filter(y, _LOCAL_PX)
@@ -109,12 +109,9 @@ def local_correlation(pair: AlignedPair) -> FloatArray:
 def pca_kmeans(task: Task) -> ChangeScore:
     """Principal components of blocks of the difference image, in two clusters.
 
-    The score is the distance from the unchanged cluster over that from the changed one.
-
-    References
-    ----------
+    The score is the distance from the unchanged cluster over that from the changed one. After
     T. Celik, "Unsupervised change detection in satellite images using principal component analysis
-    and k-means clustering", IEEE Geosci. Remote Sens. Lett. 6 (2009) 772-776. Blocks of 4 x 4 px,
+    and k-means clustering", IEEE Geosci. Remote Sens. Lett. 6 (2009) 772-776: blocks of 4 x 4 px,
     components with 0.9 of the variance.
     """
     pair = _pair(task)
@@ -154,7 +151,7 @@ def _two_clusters(features: FloatArray, difference_dn: FloatArray) -> tuple[Floa
     return (middles[0], middles[1]) if means[0] < means[1] else (middles[1], middles[0])
 
 
-def subtraction(
+def _subtraction(
     name: str, given: str, subtract: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> Program:
     """An image subtraction of astronomy."""
@@ -183,7 +180,7 @@ PROGRAMS = (
     _program(
         "difference",
         f"absolute difference of the {_WARP}, smoothed by 1 px; {_DECLARED}",
-        difference,
+        _difference,
         "scipy",
         has_threshold=True,
     ),
@@ -191,7 +188,7 @@ PROGRAMS = (
         "difference-matched",
         "the same behind a Gaussian for the lacking blur by the chart's erf-fit, over its scatter "
         f"in windows of {5 * _LOCAL_PX} px; {_DECLARED}",
-        matched_difference,
+        _matched_difference,
         "scipy",
         has_threshold=True,
     ),
@@ -202,7 +199,7 @@ PROGRAMS = (
         "opencv-contrib-python-headless",
     ),
     _program("ssim", f"scikit-image's SSIM, {_WARP}", structural_dissimilarity, "scikit-image"),
-    _program("ncc", f"local correlation in 9 x 9 px, {_WARP}", local_correlation, "scipy"),
+    _program("ncc", f"local correlation in 9 x 9 px, {_WARP}", _local_correlation, "scipy"),
     _program("ir-mad", f"IR-MAD (Nielsen 2007), written out here, {_WARP}", ir_mad),
     _program(
         "zogy",
@@ -216,5 +213,5 @@ PROGRAMS = (
         given=f"PCA and k-means (Celik 2009), written out here, {_WARP}; declared by its clusters",
         answers={"changes": pca_kmeans},
     ),
-    subtraction("sfft", "SFFT (Hu and others 2022), kernel and light of order 2", sfft),
+    _subtraction("sfft", "SFFT (Hu and others 2022), kernel and light of order 2", sfft),
 )

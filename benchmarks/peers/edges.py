@@ -59,13 +59,7 @@ class Curve:
 
 
 def samples_of(image: FloatArray) -> tuple[EdgeSamples, BinnedEdge]:
-    """Samples about the longest edge of an image, by distance from its fitted line.
-
-    Raises
-    ------
-    PeerError
-        If it has none.
-    """
+    """Samples about the longest edge of an image, by distance from its fitted line."""
     segments = find_edges(image)
     fit = fit_edge(image, segments[0]) if segments else None
     if fit is None:
@@ -93,13 +87,7 @@ def curve_by_bins(samples: EdgeSamples) -> Curve:
 
 
 def quick_mtf(image: FloatArray) -> Curve:
-    """Curve of quickMTF, with four bins a pixel; its own figure is rounded to a hundredth.
-
-    Raises
-    ------
-    PeerError
-        If it finds no slanted edge.
-    """
+    """Curve of quickMTF, with four bins a pixel; its own figure is rounded to a hundredth."""
     peer = importlib.import_module("quickMTF.quickMTF").quickMTF().sfr_mtf_calculator
     try:
         made, _ = peer.calc_sfr(image, oversampling=_OVERSAMPLING)
@@ -135,11 +123,6 @@ def fit_gaussian_edge(image: FloatArray, angle_deg: float, task: Task) -> Gaussi
     """Fit an edge behind a Gaussian to all pixels of an image, weighted by the task's noise.
 
     ``angle_deg`` is the direction of the edge line, to a degree.
-
-    Raises
-    ------
-    PeerError
-        If the image is too small, or the fit does not converge.
     """
     rows, cols = image.shape
     if image.size < _FEWEST_PX:
@@ -172,13 +155,7 @@ def fit_gaussian_edge(image: FloatArray, angle_deg: float, task: Task) -> Gaussi
 
 
 def chart_width_px(task: Task) -> float:
-    """Median width of the Gaussian edges on a task's chart, as users of simple blurs measure it.
-
-    Raises
-    ------
-    PeerError
-        If no edge can be fitted.
-    """
+    """Median width of the Gaussian edges on a task's chart, as users of simple blurs measure it."""
     chart, found = task.linear("chart"), []
     for edge in task.facts["chart_edges"]:
         try:

@@ -18,14 +18,8 @@ _EVERYWHERE: Any = None
 class Matching:
     """How features are matched and a homography is found.
 
-    Parameters
-    ----------
-    ratio
-        Of the distances of a match and the next one, at most (Lowe 2004).
-    tolerance_px
-        Within which a match agrees.
-    least
-        Matches, and matches that agree, below which the pair is refused.
+    ``ratio`` is the most of the distances of a match and the next one (Lowe 2004), ``least`` the
+    matches, and those that agree within the tolerance, below which a pair is refused.
     """
 
     ratio: float = 0.8
@@ -59,13 +53,7 @@ def matches_of(
     detector: cv2.Feature2D,
     matching: Matching,
 ) -> Matches:
-    """Match features of two pictures by the ratio test.
-
-    Raises
-    ------
-    PeerError
-        If there are too few.
-    """
+    """Match features of two pictures by the ratio test; PeerError if there are too few."""
     (at_reference, of_reference), (at_followup, of_followup) = (
         detector.detectAndCompute(image, _EVERYWHERE) for image in (reference, followup)
     )
@@ -87,13 +75,7 @@ def matches_of(
 
 
 def magsac(matches: Matches, matching: Matching) -> FloatArray:
-    """Homography from follow-up to reference by USAC_MAGSAC.
-
-    Raises
-    ------
-    PeerError
-        If there is none, or too few matches agree with it.
-    """
+    """Homography from follow-up to reference by USAC_MAGSAC; PeerError if too few matches agree."""
     matrix, agreeing = cv2.findHomography(
         matches.followup_px,
         matches.reference_px,

@@ -26,12 +26,12 @@ _ZOOM = 2.0
 """The publication's smaller scale."""
 
 
-def contrasts(task: Task) -> list[EdgeContrast]:
+def _contrasts(task: Task) -> list[EdgeContrast]:
     """The PSF whose kernel between two distances at zoom 2 is the one that is learned."""
     return along_both(_learned(task.linear("file"), _ZOOM).weights, _ZOOM)
 
 
-def simulated(task: Task) -> FloatArray:
+def _simulated(task: Task) -> FloatArray:
     """Blur by the kernel that is learned at the task's zoom, then a cubic spline."""
     frontal = Frontal.of(task)
     reference = task.linear("reference")
@@ -59,7 +59,7 @@ PROGRAMS = (
         name="kernelgan",
         given=f"KernelGAN (Bell-Kligler and others 2019), written out here, {TRAINING_STEPS} steps "
         "a picture: the further photograph, or the reference and the zoom",
-        answers={"psf": of_photographs(contrasts), "simulation": simulated},
+        answers={"psf": of_photographs(_contrasts), "simulation": _simulated},
         packages=("torch",),
         is_slow=True,
     ),

@@ -18,13 +18,7 @@ _NUMBERS = 4
 
 
 def edges_of(path: Path) -> list[tuple[float, float, float]]:
-    """Middle x and y and MTF50 of each edge that a file tells.
-
-    Raises
-    ------
-    PeerError
-        If a line has not these numbers.
-    """
+    """Middle x and y and MTF50 of each edge that a file tells."""
     found = []
     for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
         if not line.strip() or line.startswith("#"):

@@ -80,7 +80,7 @@ def _contrast(name: str, edge: EdgeMeasurement) -> EdgeContrast:
     )
 
 
-def simulated(task: Task) -> FloatArray:
+def _simulated(task: Task) -> FloatArray:
     """The follow-up by model lmmse, with the PSF of the task's chart."""
     rows, cols = task.facts["followup_shape"]
     pose = Homography(matrix=task.homography, size=(cols, rows))
@@ -96,7 +96,7 @@ def simulated(task: Task) -> FloatArray:
     return image
 
 
-def aligned(task: Task) -> AlignedPoints:
+def _aligned(task: Task) -> AlignedPoints:
     """Where the follow-up's points lie, with the lens's distortion and relief."""
     try:
         found = standoff.register(task.path("reference"), task.path("followup"))
@@ -107,7 +107,7 @@ def aligned(task: Task) -> AlignedPoints:
     return AlignedPoints(points=np.stack([at_x, at_y], axis=1))
 
 
-def changed(task: Task) -> ChangeScore:
+def _changed(task: Task) -> ChangeScore:
     """Significance of every pixel, and the list of changes; what a shift explains is none."""
     hints = standoff.RegistrationHints(matrix=task.homography)
     try:
@@ -155,9 +155,9 @@ PROGRAMS = (
         "of linear pictures, the homography and zoom where a task gives them",
         answers={
             "psf": contrasts,
-            "simulation": simulated,
-            "alignment": aligned,
-            "changes": changed,
+            "simulation": _simulated,
+            "alignment": _aligned,
+            "changes": _changed,
         },
         packages=("standoff",),
     ),

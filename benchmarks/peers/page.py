@@ -15,7 +15,7 @@ from statistics import median
 from analysis.benchmark.measures import MEASURES, TITLES
 from analysis.benchmark.scores import BenchmarkScores, ScoredProgram, read_scores
 from analysis.benchmark.tables import ScoreTable, main_groups, track_tables
-from benchmarks.environment import environment, environment_line
+from benchmarks.harness import environment, environment_line
 from benchmarks.peers.run import Results
 from benchmarks.peers.tasks import TRACKS, Track
 

@@ -48,22 +48,11 @@ Answerer: TypeAlias = Callable[[Task], Answer]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """One program with what it answers.
+    """One program with what it answers, by track.
 
-    Parameters
-    ----------
-    name
-        As the tables show it.
-    given
-        What it is, and what it was given, in a sentence.
-    answers
-        By track.
-    packages
-        Distributions whose versions are stated; all have to be installed.
-    modules
-        What it imports, where an installed distribution does not tell.
-    is_slow
-        Whether only some of the tasks are asked for unless one says otherwise.
+    ``given`` says in a sentence what it is, and what it was given; ``packages`` are distributions
+    that have to be installed and whose versions are stated, ``modules`` what it imports where no
+    distribution tells. A slow one gets only some of the tasks unless one says otherwise.
     """
 
     name: str

@@ -17,11 +17,11 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from skimage.transform import rescale
 
 from analysis.detectors import followup_view, sees_reference
-from benchmarks.lens_optics import gaussian
 from benchmarks.peers.edges import chart_width_px
 from benchmarks.peers.program import PeerError, Program
+from benchmarks.peers.resamplers import FINENESS, pybsm_of_fine
 from benchmarks.peers.tasks import Task
-from benchmarks.zoom_peers import FINENESS, pybsm_of_fine
+from benchmarks.truth.lenses import gaussian
 from simulation import GaussianPsf, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import FloatArray
 
@@ -46,13 +46,7 @@ class Frontal:
 
     @classmethod
     def of(cls, task: Task) -> "Frontal":
-        """Read it from a task's homography.
-
-        Raises
-        ------
-        PeerError
-            If the pose has a tilt or a turn.
-        """
+        """Read it from a task's homography; PeerError if the pose has a tilt or a turn."""
         if task.facts["kind"] != "frontal":
             raise PeerError("it knows no tilt")
         matrix = task.homography
@@ -85,7 +79,7 @@ def _lacking_px(task: Task) -> float:
     return chart_width_px(task) * sqrt(1 - float(task.facts["zoom"]) ** -2)
 
 
-def pillow(task: Task) -> FloatArray:
+def _pillow(task: Task) -> FloatArray:
     """Antialiased bicubic of the box."""
     frontal = Frontal.of(task)
     image = Image.fromarray(task.linear("reference").astype(np.float32))
@@ -97,12 +91,12 @@ def pillow(task: Task) -> FloatArray:
     )
 
 
-def pillow_and_blur(task: Task) -> FloatArray:
+def _pillow_and_blur(task: Task) -> FloatArray:
     """Pillow's, then a Gaussian with what the PSF of the chart lacks."""
-    return np.asarray(gaussian_filter(pillow(task), _lacking_px(task)))
+    return np.asarray(gaussian_filter(_pillow(task), _lacking_px(task)))
 
 
-def area(task: Task) -> FloatArray:
+def _area(task: Task) -> FloatArray:
     """Mean of each follow-up pixel's area: fine cubic samples, reduced by INTER_AREA."""
     rows, cols = task.facts["followup_shape"]
     finer = np.eye(3) / _SUBSAMPLES
@@ -115,13 +109,13 @@ def area(task: Task) -> FloatArray:
     return _seen(task, np.asarray(small, dtype=np.float64))
 
 
-def cubic(task: Task) -> FloatArray:
+def _cubic(task: Task) -> FloatArray:
     """OpenCV's cubic warp without any blur."""
     warped = _warped(task.linear("reference"), task.homography, task.facts["followup_shape"])
     return _seen(task, np.asarray(warped, dtype=np.float64))
 
 
-def blur_and_cubic(task: Task) -> FloatArray:
+def _blur_and_cubic(task: Task) -> FloatArray:
     """A Gaussian of what the PSF of the chart lacks, before OpenCV's cubic warp."""
     sigma, zoom = chart_width_px(task), float(task.facts["zoom"])
     blurred = cv2.GaussianBlur(task.linear("reference"), (0, 0), sigma * sqrt(zoom**2 - 1))
@@ -129,7 +123,7 @@ def blur_and_cubic(task: Task) -> FloatArray:
     return _seen(task, np.asarray(warped, dtype=np.float64))
 
 
-def blur_and_spline(task: Task) -> FloatArray:
+def _blur_and_spline(task: Task) -> FloatArray:
     """The same with scipy's filter and its cubic spline."""
     sigma, zoom = chart_width_px(task), float(task.facts["zoom"])
     blurred = gaussian_filter(task.linear("reference"), sigma * sqrt(zoom**2 - 1))
@@ -137,7 +131,7 @@ def blur_and_spline(task: Task) -> FloatArray:
     return _seen(task, seen.levels)
 
 
-def by_paper(task: Task, model: Literal["bicubic", "paper"]) -> FloatArray:
+def _by_paper(task: Task, model: Literal["bicubic", "paper"]) -> FloatArray:
     """Bicubic of the paper that this project follows, without or with its blur (equation 1)."""
     frontal = Frontal.of(task)
     rows, cols = frontal.shape
@@ -153,7 +147,7 @@ def by_paper(task: Task, model: Literal["bicubic", "paper"]) -> FloatArray:
     return np.asarray(zoom_out_on_grid(task.linear("reference"), grid, psf, model))
 
 
-def scikit_image(task: Task) -> FloatArray:
+def _scikit_image(task: Task) -> FloatArray:
     """Rescale with anti_aliasing, and a cubic spline at the follow-up's pixels."""
     frontal = Frontal.of(task)
     reference = task.linear("reference")
@@ -163,7 +157,7 @@ def scikit_image(task: Task) -> FloatArray:
     return frontal.sampled(np.asarray(small, dtype=np.float64), reduced)
 
 
-def by_pybsm(task: Task) -> FloatArray:
+def _by_pybsm(task: Task) -> FloatArray:
     """PyBSM with the Gaussian that the follow-up lacks as the system's transfer function.
 
     It takes the reference for an ideal view of the scene, and would count its blur twice.
@@ -212,57 +206,57 @@ def _program(
 
 _CV = "opencv-contrib-python-headless"
 PROGRAMS = (
-    _program("pillow", "Pillow's antialiased bicubic of the box", pillow, "Pillow"),
+    _program("pillow", "Pillow's antialiased bicubic of the box", _pillow, "Pillow"),
     _program(
         "pillow-blur",
         "the same, then a Gaussian of the width that erf-fit finds on the chart, less the share "
         "that the reference has",
-        pillow_and_blur,
+        _pillow_and_blur,
         "Pillow",
         "scipy",
     ),
-    _program("opencv-cubic", "OpenCV's cubic warp by the homography, no blur", cubic, _CV),
+    _program("opencv-cubic", "OpenCV's cubic warp by the homography, no blur", _cubic, _CV),
     _program(
         "opencv-area",
         "OpenCV's INTER_AREA of 4 x 4 cubic samples a pixel, at the homography",
-        area,
+        _area,
         _CV,
     ),
     _program(
         "opencv-gaussian",
         "OpenCV's GaussianBlur of the width that erf-fit finds on the chart, then its cubic warp "
         "by the homography",
-        blur_and_cubic,
+        _blur_and_cubic,
         _CV,
     ),
     _program(
         "scipy-gaussian",
         "scipy's gaussian_filter of the same width, then its cubic spline at the homography",
-        blur_and_spline,
+        _blur_and_spline,
         "scipy",
     ),
     _program(
         "paper-bicubic",
         "model bicubic of standoff: Pillow's kernel on the task's grid",
-        partial(by_paper, model="bicubic"),
+        partial(_by_paper, model="bicubic"),
     ),
     _program(
         "paper",
         "model paper of standoff: bicubic, then a Gaussian by equation (1), of the width that "
         "erf-fit finds on the chart",
-        partial(by_paper, model="paper"),
+        partial(_by_paper, model="paper"),
     ),
     _program(
         "skimage",
         "scikit-image's rescale with anti_aliasing, order 3",
-        scikit_image,
+        _scikit_image,
         "scikit-image",
     ),
     _program(
         "pybsm",
         "pyBSM's image simulation with a Gaussian of the same width, less the share that the "
         "reference has, as the system's transfer",
-        by_pybsm,
+        _by_pybsm,
         "pybsm",
     ),
 )

@@ -1,9 +1,9 @@
-from .data_card import card_files as card_files
 from .documents import (
     FORMAT as FORMAT,
     TRACKS as TRACKS,
     VERSION as VERSION,
     benchmark_tasks as benchmark_tasks,
+    card_files as card_files,
     document_bytes as document_bytes,
     track_documents as track_documents,
 )

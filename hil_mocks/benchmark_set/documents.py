@@ -2,12 +2,11 @@
 
 import json
 from collections.abc import Iterable
+from importlib.resources import files
 from typing import Any
 
-from hil_mocks.benchmark_set.alignment_track import alignment_tasks
-from hil_mocks.benchmark_set.change_track import change_tasks
-from hil_mocks.benchmark_set.psf_track import psf_tasks
-from hil_mocks.benchmark_set.simulation_track import LEVELS, simulation_tasks
+from hil_mocks.benchmark_set.camera_tracks import LEVELS, psf_tasks, simulation_tasks
+from hil_mocks.benchmark_set.pair_tracks import alignment_tasks, change_tasks
 from hil_mocks.benchmark_set.tasks import SIZES, Task
 
 FORMAT = "standoff benchmark"
@@ -62,3 +61,26 @@ def track_documents(
         ),
         f"truth/{track}.json": document_bytes({**beside, key: of_tasks}),
     }
+
+
+def card_files(size: str, seed: int) -> dict[str, bytes]:
+    """README.md and LICENSE of a set, by path."""
+    here = files("hil_mocks") / "benchmark_set"
+    card = (here / "card.md").read_text(encoding="utf-8")
+    known = SIZES[size]
+    facts = {
+        "size": size,
+        "seed": str(seed),
+        "edge_charts": str(known.edge_charts),
+        "photographs": str(known.photographs),
+        "simulations": str(known.simulations),
+        "alignments": str(known.alignments),
+        "unrelated": str(known.unrelated),
+        "changes": str(known.changes),
+        "scenes": str(len(known.scenes)),
+        "frame": "{1} x {0}".format(*known.frame),
+    }
+    for name, text in facts.items():
+        card = card.replace("{{" + name + "}}", text)
+    licence = (here / "licence.txt").read_text(encoding="utf-8")
+    return {"README.md": card.encode(), "LICENSE": licence.encode()}

@@ -1,19 +1,17 @@
 """What the tracks share: sizes of the set, a task that renders itself, photographs of scenes."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import cos, radians, sin
-from typing import Any, Protocol, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_mocks.benchmark_set.charts import Chart
-from hil_mocks.benchmark_set.exposures import Condition
-from hil_mocks.benchmark_set.frames import Grid, Series, pixels, sampled
 from hil_mocks.benchmark_set.lenses import Lens
-from hil_mocks.benchmark_set.poses import Pose, Positions
-from hil_mocks.benchmark_set.scenes import SCENES, scene
+from hil_mocks.benchmark_set.photographs import Chart, Condition, Grid, Series, pixels, sampled
+from hil_mocks.benchmark_set.scenes import SCENES, Pose, Positions, scene, stream
 
 FloatArray = NDArray[np.float64]
 T = TypeVar("T")
@@ -101,29 +99,6 @@ class RenderedTask:
     truth: dict[str, Any]
 
 
-class Task(Protocol):
-    """One task of a track; its name is unique there."""
-
-    @property
-    def track(self) -> str:
-        """Name of the track."""
-        ...
-
-    @property
-    def name(self) -> str:
-        """Name of the task."""
-        ...
-
-    @property
-    def scene_name(self) -> str:
-        """What is seen, by which tasks are ordered."""
-        ...
-
-    def rendered(self) -> RenderedTask:
-        """Render all files."""
-        ...
-
-
 def spread(rng: np.random.Generator, values: Sequence[T], count: int) -> list[T]:
     """Values in random order, each as often as the others but for one."""
     made: list[T] = []
@@ -181,6 +156,45 @@ class View:
     def _series(self, grid: Grid, seen: Callable[[FloatArray, FloatArray], Positions]) -> Series:
         known = scene(self.scene, self.pose.reference_shape, self.seed)
         return sampled(lambda x, y: known.at(*seen(x, y)), grid)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task(ABC):
+    """One task of a track, whose name is unique there; ``shape`` is ``(rows, cols)`` of a frame."""
+
+    track: ClassVar[str]
+    name: str
+    seed: int
+    shape: tuple[int, int]
+    lens: Lens
+    condition: Condition
+    scene_name: str = ""  # what is seen, by which tasks are ordered
+
+    @abstractmethod
+    def rendered(self) -> RenderedTask:
+        """Render all files."""
+
+    def draws(self, *names: str) -> np.random.Generator:
+        """Random numbers of the task, or of a part of it."""
+        return stream(self.seed, self.track, self.name, *names)
+
+    def seen_from(self, pose: Pose) -> View:
+        """The scene from both poses."""
+        return View(scene=self.scene_name, seed=self.seed, lens=self.lens, pose=pose)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairTask(Task):
+    """A task on a reference and a follow-up of some kind."""
+
+    kind: str
+
+    def drawn_condition(self, rng: np.random.Generator) -> Condition:
+        """The condition as the kind has it."""
+        if self.kind != "jpeg":
+            return self.condition
+        quality = int(rng.choice([85, 95]))
+        return replace(self.condition, name=f"jpeg{quality}", jpeg_quality=quality)
 
 
 def gradient(shape: tuple[int, int], slope: float, bearing_deg: float) -> FloatArray:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 from hil_mocks.gige.events import EVENT_NAMES, EVENT_PARTS, EventId
-from hil_mocks.gige.feature import Feature
+from hil_mocks.gige.features import Feature
 
 DESCRIPTION_FILE = "standoff_gige_camera.xml"
 NAMESPACE = "http://www.genicam.org/GenApi/Version_1_1"
@@ -50,17 +50,20 @@ def describe(features: Iterable[Feature], *, vendor: str, model: str) -> bytes:
     )
     _categories(root, features)
     for name, address, length in STRINGS:
-        node = SubElement(root, "StringReg", Name=name)
-        _add(node, "Address", f"{address:#x}")
-        _add(node, "Length", str(length))
-        _add(node, "AccessMode", "RW" if name in WRITABLE_STRINGS else "RO")
-        _add(node, "pPort", "Device")
+        access = "RW" if name in WRITABLE_STRINGS else "RO"
+        _add(
+            SubElement(root, "StringReg", Name=name),
+            Address=f"{address:#x}",
+            Length=str(length),
+            AccessMode=access,
+            pPort="Device",
+        )
     for feature in features:
         selected = [other.name for other in features if other.selector == feature.name]
         _feature(root, feature, selected)
         _register(root, feature)
         if feature.chunk_id is not None:
-            _add(SubElement(root, "Port", Name=_port(feature)), "ChunkID", f"{feature.chunk_id:x}")
+            _add(SubElement(root, "Port", Name=_port(feature)), ChunkID=f"{feature.chunk_id:x}")
     for event in EVENT_NAMES:
         _event(root, event)
     SubElement(root, "Port", Name="Device")
@@ -77,11 +80,11 @@ def _categories(root: Element, features: tuple[Feature, ...]) -> None:
         members.setdefault("EventControl", []).extend(parts)
     top = SubElement(root, "Category", Name="Root")
     for category in members:
-        _add(top, "pFeature", category)
+        _add(top, pFeature=category)
     for category, names in members.items():
         node = SubElement(root, "Category", Name=category)
         for name in names:
-            _add(node, "pFeature", name)
+            _add(node, pFeature=name)
 
 
 def _feature(root: Element, feature: Feature, selected: list[str]) -> None:
@@ -95,32 +98,28 @@ def _feature(root: Element, feature: Feature, selected: list[str]) -> None:
         "command": "Command",
     }[feature.kind]
     node = SubElement(root, tag, Name=feature.name)
-    _add(node, "Description", feature.description)
+    _add(node, Description=feature.description)
     if feature.is_locked_while_acquiring:
-        _add(node, "pIsLocked", "AcquisitionActive")
+        _add(node, pIsLocked="AcquisitionActive")
     for name, value in feature.entries:
-        entry = SubElement(node, "EnumEntry", Name=name)
-        _add(entry, "Value", str(value))
+        _add(SubElement(node, "EnumEntry", Name=name), Value=str(value))
     for name in selected:
-        _add(node, "pSelected", name)
+        _add(node, pSelected=name)
+    _add(node, pValue=f"{feature.name}Reg")
     if tag == "Boolean":
-        _add(node, "pValue", f"{feature.name}Reg")
-        _add(node, "OnValue", "1")
-        _add(node, "OffValue", "0")
-        return
-    _add(node, "pValue", f"{feature.name}Reg")
-    if feature.kind == "command":
-        _add(node, "CommandValue", "1")
-        return
-    for element, limit in (("Min", feature.minimum), ("Max", feature.maximum)):
-        if isinstance(limit, str):
-            _add(node, f"p{element}", limit)
-        elif limit is not None:
-            _add(node, element, _number(limit))
-    if feature.increment is not None:
-        _add(node, "Inc", _number(feature.increment))
-    if feature.unit:
-        _add(node, "Unit", feature.unit)
+        _add(node, OnValue="1", OffValue="0")
+    elif feature.kind == "command":
+        _add(node, CommandValue="1")
+    else:
+        for element, limit in (("Min", feature.minimum), ("Max", feature.maximum)):
+            if isinstance(limit, str):
+                _add(node, **{f"p{element}": limit})
+            elif limit is not None:
+                _add(node, **{element: _number(limit)})
+        if feature.increment is not None:
+            _add(node, Inc=_number(feature.increment))
+        if feature.unit:
+            _add(node, Unit=feature.unit)
 
 
 def _register(root: Element, feature: Feature) -> None:
@@ -128,21 +127,20 @@ def _register(root: Element, feature: Feature) -> None:
     if feature.bits is not None:
         tag = "MaskedIntReg"
     node = SubElement(root, tag, Name=f"{feature.name}Reg")
-    _add(node, "Address", "0" if feature.chunk_id is not None else f"{feature.address:#x}")
-    _add(node, "Length", str(feature.length))
-    _add(node, "AccessMode", feature.access)
-    _add(node, "pPort", _port(feature))
-    _add(node, "Cachable", "NoCache")
+    _add(
+        node,
+        Address="0" if feature.chunk_id is not None else f"{feature.address:#x}",
+        Length=str(feature.length),
+        AccessMode=feature.access,
+        pPort=_port(feature),
+        Cachable="NoCache",
+    )
     if feature.bits is not None:
-        lsb, msb = feature.bits
-        if lsb == msb:
-            _add(node, "Bit", str(lsb))
-        else:
-            _add(node, "LSB", str(lsb))
-            _add(node, "MSB", str(msb))
+        lsb, msb = map(str, feature.bits)
+        _add(node, **({"Bit": lsb} if lsb == msb else {"LSB": lsb, "MSB": msb}))
     if tag != "FloatReg":
-        _add(node, "Sign", "Unsigned")
-    _add(node, "Endianess", "BigEndian")
+        _add(node, Sign="Unsigned")
+    _add(node, Endianess="BigEndian")
 
 
 def _port(feature: Feature) -> str:
@@ -153,21 +151,24 @@ def _event(root: Element, event: EventId) -> None:
     """What a client reads in an event that has come; its port is the event itself."""
     name = f"Event{EVENT_NAMES[event]}"
     for part, address, length in EVENT_PARTS[event]:
-        node = SubElement(root, "Integer", Name=name + part)
-        _add(node, "pValue", f"{name}{part}Reg")
-        register = SubElement(root, "IntReg", Name=f"{name}{part}Reg")
-        _add(register, "Address", str(address))
-        _add(register, "Length", str(length))
-        _add(register, "AccessMode", "RO")
-        _add(register, "pPort", f"{name}Port")
-        _add(register, "Cachable", "NoCache")
-        _add(register, "Sign", "Unsigned")
-        _add(register, "Endianess", "BigEndian")
-    _add(SubElement(root, "Port", Name=f"{name}Port"), "EventID", f"{event:04x}")
+        _add(SubElement(root, "Integer", Name=name + part), pValue=f"{name}{part}Reg")
+        _add(
+            SubElement(root, "IntReg", Name=f"{name}{part}Reg"),
+            Address=str(address),
+            Length=str(length),
+            AccessMode="RO",
+            pPort=f"{name}Port",
+            Cachable="NoCache",
+            Sign="Unsigned",
+            Endianess="BigEndian",
+        )
+    _add(SubElement(root, "Port", Name=f"{name}Port"), EventID=f"{event:04x}")
 
 
-def _add(node: Element, tag: str, text: str) -> None:
-    SubElement(node, tag).text = text
+def _add(node: Element, **texts: str) -> None:
+    """Add an element for each text, in order, by the element's name."""
+    for tag, text in texts.items():
+        SubElement(node, tag).text = text
 
 
 def _number(value: float) -> str:

@@ -20,7 +20,7 @@ from threading import Event, Thread
 from time import monotonic
 from typing import Self
 
-from hil_mocks.gige.gvcp import (
+from hil_mocks.gige.wire import (
     HEADER_BYTES,
     KEY,
     CommandCode,
@@ -140,15 +140,8 @@ def encode_event(request_id: int, event: DeviceEvent, *, wants_acknowledge: bool
 class MessageChannel:
     """Sends one event after the other from its own thread.
 
-    An event that is not acknowledged in time is sent again, as often as the client set; without
-    a time limit no acknowledge is asked for.
-
-    Parameters
-    ----------
-    port
-        The socket that events are sent from.
-    target
-        The present target; None if there is none, or nothing may be sent to it.
+    An event that is not acknowledged in time is sent again, as often as the client set; without a
+    time limit no acknowledge is asked for. ``target`` gives None if nothing may be sent.
     """
 
     def __init__(self, port: socket.socket, target: Callable[[], MessageTarget | None]) -> None:

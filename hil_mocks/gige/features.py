@@ -14,13 +14,75 @@ GenICam Standard Features Naming Convention (SFNC) 2.7, EMVA, 2021.
 
 import csv
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
-from typing import get_args
+from math import log10
+from typing import Literal, get_args
 
-from hil_mocks.gige.feature import UNCHANGED, Conversion, Feature, Maker
-from hil_mocks.gige.pixels import PIXEL_LAYOUTS, pixel_formats_of
+from hil_mocks.gige.wire import PIXEL_LAYOUTS, pixel_formats_of
+
+FeatureKind = Literal["integer", "float", "enumeration", "boolean", "command", "masked", "flag"]
+Maker = Literal["allied_vision", "basler", "flir", "teledyne_dalsa", "hikrobot", "ids"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Conversion:
+    """From the number in a register to the quantity that the camera works with.
+
+    ``factor * number + offset``; for a ratio, its decibels.
+    """
+
+    factor: float = 1.0
+    offset: float = 0.0
+    is_ratio: bool = False
+
+    def quantity(self, number: float) -> float:
+        """The quantity that a number stands for."""
+        return 20 * log10(number) if self.is_ratio else self.factor * number + self.offset
+
+    def number(self, quantity: float) -> float:
+        """The number that stands for a quantity."""
+        if self.is_ratio:
+            return float(10 ** (quantity / 20))
+        return (quantity - self.offset) / self.factor
+
+
+UNCHANGED = _Conversion()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Feature:
+    """One feature that has a register; names, kinds and units as in the description.
+
+    ``means`` is the quantity of the camera that it stands for, for each entry of ``selector``; only
+    one, under an empty name, without a selector of several entries.
+    """
+
+    name: str
+    category: str
+    kind: FeatureKind
+    address: int  # floats take eight bytes, everything else four, big endian
+    description: str
+    access: Literal["RW", "RO", "WO"] = "RW"  # ``RW``, ``RO`` or ``WO``
+    minimum: float | str | None = None  # or the name of the feature that holds it
+    maximum: float | str | None = None  # likewise
+    increment: float | None = None  # of an integer, or the step that a float is rounded to
+    unit: str = ""
+    entries: tuple[tuple[str, int], ...] = ()  # of an enumeration
+    bits: tuple[int, int] | None = None  # ``(lsb, msb)`` of a part of a register, 0 the highest
+    is_locked_while_acquiring: bool = False  # can be written only at rest
+    means: tuple[tuple[str, str], ...] = ()
+    conversion: _Conversion = UNCHANGED
+    power_up: float | None = None  # None: that of the quantity
+    selector: str = ""  # feature that selects what it is about
+    chunk_id: int | None = None  # of the chunk that holds it, for what a frame carries
+
+    @property
+    def length(self) -> int:
+        """Length of its register in bytes."""
+        return 8 if self.kind == "float" or self.chunk_id is not None else 4
+
 
 MAKERS: tuple[Maker, ...] = get_args(Maker)
 
@@ -93,10 +155,10 @@ def _meanings(row: dict[str, str]) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _conversion(text: str) -> Conversion:
+def _conversion(text: str) -> _Conversion:
     if text == "ratio":
-        return Conversion(is_ratio=True)
+        return _Conversion(is_ratio=True)
     if not text:
         return UNCHANGED
     factor, offset = text.split()
-    return Conversion(factor=float(factor), offset=float(offset))
+    return _Conversion(factor=float(factor), offset=float(offset))

@@ -1,18 +1,226 @@
-"""The settings of the simulated GigE camera: feature values, limits and derived values."""
+"""The simulated GigE camera inside: its faults, what makes its frames, its settings."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from functools import cache
 from math import log10
+from typing import Protocol
 
-from hil_mocks.gige.feature import Feature
-from hil_mocks.gige.frame_source import FrameRequest
-from hil_mocks.gige.gvcp import GvcpError, GvcpStatus
-from hil_mocks.gige.gvsp import (
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from hil_mocks.gige.features import Feature
+from hil_mocks.gige.wire import (
     GVSP_HEADER_BYTES,
     IP_UDP_HEADER_BYTES,
+    PIXEL_LAYOUTS,
+    GvcpError,
+    GvcpStatus,
+    PixelLayout,
     chunked_bytes,
     payload_bytes_per_packet,
 )
-from hil_mocks.gige.pixels import PIXEL_LAYOUTS, PixelLayout
+from hil_mocks.truth import ADC_MAX_DN, Sensor
+
+RATES = ("packet_loss_rate", "duplicate_rate", "reorder_rate")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GigeFaults:
+    """Faults from now on; a restart and a loss of control are methods of the device."""
+
+    seed: int = 0  # of the three rates
+    packet_loss_rate: float = 0.0  # part of the stream's packets; resent ones can be lost too
+    duplicate_rate: float = 0.0  # part that comes twice
+    reorder_rate: float = 0.0  # part that comes after the one that follows it
+    resend_disabled: bool = False  # does not support the command for resending
+    is_stalled: bool = False  # no frame is taken
+    is_dead: bool = False  # nothing answers and nothing is sent: no power, or the cable is pulled
+    heartbeat_lost: bool = False  # commands no longer keep control alive
+    corrupt_leader: bool = False  # leaders have a payload type that does not exist
+    missing_rows: int = 0  # the image has so many fewer than was set
+    refused_registers: frozenset[str] = frozenset()  # features that refuse every write
+    slow_writes_s: float = 0.0  # before a write is answered; a pending acknowledge comes if it may
+    temperature_present: bool = False  # the description has a DeviceTemperature, unlike a Manta's
+    exposure_delay_frames: int = 0  # frames have the exposure of so many earlier
+    gain_delay_frames: int = 0  # frames have the gain of so many earlier
+
+    def __post_init__(self) -> None:
+        for name in RATES:
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must be from 0 to 1, got {getattr(self, name)}")
+        for name in (
+            "seed",
+            "missing_rows",
+            "slow_writes_s",
+            "exposure_delay_frames",
+            "gain_delay_frames",
+        ):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+
+    @property
+    def disturbs_packets(self) -> bool:
+        """Whether the packets of a block do not simply arrive in order."""
+        return any(getattr(self, name) > 0 for name in RATES)
+
+    def order_of_arrival(self, packet_count: int, draw: int) -> list[int]:
+        """Return which of the packets 0 to ``packet_count - 1`` arrive, in that order.
+
+        The same seed and ``draw`` give the same order.
+        """
+        rng = np.random.default_rng([self.seed, draw])
+        lost, twice, late = (rng.random(packet_count) < getattr(self, name) for name in RATES)
+        positions = np.arange(packet_count, dtype=np.float64)
+        positions[late] += 1.5
+        arriving = np.repeat(np.flatnonzero(~lost), np.where(twice[~lost], 2, 1))
+        return [int(packet) for packet in arriving[np.argsort(positions[arriving], kind="stable")]]
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of the faults."""
+        return tuple(field.name for field in fields(cls))
+
+
+NOISE_LEVELS = 65536
+CERTAIN_SIGMA = 8.0
+"""Beyond this many standard deviations the full well no longer matters in float32."""
+
+BAYER_WEIGHTS = {"R": 0.55, "G": 1.0, "B": 0.7}
+"""Transmission of a colour filter for white paper, relative to green (our choice)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameRequest:
+    """Everything that a frame depends on except the scene; levels in DN at 12 bits."""
+
+    acquisition: int  # number of the start since power-up, from 1
+    index: int  # of the frame since that start, from 0: the block id is one more until ids wrap
+    exposure_us: float
+    gain_db: float
+    black_level_dn: float
+
+
+class FrameSource(Protocol):
+    """Makes a camera's frames; while the scene is still, each depends only on its request."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(rows, cols)`` of the sensor."""
+        ...
+
+    def levels_dn(self, request: FrameRequest) -> NDArray[np.uint16]:
+        """Levels of the whole sensor in DN at 12 bits."""
+        ...
+
+
+@cache
+def noise_table() -> NDArray[np.float32]:
+    """Standard normal deviate for each of 65536 equally likely draws: mean 0, variance 1.
+
+    The largest is 4.2: the tails beyond, 3 in 100 000 draws, are pulled in.
+    """
+    quantiles = ndtri((np.arange(NOISE_LEVELS) + 0.5) / NOISE_LEVELS)
+    table = np.asarray(quantiles / quantiles.std(), np.float32)
+    table.setflags(write=False)
+    return table
+
+
+class BenchFrameSource:
+    """Photographs the view of a simulated bench, with noise according to the sensor model.
+
+    Every pixel of every frame draws 16 random bits of its own, a normal deviate by `noise_table`:
+    shot and read noise together are a Gaussian of the model's variance. So mean and variance are
+    the model's down to a few electrons, but the skewness of the Poisson distribution is missing.
+    The clipping by the full well is included in the mean and the variance of its pixels. ``look``
+    gives the light on each pixel, the same array while nothing moves; ``bayer_order`` the first two
+    colours of the mosaic, None for a monochrome sensor.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        look: Callable[[], NDArray[np.float32]],
+        *,
+        seed: int,
+        bayer_order: str | None = None,
+    ) -> None:
+        self._sensor = sensor
+        self._look = look
+        self._seed = seed
+        view = look()
+        self._shape = (view.shape[0], view.shape[1])
+        self._filter = None if bayer_order is None else _mosaic(self._shape, bayer_order)
+        self._prepared: _Prepared | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """See `FrameSource.shape`."""
+        return self._shape
+
+    def levels_dn(self, request: FrameRequest) -> NDArray[np.uint16]:
+        """See `FrameSource.levels_dn`; the scene is read once, at the start."""
+        view = self._look()
+        prepared = self._prepared
+        settings = (request.exposure_us, request.gain_db, request.black_level_dn)
+        if prepared is None or prepared.view is not view or prepared.settings != settings:
+            prepared = self._prepare(view, request)
+            self._prepared = prepared
+        stream = np.random.SFC64([self._seed, request.acquisition, request.index])
+        draws = stream.random_raw(-(-view.size // 4)).view(np.uint16)[: view.size]
+        level_dn = np.take(noise_table(), draws, mode="clip").reshape(view.shape)
+        level_dn *= prepared.sigma_dn
+        level_dn += prepared.mean_dn  # plus a half, as the conversion below truncates
+        np.clip(level_dn, 0, ADC_MAX_DN, out=level_dn)
+        return level_dn.astype(np.uint16)
+
+    def _prepare(self, view: NDArray[np.float32], request: FrameRequest) -> "_Prepared":
+        electrons = self._sensor.electrons(view, request.exposure_us).astype(np.float64)
+        if self._filter is not None:
+            electrons *= self._filter
+        mean_e, variance_e2 = _filled(electrons, self._sensor.full_well_e)
+        gain = self._sensor.gain_at_e_per_dn(request.gain_db)
+        sigma_e = np.sqrt(variance_e2 + self._sensor.read_noise_e**2)
+        return _Prepared(
+            view=view,
+            settings=(request.exposure_us, request.gain_db, request.black_level_dn),
+            mean_dn=(request.black_level_dn + 0.5 + mean_e / gain).astype(np.float32),
+            sigma_dn=(sigma_e / gain).astype(np.float32),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Prepared:
+    view: NDArray[np.float32]
+    settings: tuple[float, float, float]
+    mean_dn: NDArray[np.float32]
+    sigma_dn: NDArray[np.float32]
+
+
+def _filled(
+    electrons: NDArray[np.float64], full_well_e: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and variance of ``min(X, full well)`` with X normal, mean and variance ``electrons``."""
+    sigma = np.sqrt(np.maximum(electrons, 1e-6))
+    room = np.clip((full_well_e - electrons) / sigma, -CERTAIN_SIGMA, CERTAIN_SIGMA)
+    if room.min() >= CERTAIN_SIGMA:
+        return electrons, electrons
+    below, density = ndtr(room), np.exp(-(room**2) / 2) / np.sqrt(2 * np.pi)
+    # E[min(Z, a)] and E[min(Z, a)^2] of a standard normal Z.
+    first = room * (1 - below) - density
+    second = below - room * density + room**2 * (1 - below)
+    mean = np.where(room <= -CERTAIN_SIGMA, full_well_e, electrons + sigma * first)
+    return mean, np.maximum(second - first**2, 0) * sigma**2
+
+
+def _mosaic(shape: tuple[int, int], order: str) -> NDArray[np.float64]:
+    """Weight of each pixel's colour filter; ``order`` is the first row's first two colours."""
+    other = "B" if "R" in order else "R"
+    second = ("G" + other) if order[1] == "G" else (other + "G")
+    weights = np.array([[BAYER_WEIGHTS[colour] for colour in row] for row in (order, second)])
+    return np.tile(weights, (shape[0] // 2 + 1, shape[1] // 2 + 1))[: shape[0], : shape[1]]
+
 
 MAX_FRAME_RATE_HZ = 67.5
 """For the whole frame: Allied Vision, Manta G-046 data sheet."""
@@ -62,16 +270,7 @@ class CameraState:
     """The values of all features, checked when they are set.
 
     Behind them are the quantities that the camera works with, by the names and in the units of a
-    Manta: `quantity`. It has no lock: the device locks it.
-
-    Parameters
-    ----------
-    features
-        The camera's table.
-    shape
-        ``(rows, cols)`` of the sensor.
-    black_level_dn
-        Black level at power-up, in DN at 12 bits.
+    Manta: `quantity`. It has no lock: the device locks it. ``black_level_dn`` is at 12 bits.
     """
 
     def __init__(
@@ -148,10 +347,7 @@ class CameraState:
     def set_value(self, name: str, value: float) -> None:
         """Set a feature; floats are rounded to the camera's step.
 
-        Raises
-        ------
-        GvcpError
-            If the value is not accepted, or the feature is locked; nothing is set.
+        GvcpError if the value is not accepted, or the feature is locked; nothing is set.
         """
         feature = self._features[name]
         if feature.is_locked_while_acquiring and self.is_acquiring:

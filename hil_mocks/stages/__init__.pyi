@@ -1,3 +1,7 @@
 from .grbl import GrblFirmware as GrblFirmware
-from .serial_line import LineFaults as LineFaults, SerialLine as SerialLine
-from .serial_stage import SerialStage as SerialStage, StageProtocol as StageProtocol
+from .serial_stage import (
+    LineFaults as LineFaults,
+    SerialLine as SerialLine,
+    SerialStage as SerialStage,
+    StageProtocol as StageProtocol,
+)

@@ -1,7 +1,7 @@
-"""The mechanics of a simulated stage: spindle, carriage, limit switches, and their faults."""
+"""The mechanics of a simulated stage: spindle, carriage, switches, motor, and their faults."""
 
 from dataclasses import dataclass
-from math import cos, exp, pi
+from math import copysign, cos, exp, pi, sqrt
 
 END_STOP_MM = 3.0
 """The carriage hits its end stop this far beyond a switch."""
@@ -11,34 +11,20 @@ END_STOP_MM = 3.0
 class PlantFaults:
     """Faults of the mechanics from now on.
 
-    Parameters
-    ----------
-    backlash_mm
-        Play between spindle and nut.
-    stalls_above_mm
-        The carriage is blocked at this height; the motor loses steps.
-    vibration_mm, vibration_hz, vibration_decay_s
-        The carriage vibrates for a while after each move.
-    home_switch_dead, home_switch_stuck
-        Neither switch ever triggers, or both always do.
-    creep_mm_per_s, creep_is_seen
-        The carriage sinks while at rest, and whether the controller's counter sees it: an encoder
-        does, a step counter does not.
-    slip
-        Fraction of every upward travel that is lost between motor and carriage, as in a slack belt;
-        no encoder on the motor sees it, and no driver stalls.
-    windup_mm, relaxation_s
-        Compliance: the carriage lags behind a turning motor by up to this much, like a spring that
-        friction winds up, and follows with this time constant once the motor stands.
+    A creeping carriage sinks while at rest; an encoder sees it, a step counter does not. ``slip``
+    is the part of every upward travel that is lost between motor and carriage, as in a slack belt;
+    no encoder on the motor sees it. By ``windup_mm`` at most the carriage lags behind a turning
+    motor, like a spring that friction winds up; it follows within ``relaxation_s`` once the motor
+    stands.
     """
 
-    backlash_mm: float = 0.0
-    stalls_above_mm: float | None = None
-    vibration_mm: float = 0.0
+    backlash_mm: float = 0.0  # play between spindle and nut
+    stalls_above_mm: float | None = None  # the carriage is blocked there; the motor loses steps
+    vibration_mm: float = 0.0  # for a while after each move
     vibration_hz: float = 12.0
     vibration_decay_s: float = 0.2
-    home_switch_dead: bool = False
-    home_switch_stuck: bool = False
+    home_switch_dead: bool = False  # neither switch ever triggers
+    home_switch_stuck: bool = False  # both always do
     creep_mm_per_s: float = 0.0
     creep_is_seen: bool = True
     slip: float = 0.0
@@ -47,15 +33,7 @@ class PlantFaults:
 
 
 class StagePlant:
-    """A carriage on a spindle, between two switches; heights are true ones, in mm.
-
-    Parameters
-    ----------
-    low_switch_mm, high_switch_mm
-        Heights at which the switches trigger.
-    start_mm
-        Initial height of the carriage.
-    """
+    """A carriage on a spindle, between two switches; heights are true ones, in mm."""
 
     def __init__(
         self, *, low_switch_mm: float = 5.0, high_switch_mm: float = 405.0, start_mm: float = 150.0
@@ -132,3 +110,110 @@ class StagePlant:
         if self.faults.home_switch_stuck:
             return True
         return is_pressed and not self.faults.home_switch_dead
+
+
+class StepperAxis:
+    """Counts steps and turns the plant's motor; it never learns the carriage's true height."""
+
+    def __init__(
+        self, plant: StagePlant, *, steps_per_mm: float, acceleration_mm_per_s2: float
+    ) -> None:
+        self.stops_short_mm = 0.0
+        self.ignores_brake = False
+        self._plant = plant
+        self._steps_per_mm = steps_per_mm
+        self._acceleration = acceleration_mm_per_s2
+        self._position_mm = 0.0
+        self._steps = 0
+        self._target_mm: float | None = None
+        self._feed = 0.0
+        self._velocity = 0.0
+        self._is_braking = False
+
+    @property
+    def counted_mm(self) -> float:
+        """Position by the step counter."""
+        return self._steps / self._steps_per_mm
+
+    @property
+    def steps(self) -> int:
+        """The step counter."""
+        return self._steps
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the motor is stepping."""
+        return self._target_mm is not None or self._velocity != 0.0
+
+    @property
+    def speed_mm_per_s(self) -> float:
+        """Present speed."""
+        return abs(self._velocity)
+
+    def count_from(self, position_mm: float) -> None:
+        """Define the present position as ``position_mm``."""
+        self._position_mm = position_mm
+        self._steps = round(position_mm * self._steps_per_mm)
+
+    def rest(self, duration_s: float) -> None:
+        """Stand for a while; an encoder counts what a creeping carriage sinks."""
+        faults = self._plant.faults
+        sunk_mm = faults.creep_mm_per_s * duration_s
+        self._plant.sink(sunk_mm)
+        if faults.creep_is_seen:
+            self._position_mm -= sunk_mm
+            self._steps = round(self._position_mm * self._steps_per_mm)
+
+    def go(self, target_mm: float, feed_mm_per_s: float) -> None:
+        """Start a move to a counted position."""
+        way_mm = target_mm - self._position_mm
+        short_mm = min(self.stops_short_mm, abs(way_mm))
+        self._target_mm = target_mm - copysign(short_mm, way_mm)
+        self._feed = feed_mm_per_s
+        self._is_braking = False
+
+    def brake(self) -> None:
+        """Ramp down; the counter stays correct."""
+        if self.is_moving and not self.ignores_brake:
+            self._is_braking = True
+
+    def halt(self) -> None:
+        """Stop stepping at once."""
+        self._target_mm = None
+        self._velocity = 0.0
+        self._is_braking = False
+
+    def advance(self, duration_s: float) -> None:
+        """Make the steps of a short interval."""
+        if not self.is_moving:
+            return
+        if self._is_braking:
+            self._slow_down(duration_s)
+        else:
+            self._follow_ramp(duration_s)
+        steps = round(self._position_mm * self._steps_per_mm)
+        self._plant.turn((steps - self._steps) / self._steps_per_mm)
+        self._steps = steps
+
+    def _slow_down(self, duration_s: float) -> None:
+        speed = max(abs(self._velocity) - self._acceleration * duration_s, 0.0)
+        self._velocity = copysign(speed, self._velocity)
+        self._position_mm += self._velocity * duration_s
+        if speed == 0.0:
+            self.halt()
+
+    def _follow_ramp(self, duration_s: float) -> None:
+        target_mm = self._position_mm if self._target_mm is None else self._target_mm
+        way_mm = target_mm - self._position_mm
+        speed = min(
+            abs(self._velocity) + self._acceleration * duration_s,
+            self._feed,
+            sqrt(2 * self._acceleration * abs(way_mm)),
+        )
+        step_mm = max(speed * duration_s, 1e-6)
+        if step_mm >= abs(way_mm):
+            self._position_mm = target_mm
+            self.halt()
+        else:
+            self._velocity = copysign(speed, way_mm)
+            self._position_mm += copysign(step_mm, way_mm)

@@ -12,8 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hil_mocks.stages.plant import StagePlant
-from hil_mocks.stages.stepper_axis import StepperAxis
+from hil_mocks.stages.plant import StagePlant, StepperAxis
 
 STEP_S = 0.004
 SPEED_UNIT = 1.6384
@@ -30,45 +29,20 @@ _NUMBER = re.compile(r"\d{1,10}", re.ASCII)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZaberFaults:
-    """Faults of the controller from now on.
+    """Faults of the controller from now on."""
 
-    Parameters
-    ----------
-    hangs
-        It neither obeys nor answers; a running move continues.
-    rejects
-        Moves are rejected with this reason, such as ``DRIVERDISABLED``.
-    stops_short_mm
-        Moves end before their target.
-    never_idle
-        Its replies never show the end of a move, and the move cannot be stopped.
-    shows_flag
-        It shows this warning in addition to its own.
-    alerts
-        It sends alerts and info lines between its replies.
-    """
-
-    hangs: bool = False
-    rejects: str | None = None
-    stops_short_mm: float = 0.0
-    never_idle: bool = False
-    shows_flag: str | None = None
-    alerts: bool = False
+    hangs: bool = False  # neither obeys nor answers; a running move continues
+    rejects: str | None = None  # reason for which moves are, such as ``DRIVERDISABLED``
+    stops_short_mm: float = 0.0  # moves end before their target
+    never_idle: bool = False  # replies never show the end of a move, which cannot be stopped
+    shows_flag: str | None = None  # in addition to its own
+    alerts: bool = False  # sends alerts and info lines between its replies
 
 
 class ZaberFirmware:
     """A controller driven by bytes and time; moves a plant; homes to the lower switch.
 
-    Parameters
-    ----------
-    plant
-        The mechanics.
-    microstep_um
-        Travel of a microstep.
-    address
-        Address in the chain.
-    travel_mm
-        Travel of the axis, upwards from the switch.
+    ``address`` is that in the chain; the axis travels upwards from the switch.
     """
 
     def __init__(
@@ -157,7 +131,7 @@ class ZaberFirmware:
             duration_s = min(STEP_S, now_s - self._now_s)
             if not self.axis.is_moving:
                 duration_s = now_s - self._now_s
-                self._creep(duration_s)
+                self.axis.rest(duration_s)
             self._now_s += duration_s
             self.plant.now_s = self._now_s
             self.axis.advance(duration_s)
@@ -169,14 +143,6 @@ class ZaberFirmware:
         """See `Firmware.take_lines`."""
         lines, self._output = self._output, []
         return lines
-
-    def _creep(self, duration_s: float) -> None:
-        faults = self.plant.faults
-        sunk_mm = faults.creep_mm_per_s * duration_s
-        if sunk_mm:
-            self.plant.sink(sunk_mm)
-            if faults.creep_is_seen:
-                self.axis.shift(-sunk_mm)
 
     def _watch_stall(self) -> None:
         if self.plant.slipped_mm - self._slipped_mm > STALL_MM:

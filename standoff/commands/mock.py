@@ -59,8 +59,12 @@ def mock(
     orientation: Orientation of the target in degrees.
     stage_protocol: Protocol of a stage served on a serial port; a manual stand by default.
     """
-    from hil_mocks.practice_bench import HandStage, PracticeBench
-    from hil_mocks.practice_commands import PracticeCommandError, PracticeConsole
+    from hil_mocks.practice_bench import (
+        HandStage,
+        PracticeBench,
+        PracticeCommandError,
+        PracticeConsole,
+    )
     from hil_mocks.stages import SerialStage
 
     config = terminal.read_bench(bench or shipped_config("simulated.toml"), settings)

@@ -11,7 +11,7 @@ from acquisition.capture import Placement
 from acquisition.devices import Camera, Stage
 from acquisition.plan import PlanEntry
 from hil_mocks import SimulatedBench
-from hil_mocks.clock import RealTimeClock
+from hil_mocks.devices import RealTimeClock
 from standoff.library import open_camera, open_stage, place_in_simulation, refuse_half_simulated
 
 

@@ -12,8 +12,8 @@ from acquisition.aravis.device import load_aravis
 from acquisition.bench import CameraConfig
 from acquisition.devices import Frame
 from acquisition.errors import DriverMissingError
-from hil_mocks.gige.frame_source import FrameRequest
-from hil_mocks.gige.pixels import PIXEL_LAYOUTS, image_of_levels
+from hil_mocks.gige.settings import FrameRequest
+from hil_mocks.gige.wire import PIXEL_LAYOUTS, image_of_levels
 from hil_mocks.practice_bench import PracticeBench
 
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
-from hil_mocks.camera import CameraFaults, SimulatedCamera
+from hil_mocks.devices import CameraFaults, SimulatedCamera
 
 
 class WatchedCamera:

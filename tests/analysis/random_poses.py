@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.bench import BenchConfig
-from hil_mocks.scene.pinhole import CameraPose
-from hil_mocks.scene.truth import BenchTruth
+from hil_mocks.truth.bench_truth import BenchTruth
+from hil_mocks.truth.render import CameraPose
 from simulation.arrays import FloatArray
 
 NEAR_MM = 180.0

@@ -5,9 +5,8 @@ from math import pi, sin, sqrt
 import numpy as np
 import pytest
 
-from benchmarks.bench_alignment import BORDER_PX, Case
-from benchmarks.pair_photographs import Pair, PairPose
-from benchmarks.pair_scenes import FlatScene
+from benchmarks.studies.alignment import BORDER_PX, Case
+from benchmarks.truth.pairs import FlatScene, Pair, PairPose
 
 FRAME = (203, 263)
 FREQUENCY = 2 * pi / 8  # rad/px

@@ -5,9 +5,8 @@ from math import pi
 import numpy as np
 import pytest
 
-from benchmarks.ideal_lmmse import CORRELATION_PX, Ideal
-from benchmarks.lens_optics import elsewhere, f_number, further
-from benchmarks.lens_scenes import slanted_rectangles
+from benchmarks.truth.lens_scenes import CORRELATION_PX, Ideal, slanted_rectangles
+from benchmarks.truth.lenses import elsewhere, f_number, further
 from simulation.arrays import FloatArray
 
 SHEARED = np.array([[1.6, 0.4], [-0.1, 2.1]])

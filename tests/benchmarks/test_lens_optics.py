@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from benchmarks.lens_optics import (
+from benchmarks.truth.lenses import (
     Camera,
     astigmatic,
     defocused_pupil_otf,

@@ -5,14 +5,15 @@ from math import pi
 import numpy as np
 import pytest
 
-from benchmarks.lens_optics import edge_response, elsewhere, f_number, further, gaussian
-from benchmarks.lens_poses import Pose, pose_photograph
-from benchmarks.lens_scenes import (
+from benchmarks.truth.lens_scenes import (
+    Pose,
     Scene,
     cover,
+    pose_photograph,
     rectangle_corners,
     slanted_rectangles,
 )
+from benchmarks.truth.lenses import edge_response, elsewhere, f_number, further, gaussian
 from simulation.arrays import FloatArray
 
 SIDE_PX, SAMPLES = 64, 8

@@ -8,17 +8,18 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from benchmarks.installed_pictures import Picture, catalogue
-from benchmarks.null_pictures import (
+from benchmarks.peers.listers import aligned_difference, plain_difference, ssim_contours_otsu
+from benchmarks.truth.pictures import (
     KINDS,
     MOST_PX,
     NullPair,
+    Picture,
+    catalogue,
     null_pairs,
     smaller,
     with_noise,
 )
-from benchmarks.picture_peers import aligned_difference, plain_difference, ssim_contours_otsu
-from benchmarks.thing_scenes import (
+from benchmarks.truth.things import (
     REACH_PX,
     VISIBLE_DN,
     length_of,

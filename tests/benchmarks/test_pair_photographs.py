@@ -5,15 +5,18 @@ from math import pi
 import numpy as np
 import pytest
 
-from benchmarks.lens_optics import f_number, gaussian
-from benchmarks.pair_photographs import (
+from benchmarks.truth.lenses import f_number, gaussian
+from benchmarks.truth.pairs import (
+    SAMPLES_PER_PX,
+    SCENES,
     Development,
+    FlatScene,
     PairPose,
     pair_of,
     photograph,
+    scene,
     seen_spot,
 )
-from benchmarks.pair_scenes import SAMPLES_PER_PX, SCENES, FlatScene, scene
 from simulation.arrays import FloatArray
 
 FRAME = (90, 120)

@@ -12,10 +12,10 @@ from calibration.geometry.bundle_adjustment import (
     CapturePose,
     PlaneMatches,
     PosedCapture,
-    Series,
     adjust,
 )
-from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
+from calibration.geometry.series import Series
+from hil_mocks.truth.render import CameraPose, PinholeCamera
 from tests.calibration.geometry_bench import (
     HEIGHT_PX,
     WIDTH_PX,

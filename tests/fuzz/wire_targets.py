@@ -9,16 +9,14 @@ from acquisition.aravis.description import DescriptionError, require_sound_descr
 from acquisition.aravis.network import unpack
 from acquisition.aravis.stream import decode_pixels
 from acquisition.errors import CameraDescriptionError, DeviceError
-from hil_mocks.gige.bootstrap import BootstrapAddress, Identity
-from hil_mocks.gige.control import ControlChannel
-from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige.device import ControlChannel
 from hil_mocks.gige.features import features_of
-from hil_mocks.gige.gvcp import CommandCode, GvcpError, RegisterWrite, ResendRequest
-from hil_mocks.gige.registers import RegisterMap
-from hil_mocks.gige.settings import CameraState
+from hil_mocks.gige.registers import BootstrapAddress, Identity, RegisterMap
+from hil_mocks.gige.settings import CameraState, GigeFaults
+from hil_mocks.gige.wire import CommandCode, GvcpError, RegisterWrite, ResendRequest
 from hil_mocks.stages.grbl import GrblFirmware
 from hil_mocks.stages.plant import StagePlant
-from hil_mocks.stages.serial_line import LineFaults, SerialLine
+from hil_mocks.stages.serial_stage import LineFaults, SerialLine
 from hil_mocks.stages.zaber import ZaberFirmware
 from tests.acquisition.aravis.description_texts import simulated, with_nodes
 from tests.acquisition.aravis.test_network import packed

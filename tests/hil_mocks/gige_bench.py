@@ -11,9 +11,14 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import numpy as np
+from numpy.typing import NDArray
+
 from acquisition.errors import DeviceError
+from hil_mocks.gige import FrameRequest
 from hil_mocks.gige.device import ETHERNET_MTU_BYTES
-from hil_mocks.gige.feature import Maker
+from hil_mocks.gige.features import Maker
+from hil_mocks.gige.wire import PIXEL_LAYOUTS, image_of_levels
 from hil_mocks.practice_bench import PracticeBench
 from tests.hil_mocks.benches import bench_config
 
@@ -65,3 +70,23 @@ def gige_bench(
         yield bench
     finally:
         bench.camera.close()
+
+
+def expected_image(
+    bench: PracticeBench,
+    pixel_format: str,
+    *,
+    index: int,
+    acquisition: int = 1,
+    exposure_us: float = 8000.0,
+    gain_db: float = 0.0,
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The frame of an acquisition as the bench's source has it."""
+    request = FrameRequest(
+        acquisition=acquisition,
+        index=index,
+        exposure_us=exposure_us,
+        gain_db=gain_db,
+        black_level_dn=64.0,
+    )
+    return image_of_levels(bench.source.levels_dn(request), PIXEL_LAYOUTS[pixel_format])

@@ -6,17 +6,22 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from time import monotonic, sleep
-from types import TracebackType
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_mocks.gige.bootstrap import BootstrapAddress
-from hil_mocks.gige.feature import Feature
-from hil_mocks.gige.features import features_of
-from hil_mocks.gige.gvcp import GVCP_PORT, CommandCode, GvcpStatus, RegisterWrite, ResendRequest
-from hil_mocks.gige.gvsp import ImageLeader, PacketFormat
+from hil_mocks.gige.features import Feature, features_of
+from hil_mocks.gige.registers import BootstrapAddress
+from hil_mocks.gige.wire import (
+    GVCP_PORT,
+    CommandCode,
+    GvcpStatus,
+    ImageLeader,
+    PacketFormat,
+    RegisterWrite,
+    ResendRequest,
+)
 from tests.hil_mocks.gige_wire import (
     Acknowledge,
     GvspPacket,
@@ -91,12 +96,7 @@ class RawClient:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.control.close()
         self.stream.close()
 

@@ -3,23 +3,21 @@
 import struct
 from dataclasses import dataclass
 
-from hil_mocks.gige.gvcp import (
+from hil_mocks.gige.wire import (
+    GVSP_HEADER_BYTES,
     HEADER_BYTES,
     KEY,
-    CommandFlag,
-    GvcpError,
-    GvcpStatus,
-    RegisterWrite,
-    ResendRequest,
-)
-from hil_mocks.gige.gvsp import (
-    GVSP_HEADER_BYTES,
     LEADER_BODY,
     PAYLOAD_TYPE_IMAGE,
     TRAILER_BODY,
+    CommandFlag,
+    GvcpError,
+    GvcpStatus,
     GvspHeader,
     ImageLeader,
     PacketFormat,
+    RegisterWrite,
+    ResendRequest,
 )
 
 EXTENDED_IDS = 0x80
@@ -43,13 +41,7 @@ def encode_command(
 
 
 def parse_acknowledge(datagram: bytes) -> Acknowledge:
-    """Read an answer of a device.
-
-    Raises
-    ------
-    GvcpError
-        If it is shorter or longer than it says.
-    """
+    """Read an answer of a device; GvcpError if it is shorter or longer than it says."""
     if len(datagram) < HEADER_BYTES:
         raise GvcpError("not a GVCP acknowledge", status=GvcpStatus.INVALID_HEADER)
     status, code, length, request_id = struct.unpack_from(">HHHH", datagram)
@@ -101,13 +93,7 @@ class GvspPacket:
 
 
 def parse_packet(datagram: bytes) -> GvspPacket:
-    """Read one packet.
-
-    Raises
-    ------
-    GvspError
-        If it is too short, has extended ids or a format of another payload.
-    """
+    """Read one packet; GvspError if it is too short, or of extended ids or another payload."""
     if len(datagram) < GVSP_HEADER_BYTES:
         raise GvspError(f"{len(datagram)} bytes are no GVSP packet")
     status, block_id, word = struct.unpack_from(">HHI", datagram)
@@ -124,13 +110,7 @@ def parse_packet(datagram: bytes) -> GvspPacket:
 
 
 def parse_leader(body: bytes) -> ImageLeader:
-    """Read what follows the header of a leader.
-
-    Raises
-    ------
-    GvspError
-        If it is too short or of no image.
-    """
+    """Read what follows the header of a leader; GvspError if it is no image's."""
     if len(body) < LEADER_BODY.size:
         raise GvspError(f"a leader of {len(body)} bytes")
     _, payload_type, high, low, pixel_format, width, height, x, y, _, _ = LEADER_BODY.unpack_from(
@@ -149,13 +129,7 @@ def parse_leader(body: bytes) -> ImageLeader:
 
 
 def parse_trailer(body: bytes) -> int:
-    """Return the number of rows that a trailer says were sent.
-
-    Raises
-    ------
-    GvspError
-        If it is too short or of no image.
-    """
+    """Return the number of rows that a trailer says were sent; GvspError if it is no image's."""
     if len(body) < TRAILER_BODY.size:
         raise GvspError(f"a trailer of {len(body)} bytes")
     _, payload_type, height = TRAILER_BODY.unpack_from(body)

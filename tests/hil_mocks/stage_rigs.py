@@ -1,7 +1,7 @@
 """Real drivers over simulated controllers, in a time that passes only while somebody waits."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from acquisition.bench import StageConfig
@@ -13,9 +13,9 @@ from acquisition.stages.serial_link import SerialLink, WireLog
 from acquisition.stages.zaber import ZaberAxis, ZaberDevice
 from hil_mocks import SimulatedClock
 from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
-from hil_mocks.stages.grbl_lines import GrblDialect
+from hil_mocks.stages.grbl_protocol import GrblDialect
 from hil_mocks.stages.plant import StagePlant
-from hil_mocks.stages.serial_line import SerialLine
+from hil_mocks.stages.serial_stage import SerialLine
 from hil_mocks.stages.zaber import ZaberFaults, ZaberFirmware
 from tests.hil_mocks.virtual_port import VirtualPort
 
@@ -51,14 +51,19 @@ class EventClock(SimulatedClock):
 
 @dataclass(kw_only=True)
 class StageRig:
-    """Mechanics, the cable to their controller, and the time in which they move."""
+    """A stage with its driver, its controller, its mechanics and the cable between."""
 
-    stage: MotorStage
+    config: StageConfig
     plant: StagePlant
     line: SerialLine
-    clock: EventClock
-    config: StageConfig
-    round_mm: float
+    clock: EventClock = field(default_factory=EventClock)
+    log: WireLog | None = None
+    round_mm: float = 0.005
+    """How well the position is known after a homing: to a step and what the switch adds."""
+    stage: MotorStage = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.reopened()
 
     @property
     def sent(self) -> list[str]:
@@ -68,6 +73,21 @@ class StageRig:
     def fail(self, **faults: Any) -> None:
         """Put the controller at fault; none heals it."""
         raise NotImplementedError
+
+    def reopened(self) -> MotorStage:
+        """The stage on a port that another process has just opened; nothing was sent yet."""
+        raise NotImplementedError
+
+    def link(self) -> SerialLink:
+        port = VirtualPort(self.line, clock=self.clock)
+        return SerialLink(port, name="the stage", clock=self.now_s, log=self.log)
+
+    def moved_by(self, axis: GrblAxis | ZaberAxis) -> MotorStage:
+        self.stage = MotorStage(self.config, axis, clock=self.now_s, sleep=self.clock.advance)
+        return self.stage
+
+    def now_s(self) -> float:
+        return self.clock.now_s
 
     def in_mid_move(self, event: Callable[[], object], in_s: float = 2.0) -> None:
         """Plan something for a moment when the stage moves."""
@@ -85,13 +105,8 @@ class StageRig:
 
 @dataclass(kw_only=True)
 class GrblRig(StageRig):
-    """A Grbl stage, its controller, its mechanics and the cable between."""
-
-    axis: GrblAxis
     firmware: GrblFirmware
-    round_mm: float = 0.005
-    """The position after a homing is known to a step of 0.004 mm."""
-    log: WireLog | None = None
+    axis: GrblAxis = field(init=False)
 
     @property
     def sent(self) -> list[str]:
@@ -101,10 +116,9 @@ class GrblRig(StageRig):
         self.firmware.faults = GrblFaults(**faults)
 
     def reopened(self) -> MotorStage:
-        """The stage on a port that another process has just opened; nothing was sent yet."""
-        self.axis = _grbl_axis(self.config, self.line, self.clock, self.log)
-        self.stage = _stage(self.config, self.axis, self.clock)
-        return self.stage
+        controller = GrblController(self.link(), clock=self.now_s)
+        self.axis = GrblAxis(self.config, controller, clock=self.now_s, sleep=self.clock.advance)
+        return self.moved_by(self.axis)
 
     def reopen(self, *, reset: bool = False) -> MotorStage:
         """A new connection, as another process would make it."""
@@ -115,12 +129,9 @@ class GrblRig(StageRig):
 
 @dataclass(kw_only=True)
 class ZaberRig(StageRig):
-    """A Zaber stage, its controller, its mechanics and the cable between."""
-
-    axis: ZaberAxis
     firmware: ZaberFirmware
-    round_mm: float = 0.006
-    """A step of homing at 1 mm/s and a microstep."""
+    axis: ZaberAxis = field(init=False)
+    round_mm: float = 0.006  # a step of homing at 1 mm/s and a microstep
 
     @property
     def sent(self) -> list[str]:
@@ -130,10 +141,14 @@ class ZaberRig(StageRig):
         self.firmware.faults = ZaberFaults(**faults)
 
     def reopened(self) -> MotorStage:
-        """The stage on a port that another process has just opened; nothing was sent yet."""
-        self.axis = _zaber_axis(self.config, self.line, self.clock)
-        self.stage = _stage(self.config, self.axis, self.clock)
-        return self.stage
+        device = ZaberDevice(
+            self.link(),
+            device=self.config.device_address,
+            axis=self.config.axis_number,
+            clock=self.now_s,
+        )
+        self.axis = ZaberAxis(self.config, device, clock=self.now_s, sleep=self.clock.advance)
+        return self.moved_by(self.axis)
 
     def reopen(self) -> MotorStage:
         """A new connection, as another process would make it."""
@@ -155,27 +170,15 @@ def grbl_rig(
     **keys: object,
 ) -> GrblRig:
     """A stage with 400 mm of travel, homing to its lower switch unless ``settings`` say else."""
-    clock = EventClock()
     plant = StagePlant(low_switch_mm=high_switch_mm - 400, high_switch_mm=high_switch_mm)
     firmware = GrblFirmware(
         plant, dialect=dialect, settings=settings, work_offset_mm=work_offset_mm, axes=axes
     )
     if boots:
         firmware.power_cycle()
+    config = _config("grbl", {"home_offset_mm": high_switch_mm, **keys})
     line = SerialLine(firmware)
-    table = {**STAGE_KEYS, "driver": "grbl", "home_offset_mm": high_switch_mm, **keys}
-    config = StageConfig.model_validate(table)
-    axis = _grbl_axis(config, line, clock, log)
-    rig = GrblRig(
-        stage=_stage(config, axis, clock),
-        axis=axis,
-        firmware=firmware,
-        plant=plant,
-        line=line,
-        clock=clock,
-        config=config,
-        log=log,
-    )
+    rig = GrblRig(config=config, plant=plant, line=line, firmware=firmware, log=log)
     if connect:
         rig.axis.connect()
     return rig
@@ -188,28 +191,10 @@ def homed_grbl(dialect: GrblDialect = "grbl", **keys: Any) -> GrblRig:
 
 
 def zaber_rig(*, connect: bool = True, **keys: object) -> ZaberRig:
-    clock = EventClock()
     plant = StagePlant(low_switch_mm=10.0, high_switch_mm=410.0)
     firmware = ZaberFirmware(plant, microstep_um=MICROSTEP_UM)
-    line = SerialLine(firmware)
-    table = {
-        **STAGE_KEYS,
-        "driver": "zaber",
-        "microstep_um": MICROSTEP_UM,
-        "home_offset_mm": 10.0,
-        **keys,
-    }
-    config = StageConfig.model_validate(table)
-    axis = _zaber_axis(config, line, clock)
-    rig = ZaberRig(
-        stage=_stage(config, axis, clock),
-        axis=axis,
-        firmware=firmware,
-        plant=plant,
-        line=line,
-        clock=clock,
-        config=config,
-    )
+    config = _config("zaber", {"microstep_um": MICROSTEP_UM, "home_offset_mm": 10.0, **keys})
+    rig = ZaberRig(config=config, plant=plant, line=SerialLine(firmware), firmware=firmware)
     if connect:
         rig.axis.connect()
     return rig
@@ -219,6 +204,10 @@ def homed_zaber(**keys: Any) -> ZaberRig:
     rig = zaber_rig(**keys)
     rig.stage.home(120)
     return rig
+
+
+def _config(driver: str, keys: dict[str, object]) -> StageConfig:
+    return StageConfig.model_validate({**STAGE_KEYS, "driver": driver, **keys})
 
 
 class Operator:
@@ -237,31 +226,4 @@ class Operator:
 
 def manual_stage(*answers: str, **keys: object) -> tuple[ManualStage, Operator]:
     operator = Operator(*answers)
-    config = StageConfig.model_validate({**STAGE_KEYS, "driver": "manual", **keys})
-    return ManualStage(config, ask=operator), operator
-
-
-def _grbl_axis(
-    config: StageConfig, line: SerialLine, clock: EventClock, log: WireLog | None
-) -> GrblAxis:
-    controller = GrblController(_link(line, clock, log), clock=lambda: clock.now_s)
-    return GrblAxis(config, controller, clock=lambda: clock.now_s, sleep=clock.advance)
-
-
-def _zaber_axis(config: StageConfig, line: SerialLine, clock: EventClock) -> ZaberAxis:
-    device = ZaberDevice(
-        _link(line, clock),
-        device=config.device_address,
-        axis=config.axis_number,
-        clock=lambda: clock.now_s,
-    )
-    return ZaberAxis(config, device, clock=lambda: clock.now_s, sleep=clock.advance)
-
-
-def _stage(config: StageConfig, axis: GrblAxis | ZaberAxis, clock: EventClock) -> MotorStage:
-    return MotorStage(config, axis, clock=lambda: clock.now_s, sleep=clock.advance)
-
-
-def _link(line: SerialLine, clock: EventClock, log: WireLog | None = None) -> SerialLink:
-    port = VirtualPort(line, clock=clock)
-    return SerialLink(port, name="the stage", clock=lambda: clock.now_s, log=log)
+    return ManualStage(_config("manual", keys), ask=operator), operator

@@ -7,7 +7,7 @@ from acquisition.errors import (
     DeviceError,
     DeviceTimeoutError,
 )
-from hil_mocks.camera import CameraFaults, SimulatedCamera, following_frame_id
+from hil_mocks.devices import CameraFaults, SimulatedCamera, following_frame_id
 from tests.hil_mocks.benches import homed_bench
 
 

@@ -11,7 +11,7 @@ from acquisition.errors import (
     StageStoppedError,
 )
 from hil_mocks import SimulatedClock, SimulatedStage, StageFaults
-from hil_mocks.clock import RealTimeClock
+from hil_mocks.devices import RealTimeClock
 from tests.hil_mocks.benches import bench_config
 
 

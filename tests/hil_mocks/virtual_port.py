@@ -1,7 +1,7 @@
 """A serial port in process, in which time passes only while somebody waits."""
 
 from acquisition.errors import DeviceDisconnectedError, DeviceTimeoutError
-from hil_mocks.clock import SimulatedClock
+from hil_mocks.devices import SimulatedClock
 from hil_mocks.stages import SerialLine
 
 READ_SLICE_S = 0.005
@@ -10,15 +10,7 @@ BYTE_S = 10 / 115200
 
 
 class VirtualPort:
-    """Stands where a driver expects its open port; the driver sleeps on the same clock.
-
-    Parameters
-    ----------
-    line
-        What is at the other end.
-    clock
-        Moved on by a read that waits.
-    """
+    """Stands where a driver expects its open port; the driver sleeps on the same clock."""
 
     def __init__(self, line: SerialLine, *, clock: SimulatedClock) -> None:
         self.line = line

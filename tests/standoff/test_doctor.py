@@ -15,7 +15,7 @@ from acquisition.aravis.features import Bounds, StatedValue
 from acquisition.aravis.network import NetworkRoute
 from acquisition.bench import BenchConfig, StageConfig, load_bench
 from acquisition.errors import DriverMissingError
-from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige.settings import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
 from hil_mocks.stages import SerialStage
 from standoff.doctor import (

@@ -19,7 +19,7 @@ from acquisition.errors import (
     DeviceInUseError,
     DeviceTimeoutError,
 )
-from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige.settings import GigeFaults
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import camera_config, needs_aravis, opened, sent_image
 from tests.busy_machine import BUSY_S

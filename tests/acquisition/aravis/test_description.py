@@ -20,9 +20,8 @@ from acquisition.aravis.description import (
     require_sound_description,
 )
 from acquisition.errors import CameraDescriptionError
-from hil_mocks.gige.bootstrap import maker_identity
+from hil_mocks.gige import Maker, maker_identity
 from hil_mocks.gige.description import describe
-from hil_mocks.gige.feature import Maker
 from hil_mocks.gige.features import MAKERS, features_of
 from tests.acquisition.aravis.description_texts import (
     CIRCLES,

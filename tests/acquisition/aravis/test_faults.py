@@ -23,9 +23,10 @@ from acquisition.errors import (
     DeviceError,
     StreamInterruptedError,
 )
-from acquisition.session.reader import Session, verify
-from hil_mocks.gige.faults import GigeFaults
-from hil_mocks.gige.gvcp import ResendRequest
+from acquisition.session import verify
+from acquisition.session.reader import Session
+from hil_mocks.gige.settings import GigeFaults
+from hil_mocks.gige.wire import ResendRequest
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis_bench import (
     after_frames,

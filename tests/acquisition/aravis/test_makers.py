@@ -4,9 +4,8 @@ import pytest
 
 from acquisition.aravis.camera import AravisCamera, probe_camera
 from acquisition.errors import CameraFeatureError
-from hil_mocks.gige.faults import GigeFaults
-from hil_mocks.gige.feature import Maker
-from hil_mocks.gige.features import MAKERS
+from hil_mocks.gige.features import MAKERS, Maker
+from hil_mocks.gige.settings import GigeFaults
 from tests.acquisition.aravis_bench import camera_config, needs_aravis, opened, sent_image
 from tests.hil_mocks.gige_bench import gige_bench
 

@@ -35,8 +35,8 @@ from acquisition.errors import (
     DeviceInUseError,
     DeviceProtocolError,
 )
-from hil_mocks.gige.faults import GigeFaults
-from hil_mocks.gige.gvcp import GVCP_PORT, parse_command, parse_read_memory
+from hil_mocks.gige.settings import GigeFaults
+from hil_mocks.gige.wire import GVCP_PORT, parse_command, parse_read_memory
 from hil_mocks.practice_bench import PracticeBench
 from tests.acquisition.aravis.description_texts import simulated, with_nodes
 from tests.hil_mocks.gige_bench import free_addresses, gige_bench

@@ -16,7 +16,7 @@ from acquisition.errors import (
     StreamInterruptedError,
 )
 from acquisition.exposure_control import ExposureControl
-from hil_mocks.gige.faults import GigeFaults
+from hil_mocks.gige import GigeFaults
 from tests.acquisition.aravis_bench import camera_config, needs_aravis, opened
 from tests.acquisition.fakes import SETTINGS, FakeClock, frame
 from tests.hil_mocks.gige_bench import HEIGHT_MM, gige_bench

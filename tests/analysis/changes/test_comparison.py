@@ -8,10 +8,10 @@ import pytest
 
 from analysis.changes import ChangeOptions, FilterWidth, find_changes, significance_threshold
 from analysis.changes.comparison import Comparison, compare
-from benchmarks.lens_optics import f_number, gaussian
-from benchmarks.pair_photographs import Development, Pair, PairPose, pair_of, seen_spot
-from benchmarks.pair_scenes import scene
-from calibration.registration import DistortedPose
+from analysis.changes.filter import find_changes
+from benchmarks.truth.lenses import f_number, gaussian
+from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene, seen_spot
+from calibration.registration.distorted_pose import DistortedPose
 from simulation.arrays import FloatArray, FloatImage
 from tests.analysis.changes.compared_fields import at_rest
 
@@ -146,7 +146,7 @@ def test_clipped_pixels_are_masked_and_counted() -> None:
     ids=["focus", "softer", "sharper", "gamma", "JPEG"],
 )
 def test_chance_flags_what_was_stated(widths_px: tuple[float, float], after: Development) -> None:
-    """Twelve unchanged frames of each kind; benchmarks/bench_change_kinds.py has more."""
+    """Twelve unchanged frames of each kind; benchmarks/studies/change_kinds.py has more."""
     pair = photographed(1.3, widths_px, 0.0)
     own = FilterWidth(width_px=1.0)
     flagged = 0

@@ -24,8 +24,8 @@ from analysis.detection_limits import level_text
 from analysis.errors import AnalysisError, OverlapError
 from analysis.reports import plot_changes
 from analysis.results_file import write_results
-from benchmarks.change_roc import roc_of
-from calibration.registration import DistortedPose
+from benchmarks.truth.change_roc import roc_of
+from calibration.registration.distorted_pose import DistortedPose
 from simulation import GaussianPsf
 from simulation.arrays import BoolArray, FloatArray
 from simulation.capture_noise import CaptureNoise
@@ -179,7 +179,7 @@ def test_images_that_share_nothing_are_refused() -> None:
 
 @pytest.mark.slow
 def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() -> None:
-    """Spots that are in the scene, zoom 1.5; benchmarks/bench_changes.py has more of them."""
+    """Spots that are in the scene, zoom 1.5; benchmarks/studies/changes.py has more of them."""
     truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 260, 194)
     psf = bench_psf(truth)
     plain_false, false, changed = 0, 0, 0

@@ -23,9 +23,8 @@ from analysis.changes.matching import KERNEL_RADIUS_PX, Smoothing, WhiteNoiseGai
 from analysis.changes.prediction import meet
 from analysis.detectability import DetectionTask, GaussianSignal, d_prime_curves, expected_limits
 from analysis.detection_limits import PredictedLimit
-from benchmarks.lens_optics import gaussian
-from benchmarks.pair_photographs import Development, PairPose, pair_of
-from benchmarks.pair_scenes import scene
+from benchmarks.truth.lenses import gaussian
+from benchmarks.truth.pairs import Development, PairPose, pair_of, scene
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from tests.analysis.changes.compared_fields import WHITE, comparison, smoothed_noise

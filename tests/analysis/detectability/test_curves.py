@@ -40,7 +40,7 @@ from analysis.detectability.curves import registration_spread
 from analysis.errors import NotDetectableError, ResultsFileError
 from analysis.reports import plot_detectability, png_bytes, svg_bytes
 from analysis.results_file import write_results
-from benchmarks.gaussian_scenes import GaussianScene, true_d_prime
+from benchmarks.truth.gaussian_scenes import GaussianScene, true_d_prime
 from calibration.documents import json_object
 from simulation import GaussianPsf, Model
 from simulation.arrays import FloatArray

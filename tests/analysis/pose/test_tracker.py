@@ -83,7 +83,7 @@ def test_a_threshold_that_is_none_is_refused() -> None:
 
 @pytest.mark.slow
 def test_verdicts_at_random_poses_agree_with_the_bench() -> None:
-    """Those outside 5 % of the threshold; benchmarks/bench_pose_tracking.py has 200 of them."""
+    """Those outside 5 % of the threshold; benchmarks/speed/pose_tracking.py has 200 of them."""
     truth = bench_truth(load_bench(shipped_config("demo_bench.toml")), 260, 194)
     followed = PoseTracker(reference_frame(truth, "coins", 0), curve(), MIN_D_PRIME)
     decided = right = 0

@@ -19,8 +19,8 @@ from calibration.blind.calibration import FEWEST_EDGES, _log_modified_gaussian, 
 from calibration.edges import EdgeImage, Region
 from calibration.errors import NoEdgeError, PairError
 from calibration.noise import LevelNoise
-from calibration.psf import PsfCalibration
-from hil_mocks.scene import BenchTruth, CameraPose
+from calibration.psf.document import PsfCalibration
+from hil_mocks.truth import BenchTruth, CameraPose
 from simulation.arrays import FloatArray
 from tests.calibration.blob_scene import blob_photograph
 from tests.calibration.edge_photographs import (
@@ -341,7 +341,7 @@ def test_sharp_edges_of_a_scene_give_the_psf_to_a_tenth() -> None:
 @pytest.mark.parametrize("lens_px", [0.55, 1.0])
 @pytest.mark.parametrize("name", ["camera", "coins"])
 def test_widths_from_a_print_lie_within_their_errors(name: str, lens_px: float) -> None:
-    # Of 78 widths at 500 and 640 mm through the lenses of benchmarks/bench_blind_psf.py none was
+    # Of 78 widths at 500 and 640 mm through the lenses of benchmarks/studies/blind_psf.py none was
     # off by more than 2.2 of its errors; the fit's own, a few per cent, by up to 15 of them.
     keys = {
         "simulated.corner_sigma_gain": 0.0,

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from benchmarks.bench_edge_sides import SidesTally, Square, measured, square_along_pixels
-from benchmarks.edge_scenes import Rectangle, patches
+from benchmarks.bench_edge_sides import Square, measured
+from benchmarks.edge_scenes import Rectangle
+from benchmarks.studies.edge_sides import SidesTally, square_along_pixels
+from benchmarks.truth.edges import patches
 from calibration.edges import (
     EdgeImage,
     EdgeMeasurement,

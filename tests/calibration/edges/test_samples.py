@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
-from benchmarks.no_edge_scenes import with_edges, without_edges
+from benchmarks.truth.edges import with_edges, without_edges
 from calibration.edges import (
     BinnedEdge,
     EdgeImage,

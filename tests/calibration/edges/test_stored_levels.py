@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from benchmarks.bench_edge_levels import compressed, level_errors
+from benchmarks.studies.edge_levels import compressed, level_errors
 from calibration.edges import JpegCompression, find_edges, fit_edge
 from calibration.noise import LevelNoise
 from tests.calibration.closed_form import edge_image

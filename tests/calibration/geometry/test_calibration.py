@@ -9,16 +9,11 @@ import pytest
 
 from calibration.errors import GeometryError, RegistrationError
 from calibration.files import read_geometry, write_geometry
-from calibration.geometry import (
-    CharucoBoard,
-    GeometryCalibration,
-    GeometryCapture,
-    GeometryOptions,
-    calibrate_geometry,
-    find_board,
-)
-from calibration.geometry.document import GEOMETRY_SCHEMA
-from hil_mocks.scene.pinhole import CameraPose
+from calibration.geometry import GeometryCapture
+from calibration.geometry.board import CharucoBoard, find_board
+from calibration.geometry.calibration import GeometryOptions, calibrate_geometry
+from calibration.geometry.document import GEOMETRY_SCHEMA, GeometryCalibration
+from hil_mocks.truth.render import CameraPose
 from tests.calibration.geometry_bench import (
     FOCAL_PX,
     HEIGHT_PX,

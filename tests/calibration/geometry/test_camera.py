@@ -4,7 +4,7 @@ from hypothesis import assume, given, strategies as st
 
 from calibration.geometry import PlaneLens
 from calibration.geometry.bundle_adjustment import CapturePose
-from hil_mocks.scene.pinhole import CameraPose
+from hil_mocks.truth.render import CameraPose
 from tests.calibration.geometry_bench import FOCAL_PX, HEIGHT_PX, PUPIL_MM, WIDTH_PX, pinhole
 
 GRID_PX = np.array([(x, y) for x in (0.0, 97.0, 389.0) for y in (0.0, 151.0, 289.0)])

@@ -12,7 +12,7 @@ from calibration.errors import GeometryError, RegistrationError
 from calibration.geometry import DEFAULT_BOARD, CharucoBoard, matching, nominal_focal_px
 from calibration.geometry.board import BoardCorners
 from calibration.geometry.matching import adjust_captures
-from hil_mocks.scene.pinhole import CameraPose
+from hil_mocks.truth.render import CameraPose
 from tests.acquisition.session_fixtures import session_with
 from tests.calibration.edge_session import edge_session
 from tests.calibration.exact_survey import Survey

@@ -8,7 +8,7 @@ import pytest
 from calibration.errors import RegistrationError
 from calibration.registration import Registration, RegistrationHints, register
 from hil_mocks import BenchTruth
-from hil_mocks.scene.pinhole import CameraPose
+from hil_mocks.truth.render import CameraPose
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from tests.hil_mocks.benches import bench_config

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.registration import DistortedPose
-from calibration.registration.distorted_pose import SmoothDisplacement
-from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
+from calibration.registration.distorted_pose import DistortedPose, SmoothDisplacement
+from hil_mocks.truth.render import CameraPose, PinholeCamera
 
 SHAPE = (60, 80)
 Y, X = (at.astype(np.float64) for at in np.mgrid[2:58:7, 3:77:7])

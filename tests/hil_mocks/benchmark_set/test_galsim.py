@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_mocks.benchmark_set.charts import INK, PAPER
+from hil_mocks.benchmark_set.camera_tracks import EdgeChart, PhotographsWithoutEdge, Simulation
 from hil_mocks.benchmark_set.documents import benchmark_tasks
 from hil_mocks.benchmark_set.lenses import CircularPupil, GaussianLens, Lens
-from hil_mocks.benchmark_set.psf_track import EdgeChart, PhotographsWithoutEdge
+from hil_mocks.benchmark_set.photographs import INK, PAPER
 from hil_mocks.benchmark_set.scenes import scene
-from hil_mocks.benchmark_set.simulation_track import Simulation
 from hil_mocks.benchmark_set.tasks import View, chart_light
 
 galsim = pytest.importorskip("galsim", reason="the independent renderer is not installed")

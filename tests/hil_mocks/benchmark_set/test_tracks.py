@@ -5,13 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hil_mocks.benchmark_set.alignment_track import Alignment
-from hil_mocks.benchmark_set.change_track import ChangedPair, behind_blur
+from hil_mocks.benchmark_set.camera_tracks import EdgeChart, Simulation
 from hil_mocks.benchmark_set.documents import benchmark_tasks, document_bytes
-from hil_mocks.benchmark_set.exposures import STEPS_PER_DN
 from hil_mocks.benchmark_set.lenses import round_lens
-from hil_mocks.benchmark_set.psf_track import EdgeChart
-from hil_mocks.benchmark_set.simulation_track import Simulation
+from hil_mocks.benchmark_set.pair_tracks import Alignment, ChangedPair, behind_blur
+from hil_mocks.benchmark_set.photographs import STEPS_PER_DN
 from hil_mocks.benchmark_set.tasks import SIZES
 
 

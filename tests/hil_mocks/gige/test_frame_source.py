@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_mocks.gige.frame_source import BenchFrameSource, FrameRequest, noise_table
-from hil_mocks.scene.sensor import Sensor
+from hil_mocks.gige.settings import BenchFrameSource, FrameRequest, noise_table
+from hil_mocks.truth.render import Sensor
 
 SHAPE = (200, 250)
 SENSOR = Sensor(

@@ -8,42 +8,24 @@ import pytest
 from numpy.typing import NDArray
 
 import hil_mocks.gige.stream
-from hil_mocks.gige import FrameRequest, GigeFaults
-from hil_mocks.gige.bootstrap import BootstrapAddress
-from hil_mocks.gige.gvcp import GvcpStatus
-from hil_mocks.gige.gvsp import PacketFormat
-from hil_mocks.gige.pixels import PIXEL_LAYOUTS, image_of_levels
-from hil_mocks.gige.registers import StreamTarget
+from hil_mocks.gige import GigeFaults
+from hil_mocks.gige.registers import BootstrapAddress, StreamTarget
+from hil_mocks.gige.wire import PIXEL_LAYOUTS, GvcpStatus, PacketFormat
 from hil_mocks.practice_bench import PracticeBench
 from tests.busy_machine import BUSY_S
-from tests.hil_mocks.gige_bench import gige_bench
+from tests.hil_mocks.gige_bench import expected_image, gige_bench
 from tests.hil_mocks.gige_client import FRAME_S, SILENCE_S, RawClient, wait_for
 from tests.hil_mocks.gige_wire import GvspError, parse_leader
 
 FIRE = 0x8000_0000
 DO_NOT_FRAGMENT = 0x4000_0000
-"""A machine that does other things too takes up to so many times as long."""
-
 PACKETS = -(-96 * 64 // 464)  # of a frame in packets of 500 bytes
 
 
 def expected_mono8(
-    bench: PracticeBench,
-    index: int,
-    *,
-    acquisition: int = 1,
-    exposure_us: float = 8000.0,
-    gain_db: float = 0.0,
-) -> NDArray[np.uint8]:
-    request = FrameRequest(
-        acquisition=acquisition,
-        index=index,
-        exposure_us=exposure_us,
-        gain_db=gain_db,
-        black_level_dn=64.0,
-    )
-    image = image_of_levels(bench.source.levels_dn(request), PIXEL_LAYOUTS["Mono8"])
-    return image.astype(np.uint8, copy=False)
+    bench: PracticeBench, index: int, *, acquisition: int = 1
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    return expected_image(bench, "Mono8", index=index, acquisition=acquisition)
 
 
 def test_a_block_is_the_frame_of_the_source(bench: PracticeBench, client: RawClient) -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hil_mocks.scene.optics import Lens
+from hil_mocks.truth.render import Lens
 
 
 def lens(focus_distance_mm: float | None = None, gain: float = 0.0) -> Lens:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from hil_mocks.scene.pinhole import CameraPose, PinholeCamera, distort, undistort
+from hil_mocks.truth.render import CameraPose, PinholeCamera, distort, undistort
 
 
 def camera(k1: float = 0.0, pupil_offset_mm: float = 0.0) -> PinholeCamera:

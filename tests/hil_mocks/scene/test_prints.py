@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_mocks.scene.prints import GRAIN_PITCH_MM, PHOTOGRAPHS, photograph, print_photograph
-from hil_mocks.scene.spline import PeriodicImage
+from hil_mocks.truth.images import PeriodicImage
+from hil_mocks.truth.scenes import GRAIN_PITCH_MM, PHOTOGRAPHS, photograph, print_photograph
 
 ROWS, COLS = 24, 40
 

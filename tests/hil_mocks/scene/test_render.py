@@ -8,10 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from hil_mocks.scene.optics import Lens
-from hil_mocks.scene.pinhole import CameraPose, PinholeCamera
-from hil_mocks.scene.render import Renderer
-from hil_mocks.scene.scenes import Coordinates, Edge, Placed, Rectangle, Uniform, ZonePlate
+from hil_mocks.truth.render import CameraPose, Lens, PinholeCamera, Renderer
+from hil_mocks.truth.scenes import Coordinates, Edge, Placed, Rectangle, Uniform, ZonePlate
 
 WIDTH, HEIGHT = 96, 64
 STEP = Edge(low=0.0, high=1.0)

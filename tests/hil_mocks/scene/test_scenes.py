@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_mocks.scene.scenes import (
+from hil_mocks.truth.scenes import (
+    TARGETS,
     CellGrid,
     Edge,
     Placed,
@@ -14,8 +15,8 @@ from hil_mocks.scene.scenes import (
     Uniform,
     ZonePlate,
     gaussian_step,
+    scene_of,
 )
-from hil_mocks.scene.targets import TARGETS, scene_of
 
 X_MM, Y_MM = np.random.default_rng(3).uniform(-4, 4, size=(2, 40))
 

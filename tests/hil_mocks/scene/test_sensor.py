@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hil_mocks.scene.sensor import Sensor
+from hil_mocks.truth.render import Sensor
 
 
 def sensor(**values: float) -> Sensor:

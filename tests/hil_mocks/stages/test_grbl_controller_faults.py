@@ -11,7 +11,7 @@ from acquisition.errors import (
     StageNotHomedError,
 )
 from hil_mocks.stages.grbl import GrblFaults
-from hil_mocks.stages.grbl_lines import GrblDialect
+from hil_mocks.stages.grbl_protocol import GrblDialect
 from tests.hil_mocks.stage_checks import (
     DIALECTS,
     TARGET_MM,

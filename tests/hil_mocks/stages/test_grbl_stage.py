@@ -7,7 +7,7 @@ from acquisition.errors import (
     StageAlarmError,
     StageLimitError,
 )
-from hil_mocks.stages.grbl_lines import GrblDialect
+from hil_mocks.stages.grbl_protocol import GrblDialect
 from hil_mocks.stages.plant import PlantFaults
 from tests.hil_mocks.stage_checks import (
     DIALECTS,

@@ -17,9 +17,9 @@ from acquisition.stages.grbl_setup import work_envelope
 from acquisition.stages.grbl_wire import BEYOND_TRAVEL, jog_command
 from acquisition.stages.serial_link import WireLog
 from hil_mocks.stages.grbl import GrblFirmware
-from hil_mocks.stages.grbl_lines import GrblDialect
+from hil_mocks.stages.grbl_protocol import GrblDialect
 from hil_mocks.stages.plant import PlantFaults, StagePlant
-from hil_mocks.stages.serial_line import LineFaults
+from hil_mocks.stages.serial_stage import LineFaults
 from tests.hil_mocks.stage_checks import (
     DIALECTS,
     TARGET_MM,

@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from hil_mocks.stages.grbl import GrblFirmware
-from hil_mocks.stages.plant import PlantFaults, StagePlant
-from hil_mocks.stages.stepper_axis import StepperAxis
+from hil_mocks.stages.plant import PlantFaults, StagePlant, StepperAxis
 
 STEP_S = 0.004
 

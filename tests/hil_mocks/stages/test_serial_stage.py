@@ -8,11 +8,10 @@ import pytest
 
 from acquisition.bench import StageConfig
 from acquisition.errors import DeviceDisconnectedError, DeviceError
+from acquisition.stages import open_zaber_stage
 from acquisition.stages.grbl import open_grbl_stage
 from acquisition.stages.motor import MotorStage
-from acquisition.stages.zaber import open_zaber_stage
-from hil_mocks.stages.serial_line import LineFaults
-from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
+from hil_mocks.stages.serial_stage import LineFaults, SerialStage, StageProtocol
 from tests.busy_machine import BUSY_S
 
 pytestmark = pytest.mark.slow

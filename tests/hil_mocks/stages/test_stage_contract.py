@@ -93,14 +93,12 @@ def test_a_move_returns_the_height_that_it_reads_back(homed: Stage) -> None:
         assert homed.state == "idle"
 
 
-@pytest.mark.parametrize("height_mm", [-inf, -1.0, 9.99, 400.01, 1e9, inf, nan])
-def test_a_height_outside_the_travel_is_refused_and_nothing_moves(
-    homed: Stage, height_mm: float
-) -> None:
+def test_a_height_outside_the_travel_is_refused_and_nothing_moves(homed: Stage) -> None:
     before_mm = homed.position_mm()
-    with pytest.raises(StageLimitError):
-        homed.move_to(height_mm, 60)
-    assert homed.position_mm() == before_mm
+    for height_mm in (-inf, -1.0, 9.99, 400.01, 1e9, inf, nan):
+        with pytest.raises(StageLimitError):
+            homed.move_to(height_mm, 60)
+        assert homed.position_mm() == before_mm
 
 
 def test_both_limits_can_be_reached(homed: Stage) -> None:
@@ -109,7 +107,7 @@ def test_both_limits_can_be_reached(homed: Stage) -> None:
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
-@given(heights_mm=st.lists(st.floats(-50, 500), max_size=8))
+@given(heights_mm=st.lists(st.floats(-50, 500), max_size=4))
 def test_it_never_stands_outside_its_limits(homed: Stage, heights_mm: list[float]) -> None:
     low, high = homed.limits_mm
     for height_mm in heights_mm:

@@ -16,7 +16,7 @@ from acquisition.plan import CapturePlan
 from acquisition.session.reader import Session
 from hil_mocks import SimulatedBench
 from hil_mocks.stages.plant import PlantFaults
-from hil_mocks.stages.serial_line import LineFaults
+from hil_mocks.stages.serial_stage import LineFaults
 from tests.hil_mocks.benches import bench_config
 from tests.hil_mocks.stage_rigs import GrblRig, StageRig, ZaberRig, grbl_rig, zaber_rig
 

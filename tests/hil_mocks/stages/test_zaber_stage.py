@@ -14,7 +14,7 @@ from acquisition.errors import (
     StageNotHomedError,
 )
 from hil_mocks.stages.plant import PlantFaults
-from hil_mocks.stages.serial_line import LineFaults
+from hil_mocks.stages.serial_stage import LineFaults
 from hil_mocks.stages.zaber import ZaberFaults
 from tests.hil_mocks.stage_checks import TARGET_MM, assert_works_again
 from tests.hil_mocks.stage_rigs import homed_zaber, zaber_rig

@@ -13,7 +13,7 @@ from acquisition.errors import DeviceDisconnectedError, PlanError, SessionError,
 from acquisition.plan import CapturePlan
 from acquisition.session import verify
 from hil_mocks import SimulatedBench
-from hil_mocks.camera import CameraFaults
+from hil_mocks.devices import CameraFaults
 from standoff.bluesky import HeightStage, SessionCamera, WorkStatus, height_scan
 from standoff.errors import ApplicationError
 from standoff.library import height_series

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from benchmarks.ideal_lmmse import Ideal
-from benchmarks.lens_optics import Camera, astigmatic, edge_photographs, f_number, further
-from benchmarks.lens_scenes import slanted_rectangles
+from benchmarks.truth.lens_scenes import Ideal, slanted_rectangles
+from benchmarks.truth.lenses import Camera, astigmatic, edge_photographs, f_number, further
 from simulation.arrays import FloatArray
 from tests.standoff.conftest import Command
 

@@ -20,8 +20,7 @@ from acquisition.bench import BenchConfig
 from acquisition.session.files import FileParts, write_new_hashed
 from acquisition.session.reader import Session, verify
 from hil_mocks import SimulatedBench
-from hil_mocks.camera import CameraFaults
-from hil_mocks.stage import StageFaults
+from hil_mocks.devices import CameraFaults, StageFaults
 from standoff.library.bench.devices import OpenBench, open_bench
 from tests.standoff.conftest import Command
 

@@ -10,7 +10,7 @@ import tifffile
 import standoff
 from analysis.detectability import DetectabilityCurves, read_curves
 from analysis.results_file import write_results
-from benchmarks.gaussian_scenes import GaussianScene
+from benchmarks.truth.gaussian_scenes import GaussianScene
 from simulation import GaussianPsf, zoom_out
 from standoff.errors import ArgumentError
 from tests.analysis.detectability.test_curves import curve

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from hil_mocks.gige import FrameRequest, GigeFaults
-from hil_mocks.gige.gvcp import GvcpStatus
-from hil_mocks.practice_bench import HandStage
-from hil_mocks.practice_commands import (
+from hil_mocks.gige.wire import GvcpStatus
+from hil_mocks.practice_bench import (
+    HandStage,
     PracticeCommandError,
     PracticeConsole,
     faults_from_words,

@@ -15,7 +15,7 @@ import pytest
 
 from acquisition.bench import load_bench
 from acquisition.session.reader import Session
-from hil_mocks.scene.truth import BenchTruth
+from hil_mocks.truth.bench_truth import BenchTruth
 from standoff.shipped_configs import shipped_config
 from tests.hil_mocks.gige_bench import free_addresses
 from tests.standoff.conftest import Command

@@ -12,10 +12,9 @@ from pathlib import Path
 import pytest
 
 from acquisition.stages.serial_link import open_serial_port
-from hil_mocks.stage import SimulatedStage, StageFaults
+from hil_mocks.devices import SimulatedStage, StageFaults
 from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
-from hil_mocks.stages.serial_line import LineFaults
-from hil_mocks.stages.serial_stage import SerialStage, StageProtocol
+from hil_mocks.stages.serial_stage import LineFaults, SerialStage, StageProtocol
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command, Outcome
 

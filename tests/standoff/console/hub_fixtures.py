@@ -14,7 +14,7 @@ from acquisition.bench import BenchConfig, load_bench
 from acquisition.devices import Frame
 from analysis.pose import PoseVerdict
 from hil_mocks import SimulatedBench
-from hil_mocks.clock import RealTimeClock
+from hil_mocks.devices import RealTimeClock
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import BenchDrivers, bench_drivers
 from standoff.library import place_in_simulation

@@ -15,7 +15,7 @@ from acquisition.errors import DeviceDisconnectedError, DeviceError, DeviceTimeo
 from acquisition.session.reader import Session
 from analysis.pose.tracker import PoseVerdict
 from hil_mocks import SimulatedBench
-from hil_mocks.stage import StageFaults
+from hil_mocks.devices import StageFaults
 from simulation.arrays import AnyArray
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import bench_drivers

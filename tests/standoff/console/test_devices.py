@@ -22,10 +22,8 @@ from acquisition.errors import (
     StageNotHomedError,
     StreamInterruptedError,
 )
-from hil_mocks import SimulatedBench
-from hil_mocks.camera import CameraFaults
-from hil_mocks.clock import RealTimeClock
-from hil_mocks.stage import StageFaults
+from hil_mocks import SimulatedBench, StageFaults
+from hil_mocks.devices import CameraFaults, RealTimeClock
 from standoff.console.camera_service import CameraService
 from standoff.console.frames import FrameBroadcaster
 from standoff.console.stage_service import StageService

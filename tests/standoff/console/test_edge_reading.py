@@ -13,7 +13,7 @@ from scipy.special import ndtr
 
 from calibration.edges import EdgeImage
 from hil_mocks import BenchTruth
-from hil_mocks.scene import CameraPose
+from hil_mocks.truth import CameraPose
 from standoff.console.edge_reading import EdgeReading, SteadyEdge, edge_in
 from tests.hil_mocks.benches import bench_config
 

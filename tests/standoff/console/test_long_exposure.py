@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from acquisition.errors import OperatorStopError
-from hil_mocks.camera import CameraFaults
+from hil_mocks.devices import CameraFaults
 from standoff.console.camera_service import ExposureClock
 from standoff.errors import ApplicationError
 from tests.acquisition.fakes import FakeClock

@@ -21,7 +21,7 @@ from acquisition.focus import NoFocusPeakError
 from acquisition.plan import PlanEntry
 from acquisition.session import verify
 from hil_mocks import SimulatedBench
-from hil_mocks.camera import CameraFaults
+from hil_mocks.devices import CameraFaults
 from standoff.library import height_series
 from tests.hil_mocks.benches import bench_config
 

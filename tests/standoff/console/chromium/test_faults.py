@@ -20,8 +20,7 @@ from playwright.sync_api import Browser, Page
 from acquisition.devices import FrameImage
 from acquisition.focus import Region
 from acquisition.session import MANIFEST_NAME
-from hil_mocks.camera import CameraFaults, SimulatedCamera
-from hil_mocks.stage import SimulatedStage, StageFaults
+from hil_mocks.devices import CameraFaults, SimulatedCamera, SimulatedStage, StageFaults
 from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import DeviceStatus
 from tests.acquisition.fakes import SETTINGS, frame

@@ -1,0 +1,1 @@
+"""What the project stands: faults of disks, floods of messages, days of captures."""

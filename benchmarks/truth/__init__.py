@@ -1,0 +1,1 @@
+"""Scenes, lenses and photographs of which all is known; nothing is shared with `simulation`."""

@@ -1,5 +1,0 @@
-"""What the simulated camera sees: scenes, optics, sensor, light."""
-
-import lazy_loader as lazy
-
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

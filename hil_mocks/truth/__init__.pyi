@@ -1,0 +1,26 @@
+from .bench_truth import BenchTruth as BenchTruth
+from .images import (
+    SAMPLES_PER_PX as SAMPLES_PER_PX,
+    PeriodicImage as PeriodicImage,
+    SplineScene as SplineScene,
+    spline_at as spline_at,
+)
+from .render import (
+    ADC_MAX_DN as ADC_MAX_DN,
+    MONO8_SHIFT as MONO8_SHIFT,
+    PIXEL_FORMATS as PIXEL_FORMATS,
+    CameraPose as CameraPose,
+    Sensor as Sensor,
+    distort as distort,
+    undistort as undistort,
+)
+from .scenes import (
+    PHOTOGRAPHS as PHOTOGRAPHS,
+    TARGETS as TARGETS,
+    Edge as Edge,
+    Placed as Placed,
+    SumOfScenes as SumOfScenes,
+    ZonePlate as ZonePlate,
+    luma as luma,
+    scene_of as scene_of,
+)
