@@ -24,7 +24,7 @@ class _Group:
     names: tuple[str, ...]
 
 
-GROUPS = (
+_GROUPS = (
     _Group(
         file="bench",
         title="The bench",
@@ -181,6 +181,17 @@ GROUPS = (
         about="[As a library](../../library.md).",
         names=("Progress", "SweepOptions", "ArgumentError"),
     ),
+)
+
+TYPES = tuple(
+    name
+    for name in dir(standoff)
+    if name[0].isupper() and not any(name in group.names for group in _GROUPS)
+)
+"""What calls take and return: shown where it is made."""
+
+GROUPS = (
+    *_GROUPS,
     _Group(
         file="types",
         title="Types of arguments and results",

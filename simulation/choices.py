@@ -12,7 +12,7 @@ POSE_MODELS: tuple[PoseModel, ...] = get_args(PoseModel)
 
 DEFAULT_MODEL: PoseModel = "lmmse"
 """Over lenses, zooms, poses and noise it has the least error, as
-``benchmarks/bench_capture_model.py`` shows."""
+``benchmarks/studies/capture_model.py`` shows."""
 
 PsfForm = Literal["gaussian", "separable", "round", "elliptic", "free", "own"]
 """What a PSF's shape is known as: a Gaussian, a curve along either axis, a lens of the same

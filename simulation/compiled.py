@@ -3,7 +3,7 @@
 numba compiles a function when it is first called with arguments of some types. What Python calls
 is kept beside its module, so that only the first use waits. A part has no way in from Python, which
 takes as long to compile as a short function does, and is no file: whatever calls it contains it.
-``benchmarks/bench_compiling.py`` shows what that gains.
+``benchmarks/speed/compiling.py`` shows what that gains.
 """
 
 from collections.abc import Callable

@@ -3,7 +3,7 @@
 Every resampling and every blur of this package is such a pair. The compiled kernel works on strips
 of output rows: it combines input rows into a strip, transposes the strip so that the second
 combination also runs along contiguous memory, and transposes the result back. Rows are made two at
-a time, because neighbours read nearly the same input. Measured by ``benchmarks/bench_zoom_out.py``.
+a time, because neighbours read nearly the same input. Measured by ``benchmarks/speed/zoom_out.py``.
 
 The border is mirrored at the image's edge (``d c b a | a b c d | d c b a``, the ``reflect`` of
 ``scipy.ndimage``), except for Pillow's antialiased cubic, which omits what is outside and

@@ -1,7 +1,7 @@
 """The focus value of an image, and whether there is anything in it to focus on.
 
 It comes from sums that grow with the sharpness, each one compiled pass, for speed:
-``benchmarks/bench_focus.py``. An edge across the picture looks the same from every height; a
+``benchmarks/speed/focus.py``. An edge across the picture looks the same from every height; a
 texture is drawn at another scale, and its focus value changes with that as it does with the focus.
 """
 
@@ -118,7 +118,7 @@ def focus_value(
     ----------
     Subbarao, Choi, Nikzad: "Focusing techniques", Optical Engineering 32 (11), 1993: gradient
     magnitude maximisation. Pertuz, Puig, Garcia: "Analysis of focus measure operators for
-    shape-from-focus", Pattern Recognition 46, 2013: the others. ``benchmarks/bench_focus.py``
+    shape-from-focus", Pattern Recognition 46, 2013: the others. ``benchmarks/speed/focus.py``
     has their times.
     """
     view = image_dn if region is None else region.cut(image_dn)

@@ -3,7 +3,7 @@
 ``K = sigma^2 (I + U U^T) + K_artefact`` has n^4 elements, but ``U U^T`` is a product of one matrix
 for each axis, and ``K_artefact``, which depends on the distance of two pixels alone, is a
 convolution. Conjugate gradients with a circulant preconditioner solve ``K w = s`` some ten times as
-fast as a Cholesky factor; see ``benchmarks/bench_detectability.py``. Over all positions of a window
+fast as a Cholesky factor; see ``benchmarks/speed/detectability.py``. Over all positions of a window
 one array of lagged products holds the artefact's covariance; over many images the arrays add up,
 and what a template makes of the artefact is one sum over lags.
 

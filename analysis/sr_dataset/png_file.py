@@ -1,7 +1,7 @@
 """PNG files in a hurry: one filter for all rows, and the fastest compressor that is at hand.
 
 Compression is the largest part of making a pair. libdeflate takes 55-85 % of the time of OpenCV's
-fastest setting, for files of 95-108 % of the size (``benchmarks/bench_sr_pairs.py``).
+fastest setting, for files of 95-108 % of the size (``benchmarks/speed/sr_pairs.py``).
 """
 
 import struct

@@ -6,7 +6,7 @@ from time import monotonic
 import serial
 
 from acquisition.stages import SerialLink, open_serial_port
-from acquisition.stages.grbl import GrblController
+from acquisition.stages.grbl_controller import GrblController
 from acquisition.stages.grbl_wire import parse_line
 from acquisition.stages.zaber import checksum, parse_message
 from benchmarks.harness import Recorder, benchmark, best_s, median_s

@@ -47,7 +47,7 @@ from simulation.compiled import compiled, compiled_part
 _SIDE = 8
 _CODES = 256
 _EVEN_CODE = 128  # taken off before the transform
-_ROUNDED_VARIANCE = 25.0  # of the variance, without noise: benchmarks/bench_edge_levels.py
+_ROUNDED_VARIANCE = 25.0  # of the variance, without noise: benchmarks/studies/edge_levels.py
 _RECOVERED = 3.0  # codes: from this step on, the rounding of decoded codes hides no multiple
 _ROUNDING = 1 / 12  # codes^2: of the codes before compression, and of those after it
 _HALF_CODE = 4.0  # in the first cosine, the mean times 8

@@ -3,7 +3,7 @@
 The stages: a band of pixels that fits the edge's width, with a rough fit; slopes across the edge
 taken off; weights from the residuals; the total and the optical width; slopes along the edge, where
 the pixels ask for them. Together they take some six passes over the pixels, compiled as a whole:
-calls from Python in between would double the time, as ``benchmarks/bench_edge_fit.py`` says. Where
+calls from Python in between would double the time, as ``benchmarks/speed/edge_fit.py`` says. Where
 levels are rounded or clipped so that it matters, a second part goes on from there.
 ``calibration.edges.fit`` makes the result readable.
 """

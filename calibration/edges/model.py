@@ -15,7 +15,7 @@ where the model without it stays within 0.3 %.
 
 Least squares of an edge on raw pixels: the normal equations, and the steps to their minimum. The
 model and its derivatives are evaluated in one compiled pass over the pixels, the products of the
-normal equations in another, whose sums run in parallel lanes. ``benchmarks/bench_edge_fit.py``
+normal equations in another, whose sums run in parallel lanes. ``benchmarks/speed/edge_fit.py``
 shows what that gains.
 """
 

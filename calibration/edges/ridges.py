@@ -4,7 +4,7 @@ An image is never copied as a whole: memory that is touched for the first time c
 filters do. What is kept are the ridge pixels, each with what a line through it needs.
 
 The loops are compiled: an image has hundreds of regions of a hundred pixels each, and numpy's cost
-per call would be most of the time. ``benchmarks/bench_edge_fit.py`` shows what that gains.
+per call would be most of the time. ``benchmarks/speed/edge_fit.py`` shows what that gains.
 """
 
 from dataclasses import dataclass

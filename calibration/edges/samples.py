@@ -4,7 +4,7 @@ Whether a border is the straight edge between two even levels that the fit takes
 photographed edge nothing changes but noise, which differs from pixel to pixel. Texture went through
 the lens, and does not: neighbouring pixels deviate together from the mean profile across the edge.
 And no lens bends a straight edge as much as the rim of a small round thing.
-``benchmarks/bench_no_edge.py`` has how often either is right.
+``benchmarks/studies/no_edge.py`` has how often either is right.
 
 An edge as few numbers: its pixels averaged in narrow bins of distance. The bins are the same for
 all edges: 1/16 px wide at the edge, and wider with the distance, where no PSF has detail. The mean

@@ -2,7 +2,7 @@
 
 The reference is warped to the last known pose and compared with the frame by Lucas-Kanade flow at
 some hundred corners; a robust homography through them is the new pose. As no frame is measured
-against another frame, nothing drifts. ``benchmarks/bench_pose_tracking.py`` measures the speed for
+against another frame, nothing drifts. ``benchmarks/speed/pose_tracking.py`` measures the speed for
 which this method was chosen.
 
 References

@@ -16,7 +16,7 @@ compiler is told the instructions of the sum over six by six pixels, because it 
 a row of six pixels and its weights are read as one vector of eight, the last two weights being 0.
 That takes less than half the time of single multiplications. Along a warp that keeps the directions
 of rows and columns, as a plain zoom does, two banded matrices do the same in a quarter of the time.
-Measured by ``benchmarks/bench_pose.py``.
+Measured by ``benchmarks/speed/pose.py``.
 """
 
 from collections.abc import Callable, Iterator

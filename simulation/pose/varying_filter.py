@@ -2,7 +2,7 @@
 
 ``sum_t a_t(n) (u_t v_t * r)(n)``: the kernels at the nodes of a lattice are expanded in products of
 a column and a row, and the weights ``a_t`` are bilinear between the nodes. Measured by
-``benchmarks/bench_pose.py``.
+``benchmarks/speed/pose.py``.
 """
 
 from dataclasses import dataclass

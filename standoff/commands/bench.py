@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from acquisition.focus import FocusPoint
     from acquisition.stages import StageReport
     from calibration.edges import Region
+    from standoff import FoundFocus
 
 _LIVE_FRAMES = 3
 
@@ -106,7 +107,7 @@ def focus(
     terminal.answer(found.to_json, lambda: _show_found(found, out))
 
 
-def _show_found(found: library.FoundFocus, out: Path | None) -> None:
+def _show_found(found: FoundFocus, out: Path | None) -> None:
     terminal.say(
         f"sharpest at {found.peak.height_mm:.3f} mm, ± {found.half_interval_mm:.3f} mm (95 %)"
     )

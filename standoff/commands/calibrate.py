@@ -12,6 +12,7 @@ from standoff import library, terminal
 
 if TYPE_CHECKING:
     from calibration.edges import Region
+    from standoff import PsfComparison, PsfHistory
 
 _WITH_AN_EDGE_TARGET = terminal.Given("method", ("all-angles", "paper"))
 _LINEAR = "--noise and --correct apply to linear grey levels"
@@ -162,7 +163,7 @@ def compare(
     terminal.answer(change.to_json, lambda: _show_change(change), change.notes)
 
 
-def _show_change(change: library.PsfComparison) -> None:
+def _show_change(change: PsfComparison) -> None:
     from calibration.sharpness import NORMAL_95, with_reach
 
     terminal.print_table(
@@ -184,7 +185,7 @@ def _show_change(change: library.PsfComparison) -> None:
     terminal.say(change.verdict)
 
 
-def _show_history(found: library.PsfHistory, report: Path | None) -> None:
+def _show_history(found: PsfHistory, report: Path | None) -> None:
     for section in found.sections:
         table = section.tables[0]
         terminal.print_table(

@@ -12,9 +12,9 @@ from calibration.geometry.bundle_adjustment import (
     CapturePose,
     PlaneMatches,
     PosedCapture,
+    Series,
     adjust,
 )
-from calibration.geometry.series import Series
 from hil_mocks.truth.render import CameraPose, PinholeCamera
 from tests.calibration.geometry_bench import (
     HEIGHT_PX,

@@ -78,7 +78,7 @@ def is_series(followups: Iterable[Path]) -> bool:
 
 
 @checked
-@with_keywords_of(find_changes)  # type: ignore[has-type]  # of a module in a cycle of imports
+@with_keywords_of(find_changes)
 def find_changes_of_series(
     reference: FilePath,
     followups: FilePath | Iterable[FilePath],

@@ -3,8 +3,9 @@ from pathlib import Path
 import pytest
 
 from acquisition.session import Session
+from analysis.reports.bench import versions
 from analysis.reports.page import CONVENTION
-from analysis.reports.session import SessionNotes, render_session_report, versions, with_curves
+from analysis.reports.session import SessionNotes, render_session_report, with_curves
 from analysis.validation.document import ExcludedCapture, Validation
 from calibration.psf import PsfCalibration
 from calibration.sharpness import SharpnessLimits

@@ -18,8 +18,7 @@ from analysis.study import (
     white_noise_sigma_err_px,
     width_errors,
 )
-from benchmarks.study_sessions import calibrated
-from benchmarks.truth.study_sessions import StudiedSession
+from benchmarks.truth.study_sessions import StudiedSession, calibrated
 from calibration.edges import EdgeImage, measure_edges
 from calibration.noise import LevelNoise
 from calibration.psf import fit_covariance

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from benchmarks.bench_edge_sides import Square, measured
-from benchmarks.edge_scenes import Rectangle
-from benchmarks.studies.edge_sides import SidesTally, square_along_pixels
-from benchmarks.truth.edges import patches
+from benchmarks.studies.edge_sides import SidesTally, Square, measured, square_along_pixels
+from benchmarks.truth.edges import Rectangle, patches
 from calibration.edges import (
     EdgeImage,
     EdgeMeasurement,

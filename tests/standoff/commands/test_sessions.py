@@ -5,7 +5,7 @@ import pytest
 
 from acquisition.bench import load_bench
 from acquisition.plan import PlanEntry
-from acquisition.session.reader import JOURNAL_NAME
+from acquisition.session.files import JOURNAL_NAME
 from standoff.terminal import time_text
 from tests.standoff.conftest import SMALL_PLAN, Command
 

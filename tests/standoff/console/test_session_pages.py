@@ -36,11 +36,11 @@ from standoff.console.web.session_pages import (
 )
 from standoff.errors import ApplicationError
 from tests.acquisition.records import RECORD
+from tests.analysis.reports.test_changes import page
 from tests.standoff.conftest import Command
 from tests.standoff.console.hub_fixtures import idle_hub
 from tests.standoff.console.long_session import lengthen
 from tests.standoff.console.served import page_client
-from tests.standoff.console.test_application import page
 from tests.standoff.console.test_bench_hub import Operator
 
 OTHER = b"<body class=x><script>steal()</script></body>"
