@@ -8,7 +8,6 @@ import pytest
 
 from analysis.changes import ChangeOptions, FilterWidth, find_changes, significance_threshold
 from analysis.changes.comparison import Comparison, compare
-from analysis.changes.filter import find_changes
 from benchmarks.truth.lenses import f_number, gaussian
 from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene, seen_spot
 from calibration.registration.distorted_pose import DistortedPose
