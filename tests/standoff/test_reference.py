@@ -12,6 +12,10 @@ from scripts.make_reference import PAGES, REFERENCE
 DOCS = REFERENCE.parent
 ROOT = DOCS.parent
 PACKAGES = ("acquisition", "calibration", "simulation", "analysis", "hil_mocks", "standoff")
+PATH = re.compile(
+    r"`((?:acquisition|calibration|simulation|analysis|hil_mocks|standoff|benchmarks|tests|scripts"
+    r"|configs|examples)/[\w./-]*\.\w+)`"
+)
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 
 
@@ -41,6 +45,17 @@ def test_no_link_leads_nowhere(pages: dict[Path, str]) -> None:
         if (place := (page.parent / target).resolve()) not in pages and not place.exists()
     ]
     assert lost == []
+
+
+def test_paths_that_pages_name_exist(pages: dict[Path, str]) -> None:
+    named = {
+        path
+        for page, text in pages.items()
+        if REFERENCE not in page.parents
+        for path in PATH.findall(text)
+        if "NAME" not in path and "TASK" not in path
+    }
+    assert {path for path in named if not (ROOT / path).exists()} == set()
 
 
 def test_every_public_name_has_one_place_in_the_reference() -> None:
