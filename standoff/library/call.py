@@ -1,5 +1,7 @@
 """One call of the library: its arguments, what it reads, what it has to say, and how far it is."""
 
+import inspect
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
@@ -7,7 +9,7 @@ from itertools import chain, islice
 from numbers import Number
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, cast
+from typing import Any, ParamSpec, Protocol, TypeAlias, TypeVar, cast
 
 from numpy.typing import NDArray
 
@@ -255,3 +257,35 @@ class Call:
         for path in files:
             inputs.add(path)
         return inputs.provenance(caller(self._function))
+
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def with_keywords_of(
+    other: Callable[..., object],
+) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """Give a function that takes ``**how`` the keywords of another one, beside its own.
+
+    They stand in its signature, and in its docstring in the place of ``how``.
+    """
+
+    def decorated(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        signature = inspect.signature(function)
+        own = [one for one in signature.parameters.values() if one.kind is not one.VAR_KEYWORD]
+        theirs = [
+            one
+            for one in inspect.signature(other).parameters.values()
+            if one.kind is one.KEYWORD_ONLY and one.name not in signature.parameters
+        ]
+        vars(function)["__signature__"] = signature.replace(parameters=[*own, *theirs])
+        annotations = {one.name: one.annotation for one in theirs}
+        function.__annotations__ = {
+            name: hint for name, hint in function.__annotations__.items() if name != "how"
+        } | annotations
+        names = ", ".join(one.name for one in theirs)
+        function.__doc__ = re.sub(r"^( +)how$", rf"\1{names}", function.__doc__ or "", flags=re.M)
+        return function
+
+    return decorated

@@ -155,7 +155,7 @@ def _word(context: Context, name: str) -> str:
 def command(
     *rules: OptionRule, has_json: bool = True, suffixes_last: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Declare a command by a function; the options --force and --json follow from what it does.
+    """Declare a command by a function. What it writes and prints gives it --force and --json.
 
     A parameter that `MadeBy` marks stands for the options of which its value is made. What is at
     the place of a result is looked at once the names' suffixes are right, or before.

@@ -32,10 +32,9 @@ from calibration.registration import RegistrationHints
 from simulation.arguments import FilePath, checked, output_path, path_of
 from simulation.arrays import AnyArray
 from standoff.errors import ApplicationError
-from standoff.library.call import Call, Progress, PsfLike, listed_paths
+from standoff.library.call import Call, Progress, PsfLike, listed_paths, with_keywords_of
 from standoff.library.changes import ComparisonKeywords, begun_comparison, find_changes
 from standoff.library.detectability import CurveLike, given_curve
-from standoff.library.keywords import with_keywords_of
 from standoff.library.psf import psf_and_field
 from standoff.library.registration import AlignmentHints, hint_files
 from standoff.library.series.change_work import ChangeWork
