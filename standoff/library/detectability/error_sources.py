@@ -9,8 +9,7 @@ import numpy as np
 from analysis.detectability import STATED, ErrorSources, student_factor
 from calibration.files import read_noise
 from calibration.noise import NoiseCalibration
-from calibration.psf import PsfCalibration
-from calibration.psf.repeatability import capture_of
+from calibration.psf import PsfCalibration, capture_of
 from simulation.arrays import FloatArray
 from standoff.library.inputs import NoiseLike, PsfLike
 from standoff.library.psf import calibration_of
