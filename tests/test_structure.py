@@ -122,7 +122,7 @@ def test_parts_of_compiled_code_that_take_time_are_not_called_from_python() -> N
     assert called == AS_FAST
 
 
-AS_FAST = {"is_more_likely", "no_edge", "project", "projection_depth", "projection_slopes"} | {
+AS_FAST = {"is_more_likely", "_no_edge", "project", "projection_depth", "projection_slopes"} | {
     "robust_sigma"
 }
 """A few numbers, or numpy's own loops."""

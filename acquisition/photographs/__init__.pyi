@@ -1,6 +1,7 @@
 from .decoding import LARGEST_IMAGE_PX as LARGEST_IMAGE_PX, read_file as read_file
 from .encoding import (
     LINEAR as LINEAR,
+    REC601_LUMA as REC601_LUMA,
     SRGB as SRGB,
     Encoding as Encoding,
     linear_to_srgb as linear_to_srgb,

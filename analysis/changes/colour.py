@@ -20,7 +20,7 @@ import cv2
 import lazy_loader as lazy
 import numpy as np
 
-from acquisition.photographs.encoding import REC601_LUMA
+from acquisition.photographs import REC601_LUMA
 from analysis.changes.matching import calibrated_factor, sampled, smoothed
 from calibration.robust import robust_sigma
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray

@@ -45,9 +45,9 @@ from calibration.edges.residuals import (
 )
 from calibration.edges.rounded import (
     Intervals,
+    are_censored,
     clipped_pixels,
     expected_residuals,
-    is_censored,
     is_more_likely,
     level_intervals,
     maximise_intervals,
@@ -286,7 +286,7 @@ def _by_squares(
     found = edge_values(window.pixels, window.rough.parameters, False)
     is_clipped = clipped_pixels(stored, saturation_dn)
     clipped_fraction = float(np.mean(is_clipped))
-    if not is_censored(is_clipped):
+    if not are_censored(is_clipped):
         is_clipped = np.zeros(len(stored), np.bool_)
     window, is_shaded = _without_shading(
         image_dn, line, clearance_px, window, (found.distances, is_clipped)

@@ -114,7 +114,7 @@ def clipped_pixels(stored: FloatArray, saturation_dn: float) -> BoolArray:
 
 
 @compiled_part()
-def is_censored(is_clipped: BoolArray) -> bool:
+def are_censored(is_clipped: BoolArray) -> bool:
     """Whether so many pixels are clipped that it matters, and others are left."""
     count = np.count_nonzero(is_clipped)
     return bool(_CENSORED_FROM * len(is_clipped) < count < len(is_clipped))

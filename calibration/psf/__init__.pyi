@@ -37,6 +37,7 @@ from .plot import (
     draw_transfer_2d as draw_transfer_2d,
     draw_widths_by_angle as draw_widths_by_angle,
 )
+from .repeatability import capture_of as capture_of
 from .softness import measure_softness as measure_softness
 from .transfer_2d import (
     OtfTable as OtfTable,

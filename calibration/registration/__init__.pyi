@@ -6,6 +6,7 @@ from .agreement import (
 from .candidates import OVERLAP_MIN_PX as OVERLAP_MIN_PX
 from .descent import zoom_at_centre as zoom_at_centre
 from .distorted_pose import DistortedPose as DistortedPose, FeatureMatches as FeatureMatches
+from .document import Homography as Homography
 from .features import (
     ImageFeatures as ImageFeatures,
     RegistrationHints as RegistrationHints,
@@ -16,7 +17,6 @@ from .features import (
     parse_points as parse_points,
 )
 from .pair import (
-    Homography as Homography,
     Registration as Registration,
     RegistrationReference as RegistrationReference,
     register as register,

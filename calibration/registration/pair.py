@@ -8,12 +8,10 @@ fine. What cannot be told from chance is refused; what may be one of several is 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Annotated, Final, Literal, Self
+from typing import Self
 
 import numpy as np
-from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer
 
-from acquisition.files import Provenance
 from calibration.errors import RegistrationError
 from calibration.registration.agreement import AlignedPhotograph, block_votes
 from calibration.registration.candidates import (
@@ -43,67 +41,9 @@ from calibration.registration.hypotheses import (
 )
 from calibration.registration.refinement import RefinedPose, refined_pose
 from simulation import GaussianPsf
-from simulation.arguments import CheckedModel
 from simulation.arrays import AnyArray, BoolArray, FloatArray
 from simulation.by_value import ByValue
 from simulation.notebook import Shown
-from simulation.pose import homography_fault
-
-HOMOGRAPHY_SCHEMA: Final = "standoff.homography/1"
-
-
-def _matrix(value: object) -> FloatArray:
-    try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError("expected 3 x 3 numbers") from error
-    fault = homography_fault(matrix)
-    if fault is not None:
-        raise ValueError(fault)
-    matrix.setflags(write=False)
-    return matrix
-
-
-def _distortion(value: object) -> float:
-    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1:
-        return float(value)
-    raise ValueError(f"{value!r} is not a number between -1 and 1")
-
-
-class Homography(Shown, ByValue, CheckedModel):
-    """A homography from a follow-up to its reference.
-
-    Parameters
-    ----------
-    matrix
-        Shape (3, 3): maps follow-up pixel centres ``(x, y, 1)`` to reference pixel centres; with
-        a distortion, those of an ideal lens.
-    size
-        ``(width, height)`` of the follow-up in px.
-    distortion_k1
-        Relative radial distortion of the common lens at the corner of the reference.
-    """
-
-    model_config = ConfigDict(
-        frozen=True, extra="ignore", allow_inf_nan=False, arbitrary_types_allowed=True
-    )
-
-    schema_name: Literal["standoff.homography/1"] = Field(default=HOMOGRAPHY_SCHEMA, alias="schema")
-    matrix: Annotated[
-        FloatArray,
-        BeforeValidator(_matrix),
-        PlainSerializer(lambda matrix: matrix.tolist(), return_type=list[list[float]]),
-    ]
-    size: tuple[Annotated[int, Field(strict=True, gt=0)], Annotated[int, Field(strict=True, gt=0)]]
-    distortion_k1: Annotated[float, BeforeValidator(_distortion)] = 0.0
-    provenance: Provenance | None = None
-
-    def __repr__(self) -> str:
-        width, height = self.size
-        return f"{type(self).__name__}({width} x {height} px, distortion_k1={self.distortion_k1:g})"
-
-    def __str__(self) -> str:
-        return repr(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from acquisition.files import Provenance
 from acquisition.photographs import (
+    BenchCapture,
     Inputs,
     Photograph,
     ReadOptions,
@@ -22,7 +23,6 @@ from acquisition.photographs import (
     read_image,
     taken_as,
 )
-from acquisition.photographs.photograph import BenchCapture
 from acquisition.printable import on_one_line
 from acquisition.session import Session
 from analysis.design_cache import keep_designs_on_disk

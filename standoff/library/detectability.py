@@ -40,8 +40,7 @@ from analysis.pose import (
 from analysis.reports import plot_pose, write_figure
 from calibration.files import read_geometry, read_noise
 from calibration.noise import NoiseCalibration
-from calibration.psf import PsfCalibration
-from calibration.psf.repeatability import capture_of
+from calibration.psf import PsfCalibration, capture_of
 from calibration.registration import DistortedPose, Homography
 from simulation.arguments import ArgumentTypeError, accepted, arguments_at_fault, checked, kind_of
 from simulation.arrays import FloatArray

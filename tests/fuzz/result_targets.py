@@ -30,7 +30,7 @@ from calibration.files import read_correction, read_geometry, read_homography, r
 from calibration.geometry.document import GEOMETRY_SCHEMA
 from calibration.noise.document import NOISE_SCHEMA
 from calibration.psf import calibrate_psf
-from calibration.registration.pair import HOMOGRAPHY_SCHEMA
+from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import HintError
 from standoff.library.registration import read_points

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from acquisition.capture import CaptureProgress, CaptureStep, Placement, RunOperator, run_plan
 from acquisition.choices import CaptureKind, FocusMeasure
 from acquisition.focus import FocusOptions, FocusPeak, NoFocusPeakError, SweepRequest, sweep_bench
-from acquisition.photographs.photograph import BenchCapture
+from acquisition.photographs import BenchCapture
 from acquisition.plan import CapturePlan, PlanEntry, load_plan, parse_plan, plan_entries
 from acquisition.session import Session
 from calibration.edges import Region
