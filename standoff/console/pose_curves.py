@@ -14,8 +14,13 @@ from analysis.detectability import DetectabilityCurves
 from standoff.console.monitors import TrackerMaker, tracker_maker
 from standoff.console.session_library import CURVES_FOLDER
 from standoff.errors import REPORTED_ERRORS, ApplicationError, ArgumentError
-from standoff.library import CurveChoice, given_curve, make_folder, write_file
-from standoff.library.detectability import read_any_curves
+from standoff.library import (
+    CurveChoice,
+    given_curve,
+    make_folder,
+    read_any_curves,
+    write_file,
+)
 
 MOST_BYTES = 4 * 2**20
 """Of a file that is sent: hundreds of curves."""

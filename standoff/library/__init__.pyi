@@ -56,6 +56,7 @@ from .detectability import (
     given_curve as given_curve,
     judge_homography as judge_homography,
     pose_limits as pose_limits,
+    read_any_curves as read_any_curves,
 )
 from .edges import (
     Reading as Reading,
