@@ -84,7 +84,7 @@ def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
 
     words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     with monkeypatch.context() as patch:
-        patch.setattr("standoff.library.bench.bench.open_bench", opened)
+        patch.setattr("standoff.library.bench.devices.open_bench", opened)
         done = command(*words, "--yes")
     assert (done.status, done.out) == (1, "")
     [line] = [line for line in done.err.splitlines() if line.startswith("standoff:")]

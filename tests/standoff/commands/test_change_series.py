@@ -331,12 +331,10 @@ def test_a_mask_of_another_size_refuses_the_photographs_of_that_size_alone(
     assert pixels(out / "same") == pixels(root / "alone" / "same")
 
 
-def test_any_number_of_workers_writes_the_same_bytes(
-    command: Command, process: Command, root: Path
-) -> None:
+def test_any_number_of_workers_writes_the_same_bytes(process: Command, root: Path) -> None:
     one, two = root / "1", root / "2"
-    command.done(*asked(root, root / "photographs"), "--workers", 1, "--out", one)
-    process.done(*asked(root, root / "photographs"), "--workers", 2, "--out", two)
+    for workers, out in ((1, one), (2, two)):
+        process.done(*asked(root, root / "photographs"), "--workers", workers, "--out", out)
     assert (one / "changes.csv").read_bytes() == (two / "changes.csv").read_bytes()
     first, second = (read_time_line(out / "series.json") for out in (one, two))
     assert first.tracks == second.tracks
