@@ -1,10 +1,11 @@
 """The documentation as a site: ``make docs`` builds build/site with Sphinx, without a network.
 
 The pages are written for a reader of the repository; what the site needs beside them, its tables of
-contents, is read from docs/index.md.
+contents, is read from docs/index.md. The reference is made from the code first.
 """
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -51,6 +52,10 @@ _ENTRANCE = """<!doctype html>
 """
 
 
+def _make_reference(app: Sphinx) -> None:
+    subprocess.run([sys.executable, "-m", "scripts.make_reference"], cwd=app.srcdir, check=True)
+
+
 def _add_contents(app: Sphinx, docname: str, source: list[str]) -> None:
     """Give the first page the sections of docs/index.md as tables of contents."""
     if docname != root_doc:
@@ -76,6 +81,7 @@ def _add_entrance(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register with Sphinx."""
+    app.connect("builder-inited", _make_reference)
     app.connect("source-read", _add_contents)
     app.connect("build-finished", _add_entrance)
     return {"parallel_read_safe": True}

@@ -1,6 +1,6 @@
 """Writes docs/reference: commands, configs and files from their models, functions from the library.
 
-Run with ``python -m scripts.make_reference`` from the checkout; a test says when it is stale.
+``make docs`` runs it first, as ``python -m scripts.make_reference``; what it writes is not kept.
 """
 
 import inspect
