@@ -281,7 +281,10 @@ def main() -> int:
     folders = [folder.resolve() for folder in asked.folders]
     if asked.what == "compare":
         return compare(*folders)
-    {"make": make, "run": run, "functions": functions}[asked.what](*folders)
+    if asked.what == "run":
+        run(*folders)
+    else:
+        {"make": make, "functions": functions}[asked.what](*folders)
     return 0
 
 
