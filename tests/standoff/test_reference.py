@@ -18,7 +18,11 @@ LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 @pytest.fixture(scope="module")
 def pages() -> dict[Path, str]:
     """All pages of the documentation, those that are made from the code too."""
-    written = {page: page.read_text("utf-8") for page in DOCS.rglob("*.md")}
+    written = {
+        page: page.read_text("utf-8")
+        for page in DOCS.rglob("*.md")
+        if REFERENCE not in page.parents
+    }
     return written | {REFERENCE / name: page() for name, page in PAGES.items()}
 
 
