@@ -142,10 +142,10 @@ def run(files: Path, out: Path) -> None:
 
 
 def _names_of_commands() -> list[str]:
-    told = subprocess.run(
+    overview = subprocess.run(
         [sys.executable, "-m", "standoff", "--help"], capture_output=True, text=True, check=True
     ).stdout
-    commands = told[told.index("─ Commands") :]
+    commands = overview[overview.index("─ Commands") :]
     return re.findall(r"^│ ([a-z][a-z-]*) ", commands, re.MULTILINE)
 
 
@@ -226,13 +226,13 @@ def _said(value: object) -> str:
 def compare(before: Path, again: Path, after: Path) -> int:
     """Say what differs between before and after, other than what differed before anyway."""
     names = {path.relative_to(root) for root in (before, after) for path in _files(root)}
-    steady = {path.relative_to(before) for path in _files(before)} & {
-        path.relative_to(again) for path in _files(again)
-    }
+    once, twice = ({path.relative_to(root) for path in _files(root)} for root in (before, again))
+    steady = once & twice
+    with_random_names = {name.parent for name in once ^ twice}
     differing = 0
     for name in sorted(names):
-        if name not in steady and (before / name).exists():
-            continue  # a random name
+        if name not in steady and name.parent in with_random_names:
+            continue
         problem = _difference(before / name, again / name, after / name)
         if problem:
             differing += 1

@@ -22,7 +22,11 @@ LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 @pytest.fixture(scope="module")
 def pages() -> dict[Path, str]:
     """All pages of the documentation, those that are made from the code too."""
-    written = {page: page.read_text("utf-8") for page in DOCS.rglob("*.md")}
+    written = {
+        page: page.read_text("utf-8")
+        for page in DOCS.rglob("*.md")
+        if REFERENCE not in page.parents
+    }
     return written | {REFERENCE / name: page() for name, page in PAGES.items()}
 
 
@@ -47,17 +51,6 @@ def test_no_link_leads_nowhere(pages: dict[Path, str]) -> None:
     assert lost == []
 
 
-def test_paths_that_pages_name_exist(pages: dict[Path, str]) -> None:
-    named = {
-        path
-        for page, text in pages.items()
-        if REFERENCE not in page.parents
-        for path in PATH.findall(text)
-        if "NAME" not in path and "TASK" not in path
-    }
-    assert {path for path in named if not (ROOT / path).exists()} == set()
-
-
 def test_every_public_name_has_one_place_in_the_reference() -> None:
     names = [name for group in GROUPS for name in group.names]
     assert sorted(names) == sorted(set(dir(standoff)) - {"__version__"})
@@ -78,3 +71,14 @@ def test_every_work_that_the_code_refers_to_is_among_the_sources() -> None:
     works = {title for title in cited if len(title.split()) > 4}
     assert len(works) > 40
     assert {title for title in works if letters(title)[:40] not in sources} == set()
+
+
+def test_paths_that_pages_name_exist(pages: dict[Path, str]) -> None:
+    named = {
+        path
+        for page, text in pages.items()
+        if REFERENCE not in page.parents
+        for path in PATH.findall(text)
+        if "NAME" not in path and "TASK" not in path
+    }
+    assert {path for path in named if not (ROOT / path).exists()} == set()
