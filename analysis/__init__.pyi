@@ -2,14 +2,14 @@ from .changes import (
     ChangeOptions as ChangeOptions,
     ChangeResult as ChangeResult,
     ChangeSummary as ChangeSummary,
-    find_changes as find_changes,
+    changes_between as changes_between,
 )
 from .detectability import (
     CurveChoice as CurveChoice,
     DetectabilityCurve as DetectabilityCurve,
     DetectabilityCurves as DetectabilityCurves,
     DetectionTask as DetectionTask,
-    d_prime_curves as d_prime_curves,
+    curves_of_images as curves_of_images,
 )
 from .errors import AnalysisError as AnalysisError
 from .pose import (
@@ -17,11 +17,11 @@ from .pose import (
     PoseLimits as PoseLimits,
     PoseQuality as PoseQuality,
     ViewingCamera as ViewingCamera,
-    judge_pose as judge_pose,
-    pose_limits as pose_limits,
+    limits_of_curve as limits_of_curve,
+    pose_quality as pose_quality,
 )
 from .validation import (
     Validation as Validation,
     ValidationSettings as ValidationSettings,
-    validate as validate,
+    validated as validated,
 )

@@ -7,24 +7,24 @@ from .edges import (
     EdgeMeasurement as EdgeMeasurement,
     MeasuredTransfer as MeasuredTransfer,
     Region as Region,
-    measure_edges as measure_edges,
+    edges_of_image as edges_of_image,
 )
 from .errors import CalibrationError as CalibrationError
 from .files import read_psf as read_psf, write_psf as write_psf
 from .geometry import (
     CharucoBoard as CharucoBoard,
     GeometryCalibration as GeometryCalibration,
-    calibrate_geometry as calibrate_geometry,
+    geometry_of_captures as geometry_of_captures,
 )
-from .noise import NoiseCalibration as NoiseCalibration, measure_noise as measure_noise
+from .noise import NoiseCalibration as NoiseCalibration, noise_of_captures as noise_of_captures
 from .psf import (
     Estimate as Estimate,
     PsfCalibration as PsfCalibration,
-    calibrate_psf as calibrate_psf,
-    compare_psfs as compare_psfs,
+    psf_change as psf_change,
+    psf_of_images as psf_of_images,
 )
 from .registration import (
     Registration as Registration,
     RegistrationHints as RegistrationHints,
-    register as register,
+    register_images as register_images,
 )

@@ -4,7 +4,7 @@ from .choices import (
 )
 from .pose.simulate import (
     SimulatedPose as SimulatedPose,
-    simulate_pose as simulate_pose,
+    simulate_pose_of_image as simulate_pose_of_image,
 )
 from .pose.view import PoseOptions as PoseOptions
 from .psf.lens import LensOtf as LensOtf
@@ -23,6 +23,6 @@ from .zoom import (
     ZoomOperator as ZoomOperator,
     lmmse_operator as lmmse_operator,
     zoom_operator as zoom_operator,
-    zoom_out as zoom_out,
+    zoom_out_image as zoom_out_image,
     zoom_out_on_grid as zoom_out_on_grid,
 )

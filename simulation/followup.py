@@ -10,10 +10,10 @@ from simulation.arguments import ArgumentError, check_fields
 from simulation.arrays import AnyArray, BoolArray, FloatArray, FloatImage
 from simulation.capture_noise import CaptureNoise, propagated_variance, with_capture_noise
 from simulation.choices import POSE_MODELS, GaussianForm, Model, PsfForm
-from simulation.pose import PoseOptions, pose_noise_gain, simulate_pose
+from simulation.pose import PoseOptions, pose_noise_gain, simulate_pose_of_image
 from simulation.psf import Psf, PsfField
 from simulation.sampling_grid import SamplingGrid
-from simulation.zoom import ZoomOperator, zoom_operator, zoom_out
+from simulation.zoom import ZoomOperator, zoom_operator, zoom_out_image
 
 
 def exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) -> FloatImage:
@@ -148,7 +148,7 @@ def zoomed_out(
             origin_px=((shape[1] - grid.cols) / 2, (shape[0] - grid.rows) / 2),
         )
         return from_pose(reference, grid.matrix, (grid.cols, grid.rows), psf, options, how.noise)
-    image = zoom_out(reference, zoom, psf, model, gaussian=how.gaussian, threads=how.threads)
+    image = zoom_out_image(reference, zoom, psf, model, gaussian=how.gaussian, threads=how.threads)
     own = None
     if how.noise is not None:
         own = _own_variance(reference, zoom_operator(shape, grid, psf, model), how.noise)
@@ -181,11 +181,11 @@ def from_pose(
     options: PoseOptions,
     noise: CaptureNoise | None = None,
 ) -> FollowUp:
-    """Follow-up from any pose, with ``matrix`` and ``size`` as for ``simulate_pose``.
+    """Follow-up from any pose, with ``matrix`` and ``size`` as for ``simulate_pose_of_image``.
 
     ``noise`` is what the reference is assumed to have.
     """
-    simulated = simulate_pose(reference, matrix, size, psf, options)
+    simulated = simulate_pose_of_image(reference, matrix, size, psf, options)
     own = None
     if noise is not None:
         shape = reference.shape[0], reference.shape[1]

@@ -41,7 +41,7 @@ from simulation.pose import (
     derivatives,
     pose_noise_gain,
     poses_at_followup,
-    simulate_pose,
+    simulate_pose_of_image,
 )
 from simulation.psf import GaussianPsf, Psf, PsfField
 from simulation.sampling_grid import SamplingGrid
@@ -116,7 +116,7 @@ class SimulatedView:
             threads = self.options.threads
             seen = zoom_out_on_grid(exact, self.grid, psf, self.model, threads=threads)
         else:
-            seen = simulate_pose(exact, self.matrix, self.size, psf, self.options).image
+            seen = simulate_pose_of_image(exact, self.matrix, self.size, psf, self.options).image
         return np.asarray(seen, dtype=np.float64)
 
     def noise_variance(self, variance_dn2: FloatArray, psf: Psf | PsfField) -> FloatArray:

@@ -106,7 +106,7 @@ class ZoomOperator:
         return cast("FloatImage", np.stack(planes, axis=2))
 
 
-def zoom_out(
+def zoom_out_image(
     image: AnyArray,
     zoom: float,
     psf: Psf | None = None,
@@ -142,7 +142,7 @@ def zoom_out_on_grid(
     gaussian: GaussianForm = "transfer",
     threads: int = 1,
 ) -> FloatImage:
-    """Like ``zoom_out``, on the pixels of a real follow-up: any zoom, offset and size per axis.
+    """Like ``zoom_out_image``, on the pixels of a follow-up: any zoom, offset, size per axis.
 
     A zoom just below 1 (scatter of a registration) blurs as zoom 1 does: not at all. A grid outside
     the reference by more than half a pixel is refused.

@@ -22,7 +22,7 @@ from acquisition.averaging import average_frames
 from acquisition.bench import load_bench
 from acquisition.devices import FrameImage
 from acquisition.focus import FOCUS_MEASURES, focus_value
-from analysis.changes import ChangeOptions, find_changes
+from analysis.changes import ChangeOptions, changes_between
 from analysis.validation import scaled_up
 from calibration.edges import (
     EdgeFit,
@@ -35,7 +35,7 @@ from calibration.edges import (
     roughness_px,
     without_shading,
 )
-from calibration.registration import DistortedPose, RegistrationHints, register
+from calibration.registration import DistortedPose, RegistrationHints, register_images
 from hil_mocks.benchmark_set import benchmark_tasks
 from hil_mocks.truth import PeriodicImage
 from simulation.arrays import FloatArray
@@ -127,7 +127,9 @@ def _validate(rng: np.random.Generator) -> None:
     near = texture(rng)
     fewer = (round(len(near) / _ZOOM),) * 2
     far = np.asarray(cv2.resize(near, fewer, interpolation=cv2.INTER_AREA), dtype=np.float64)
-    register(near, far, GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8), RegistrationHints(zoom=_ZOOM))
+    register_images(
+        near, far, GaussianPsf(sigma_x_px=0.8, sigma_y_px=0.8), RegistrationHints(zoom=_ZOOM)
+    )
     scaled_up(far, _ZOOM, near.shape)
 
 
@@ -195,7 +197,7 @@ def _moved_things(rng: np.random.Generator) -> None:
         matrix=np.eye(3), k1=0.0, reference_shape=before.shape, followup_shape=after.shape
     )
     first, second = (image + rng.normal(0, 200.0, image.shape) for image in (before, after))
-    find_changes(first, second, None, ChangeOptions(pose=pose))
+    changes_between(first, second, None, ChangeOptions(pose=pose))
 
 
 def _changes(rng: np.random.Generator) -> None:

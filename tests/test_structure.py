@@ -181,6 +181,18 @@ def test_a_function_takes_six_parameters_at_most() -> None:
     assert greedy == {}
 
 
+def test_what_is_exported_is_defined_once() -> None:
+    exported = set(dir(standoff))
+    defined: dict[str, list[str]] = {}
+    for path in MODULES:
+        if path.relative_to(ROOT).parts[:2] == ("standoff", "commands"):
+            continue  # a command has the name of the function that it calls
+        for node in parsed(path).body:
+            if isinstance(node, ast.FunctionDef) and node.name in exported:
+                defined.setdefault(node.name, []).append(dotted(path))
+    assert {name: found for name, found in defined.items() if len(found) > 1} == {}
+
+
 @pytest.mark.slow
 def test_no_block_is_of_complexity_d() -> None:
     tangled = {

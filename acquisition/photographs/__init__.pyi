@@ -30,7 +30,7 @@ from .reader import (
     is_folder as is_folder,
     photograph_of as photograph_of,
     read_frames as read_frames,
-    read_image as read_image,
+    read_photograph as read_photograph,
     taken_as as taken_as,
 )
 from .stored_image import PhotographFacts as PhotographFacts, shared_facts as shared_facts

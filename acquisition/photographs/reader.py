@@ -95,7 +95,7 @@ class ReadOptions:
 _AS_STATED = ReadOptions()
 
 
-def read_image(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
+def read_photograph(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
     """Read a photograph: TIFF, PNG, JPEG, camera raw, OpenEXR, FITS and what else Pillow opens.
 
     Raises
@@ -441,7 +441,7 @@ class Inputs:
 
     def photograph(self, path: Path) -> Photograph:
         """Read a photograph and list it."""
-        photograph = read_image(path, self.options)
+        photograph = read_photograph(path, self.options)
         self._add_head(photograph)
         return photograph
 

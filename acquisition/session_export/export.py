@@ -61,7 +61,7 @@ def require_exporter(format_: ExportFormat) -> None:
         ) from error
 
 
-def export_session(
+def write_export(
     session: Session, request: ExportRequest, progress: Callable[[int], None] = lambda _: None
 ) -> ExportSummary:
     """Write the captures of a session, neither superseded nor excluded, in another format.

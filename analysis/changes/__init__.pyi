@@ -10,7 +10,7 @@ from .document import (
     describe_prediction as describe_prediction,
     read_changes as read_changes,
 )
-from .filter import ChangeResult as ChangeResult, find_changes as find_changes
+from .filter import ChangeResult as ChangeResult, changes_between as changes_between
 from .matching import smoothing_for as smoothing_for
 from .photograph_pair import (
     ChangeCriteria as ChangeCriteria,

@@ -29,7 +29,7 @@ from calibration.registration import (
     DistortedPose,
     RegistrationHints,
     RegistrationReference,
-    register,
+    register_images,
 )
 from simulation import GaussianPsf, Psf, PsfField
 from simulation.arrays import AnyArray, BoolArray, FloatImage
@@ -289,7 +289,7 @@ class ChangeResult(ByValue):
         return changes_figure(self, ax=ax)
 
 
-def find_changes(
+def changes_between(
     reference: AnyArray,
     followup: AnyArray,
     psf: Psf | PsfField | None = None,
@@ -390,7 +390,7 @@ def _found(given: CodedAlike, psf: GaussianPsf | None, options: ChangeOptions) -
     if hints.left_out is None:
         hints = replace(hints, left_out=options.left_out)
     near = RegistrationReference.of(reference, options.reference_left_out)
-    made = register(near, followup, psf, hints)
+    made = register_images(near, followup, psf, hints)
     shift = nearest_shift(made.pose)
     view = None if shift is None else one_view(reference, followup, options, shift)
     if view is not None:

@@ -65,5 +65,5 @@ from .sweep import (
 from .task import (
     DetectionTask as DetectionTask,
     curves_of as curves_of,
-    d_prime_curves as d_prime_curves,
+    curves_of_images as curves_of_images,
 )

@@ -116,7 +116,7 @@ class DetectionTask:
         )
 
 
-def d_prime_curves(
+def curves_of_images(
     images: Sequence[FloatArray], psf: Psf | None, task: DetectionTask | None = None
 ) -> DetectabilityCurves:
     """Compute how well a change can be detected at best, from different distances.

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import correlate1d, gaussian_filter
 from skimage.metrics import structural_similarity
 
-from analysis.changes import ChangeOptions, find_changes
+from analysis.changes import ChangeOptions, changes_between
 from analysis.detectors.detector import Detector
 from analysis.detectors.followup_view import FollowupView, followup_view, in_light_of
 from analysis.detectors.ir_mad import ir_mad_statistic
@@ -161,7 +161,7 @@ def changes(
         followup_shape=_shape(followup),
     )
     try:
-        found = find_changes(reference, followup, None, ChangeOptions(pose=pose))
+        found = changes_between(reference, followup, None, ChangeOptions(pose=pose))
     except AnalysisError:
         return np.zeros_like(followup)
     return np.abs(found.significance).astype(np.float32, copy=False)

@@ -12,7 +12,7 @@ from analysis.evaluation.painted_changes import LaterScene
 from analysis.evaluation.roc import Disc
 from analysis.evaluation.task import Condition, EvaluationTask
 from analysis.pose import ViewingCamera
-from simulation import PoseOptions, Psf, SamplingGrid, simulate_pose, zoom_out_on_grid
+from simulation import PoseOptions, Psf, SamplingGrid, simulate_pose_of_image, zoom_out_on_grid
 from simulation.arrays import Float32Array, FloatArray
 from simulation.choices import POSE_MODELS
 
@@ -206,7 +206,7 @@ class PairMaker:
         model = self.task.model
         assert model in POSE_MODELS  # the task saw to it
         to_scene = self._grid(1.0, self.task.crop_px).matrix
-        made = simulate_pose(
+        made = simulate_pose_of_image(
             scene, to_scene @ view, (side, side), self.psf, PoseOptions(model=model)
         )
         return np.asarray(made.image, np.float64)

@@ -121,7 +121,7 @@ def scores_bytes(key: str, photographs: Sequence[PhotographScores], about: objec
     return file.getvalue()
 
 
-def read_scores(path: Path, key: str) -> tuple[list[PhotographScores], object] | None:
+def read_photograph_scores(path: Path, key: str) -> tuple[list[PhotographScores], object] | None:
     """Read a file of scores; None if it is not there, damaged, or its key begins otherwise."""
     try:
         with np.load(

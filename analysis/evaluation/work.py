@@ -22,7 +22,7 @@ from analysis.evaluation.roc import MOST_MARKS as MARKS, marks_of
 from analysis.evaluation.scores import (
     FailedPair,
     PhotographScores,
-    read_scores,
+    read_photograph_scores,
     scores_bytes,
 )
 from analysis.evaluation.task import EvaluationTask
@@ -83,7 +83,7 @@ class EvaluationWork(ShardWork):
 
     def found(self, shard: Shard) -> ShardDone | None:
         """See `ShardWork.found`; a shard with pairs without a score is tried again."""
-        stored = read_scores(self._file(shard), self._key(shard))
+        stored = read_photograph_scores(self._file(shard), self._key(shard))
         if stored is None or any(one.failed for one in stored[0]):
             return None
         told = json.loads(str(stored[1]))
@@ -122,7 +122,7 @@ class EvaluationWork(ShardWork):
         AnalysisError
             If it is gone.
         """
-        stored = read_scores(self._file(shard), self._key(shard))
+        stored = read_photograph_scores(self._file(shard), self._key(shard))
         if stored is None:
             raise AnalysisError(
                 f"{self._file(shard)} vanished or was damaged; run the same command again"
@@ -183,7 +183,7 @@ class EvaluationWork(ShardWork):
         names = (file.name.partition(".")[0] for file in self.folder.glob(f"*{self._suffix}"))
         others = (self.folder / f"{name}{self._suffix}" for name in shard.others(names))
         for file in (self._file(shard, photograph), self._file(shard), *others):
-            stored = read_scores(file, self._settings_hash)
+            stored = read_photograph_scores(file, self._settings_hash)
             for one in () if stored is None else stored[0]:
                 if one.sha256 == scene.sha256 and one.path == on_one_line(path):
                     one.failed.clear()

@@ -3,7 +3,7 @@ from .limits import (
     PoseLimits as PoseLimits,
     ViewingCamera as ViewingCamera,
     contrast_found_at as contrast_found_at,
-    pose_limits as pose_limits,
+    limits_of_curve as limits_of_curve,
 )
 from .plot import limits_figure as limits_figure, pose_figure as pose_figure
 from .quality import (
@@ -17,7 +17,7 @@ from .quality import (
     Verdict as Verdict,
     decide as decide,
     describe_pose as describe_pose,
-    judge_pose as judge_pose,
+    pose_quality as pose_quality,
     read_pose as read_pose,
     read_pose_series as read_pose_series,
     verdict_of as verdict_of,

@@ -374,7 +374,7 @@ class PoseLimits:
         return limits_figure(self, ax)
 
 
-def pose_limits(
+def limits_of_curve(
     curve: DetectabilityCurve,
     min_d_prime: float,
     camera: ViewingCamera,

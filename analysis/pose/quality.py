@@ -311,7 +311,7 @@ class PoseQuality(ByValue):
         )
 
 
-def judge_pose(
+def pose_quality(
     matrix: FloatArray,
     followup_size: tuple[int, int],
     reference_size: tuple[int, int],
@@ -359,7 +359,7 @@ def read_pose(path: FilePath) -> PoseSummary:
     Parameters
     ----------
     path
-        Of the file: its output, or ``to_json`` of the result of ``judge_pose``.
+        Of the file: its output, or ``to_json`` of the result of ``pose_quality``.
 
     Returns
     -------

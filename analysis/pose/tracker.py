@@ -12,7 +12,7 @@ import numpy as np
 from analysis.choices import Criterion
 from analysis.detectability import DetectabilityCurve
 from analysis.errors import AnalysisError
-from analysis.pose.quality import PoseQuality, Verdict, judge_pose
+from analysis.pose.quality import PoseQuality, Verdict, pose_quality
 from calibration.errors import RegistrationError
 from calibration.registration import TrackedPose, TrackingReference
 from simulation.arrays import AnyArray, FloatArray
@@ -78,7 +78,7 @@ class PoseTracker:
     Not safe for several threads at once: one tracker belongs to one stream. ``reference``: the
     earlier, nearer image: grey, shape ``(rows, cols)``, any dtype, finite. ``curve``: d' against
     zoom: one curve of a curves.json (``read_curves(path).chosen(...)``). ``criterion``: ``min`` or
-    ``quantile``, as in ``judge_pose``.
+    ``quantile``, as in ``pose_quality``.
 
     Examples
     --------
@@ -163,7 +163,7 @@ class PoseTracker:
     ) -> PoseVerdict:
         rows, cols = self._reference.shape
         try:
-            quality = judge_pose(
+            quality = pose_quality(
                 found.matrix, size, (cols, rows), self._curve, self._min_d_prime, self._criterion
             )
         except AnalysisError as error:

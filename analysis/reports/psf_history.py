@@ -17,7 +17,7 @@ from analysis.reports.page import (
     new_figure,
 )
 from calibration.errors import CalibrationError
-from calibration.psf import PsfCalibration, compare_psfs, focus_repeatability
+from calibration.psf import PsfCalibration, focus_repeatability, psf_change
 from calibration.sharpness import NORMAL_95, with_reach
 from simulation.figures import figure_of
 from simulation.palette import BLUE, VERMILION
@@ -154,7 +154,7 @@ def _compared(entries: list[HistoryEntry]) -> list[HistoryEntry]:
     done = entries[:1]
     for entry in entries[1:]:
         try:
-            verdict = compare_psfs(entries[0].psf, entry.psf).verdict
+            verdict = psf_change(entries[0].psf, entry.psf).verdict
         except CalibrationError as error:
             verdict = f"not comparable: {error}"
         done.append(HistoryEntry(name=entry.name, psf=entry.psf, verdict=verdict))

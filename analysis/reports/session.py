@@ -35,7 +35,7 @@ from analysis.reports.psf_edges import edge_table_section
 from analysis.reports.psf_history import HistoryEntry, history_sections
 from analysis.reports.validation import plot_curves, plot_furthest
 from analysis.validation import ShownPair, Validation, furthest_pair
-from calibration.edges import EdgeMeasurement, measure_edges
+from calibration.edges import EdgeMeasurement, edges_of_image
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration, capture_images
 
@@ -195,7 +195,7 @@ def with_curves(psf: PsfCalibration, session: Session) -> PsfCalibration:
     found = {
         (image.name, round(edge.x_px), round(edge.y_px)): edge
         for image in capture_images(session, records)
-        for edge in measure_edges(image)
+        for edge in edges_of_image(image)
     }
     return psf.model_copy(update={"edges": tuple(_with_curve(edge, found) for edge in psf.edges)})
 

@@ -17,9 +17,14 @@ from math import log, sqrt
 
 import numpy as np
 
-from analysis.detectability import DetectabilityCurve, DetectionTask, GaussianSignal, d_prime_curves
+from analysis.detectability import (
+    DetectabilityCurve,
+    DetectionTask,
+    GaussianSignal,
+    curves_of_images,
+)
 from analysis.errors import NotDetectableError
-from analysis.pose import ViewingCamera, pose_limits
+from analysis.pose import ViewingCamera, limits_of_curve
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, Psf
 
@@ -146,14 +151,14 @@ class StudiedScene:
             models=("matched",),
             observers=("hotelling",),
         )
-        return d_prime_curves(crops, psf, task).curves
+        return curves_of_images(crops, psf, task).curves
 
     def tilt_deg(self, curve: DetectabilityCurve, min_d_prime: float) -> float | None:
         """Largest tilt with a d' of at least this; None where nothing in the curve limits it."""
         if self.camera is None:
             return None
         try:
-            found = pose_limits(curve, min_d_prime, self.camera)
+            found = limits_of_curve(curve, min_d_prime, self.camera)
         except NotDetectableError:
             return None
         return None if found.is_zoom_beyond_curve else found.tilt_deg

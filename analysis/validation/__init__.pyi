@@ -35,5 +35,5 @@ from .session import (
     furthest_pair as furthest_pair,
     mean_metrics as mean_metrics,
     shown_pairs as shown_pairs,
-    validate as validate,
+    validated as validated,
 )

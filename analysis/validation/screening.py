@@ -19,7 +19,7 @@ from calibration.registration import (
     Registration,
     RegistrationHints,
     RegistrationReference,
-    register,
+    register_images,
 )
 from simulation import Psf
 
@@ -200,7 +200,7 @@ def _aligned(
     pairs, failed = [], {}
     for record in further:
         try:
-            registration = register(
+            registration = register_images(
                 near,
                 session.load(record).mean_dn,
                 psf.gaussian,

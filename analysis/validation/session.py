@@ -145,7 +145,7 @@ class ValidationSettings:
         return self.kernels.steps if is_learned(model) else None
 
 
-def validate(
+def validated(
     session: Session,
     psf: Psf,
     settings: ValidationSettings | None = None,

@@ -1,4 +1,4 @@
-"""Time and memory of ``find_changes``, registration included, beside one warp and one blur.
+"""Time and memory of ``changes_between``, registration included, beside one warp and one blur.
 
 Two grey photographs of a texture from two poses, 8 bits, without a PSF, compared whole: the
 alignment, the fit and the list. The peer is one ``cv2.warpPerspective`` (cubic, float32) by the
@@ -82,11 +82,11 @@ def _photographs(frame: tuple[int, int], zoom: float) -> tuple[AnyArray, AnyArra
 def _cost(frame: tuple[int, int], zoom: float, rounds: int) -> _Cost:
     """Measure in this process, which must be a fresh one on one thread."""
     # So that start-up is not timed.
-    from analysis.changes import find_changes
+    from analysis.changes import changes_between
 
     cv2.setNumThreads(1)
     small = _photographs(FRAMES[0], zoom)
-    find_changes(small[0], small[1])
+    changes_between(small[0], small[1])
     reference, followup, matrix = _photographs(frame, zoom)
     levels = reference.astype(np.float32)
     find_s, peer_s = [], []
@@ -99,7 +99,7 @@ def _cost(frame: tuple[int, int], zoom: float, rounds: int) -> _Cost:
             cv2.GaussianBlur(seen, (0, 0), 1.0)
             peer_s.append(time.process_time() - start_s)
         start_s = time.process_time()
-        find_changes(reference, followup)
+        changes_between(reference, followup)
         find_s.append(time.process_time() - start_s)
     peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return _Cost(find_s=median(find_s), peer_s=median(peer_s), peak_gb=peak_kib / 2**20)

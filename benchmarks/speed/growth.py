@@ -23,10 +23,10 @@ from analysis.reports import in_report_style, new_figure, png_bytes
 from benchmarks.harness import Recorder, benchmark, best_s, shortest_s
 from benchmarks.speed.zoom_out import SIGMA_PX, pillow_and_scipy
 from calibration.edges import EdgeImage
-from calibration.geometry import GeometryCapture, GeometryOptions, calibrate_geometry
-from calibration.psf import calibrate_psf
+from calibration.geometry import GeometryCapture, GeometryOptions, geometry_of_captures
+from calibration.psf import psf_of_images
 from hil_mocks.truth import BenchTruth, CameraPose
-from simulation import GaussianPsf, zoom_out
+from simulation import GaussianPsf, zoom_out_image
 from simulation.arrays import Float32Array, FloatArray
 from tests.calibration.closed_form import edge_image
 
@@ -78,7 +78,7 @@ def _zoomed_out(
     """Time zoom-outs of images beside Pillow's and scipy's."""
     times_s = [
         shortest_s(
-            [partial(zoom_out, image, zoom, PSF), partial(pillow_and_scipy, image, zoom)],
+            [partial(zoom_out_image, image, zoom, PSF), partial(pillow_and_scipy, image, zoom)],
             record.pick(0.6, 0.2),
         )
         for image, zoom in cases
@@ -103,7 +103,7 @@ def _by_edges(record: Recorder) -> _Growth:
         "calibration of the PSF",
         "edges, one a photograph",
         counts,
-        lambda count: calibrate_psf(sources[:count]),
+        lambda count: psf_of_images(sources[:count]),
         record,
     )
 
@@ -127,7 +127,7 @@ def _by_heights(record: Recorder) -> _Growth:
 
     def calibrate(count: int) -> object:
         places = np.linspace(0, counts[-1] - 1, count).round().astype(int)
-        return calibrate_geometry([captures[place] for place in places], nominal)
+        return geometry_of_captures([captures[place] for place in places], nominal)
 
     return _timed("geometry of a height series", "heights of 390 x 290", counts, calibrate, record)
 

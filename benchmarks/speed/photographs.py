@@ -15,9 +15,9 @@ import tifffile
 from PIL import Image
 from scipy.special import erf
 
-from acquisition.photographs import LINEAR, ReadOptions, read_image
+from acquisition.photographs import LINEAR, ReadOptions, read_photograph
 from benchmarks.harness import Recorder, benchmark, medians_s
-from calibration.edges import EdgeImage, measure_edges
+from calibration.edges import EdgeImage, edges_of_image
 from simulation.arrays import FloatArray
 
 SIGMA_PX, ANGLE_DEG = 0.8, 5.0
@@ -43,12 +43,12 @@ def _with_pillow(path: Path) -> object:
 
 
 def _to_light(path: Path) -> object:
-    return read_image(path).linear_planes
+    return read_photograph(path).linear_planes
 
 
 def _width_px(path: Path, options: ReadOptions) -> float:
-    found = read_image(path, options)
-    edges = measure_edges(EdgeImage(name=path.name, image_dn=found.grey_dn, is_jpeg=found.is_jpeg))
+    found = read_photograph(path, options)
+    edges = edges_of_image(EdgeImage(name=path.name, image_dn=found.grey_dn, is_jpeg=found.is_jpeg))
     return float(np.mean([edge.sigma_px for edge in edges]))
 
 

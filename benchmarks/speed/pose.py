@@ -29,7 +29,7 @@ from simulation import (
     Psf,
     PsfField,
     SamplingGrid,
-    simulate_pose,
+    simulate_pose_of_image,
 )
 from simulation.arrays import Float32Array, FloatArray
 from simulation.choices import POSE_MODELS
@@ -103,7 +103,7 @@ def _compare_memory(record: Recorder, shape: tuple[int, int]) -> None:
     matrix = _homography(shape, *pose)
     peer_mb = _memory_mb(partial(_blurred_and_warped, image, matrix, pose[2], size))
     for name, psf in LENSES:
-        own_mb = _memory_mb(partial(simulate_pose, image, matrix, size, psf))
+        own_mb = _memory_mb(partial(simulate_pose_of_image, image, matrix, size, psf))
         record.figure(
             f"memory of a pose, {name}, {size[0]} x {size[1]}",
             own_mb,
@@ -121,7 +121,9 @@ def _compare(record: Recorder, shape: tuple[int, int]) -> None:
         for tilt_deg, bearing_deg, zoom in POSES:
             matrix = _homography(shape, tilt_deg, bearing_deg, zoom)
             for model in POSE_MODELS:
-                own = partial(simulate_pose, image, matrix, size, psf, PoseOptions(model=model))
+                own = partial(
+                    simulate_pose_of_image, image, matrix, size, psf, PoseOptions(model=model)
+                )
                 record.say(f"the first call takes {1e3 * _seconds_of(own):.0f} ms")
                 peer = partial(_blurred_and_warped, image, matrix, zoom, size)
                 own_s, peer_s = shortest_s([own, peer], seconds)
@@ -156,7 +158,7 @@ def _compare_fields(record: Recorder, shape: tuple[int, int]) -> None:
             options = PoseOptions(model=model, origin_px=origin_px)
             own_s, peer_s = shortest_s(
                 [
-                    partial(simulate_pose, image, grid.matrix, size, field, options),
+                    partial(simulate_pose_of_image, image, grid.matrix, size, field, options),
                     partial(_blurred_and_warped, image, grid.matrix, zoom, size),
                 ],
                 record.pick(1.0, 0.1),
@@ -170,7 +172,7 @@ def main(record: Recorder) -> None:
     cv2.setNumThreads(1)
     # Compiles.
     matrix = _homography((64, 64), 5.0, 0.0, 1.5)
-    simulate_pose(np.zeros((64, 64), np.float32), matrix, (64, 64), GAUSSIAN)
+    simulate_pose_of_image(np.zeros((64, 64), np.float32), matrix, (64, 64), GAUSSIAN)
     shapes = record.pick(SHAPES, SHAPES[:1])
     for shape in shapes:
         _compare_memory(record, shape)

@@ -1,8 +1,8 @@
 """Live pose: frames a second beside a full registration of each, and how often it is right.
 
 A camera of 780 x 580 px moves on the simulated bench. First along a smooth path, as a hand moves
-it, for the speed; the peer is ``register`` on every frame. Then at random poses that have nothing
-to do with each other, for the verdicts: each is held against the one from the bench's own
+it, for the speed; the peer is ``register_images`` on every frame. Then at random poses that have
+nothing to do with each other, for the verdicts: each is held against the one from the bench's own
 homography; those within 5 % of the threshold do not count.
 
     OMP_NUM_THREADS=1 python -m benchmarks.speed.pose_tracking [--poses 200]
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
 from analysis.detectability import DetectabilityCurve
-from analysis.pose import PoseTracker, judge_pose
+from analysis.pose import PoseTracker, pose_quality
 from benchmarks.harness import Recorder, benchmark
-from calibration.registration import register
+from calibration.registration import register_images
 from hil_mocks.truth import BenchTruth, CameraPose
 from standoff.shipped_configs import shipped_config
 from tests.analysis.random_poses import NEAR_MM, bench_truth, posed_frames, reference_frame, shot
@@ -76,7 +76,7 @@ def _speed(record: Recorder, truth: BenchTruth) -> None:
     full_s = []
     for frame in frames[:: PATH_FRAMES // FULL_FRAMES]:
         start = time.perf_counter()
-        register(reference, frame)
+        register_images(reference, frame)
         full_s.append(time.perf_counter() - start)
     followed, full = float(np.median(took_s)), float(np.median(full_s))
     record.say(f"{len(frames)} frames of a path: searched as a whole {tracker.anchors}")
@@ -93,7 +93,7 @@ def _verdicts(record: Recorder, truth: BenchTruth, count: int) -> None:
         for frame in posed_frames(truth, target, share, number):
             found = tracker.update(frame.image_dn)
             size = frame.image_dn.shape[1], frame.image_dn.shape[0]
-            true = judge_pose(frame.matrix, size, size, CURVE, MIN_D_PRIME)
+            true = pose_quality(frame.matrix, size, size, CURVE, MIN_D_PRIME)
             unknown += found.dprime is None
             if found.dprime is not None:
                 errors.append(found.dprime / max(true.decisive_d_prime, 1e-9) - 1)

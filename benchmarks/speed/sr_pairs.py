@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from acquisition.photographs import LINEAR, ReadOptions, marked_png, read_image
+from acquisition.photographs import LINEAR, ReadOptions, marked_png, read_photograph
 from acquisition.session import atomic_write
 from analysis.sweep import SweepOptions
 from benchmarks.harness import Recorder, benchmark
@@ -104,7 +104,7 @@ def _write_pairs_one_by_one(photographs: Path, out: Path) -> int:
     out.mkdir()
     count = 0
     for path in sorted(photographs.iterdir()):
-        photograph = read_image(path)
+        photograph = read_photograph(path)
         pairs = sr_pairs(
             photograph.colour_planes, ZOOM, PSF, crop_px=CROP_PX, stride_px=CROP_PX, model="lmmse"
         )

@@ -35,7 +35,7 @@ from simulation import (
     Psf,
     SamplingGrid,
     zoom_operator,
-    zoom_out,
+    zoom_out_image,
 )
 from simulation.arrays import AnyArray, Float32Array
 
@@ -79,7 +79,7 @@ def _plot_growth(path: Path) -> None:
     figure = new_figure(8.0, 3.4)
     by_size, by_zoom = figure.subplots(1, 2)
     calls: dict[str, Callable[..., object]] = {
-        model: partial(zoom_out, psf=psf, model=model) for model in MODELS
+        model: partial(zoom_out_image, psf=psf, model=model) for model in MODELS
     }
     calls["Pillow + scipy"] = pillow_and_scipy
     for name, call in calls.items():
@@ -122,7 +122,7 @@ def _compare(record: Recorder, shape: tuple[int, int]) -> None:
             partial(_opencv, image, zoom),
             partial(pillow_and_scipy, image, zoom),
         ]
-        calls += [partial(zoom_out, image, zoom, PSFS[name], model) for model, name in rows]
+        calls += [partial(zoom_out_image, image, zoom, PSFS[name], model) for model, name in rows]
         opencv_s, pillow_s, *times_s = shortest_s(calls, record.pick(6.0, 0.5))
         for (model, name), own_s in zip(rows, times_s, strict=True):
             record.time(f"{model}, {name} PSF, {size}, zoom {zoom}", own_s, "OpenCV", opencv_s)

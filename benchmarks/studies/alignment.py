@@ -35,7 +35,12 @@ from benchmarks.truth.pairs import (
     scene,
 )
 from calibration.errors import RegistrationError
-from calibration.registration import FeatureMatches, Registration, RegistrationHints, register
+from calibration.registration import (
+    FeatureMatches,
+    Registration,
+    RegistrationHints,
+    register_images,
+)
 from simulation.arrays import BoolArray, FloatArray
 
 PEER = "OpenCV's SIFT and MAGSAC"
@@ -242,7 +247,7 @@ def _judge_extremes(record: Recorder, kinds: tuple[str, ...]) -> None:
         near, far = one.developed(how, how, number)
         for reference, followup, is_nearer_second in ((near, far, False), (far, near, True)):
             try:
-                found = register(reference, followup)
+                found = register_images(reference, followup)
             except RegistrationError:
                 record.say(f"zoom {EXTREME_ZOOM:g}, {kind}: refused")
                 continue
@@ -256,7 +261,7 @@ def _judge_extremes(record: Recorder, kinds: tuple[str, ...]) -> None:
             remark = ", warned that the scene repeats" if is_warned else ""
             record.say(f"zoom {EXTREME_ZOOM:g}, {kind}: {error_px:.3f} px of the further{remark}")
         try:
-            register(near, other.developed(how, how, number)[1])
+            register_images(near, other.developed(how, how, number)[1])
         except RegistrationError:
             continue
         wrong += 1
@@ -343,7 +348,7 @@ def _hints(one: Case) -> dict[str, RegistrationHints]:
 def _verdict(one: Case, hints: RegistrationHints | None, bound: float) -> tuple[str, float]:
     """What became of a pair: aligned, coarse (within 4 bounds), warned, refused or wrong."""
     try:
-        registration = register(one.reference, one.followup, None, hints)
+        registration = register_images(one.reference, one.followup, None, hints)
     except RegistrationError:
         return "refused", float("inf")
     error = one.error_px(registration)

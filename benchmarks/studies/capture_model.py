@@ -46,8 +46,8 @@ from simulation import (
     PoseOptions,
     Psf,
     SamplingGrid,
-    simulate_pose,
-    zoom_out,
+    simulate_pose_of_image,
+    zoom_out_image,
 )
 from simulation.arrays import FloatArray, FloatImage
 from simulation.choices import DEFAULT_MODEL, POSE_MODELS
@@ -222,12 +222,12 @@ class _Calibrated:
         return (
             self.zoomed_by_default(reference, zoom)
             | {
-                model + suffix: zoom_out(reference, zoom, psf, model)
+                model + suffix: zoom_out_image(reference, zoom, psf, model)
                 for (suffix, psf), model in product(self.psfs, MODELS)
             }
             | {
-                "paper": zoom_out(reference, zoom, self.total, "paper"),
-                "bicubic": zoom_out(reference, zoom, None, "bicubic"),
+                "paper": zoom_out_image(reference, zoom, self.total, "paper"),
+                "bicubic": zoom_out_image(reference, zoom, None, "bicubic"),
                 "Pillow + scipy": pillow_scipy(reference, zoom, self._round_sigma_px),
             }
         )
@@ -235,7 +235,7 @@ class _Calibrated:
     def zoomed_by_default(self, reference: FloatArray, zoom: float) -> dict[str, FloatImage]:
         """Follow-up by the default model and the fastest peer."""
         return {
-            DEFAULT_MODEL: zoom_out(reference, zoom, self.measured),
+            DEFAULT_MODEL: zoom_out_image(reference, zoom, self.measured),
             "OpenCV": opencv(reference, zoom, self._round_sigma_px),
         }
 
@@ -243,7 +243,7 @@ class _Calibrated:
         """Follow-up of a pose by every model that has poses."""
         size, k1 = (pose.followup_side, pose.followup_side), pose.distortion_k1
         return {
-            model + suffix: simulate_pose(
+            model + suffix: simulate_pose_of_image(
                 reference, pose.homography, size, psf, PoseOptions(model=model, distortion_k1=k1)
             ).image
             for (suffix, psf), model in product(self.psfs, MODELS)

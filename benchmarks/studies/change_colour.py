@@ -21,7 +21,7 @@ from scipy.special import ndtri
 from scipy.stats import norm
 
 from acquisition.photographs import luma_plane
-from analysis.changes import ChangeOptions, ChangeResult, PairColours, find_changes
+from analysis.changes import ChangeOptions, ChangeResult, PairColours, changes_between
 from benchmarks.harness import Recorder, benchmark
 from calibration.registration import DistortedPose
 from simulation.arrays import FloatArray
@@ -82,7 +82,7 @@ def _compared(before: FloatArray, after: FloatArray) -> ChangeResult:
     pose = DistortedPose(matrix=np.eye(3), k1=0.0, reference_shape=shape, followup_shape=shape)
     colours = PairColours(reference_dn=before, followup_dn=after)
     options = ChangeOptions(pose=pose, colours=colours, false_alarms=FALSE_ALARMS)
-    return find_changes(luma_plane(before), luma_plane(after), None, options)
+    return changes_between(luma_plane(before), luma_plane(after), None, options)
 
 
 def _false_px(kind: str, seed: int) -> int:

@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from analysis.changes import ChangeOptions, ChangeResult, find_changes, significance_threshold
+from analysis.changes import ChangeOptions, ChangeResult, changes_between, significance_threshold
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.change_roc import roc_of
 from benchmarks.truth.lenses import Camera, f_number, gaussian
@@ -195,8 +195,8 @@ def _scored(
             known = None if study.is_aligned else pose
             if is_swapped:
                 options = ChangeOptions(pose=None if known is None else known.inverse())
-                return find_changes(followup, reference, kind.psf, options)
-            return find_changes(reference, followup, kind.psf, ChangeOptions(pose=known))
+                return changes_between(followup, reference, kind.psf, options)
+            return changes_between(reference, followup, kind.psf, ChangeOptions(pose=known))
 
         for draw in range(study.draws):
             result = found(unchanged, first + draw)

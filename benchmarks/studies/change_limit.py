@@ -17,7 +17,13 @@ from typing import Annotated
 import cv2
 import numpy as np
 
-from analysis.changes import ChangeOptions, ChangeResult, detection_power, find_changes, height_for
+from analysis.changes import (
+    ChangeOptions,
+    ChangeResult,
+    changes_between,
+    detection_power,
+    height_for,
+)
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.lenses import Camera, f_number, gaussian
 from benchmarks.truth.pairs import Development, PairPose, pair_of, scene
@@ -113,7 +119,7 @@ def _judged(kind: _Kind, name: str, pose: PairPose, seed: int, score: _Score) ->
     def compared(painted: FloatArray, sigma_px: float) -> ChangeResult:
         followup = _developed(pair.followup_dn, after, 2 * seed + 1, painted)
         options = ChangeOptions(pose=known, spot_sigma_px=sigma_px)
-        return find_changes(reference, followup, None, options)
+        return changes_between(reference, followup, None, options)
 
     x, y = np.meshgrid(
         np.linspace(MARGIN_PX, FRAME[1] - MARGIN_PX, ACROSS),

@@ -14,7 +14,7 @@ from math import pi, sqrt
 
 import numpy as np
 
-from analysis.changes import Change, ChangeOptions, ChangeResult, find_changes
+from analysis.changes import Change, ChangeOptions, ChangeResult, changes_between
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.pairs import Development, PairPose, Spot, pair_of, scene, seen_spot
 from calibration.registration import DistortedPose
@@ -58,7 +58,7 @@ class _Case:
 
     def found(self, options: ChangeOptions) -> ChangeResult:
         """Compare the two."""
-        return find_changes(self.reference, self.followup, None, options)
+        return changes_between(self.reference, self.followup, None, options)
 
 
 def _spread_out(rng: np.random.Generator, pose: PairPose) -> list[tuple[float, float]]:
@@ -181,7 +181,7 @@ def _clipped(record: Recorder, frames: int) -> None:
                 np.minimum(np.rint(image), np.rint(top))
                 for image in (made.reference, made.followup)
             )
-            result = find_changes(reference, followup, None, ChangeOptions(pose=made.pose))
+            result = changes_between(reference, followup, None, ChangeOptions(pose=made.pose))
             worst = max(worst, result.summary.changed_px)
             total += result.summary.changed_px
         record.say(

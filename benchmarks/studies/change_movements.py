@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from analysis.changes import Change, ChangeOptions, ChangeResult, ChangeSummary, find_changes
+from analysis.changes import Change, ChangeOptions, ChangeResult, ChangeSummary, changes_between
 from analysis.errors import AnalysisError
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.studies.change_list import FRAME, KINDS, POSES
@@ -100,7 +100,7 @@ def _relief(number: int, *, is_hard: bool) -> ChangeSummary:
             bumps.append(Bump(centre_px=place, width_px=rng.uniform(12, 30), shift_px=shift))
     made = ReliefScene(ground=ground, bumps=tuple(bumps), layers=tuple(layers))
     pair = _developed(relief_pair(made, FRAME, pose), number)
-    return find_changes(*pair, options=ChangeOptions(pose=pose.known(FRAME))).summary
+    return changes_between(*pair, options=ChangeOptions(pose=pose.known(FRAME))).summary
 
 
 def _layer(
@@ -168,7 +168,7 @@ def _moved_things(record: Recorder, frames: int) -> None:
             made, pose = _things(number, ways, 9000 if ways[0] < 5 else 9500)
             pair = _developed(relief_pair(made, FRAME, pose), number)
             true_pose = pose.known(FRAME)
-            found = find_changes(*pair, options=ChangeOptions(pose=true_pose)).summary
+            found = changes_between(*pair, options=ChangeOptions(pose=true_pose)).summary
             for one in made.layers:
                 x, y = np.array([one.centre_px, np.add(one.centre_px, one.shift_px)]).T
                 rows, cols = true_pose.to_followup_px(y, x)
@@ -209,7 +209,7 @@ def _appeared(record: Recorder, frames: int) -> None:
             photograph(second, FRAME, pose, CAMERA),
         )
         options = ChangeOptions(pose=pose.known(FRAME))
-        found = find_changes(*_developed(pair, number), options=options).summary
+        found = changes_between(*_developed(pair, number), options=options).summary
         taken += sum(one.area_px for one in found.moved)
         total += sum(one.area_px for one in (*found.changes, *found.moved))
     share = 100 * taken / total
@@ -271,9 +271,9 @@ def _rendered_spots(record: Recorder, frames: int) -> None:
         reference, followup = _developed(made, number)
         options = ChangeOptions(pose=pose.known(FRAME))
         rng = np.random.default_rng(7000 + number)
-        clean = find_changes(reference, followup, options=options)
+        clean = changes_between(reference, followup, options=options)
         image, spots = _painted(rng, clean, followup, 14)
-        found = find_changes(reference, image, options=options).summary
+        found = changes_between(reference, image, options=options).summary
         listed, moved = _judged(spots, found)
         total, taken = total + listed, taken + moved
     record.say(f"spots on unchanged scenes: {total} listed, {taken} as moved")
@@ -294,7 +294,7 @@ def _real_pairs(record: Recorder, repeats: int) -> None:
         ]
         reference, followup = (np.asarray(image, dtype=np.float64) for image in images)
         try:
-            result = find_changes(reference, followup)
+            result = changes_between(reference, followup)
         except AnalysisError as error:
             record.say(f"{name}: {error}")
             continue
@@ -312,7 +312,7 @@ def _real_pairs(record: Recorder, repeats: int) -> None:
             rng = np.random.default_rng(50 + repeat)
             image, spots = _painted(rng, result, followup, 25)
             listed, as_moved = _judged(
-                spots, find_changes(reference, image, options=options).summary
+                spots, changes_between(reference, image, options=options).summary
             )
             total, taken = total + listed, taken + as_moved
     record.say(f"spots on real follow-ups: {total} listed, {taken} as moved")

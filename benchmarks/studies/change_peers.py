@@ -21,7 +21,7 @@ from typing import Annotated
 import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter
 
-from analysis.changes import ChangeOptions, find_changes
+from analysis.changes import ChangeOptions, changes_between
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.peers.program import PeerError
 from benchmarks.peers.scores import (
@@ -144,7 +144,7 @@ def _case(kind: _Kind, scene_name: str, pose: PairPose, seed: int) -> _Case:
 def _ours(made: _Case) -> tuple[FloatArray, BoolArray]:
     """Significance of this project's comparison, without a calibration, and what was compared."""
     options = ChangeOptions(pose=made.pose)
-    found = find_changes(made.aligned.reference, made.aligned.followup, None, options)
+    found = changes_between(made.aligned.reference, made.aligned.followup, None, options)
     return np.abs(np.asarray(found.significance, dtype=np.float64)), found.valid
 
 

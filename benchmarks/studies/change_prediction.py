@@ -22,7 +22,7 @@ import numpy as np
 from analysis.changes import (
     ChangeOptions,
     ChangeSummary,
-    find_changes,
+    changes_between,
     height_for,
 )
 from analysis.choices import OBSERVERS, Observer
@@ -30,7 +30,7 @@ from analysis.detectability import (
     DetectabilityCurves,
     DetectionTask,
     GaussianSignal,
-    d_prime_curves,
+    curves_of_images,
     expected_limits,
 )
 from analysis.detection_limits import PredictedLimit
@@ -99,7 +99,7 @@ def _predicted(
         observers=observers,
         reference_zoom=1.0,
     )
-    return d_prime_curves([reference], psf, task)
+    return curves_of_images([reference], psf, task)
 
 
 def _met(
@@ -111,7 +111,7 @@ def _met(
 ) -> tuple[ChangeSummary, PredictedLimit]:
     """Compare the pair, with the limit that was predicted."""
     options = ChangeOptions(pose=pose, expected=expected_limits(curves.curves[0]))
-    summary = find_changes(reference, followup, psf, options).summary
+    summary = changes_between(reference, followup, psf, options).summary
     assert summary.detection_limit is not None
     assert summary.detection_limit.predicted is not None
     return summary, summary.detection_limit.predicted

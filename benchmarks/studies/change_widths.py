@@ -14,7 +14,7 @@ from math import pi, sqrt
 
 import numpy as np
 
-from analysis.changes import ChangeOptions, ChangeResult, find_changes
+from analysis.changes import ChangeOptions, ChangeResult, changes_between
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene
 from simulation.arrays import FloatArray
@@ -46,7 +46,7 @@ def _compared(pair: Pair, seed: int, painted: FloatArray | float = 0.0) -> Chang
     """Compare a pair, with something painted into the developed follow-up."""
     reference, followup = pair.developed(BEFORE, AFTER, seed)
     options = ChangeOptions(pose=pair.pose.known(FRAME))
-    return find_changes(reference, followup + painted, None, options)
+    return changes_between(reference, followup + painted, None, options)
 
 
 def _spot(x_px: float, y_px: float, sigma_px: float) -> FloatArray:

@@ -22,13 +22,13 @@ from acquisition.bench import load_bench
 from analysis.changes import (
     ChangeOptions,
     ChangeResult,
-    find_changes,
+    changes_between,
     significance_threshold,
 )
 from analysis.reports import png_bytes
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.change_roc import Roc, plot_change_roc, roc_of
-from calibration.registration import DistortedPose, register
+from calibration.registration import DistortedPose, register_images
 from hil_mocks.truth import BenchTruth
 from simulation.arrays import BoolArray
 from standoff.shipped_configs import shipped_config
@@ -54,7 +54,7 @@ LENS_K1 = -0.01
 
 def _found(truth: BenchTruth, pair: BenchPair) -> ChangeResult:
     options = ChangeOptions(noise=bench_noise(truth, FRAMES_AVERAGED))
-    return find_changes(pair.reference, pair.followup, bench_psf(truth), options)
+    return changes_between(pair.reference, pair.followup, bench_psf(truth), options)
 
 
 def _parts(pair: BenchPair, result: ChangeResult) -> tuple[BoolArray, BoolArray]:
@@ -160,7 +160,7 @@ def _through_a_lens(record: Recorder, truth: BenchTruth, targets: tuple[str, ...
                 **(SPOTS | {"contrast": 0.0}),
             )
             flagged += int(_found(truth, pair).is_change.sum())
-            matrix = register(pair.reference, pair.followup, psf).matrix
+            matrix = register_images(pair.reference, pair.followup, psf).matrix
             pose = DistortedPose(
                 matrix=matrix,
                 k1=0.0,
@@ -168,7 +168,7 @@ def _through_a_lens(record: Recorder, truth: BenchTruth, targets: tuple[str, ...
                 followup_shape=(pair.followup.shape[0], pair.followup.shape[1]),
             )
             options = ChangeOptions(pose=pose, noise=noise)
-            plain = find_changes(pair.reference, pair.followup, psf, options)
+            plain = changes_between(pair.reference, pair.followup, psf, options)
             by_homography += int(plain.is_change.sum())
             frames += 1
     record.figure(

@@ -30,17 +30,17 @@ from analysis.detectability import (
     DetectionTask,
     ErrorSources,
     curves_of,
-    d_prime_curves,
+    curves_of_images,
     scene_sums,
 )
-from analysis.pose import ViewingCamera, decide, pose_limits
+from analysis.pose import ViewingCamera, decide, limits_of_curve
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.gaussian_scenes import GaussianScene, true_d_prime
 from calibration.blind import calibrate_from_distances
 from calibration.edges import EdgeImage
 from calibration.errors import PairError
 from calibration.noise import LevelNoise
-from calibration.psf import PsfCalibration, calibrate_psf
+from calibration.psf import PsfCalibration, psf_of_images
 from simulation.arrays import FloatArray
 from standoff.library.detectability import known_errors
 
@@ -100,7 +100,7 @@ def _calibrated(
 ) -> tuple[PsfCalibration, ErrorSources]:
     """The PSF from pixels, and what is known of it."""
     if not condition.is_two_distance:
-        psf = calibrate_psf(_edges_of(condition, rng))
+        psf = psf_of_images(_edges_of(condition, rng))
         return psf, known_errors(psf)
     waves = SCENE.waves(rng)
     noise_dn = 2 * sqrt(sum(SCENE.variances_dn2)) / condition.snr
@@ -130,7 +130,7 @@ def _curve_of(
         for _ in range(condition.photographs)
     ]
     task = _task_with(sources)
-    return d_prime_curves(scenes, psf.best_psf("psf"), task).curves[0]
+    return curves_of_images(scenes, psf.best_psf("psf"), task).curves[0]
 
 
 def _task_with(sources: ErrorSources) -> DetectionTask:
@@ -216,7 +216,7 @@ def _run(condition: _Condition, seed: int, tally: Counter[str]) -> None:
     limit = _true_zoom_limit(focus_px2)
     if limit is not None:
         tally["limits"] += 1
-        found = pose_limits(curve, THRESHOLD, CAMERA)
+        found = limits_of_curve(curve, THRESHOLD, CAMERA)
         low, high = found.zoom_interval_95
         tally["zoom limit"] += (low or 0.0) <= limit <= (high or np.inf)
     tally["runs"] += 1
@@ -290,7 +290,7 @@ def _tilts(record: Recorder) -> None:
         }
     )
     for threshold in (1.5, 2.0, 2.5, 3.0):
-        found = pose_limits(curve, threshold, CAMERA)
+        found = limits_of_curve(curve, threshold, CAMERA)
         assert found.tilt_deg is not None
         own = brentq(lambda t, zoom=found.zoom: _tilted_zoom(t) - zoom, 0.5, 40.0)
         errors.append(abs(own - found.tilt_deg))
@@ -302,7 +302,7 @@ def _cost(record: Recorder) -> None:
     """Time of the curves with and without what their intervals need, as a ratio."""
     rng = np.random.default_rng(0)
     scenes = [SCENE.photograph(300, PSF_PX2, rng) for _ in range(2)]
-    psf = calibrate_psf(_edges_of(_Condition(snr=100.0, scatter_px2=0.0), rng)).best_psf("psf")
+    psf = psf_of_images(_edges_of(_Condition(snr=100.0, scatter_px2=0.0), rng)).best_psf("psf")
     task = DetectionTask()
     plan = task.plan(psf, 2)
     sums = [scene_sums(scene, plan) for scene in scenes]

@@ -19,7 +19,7 @@ from benchmarks.harness import Recorder, benchmark
 from benchmarks.speed.edge_fit import exact_edge
 from benchmarks.truth.edges import Rectangle, patches, pixel_means
 from calibration.edges import EdgeFit, EdgeImage, EdgeSegment, JpegCompression, find_edges, fit_edge
-from calibration.psf import calibrate_psf
+from calibration.psf import psf_of_images
 from simulation.arrays import FloatArray
 
 Range = tuple[float, float]
@@ -227,7 +227,7 @@ def _boards(record: Recorder, count: int) -> None:
                     is_jpeg=True,
                     compression=compression,
                 )
-                psf = calibrate_psf([source])
+                psf = psf_of_images([source])
                 tally.add_width(psf.optical_sigma_x_px, psf.optical_sigma_x_err_px, sigma)
                 tally.add_width(psf.optical_sigma_y_px, psf.optical_sigma_y_err_px, sigma)
             name = f"boards, sigma {sigma}, JPEG {quality}"

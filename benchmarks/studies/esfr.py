@@ -20,8 +20,8 @@ from benchmarks.peers.edges import curve_by_bins, quick_mtf, samples_of
 from benchmarks.peers.program import PeerError
 from calibration.edges import (
     EdgeImage,
+    edges_of_image,
     gaussian_mtf50,
-    measure_edges,
     measure_esfr,
     pixel_mtf50,
 )
@@ -80,7 +80,7 @@ def _every_angle(record: Recorder) -> None:
     for sigma in (0.4, 0.5, 0.6, 0.8, 1.5):
         for normal_deg in EVERY_DEG:
             image = edge_image(sigma, normal_deg, has_pixel=True, shape=(100, 100))
-            [edge] = measure_edges(EdgeImage(name="", image_dn=image))
+            [edge] = edges_of_image(EdgeImage(name="", image_dn=image))
             count += 1
             if edge.esfr_mtf50_cy_per_px is None:
                 missing += 1
@@ -106,7 +106,7 @@ def _shading(record: Recorder) -> None:
             sigma_error, mtf50_error = 0.0, 0.0
             for sigma, normal_deg in product((0.5, 0.8, 1.5), (5.0, 35.0, 95.0)):
                 image = edge_image(sigma, normal_deg, has_pixel=True, shape=shape) * lit(shape)
-                edges = measure_edges(EdgeImage(name="", image_dn=image))
+                edges = edges_of_image(EdgeImage(name="", image_dn=image))
                 edge = max(edges, key=lambda e: e.length_px)
                 assert edge.optical_sigma_px is not None
                 assert edge.esfr_mtf50_cy_per_px is not None
@@ -132,7 +132,7 @@ def _squares_by_the_frame(record: Recorder) -> None:
         error = 0.0
         for lit, (ground, square) in product(kinds, ((40e3, 2e3), (2e3, 40e3))):
             image = (ground + (square - ground) * cover) * lit((side, side))
-            for edge in measure_edges(EdgeImage(name="", image_dn=image)):
+            for edge in edges_of_image(EdgeImage(name="", image_dn=image)):
                 assert edge.esfr_mtf50_cy_per_px is not None
                 truth = pixel_mtf50(sigma, edge.normal_rad)
                 error = max(error, abs(edge.esfr_mtf50_cy_per_px / truth - 1))
@@ -155,7 +155,9 @@ def _intervals_in_uneven_light(record: Recorder) -> None:
             )
             image *= 1 + 0.35 * (np.cos(bearing) * x + np.sin(bearing) * y) / 512
             image += np.sqrt(9 + image / 4) * rng.standard_normal(shape)
-            edge = max(measure_edges(EdgeImage(name="", image_dn=image)), key=lambda e: e.length_px)
+            edge = max(
+                edges_of_image(EdgeImage(name="", image_dn=image)), key=lambda e: e.length_px
+            )
             if edge.esfr_mtf50_err_cy_per_px is None or edge.optical_sigma_err_px is None:
                 continue
             assert edge.esfr_mtf50_cy_per_px is not None
@@ -199,7 +201,9 @@ def _intervals(record: Recorder) -> None:
                 sigma, normal_deg, has_pixel=True, shape=(100, 100), offset_px=offset
             )
             image += rng.normal(size=image.shape) * 44_000 / snr
-            edge = max(measure_edges(EdgeImage(name="", image_dn=image)), key=lambda e: e.length_px)
+            edge = max(
+                edges_of_image(EdgeImage(name="", image_dn=image)), key=lambda e: e.length_px
+            )
             if edge.esfr_mtf50_cy_per_px is None or edge.esfr_mtf50_err_cy_per_px is None:
                 continue
             error = edge.esfr_mtf50_cy_per_px - pixel_mtf50(sigma, float(np.deg2rad(normal_deg)))

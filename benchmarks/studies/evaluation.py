@@ -26,7 +26,7 @@ from benchmarks.studies.changes import bench_of
 from benchmarks.truth.lenses import gaussian
 from hil_mocks.truth import BenchTruth, CameraPose
 from hil_mocks.truth.scenes import Placed, SumOfScenes, ZonePlate, scene_of
-from simulation import PoseOptions, simulate_pose
+from simulation import PoseOptions, simulate_pose_of_image
 from simulation.arrays import Float32Array, FloatArray
 from tests.analysis.changed_scenes import EXPOSURE_US, NEAR_MM, bench_noise, bench_psf, far_pose
 
@@ -127,7 +127,9 @@ def _simulated(
     if model == "pyBSM":
         return _zoomed_by_pybsm(truth, source, seen) if HAS_PYBSM else None
     options = PoseOptions(model="lmmse" if model == "lmmse" else "matched")
-    made = simulate_pose(source, seen.matrix, (width, height), bench_psf(truth), options).image
+    made = simulate_pose_of_image(
+        source, seen.matrix, (width, height), bench_psf(truth), options
+    ).image
     return np.asarray(made, np.float64)
 
 

@@ -21,7 +21,7 @@ from calibration.geometry import (
     GeometryCalibration,
     GeometryCapture,
     GeometryOptions,
-    calibrate_geometry,
+    geometry_of_captures,
 )
 from calibration.registration import homography_pose, match_features, zoom_at_centre
 from hil_mocks.truth import BenchTruth, CameraPose
@@ -122,7 +122,7 @@ def _calibrated(case: _Case) -> GeometryCalibration:
         for height, image in zip(case.heights_mm, case.images, strict=True)
     ]
     nominal = GeometryOptions(nominal_focal_px=case.truth.camera.focal_length_px)
-    return calibrate_geometry(captures, nominal)
+    return geometry_of_captures(captures, nominal)
 
 
 def _peer_pupil_mm(case: _Case) -> tuple[float, float]:

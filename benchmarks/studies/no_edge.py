@@ -16,7 +16,7 @@ import numpy as np
 import calibration.edges.measurement as measurement
 from benchmarks.harness import Recorder, benchmark, shortest_s
 from benchmarks.truth.edges import RegionMaker, edges_of_bench, with_edges, without_edges
-from calibration.edges import EdgeImage, EdgeMeasurement, border_flags, measure_edges
+from calibration.edges import EdgeImage, EdgeMeasurement, border_flags, edges_of_image
 from tests.calibration.closed_form import edge_image
 
 NOT_AN_EDGE = frozenset({"uneven", "curved"})
@@ -40,7 +40,7 @@ def _false_numbers(record: Recorder, count: int, seed: int) -> None:
     made, before, used, bare = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
     bare_before = 0
     for region in without_edges(count, seed):
-        edges = measure_edges(region.source)
+        edges = edges_of_image(region.source)
         made[region.kind] += 1
         before[region.kind] += any(_was_used(edge) for edge in edges)
         used[region.kind] += any(edge.is_used for edge in edges)
@@ -66,7 +66,7 @@ def _refused(record: Recorder, name: str, make: RegionMaker, count: int, seed: i
     why = Counter[str]()
     for region in make(count, seed):
         assert region.sigma_px is not None
-        for edge in measure_edges(region.source):
+        for edge in edges_of_image(region.source):
             if not _was_used(edge) or abs(edge.sigma_px / region.sigma_px - 1) > NEAR:
                 continue
             true += 1
@@ -89,7 +89,7 @@ def _cost(record: Recorder) -> None:
         image += np.random.default_rng(1).normal(0, 400, image.shape)
         source = EdgeImage(name="edge", image_dn=image, saturation_dn=65_535.0)
         with_s, without_s = shortest_s(
-            [partial(measure_edges, source), partial(_without_border, source)],
+            [partial(edges_of_image, source), partial(_without_border, source)],
             record.pick(4.0, 0.3),
         )
         record.figure(
@@ -105,7 +105,7 @@ def _cost(record: Recorder) -> None:
 def _without_border(source: EdgeImage) -> None:
     measurement.border_flags = lambda *_, **__: ()  # type: ignore[attr-defined]  # imported there
     try:
-        measure_edges(source)
+        edges_of_image(source)
     finally:
         measurement.border_flags = border_flags  # type: ignore[attr-defined]  # as before
 

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.edges import Rectangle, patches
-from calibration.edges import EdgeImage, measure_edges
+from calibration.edges import EdgeImage, edges_of_image
 from calibration.noise import LevelNoise
-from calibration.psf import PsfCalibration, PsfEstimates, calibrate_psf
+from calibration.psf import PsfCalibration, PsfEstimates, psf_of_images
 from hil_mocks.truth import BenchTruth, CameraPose, Edge, Placed
 from simulation.arrays import BoolArray, FloatArray
 
@@ -89,7 +89,7 @@ def _total_px2() -> float:
     """Mean squared total width of edges of the lens in all directions, nearly without noise."""
     rng = np.random.default_rng(0)
     shots = [Shot(lens_px2=LENS_PX2, half_px=22.0, snr=1e4, capture=k) for k in range(24)]
-    edges = [edge for shot in shots for edge in measure_edges(photographed(shot, rng))]
+    edges = [edge for shot in shots for edge in edges_of_image(photographed(shot, rng))]
     return float(np.mean([edge.sigma_px**2 for edge in edges]))
 
 
@@ -107,7 +107,7 @@ def _calibrated(scatter_px2: float, snr: float, rng: np.random.Generator) -> Psf
         Shot(lens_px2=max(LENS_PX2 + away, 0.02), half_px=22.0, snr=snr, capture=k)
         for k, away in enumerate(offsets)
     ]
-    return calibrate_psf(photographed(shot, rng) for shot in shots)
+    return psf_of_images(photographed(shot, rng) for shot in shots)
 
 
 def _transfer(fx: FloatArray, fy: FloatArray) -> FloatArray:
@@ -161,7 +161,7 @@ def _soft(blur_mm: float, snr: float, rng: np.random.Generator) -> PsfCalibratio
                 height_mm=height_mm,
             )
         )
-    return calibrate_psf(photographed(shot, rng) for shot in shots)
+    return psf_of_images(photographed(shot, rng) for shot in shots)
 
 
 def _softness(record: Recorder, draws: int) -> None:
@@ -224,7 +224,7 @@ def _on_the_bench(record: Recorder, draws: int) -> None:
         ratios, removed = [], []
         for seed in range(draws):
             rng = np.random.default_rng([13, seed])
-            psf = calibrate_psf(
+            psf = psf_of_images(
                 EdgeImage(
                     name=f"capture {k}",
                     image_dn=GROUND_DN * view + rng.normal(0.0, BENCH_NOISE_DN, view.shape),

@@ -31,7 +31,7 @@ from benchmarks.studies.psf_coverage import (
     photographed,
 )
 from calibration.edges import EdgeImage
-from calibration.psf import PsfCalibration, calibrate_psf
+from calibration.psf import PsfCalibration, psf_of_images
 
 TOTAL_PX2 = LENS_PX2 + 1 / 12
 OFF_PX2 = 0.06 * TOTAL_PX2
@@ -99,7 +99,7 @@ def _calibrated(fault: _Fault, snr: float, rng: np.random.Generator) -> PsfCalib
             height_mm=height_mm + misread,
         )
         sources.append(_shown(fault, shot, rng))
-    return calibrate_psf(sources)
+    return psf_of_images(sources)
 
 
 def _names_of(psf: PsfCalibration) -> set[str]:

@@ -1,6 +1,6 @@
 """Registration beside the simulated bench's truth, with 1 % lens distortion.
 
-``ours`` is ``register``: features, then all pixels, with the distortion of the lens.
+``ours`` is ``register_images``: features, then all pixels, with the distortion of the lens.
 ``precise SIFT`` and ``default SIFT`` are the usual homography of matched features, with OpenCV's
 precise and its default upscaling. Errors are distances in the reference between where pixels lie
 and where a pose puts them, in px, medians over the frame. ``claimed`` is our own standard error.
@@ -17,7 +17,7 @@ import numpy as np
 
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, benchmark
-from calibration.registration import DistortedPose, RegistrationHints, register
+from calibration.registration import DistortedPose, RegistrationHints, register_images
 from hil_mocks import BenchTruth
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
@@ -48,7 +48,7 @@ def _judge(record: Recorder, width_px: int) -> None:
             far_mm = zoom * (NEAR_MM + offset_mm) - offset_mm
             far = _photograph(truth, target, far_mm, rng)
             start = time.process_time()
-            found = register(near, far, psf, RegistrationHints(zoom=zoom))
+            found = register_images(near, far, psf, RegistrationHints(zoom=zoom))
             seconds = time.process_time() - start
             error_px = float(np.median(truth.place_errors_px(found.pose, NEAR_MM, far_mm)))
             ours.append(error_px)

@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 
 from benchmarks.harness import Recorder, benchmark, best_s
-from calibration.edges import BinnedEdge, EdgeImage, EdgeMeasurement, measure_edges
-from calibration.psf import calibrate_psf, measure_transfer_2d
+from calibration.edges import BinnedEdge, EdgeImage, EdgeMeasurement, edges_of_image
+from calibration.psf import measure_transfer_2d, psf_of_images
 from simulation.arrays import FloatArray
 from tests.calibration.lens_edges import (
     HIGH_DN,
@@ -62,7 +62,7 @@ def _directions(freq: FloatArray, step_deg: float) -> tuple[FloatArray, FloatArr
 
 def _measured(lens: Lens, normals_deg: tuple[float, ...], snr: float) -> list[EdgeMeasurement]:
     sources = edge_photographs(lens, normals_deg, snr, seed=3)
-    return [edge for source in sources for edge in measure_edges(source)]
+    return [edge for source in sources for edge in edges_of_image(source)]
 
 
 def _bins_of(edges: list[EdgeMeasurement]) -> list[BinnedEdge]:
@@ -102,7 +102,7 @@ def _bias(record: Recorder, draws: int) -> None:
         fitted, smoothed = [], []
         for seed in range(draws):
             sources = edge_photographs(lens, EIGHT_DEG, snr, seed)
-            edges = [edge for source in sources for edge in measure_edges(source)]
+            edges = [edge for source in sources for edge in edges_of_image(source)]
             found = measure_transfer_2d(_bins_of(edges))
             assert found is not None
             normal = np.array([edge.normal_rad for edge in edges])
@@ -127,7 +127,7 @@ def _coverage(record: Recorder, draws: int) -> None:
             edges = [
                 edge
                 for image in clean
-                for edge in measure_edges(
+                for edge in edges_of_image(
                     EdgeImage(
                         name="edge",
                         image_dn=image + rng.normal(size=image.shape) * contrast / 100,
@@ -158,7 +158,7 @@ def _charts(record: Recorder, tilts: str, draws: int) -> None:
     for name, lens in UPRIGHT.items():
         inside, on_axes, anywhere, peers = [], 0.0, 0.0, 0.0
         for seed in range(draws):
-            psf = calibrate_psf(edge_photographs(lens, CHARTS_DEG[tilts], 100.0, seed))
+            psf = psf_of_images(edge_photographs(lens, CHARTS_DEG[tilts], 100.0, seed))
             found, gaussian = psf.transfer_2d, psf.total_psf("psf.json")
             assert found is not None
             away = np.abs(found.otf(*along) - lens.otf(*along))

@@ -35,14 +35,14 @@ from analysis.validation import (
     process_for_comparison,
 )
 from benchmarks.harness import Recorder, benchmark
-from simulation import GaussianPsf, Model, zoom_out
+from simulation import GaussianPsf, Model, zoom_out_image
 from simulation.arrays import FloatArray, FloatImage
 
 ZOOMS = {"nikon": 2.9, "iphone": 2.4}
 """Ratios of focal lengths and of distances, as the publication of the photographs has them."""
 
 MODELS: tuple[Model, ...] = ("bicubic", "paper", "matched", "lmmse")
-DEFAULT: Model = signature(zoom_out).parameters["model"].default
+DEFAULT: Model = signature(zoom_out_image).parameters["model"].default
 METRICS = ("correlation", "mse_dn2", "nmi", "psnr_db", "ssim")
 MSE_MOST = 1.02
 """Of the default model's mean squared error, over that of the paper's model."""
@@ -94,7 +94,7 @@ class _Pair:
     def simulated(self, model: Model, psf: Any) -> FloatArray:  # noqa: ANN401
         """Follow-up of the nearer photograph on its own grid, processed."""
         zoom = ZOOMS[self.camera]
-        made = zoom_out(self.near.astype(np.float32), zoom, psf, model)
+        made = zoom_out_image(self.near.astype(np.float32), zoom, psf, model)
         return process_for_comparison(_as_published(made, zoom, self.near.shape))
 
     def metrics(self, model: Model, psf: Any) -> ImageMetrics:  # noqa: ANN401

@@ -20,14 +20,14 @@ from analysis.detectability import (
     DetectabilityCurve,
     DetectionTask,
     GaussianSignal,
-    d_prime_curves,
+    curves_of_images,
 )
-from analysis.pose import ViewingCamera, pose_limits
+from analysis.pose import ViewingCamera, limits_of_curve
 from analysis.study import PlanStudy
 from calibration.edges import EdgeImage
-from calibration.geometry import GeometryCapture, GeometryOptions, calibrate_geometry
+from calibration.geometry import GeometryCapture, GeometryOptions, geometry_of_captures
 from calibration.noise import NoiseCalibration, fit_level_noise
-from calibration.psf import PsfCalibration, calibrate_psf
+from calibration.psf import PsfCalibration, psf_of_images
 from hil_mocks.truth import ADC_MAX_DN, BenchTruth, CameraPose
 from simulation.psf import Psf
 
@@ -180,7 +180,7 @@ def calibrated(session: StudiedSession, rng: np.random.Generator) -> PsfCalibrat
                 saturation_dn=float(ADC_MAX_DN),
             )
         )
-    return calibrate_psf(images)
+    return psf_of_images(images)
 
 
 def _pupil_offset_mm(
@@ -203,7 +203,9 @@ def _pupil_offset_mm(
         return None
     optics = session.config.optics
     focal_px = 1000 * optics.focal_length_mm / optics.pixel_pitch_um
-    return calibrate_geometry(captures, GeometryOptions(nominal_focal_px=focal_px)).pupil_offset_mm
+    return geometry_of_captures(
+        captures, GeometryOptions(nominal_focal_px=focal_px)
+    ).pupil_offset_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,7 +226,7 @@ class _ChangeCurves:
             models=("matched",),
             observers=("hotelling",),
         )
-        return d_prime_curves(session.scenes(rng, session.photographs), psf, task).curves[0]
+        return curves_of_images(session.scenes(rng, session.photographs), psf, task).curves[0]
 
     def about(self, curve: DetectabilityCurve) -> "_ChangeCurves":
         """Return the same with the zooms next to where a curve falls below the threshold."""
@@ -245,7 +247,7 @@ class _ChangeCurves:
             width_px=known.width_px,
             height_px=known.height_px,
         )
-        limits = pose_limits(curve, session.min_d_prime, camera)
+        limits = limits_of_curve(curve, session.min_d_prime, camera)
         return curve.dprime[self.zooms.index(1.5)], limits.tilt_deg or 0.0
 
 

@@ -21,10 +21,10 @@ from scipy.special import erfcx, log_ndtr
 
 from calibration.blind.two_distance import LEAST_ZOOM, ClippedPixels, PairPsf, combined, pair_psf
 from calibration.choices import CalibrationMethod
-from calibration.edges import EdgeImage, EdgeMeasurement, Region, measure_edges
+from calibration.edges import EdgeImage, EdgeMeasurement, Region, edges_of_image
 from calibration.errors import NoEdgeError, PairError, RegistrationError
 from calibration.psf import PairWidths, PsfCalibration, estimates_of_covariance
-from calibration.registration import register, zoom_at_centre
+from calibration.registration import register_images, zoom_at_centre
 from simulation.arrays import BoolArray, FloatArray
 
 FEWEST_EDGES = 12
@@ -201,7 +201,7 @@ def calibrate_from_scene(
     for done, source in enumerate(sources, start=1):
         names.append(source.name)
         # The texture beside an edge in a scene acts as its noise, whatever the camera's is.
-        edges.extend(measure_edges(replace(source, noise=None), region(source)))
+        edges.extend(edges_of_image(replace(source, noise=None), region(source)))
         progress(done)
     clear = [edge for edge in edges if "saturated" not in edge.flags and is_clear(edge)]
     try:
@@ -345,7 +345,7 @@ def _filled(source: EdgeImage, clipped: BoolArray) -> EdgeImage:
 def _registered(near: EdgeImage, far: EdgeImage) -> FloatArray:
     """Homography from far to near pixels."""
     try:
-        pose = register(near.image_dn, far.image_dn).pose
+        pose = register_images(near.image_dn, far.image_dn).pose
     except RegistrationError as error:
         raise PairError(str(error), reason="not_aligned") from error
     if pose.zoom < 1 / LEAST_ZOOM:

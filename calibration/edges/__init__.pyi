@@ -21,8 +21,8 @@ from .measurement import (
     EdgeSelection as EdgeSelection,
     MeasuredTransfer as MeasuredTransfer,
     Method as Method,
+    edges_of_image as edges_of_image,
     mean_transfer as mean_transfer,
-    measure_edges as measure_edges,
 )
 from .model import edge_profile as edge_profile
 from .samples import (

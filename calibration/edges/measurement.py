@@ -290,7 +290,7 @@ class EdgeMeasurement(Shown, ByValue, BaseModel):
         return repr(self)
 
 
-def measure_edges(
+def edges_of_image(
     source: EdgeImage, region: Region | None = None, method: Method = "all-angles"
 ) -> list[EdgeMeasurement]:
     """Find and fit every straight edge of one photograph.
@@ -531,7 +531,7 @@ class EdgeSelection:
 
     def measured_in(self, source: EdgeImage, method: Method) -> list[EdgeMeasurement]:
         """Measure the edges of a photograph."""
-        edges = measure_edges(source, self.region(source), method)
+        edges = edges_of_image(source, self.region(source), method)
         return told_apart(edges, source.pitch_px) if self.target == "auto" else edges
 
 

@@ -15,8 +15,8 @@ from .bundle_adjustment import (
 )
 from .calibration import (
     GeometryOptions as GeometryOptions,
-    calibrate_geometry as calibrate_geometry,
     geometry_captures as geometry_captures,
+    geometry_of_captures as geometry_of_captures,
     geometry_records as geometry_records,
     nominal_focal_px as nominal_focal_px,
 )

@@ -457,7 +457,7 @@ class GeometryOptions:
     board: CharucoBoard = DEFAULT_BOARD
 
 
-def calibrate_geometry(
+def geometry_of_captures(
     captures: Sequence[GeometryCapture],
     options: GeometryOptions | None = None,
     progress: Callable[[int], None] = lambda _: None,

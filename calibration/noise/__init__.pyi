@@ -11,8 +11,8 @@ from .measurement import (
     NoiseCaptures as NoiseCaptures,
     NoiseKind as NoiseKind,
     NoiseMeasurement as NoiseMeasurement,
-    measure_noise as measure_noise,
     noise_captures as noise_captures,
+    noise_of_captures as noise_of_captures,
 )
 from .photon_transfer import (
     LevelNoise as LevelNoise,

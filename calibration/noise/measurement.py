@@ -427,7 +427,7 @@ class NoiseMeasurement(Shown, ByValue):
         return drawn(draw, ax)
 
 
-def measure_noise(
+def noise_of_captures(
     given: Session | NoiseCaptures, progress: Callable[[int], None] = lambda _: None
 ) -> NoiseMeasurement:
     """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.

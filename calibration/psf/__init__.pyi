@@ -1,17 +1,17 @@
 from .calibration import (
     calibrate_mosaic as calibrate_mosaic,
-    calibrate_psf as calibrate_psf,
     capture_images as capture_images,
     edge_images as edge_images,
     edge_records as edge_records,
     origin_of as origin_of,
+    psf_of_images as psf_of_images,
     scene_records as scene_records,
 )
 from .comparison import (
     PsfChange as PsfChange,
-    compare_psfs as compare_psfs,
     focus_repeatability as focus_repeatability,
     focus_scatter_px2 as focus_scatter_px2,
+    psf_change as psf_change,
     psf_steps as psf_steps,
 )
 from .consistency import HeightGroup as HeightGroup, HeightTrend as HeightTrend

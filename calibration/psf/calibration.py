@@ -190,7 +190,7 @@ _JPEG_SHARED = 0.25
 _AXES: tuple[tuple[str, Orientation], ...] = (("x", "vertical"), ("y", "horizontal"))
 
 
-def calibrate_psf(
+def psf_of_images(
     sources: Iterable[EdgeImage],
     *,
     method: Method = "all-angles",

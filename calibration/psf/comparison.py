@@ -123,7 +123,7 @@ class PsfChange:
         return f"the PSF has changed: {', '.join(parts)}"
 
 
-def compare_psfs(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
+def psf_change(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
     """Compare two calibrations by a z-test of each parameter that both give with an error.
 
     The remarks name the widths that are left out, and what only one of the two gives.

@@ -19,7 +19,7 @@ from .features import (
 from .pair import (
     Registration as Registration,
     RegistrationReference as RegistrationReference,
-    register as register,
+    register_images as register_images,
 )
 from .refinement import RefinedPose as RefinedPose
 from .tracking import TrackedPose as TrackedPose, TrackingReference as TrackingReference

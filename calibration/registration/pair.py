@@ -50,7 +50,7 @@ from simulation.notebook import Shown
 class RegistrationReference:
     """A photograph prepared for alignment: its features are looked for once, and no sooner.
 
-    `register` takes it in place of the array, which may not change meanwhile.
+    `register_images` takes it in place of the array, which may not change meanwhile.
     """
 
     photograph: AlignedPhotograph
@@ -143,7 +143,7 @@ class Registration(Shown, ByValue):
         )
 
 
-def register(
+def register_images(
     reference: AnyArray | RegistrationReference,
     followup: AnyArray,
     psf: GaussianPsf | None = None,

@@ -1,5 +1,8 @@
 from .prefilter import LocalPose as LocalPose
-from .simulate import SimulatedPose as SimulatedPose, simulate_pose as simulate_pose
+from .simulate import (
+    SimulatedPose as SimulatedPose,
+    simulate_pose_of_image as simulate_pose_of_image,
+)
 from .view import (
     PoseOptions as PoseOptions,
     PoseView as PoseView,

@@ -425,7 +425,7 @@ class SimulatedPose(Shown, ByValue):
         return drawn(draw, ax, (6.4, 6.4 * rows / cols + 0.6))
 
 
-def simulate_pose(
+def simulate_pose_of_image(
     image: AnyArray,
     homography: NDArray[np.floating[Any]],
     size: tuple[int, int],

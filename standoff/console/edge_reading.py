@@ -10,7 +10,7 @@ import numpy as np
 
 from acquisition.focus import Region
 from calibration.choices import Pattern
-from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges, plane_places
+from calibration.edges import EdgeImage, EdgeMeasurement, edges_of_image, plane_places
 from calibration.sharpness import lp_per_mm, reported_mtf50
 from simulation.arrays import FloatArray
 from standoff.console.frames import LiveFrame
@@ -98,7 +98,7 @@ def edge_source(frame: LiveFrame, region: Region) -> EdgeImage:
 
 def edge_in(source: EdgeImage, pixel_pitch_um: float | None) -> tuple[EdgeReading | None, str]:
     """Measure the longest edge of some pixels; without one, say why not."""
-    edges = measure_edges(source)
+    edges = edges_of_image(source)
     usable = [edge for edge in edges if edge.is_used]
     used = [edge for edge in usable if _is_certain(edge, source.pitch_px)]
     if not usable:

@@ -20,7 +20,7 @@ from acquisition.photographs import (
     Photograph,
     ReadOptions,
     photograph_of,
-    read_image,
+    read_photograph,
     taken_as,
 )
 from acquisition.printable import on_one_line
@@ -84,7 +84,7 @@ def photograph(
     if isinstance(image, Photograph):
         return taken_as(image, options)
     if isinstance(image, str | PathLike):
-        return read_image(path_of(image, name), options)
+        return read_photograph(path_of(image, name), options)
     if is_array_like(image) or isinstance(image, list | tuple):
         return photograph_of(image, name, options)
     raise ArgumentTypeError(

@@ -23,7 +23,7 @@ from analysis.changes import (
     CodedAlike,
     PairColours,
     change_table,
-    find_changes as changes_between,
+    changes_between,
 )
 from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError

@@ -22,7 +22,7 @@ from analysis.detectability import (
     DetectabilityCurves,
     DetectionTask as DetectionTask,
     ErrorSources,
-    d_prime_curves as curves_of_images,
+    curves_of_images,
     read_curves,
     student_factor,
 )
@@ -34,8 +34,8 @@ from analysis.pose import (
     PoseQuality,
     ViewingCamera,
     contrast_found_at,
-    judge_pose,
-    pose_limits as limits_of_curve,
+    limits_of_curve,
+    pose_quality,
 )
 from analysis.reports import plot_pose, write_figure
 from calibration.files import read_geometry, read_noise
@@ -601,7 +601,7 @@ def judge_homography(
         matrix = whole.nearest_homography()
         named = fspath(homography) if isinstance(homography, str | PathLike) else "homography"
         call.note(f"{named}: judged by the homography nearest to it and its lens's distortion")
-    quality = judge_pose(matrix, followup_size, frame, found, min_d_prime, criterion)
+    quality = pose_quality(matrix, followup_size, frame, found, min_d_prime, criterion)
     if quality.beyond_curve > 0:
         call.note(quality.beyond_curve_sentence)
     return JudgedHomography(

@@ -23,7 +23,7 @@ from calibration.edges import (
     JpegCompression,
     Method,
     Region,
-    measure_edges as measured_edges,
+    edges_of_image,
     plane_places,
 )
 from calibration.errors import CalibrationError
@@ -310,7 +310,7 @@ def measure_edges(
             source.refuse_beyond_frame(region)
         except ValueError as error:
             raise ArgumentError(str(error), argument="region") from error
-    return tuple(with_sharpness(measured_edges(source, region, method), source))
+    return tuple(with_sharpness(edges_of_image(source, region, method), source))
 
 
 @checked

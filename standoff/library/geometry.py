@@ -8,8 +8,8 @@ from calibration.geometry import (
     CharucoBoard,
     GeometryCalibration,
     GeometryOptions,
-    calibrate_geometry as measured_geometry,
     geometry_captures,
+    geometry_of_captures,
     geometry_records,
     nominal_focal_px,
 )
@@ -77,7 +77,7 @@ def calibrate_geometry(
         board=layout,
     )
     with call.bar("matching captures", len(geometry_records(opened))) as advance_to:
-        found = measured_geometry(list(geometry_captures(opened)), options, advance_to)
+        found = geometry_of_captures(list(geometry_captures(opened)), options, advance_to)
     found = found.model_copy(update={"provenance": call.provenance_of(opened)})
     for one in found.excluded:
         call.note(f"{one.image} is left out: {one.reason}")

@@ -23,8 +23,8 @@ from calibration.noise import (
     NoiseCaptures,
     NoiseKind,
     NoiseMeasurement,
-    measure_noise as measured_noise,
     noise_captures,
+    noise_of_captures,
 )
 from simulation.arguments import (
     ArgumentError,
@@ -490,7 +490,7 @@ def measure_noise(
             {"dark": dark_exposures_us, "flat": flat_exposures_us},
         )
     with call.bar("reading captures", 2 * len(captures.captures)) as advance_to:
-        found = measured_noise(captures, advance_to)
+        found = noise_of_captures(captures, advance_to)
     origin = call.provenance() if opened is None else call.provenance_of(opened)
     found = found.with_provenance(origin)
     for text in found.transfer.notes:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquisition.photographs import Encoding, Photograph, ReadOptions, read_image as read
+from acquisition.photographs import Encoding, Photograph, ReadOptions, read_photograph
 from simulation.arguments import checked
 from simulation.notebook import Shown
 from standoff.errors import ApplicationError, ArgumentError
@@ -98,7 +98,7 @@ def read_image(
     >>> photograph.encoding.name, photograph.grey_dn.shape
     ('linear', (240, 320))
     """
-    return read(path_of(path, "path"), reading(encoding, page=page, mean=mean))
+    return read_photograph(path_of(path, "path"), reading(encoding, page=page, mean=mean))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

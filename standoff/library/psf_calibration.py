@@ -21,9 +21,9 @@ from calibration.psf import (
     PsfCalibration,
     PsfOrigin,
     calibrate_mosaic,
-    calibrate_psf as psf_of_edges,
     capture_images,
     origin_of,
+    psf_of_images,
     scene_records,
 )
 from calibration.sharpness import read_limits
@@ -263,7 +263,7 @@ def _from_edges(call: Call, request: _Request) -> _Calibrated:
     selection = EdgeSelection(region=request.region, target=request.target)
     with call.bar("measuring edges", sources.count) as advance_to:
         if reading.pattern is None:
-            calibration = psf_of_edges(
+            calibration = psf_of_images(
                 sources.images,
                 method=request.method,
                 selection=selection,

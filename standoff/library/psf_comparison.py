@@ -20,7 +20,7 @@ from analysis.reports import (
 )
 from calibration.errors import CalibrationError
 from calibration.files import read_psf
-from calibration.psf import PsfCalibration, PsfChange, compare_psfs as change_between
+from calibration.psf import PsfCalibration, PsfChange, psf_change
 from simulation.arguments import checked
 from simulation.notebook import Shown, html_table, in_words, shortened
 from standoff.errors import ApplicationError, ArgumentError
@@ -114,7 +114,7 @@ def compare_psfs(
         one if isinstance(one, PsfCalibration) else read_psf(Path(one)) for one in (first, second)
     ]
     try:
-        change = change_between(*pair)
+        change = psf_change(*pair)
     except CalibrationError as error:
         raise CalibrationError(f"{names[0]} and {names[1]}: {error}") from error
     return PsfComparison(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.photographs import LINEAR, ReadOptions, read_file, read_image
+from acquisition.photographs import LINEAR, ReadOptions, read_file, read_photograph
 from acquisition.printable import on_one_line
 from calibration.files import read_homography
 from calibration.registration import (
@@ -18,7 +18,7 @@ from calibration.registration import (
     RegistrationReference,
     leaving_out,
     parse_points,
-    register as registered,
+    register_images,
 )
 from simulation.arguments import checked
 from simulation.arrays import BoolArray, FloatArray
@@ -208,7 +208,7 @@ def read_points(path: Path) -> FeatureMatches:
 
 def read_mask(path: Path) -> BoolArray:
     """Read an image of which every pixel that is not 0 is left out, shape ``(rows, cols)``."""
-    stored = np.asarray(read_image(path, _AS_NUMBERS).stored)
+    stored = np.asarray(read_photograph(path, _AS_NUMBERS).stored)
     left_out = np.asarray(stored != 0 if stored.ndim == 2 else np.any(stored != 0, axis=2))
     if left_out.all():
         raise HintError(
@@ -288,7 +288,7 @@ def register(
     )
     known = None if psf is None else camera_psf(Call("register"), psf).gaussian
     is_stated = options.white_level is not None
-    return registered(
+    return register_images(
         RegistrationReference.of(near.filled.grey_dn, near.not_measured(is_clipped=is_stated)),
         far.filled.grey_dn,
         known,

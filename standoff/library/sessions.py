@@ -35,7 +35,7 @@ from acquisition.session import (
     repair_session,
     verify,
 )
-from acquisition.session_export import ExportRequest, export_session as exported, require_exporter
+from acquisition.session_export import ExportRequest, require_exporter, write_export
 from calibration.files import read_geometry
 from calibration.geometry import GeometryCalibration
 from simulation.arguments import checked
@@ -615,7 +615,7 @@ def export_session(
         scale_at=(lambda _: None) if known is None else known.scale_at,
     )
     with call.bar("exporting", len(opened.records)) as advance_to:
-        done = exported(opened, request, advance_to)
+        done = write_export(opened, request, advance_to)
     if done.left_out:
         call.note(f"{done.left_out} excluded capture(s) left out")
     if done.with_scale < done.captures:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from acquisition.photographs import ReadOptions, each_image, marked_png, read_image
+from acquisition.photographs import ReadOptions, each_image, marked_png, read_photograph
 from acquisition.remote_files import url_of
 from analysis.choices import PairFormat
 from analysis.errors import SrDatasetError
@@ -140,7 +140,7 @@ def training_pairs(
 def pair_photograph(options: ReadOptions, path: Path) -> PairPhotograph:
     """Read a photograph that pairs are cut from."""
     with refusing():
-        photograph = read_image(path, options)
+        photograph = read_photograph(path, options)
         return PairPhotograph(
             path=path,
             stored=photograph.stored,

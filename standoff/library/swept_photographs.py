@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from acquisition.photographs import Inputs, Photograph, ReadOptions, read_image
+from acquisition.photographs import Inputs, Photograph, ReadOptions, read_photograph
 from acquisition.session import file_sha256
 from analysis.detectability import SceneImage
 from analysis.errors import RefusedPhotographError
@@ -51,7 +51,7 @@ def scene_image(options: ReadOptions, path: Path) -> SceneImage:
 def colour_scene_image(options: ReadOptions, path: Path) -> SceneImage:
     """Read a photograph of a scene with its colours, if it has any."""
     with refusing():
-        photograph = read_image(path, options)
+        photograph = read_photograph(path, options)
         return SceneImage(
             grey_dn=photograph.grey_dn,
             sha256=photograph.sha256 or "",

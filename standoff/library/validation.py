@@ -51,7 +51,7 @@ from analysis.validation import (
     screen,
     shown_pairs,
     trainings_needed,
-    validate as validated,
+    validated,
 )
 from calibration.errors import PsfFileError
 from calibration.files import read_psf

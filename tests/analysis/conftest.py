@@ -4,9 +4,9 @@ import pytest
 
 from acquisition.session.reader import Session
 from analysis.validation.document import Validation
-from analysis.validation.session import validate
+from analysis.validation.session import validated
 from calibration.files import read_psf, write_psf
-from calibration.psf import PsfCalibration, calibrate_psf, edge_images
+from calibration.psf import PsfCalibration, edge_images, psf_of_images
 from tests.analysis.bench_session import PSF, bench_session
 
 
@@ -18,13 +18,13 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 @pytest.fixture(scope="session")
 def validation(session: Session) -> Validation:
-    return validate(session, PSF, psf_name="psf.json")
+    return validated(session, PSF, psf_name="psf.json")
 
 
 @pytest.fixture(scope="session")
 def psf_path(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("psf") / "psf.json"
-    write_psf(path, calibrate_psf(edge_images(session)))
+    write_psf(path, psf_of_images(edge_images(session)))
     return path
 
 

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from acquisition.photographs import ReadOptions, read_image
+from acquisition.photographs import ReadOptions, read_photograph
 from acquisition.photographs.encoding import ProfileError, read_profile
 from calibration.errors import CalibrationError
 from standoff.errors import ImageFileError
@@ -64,12 +64,12 @@ def use_photograph(path: Path) -> None:
     """Read, and ask for all that a command asks for."""
     for options in (ReadOptions(), ReadOptions(page=1), ReadOptions(is_mean=True)):
         with suppress(ImageFileError):
-            found = read_image(path, options)
+            found = read_photograph(path, options)
             assert np.isfinite(found.grey_dn).all()
             assert all(str(fact).isprintable() for fact in found.facts.to_json().values())
             assert found.encoding_from.isprintable()
         with suppress(ImageFileError, CalibrationError):
-            read = read_image(path, options)
+            read = read_photograph(path, options)
             source = edge_image(read, Reading(pattern=read.pattern))
             assert source.clipped is None or source.clipped.shape == source.image_dn.shape
 

@@ -29,7 +29,7 @@ from calibration.errors import GeometryFileError, HomographyFileError, NoiseFile
 from calibration.files import read_correction, read_geometry, read_homography, read_noise, read_psf
 from calibration.geometry.document import GEOMETRY_SCHEMA
 from calibration.noise.document import NOISE_SCHEMA
-from calibration.psf import calibrate_psf
+from calibration.psf import psf_of_images
 from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import HintError
@@ -45,7 +45,7 @@ def tiff(pixels: np.ndarray[Any, Any], **options: Any) -> bytes:
     return buffer.getvalue()
 
 
-PSF = json_object(calibrate_psf(photographs([4.0, 94.0])))
+PSF = json_object(psf_of_images(photographs([4.0, 94.0])))
 NOISE: dict[str, Any] = {
     "schema": NOISE_SCHEMA,
     "gain_e_per_dn": 5.0,

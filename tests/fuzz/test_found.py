@@ -15,13 +15,13 @@ from acquisition.plan import load_plan
 from acquisition.session.journal import read_journal
 from acquisition.session.record import Manifest
 from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
-from analysis.changes import ChangeOptions, find_changes
+from analysis.changes import ChangeOptions, changes_between
 from analysis.errors import AnalysisError
 from analysis.sr_dataset.record import ShardRecord
 from calibration.errors import NoiseFileError, PsfFileError, RegistrationError
 from calibration.files import read_noise, read_psf
-from calibration.registration import DistortedPose, RegistrationHints, register
-from simulation import GaussianPsf, simulate_pose
+from calibration.registration import DistortedPose, RegistrationHints, register_images
+from simulation import GaussianPsf, simulate_pose_of_image
 from simulation.arguments import ArgumentError
 from simulation.capture_noise import CaptureNoise
 from standoff.errors import ImageFileError
@@ -116,7 +116,9 @@ def test_noise_that_hides_everything_leaves_nothing_to_compare() -> None:
         matrix=np.diag([ZOOM, ZOOM, 1.0]), k1=0.0, reference_shape=NEAR, followup_shape=FAR
     )
     with np.errstate(all="ignore"), pytest.raises(AnalysisError, match="nothing in common"):
-        find_changes(pair.reference, pair.followup, options=ChangeOptions(pose=pose, noise=noise))
+        changes_between(
+            pair.reference, pair.followup, options=ChangeOptions(pose=pose, noise=noise)
+        )
 
 
 @pytest.mark.parametrize("value", [3e38, None, "text", []])
@@ -160,7 +162,7 @@ def test_a_pose_at_which_a_pixel_covers_the_photograph_leaves_nothing_in_common(
 
     def register_at_it() -> None:
         hints = RegistrationHints(matrix=matrix)
-        register(photographs[side], photographs[1 - side], hints=hints)
+        register_images(photographs[side], photographs[1 - side], hints=hints)
 
     with np.errstate(all="ignore"), pytest.raises((RegistrationError, ArgumentError)):
         register_at_it()
@@ -173,9 +175,9 @@ def test_a_singular_pose_of_any_size_is_refused_without_a_warning() -> None:
         matrix = np.eye(3)
         matrix[row, column] = 1e300
         with pytest.raises(ValueError, match="singular"):
-            simulate_pose(image, matrix, (30, 20), psf)
+            simulate_pose_of_image(image, matrix, (30, 20), psf)
     small, large = (
-        simulate_pose(image, scale * np.diag([1.5, 1.5, 1.0]), (30, 20), psf)
+        simulate_pose_of_image(image, scale * np.diag([1.5, 1.5, 1.0]), (30, 20), psf)
         for scale in (1.0, 2.0**1000)
     )
     assert np.array_equal(small.image, large.image)

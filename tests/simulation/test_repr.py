@@ -8,7 +8,7 @@ from simulation import (
     PsfField,
     SampledTransfer,
     SamplingGrid,
-    simulate_pose,
+    simulate_pose_of_image,
     zoom_operator,
 )
 from simulation.kernelgan import EstimatedKernel
@@ -27,7 +27,7 @@ KERNEL[6, 6] = 1.0
         PsfField(width_px=80, height_px=60, coefficients_px2=np.array([[0.8], [0.0], [0.5]])),
         SampledTransfer(np.linspace(0, 1, 51), np.linspace(1, 0, 51)),
         SamplingGrid.centred(SHAPE, 2.0),
-        simulate_pose(np.ones(SHAPE), np.eye(3), (80, 60), PSF),
+        simulate_pose_of_image(np.ones(SHAPE), np.eye(3), (80, 60), PSF),
         zoom_operator(SHAPE, SamplingGrid.centred(SHAPE, 2.0), PSF, "paper"),
         EstimatedKernel(weights=KERNEL),
         next(sr_pairs(np.ones(SHAPE), 2.0, PSF, crop_px=40, stride_px=40)),

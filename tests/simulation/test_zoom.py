@@ -23,7 +23,7 @@ from simulation import (
     PsfField,
     SamplingGrid,
     SeparablePsf,
-    zoom_out,
+    zoom_out_image,
     zoom_out_on_grid,
 )
 from simulation.arrays import AnyArray, FloatArray
@@ -98,7 +98,7 @@ def test_bicubic_is_pillows(zoom: float) -> None:
     grid = SamplingGrid.centred((61, 84), zoom)
     expected = pillow_bicubic(image, grid)
     # Pillow's box goes through single precision: a shift of some 1e-6 px.
-    np.testing.assert_allclose(zoom_out(image, zoom, model="bicubic"), expected, atol=0.01)
+    np.testing.assert_allclose(zoom_out_image(image, zoom, model="bicubic"), expected, atol=0.01)
 
 
 def test_bicubic_on_an_off_centre_grid_is_pillows() -> None:
@@ -120,14 +120,14 @@ def test_paper_is_pillow_then_the_exact_gaussian_on_a_photograph(
     psf = GaussianPsf(sigma_x_px=sigma_px, sigma_y_px=sigma_px, rho=rho)
     pillow = pillow_bicubic(image, SamplingGrid.centred((300, 340), zoom))
     expected = exact_gaussian(pillow, sigma_px * sqrt(1 - zoom**-2))
-    np.testing.assert_allclose(zoom_out(image, zoom, psf, "paper"), expected, atol=0.05)
+    np.testing.assert_allclose(zoom_out_image(image, zoom, psf, "paper"), expected, atol=0.05)
 
 
 def test_paper_with_a_sampled_gaussian_is_pillow_then_the_library_filter() -> None:
     image = noise_image(3)
     pillow = pillow_bicubic(image, SamplingGrid.centred((41, 58), 1.5))
     widths = (0.7 * sqrt(1 - 1.5**-2), 0.9 * sqrt(1 - 1.5**-2))
-    out = zoom_out(image, 1.5, PSF, "paper", gaussian="sampled")
+    out = zoom_out_image(image, 1.5, PSF, "paper", gaussian="sampled")
     np.testing.assert_allclose(out, gaussian_filter(pillow, widths), atol=0.01)
 
 
@@ -153,7 +153,7 @@ def test_a_blob_comes_out_with_the_covariance_of_the_model(
     # Pillow's antialiasing is itself no ideal one.
     rel = 2e-4 if model == "matched" else 5e-3
     np.testing.assert_allclose(
-        zoom_out(seen, zoom, psf, model), expected, atol=rel * expected.max()
+        zoom_out_image(seen, zoom, psf, model), expected, atol=rel * expected.max()
     )
 
 
@@ -176,14 +176,14 @@ def test_a_faint_blur_below_0_6_px_is_still_made(zoom: float) -> None:
     assert sigma_px < 0.4
     covariance = np.eye(2) * 1.5**2
     seen = blob_at(SamplingGrid.centred((80, 80), 1), covariance, (39.2, 40.9))
-    sharp = zoom_out(seen, zoom, model="bicubic").astype(np.float64)
+    sharp = zoom_out_image(seen, zoom, model="bicubic").astype(np.float64)
     expected = exact_gaussian(sharp, sigma_px)
 
     def error(out: NDArray[np.floating]) -> float:
         return float(abs(out - expected).max() / abs(sharp - expected).max())
 
-    assert error(zoom_out(seen, zoom, psf, "paper")) < 0.02
-    assert error(zoom_out(seen, zoom, psf, "paper", gaussian="sampled")) > 0.1
+    assert error(zoom_out_image(seen, zoom, psf, "paper")) < 0.02
+    assert error(zoom_out_image(seen, zoom, psf, "paper", gaussian="sampled")) > 0.1
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def test_matched_beats_paper_and_paper_beats_bicubic_on_exact_photographs() -> N
                 seen = photograph(scene, shape, 1.0, optical_sigma_px)
                 for model in MODELS:
                     psf = true if model == "lmmse" else gaussian
-                    out = zoom_out(seen, zoom, psf, model).astype(np.float64)
+                    out = zoom_out_image(seen, zoom, psf, model).astype(np.float64)
                     truth = photograph(scene, out.shape, zoom, optical_sigma_px)
                     mse[model].append(float(np.mean(centre_half(out - truth) ** 2)))
     bicubic, paper, matched, lmmse = (np.mean(mse[model]) for model in MODELS)
@@ -217,8 +217,8 @@ def test_matched_beats_paper_and_paper_beats_bicubic_on_exact_photographs() -> N
 @given(zoom=zooms, model=models, psf=psfs, seed=st.integers(0, 1000))
 def test_it_is_linear(zoom: float, model: Model, psf: GaussianPsf, seed: int) -> None:
     a, b = noise_image(seed), noise_image(seed + 1)
-    together = zoom_out(3 * a - 2 * b, zoom, psf, model)
-    apart = 3 * zoom_out(a, zoom, psf, model) - 2 * zoom_out(b, zoom, psf, model)
+    together = zoom_out_image(3 * a - 2 * b, zoom, psf, model)
+    apart = 3 * zoom_out_image(a, zoom, psf, model) - 2 * zoom_out_image(b, zoom, psf, model)
     np.testing.assert_allclose(together, apart, atol=1e-9)
 
 
@@ -228,7 +228,7 @@ def test_it_is_linear(zoom: float, model: Model, psf: GaussianPsf, seed: int) ->
 def test_a_constant_stays_constant(
     zoom: float, model: Model, psf: GaussianPsf, level: float
 ) -> None:
-    out = zoom_out(np.full((41, 58), level), zoom, psf, model)
+    out = zoom_out_image(np.full((41, 58), level), zoom, psf, model)
     np.testing.assert_allclose(out, level, rtol=1e-12, atol=1e-12)
 
 
@@ -241,7 +241,7 @@ def test_a_ramp_stays_a_ramp_in_the_interior(
     rows, cols = np.ogrid[:120, :140]
     grid = SamplingGrid.centred((120, 140), zoom)
     expected = slope_y * grid.rows_px[:, None] + slope_x * grid.cols_px
-    out = zoom_out(slope_y * rows + slope_x * cols, zoom, psf).astype(np.float64)
+    out = zoom_out_image(slope_y * rows + slope_x * cols, zoom, psf).astype(np.float64)
     np.testing.assert_allclose(centre_half(out), centre_half(expected), atol=1e-9)
 
 
@@ -249,7 +249,7 @@ def test_a_ramp_stays_a_ramp_in_the_interior(
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
 def test_zoom_1_is_the_identity(model: Model, dtype: type[np.generic]) -> None:
     image = noise_image(4).astype(dtype)
-    np.testing.assert_array_equal(zoom_out(image, 1.0, TILTED_PSF, model), image)
+    np.testing.assert_array_equal(zoom_out_image(image, 1.0, TILTED_PSF, model), image)
 
 
 @pytest.mark.slow
@@ -289,11 +289,11 @@ def test_two_zooms_in_a_row_are_one_zoom_by_their_product(
 @pytest.mark.parametrize("model", MODELS)
 def test_channels_are_simulated_one_by_one(model: Model) -> None:
     image = noise_image(5, (41, 58, 3))
-    out = zoom_out(image, 1.6, TILTED_PSF, model)
+    out = zoom_out_image(image, 1.6, TILTED_PSF, model)
     assert out.shape == (25, 36, 3)
     for channel in range(3):
         np.testing.assert_array_equal(
-            out[:, :, channel], zoom_out(image[:, :, channel], 1.6, TILTED_PSF, model)
+            out[:, :, channel], zoom_out_image(image[:, :, channel], 1.6, TILTED_PSF, model)
         )
 
 
@@ -306,24 +306,24 @@ def test_the_output_is_single_precision_unless_the_input_is_double(
     dtype: str, expected: str
 ) -> None:
     image = noise_image(6)
-    out = zoom_out(image.astype(dtype), 1.6, PSF)
+    out = zoom_out_image(image.astype(dtype), 1.6, PSF)
     assert out.dtype == expected
     # Whole numbers were cut off by less than one, the rest is float32 rounding.
-    np.testing.assert_allclose(out, zoom_out(image, 1.6, PSF), atol=1.5)
+    np.testing.assert_allclose(out, zoom_out_image(image, 1.6, PSF), atol=1.5)
 
 
 def test_the_argument_is_not_changed() -> None:
     image = noise_image(7)
     before = image.copy()
-    zoom_out(image, 1.0, PSF)[:] = 0
-    zoom_out(image, 2.0, TILTED_PSF)
+    zoom_out_image(image, 1.0, PSF)[:] = 0
+    zoom_out_image(image, 2.0, TILTED_PSF)
     np.testing.assert_array_equal(image, before)
 
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("shape", [(4, 4), (3, 50), (50, 5)])
 def test_small_images_are_simulated_too(model: Model, shape: tuple[int, int]) -> None:
-    out = zoom_out(np.full(shape, 7.0), 2.5, PSF, model)
+    out = zoom_out_image(np.full(shape, 7.0), 2.5, PSF, model)
     np.testing.assert_allclose(out, 7.0, rtol=1e-12)
 
 
@@ -344,7 +344,7 @@ def test_a_scatter_of_the_zoom_below_1_blurs_nothing() -> None:
 @pytest.mark.parametrize("zoom", [0.5, float("nan"), float("inf")])
 def test_a_zoom_below_1_is_refused(zoom: float) -> None:
     with pytest.raises(ValueError):
-        zoom_out(noise_image(0), zoom, PSF)
+        zoom_out_image(noise_image(0), zoom, PSF)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -352,7 +352,7 @@ def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
     image = noise_image(0)
     image[3, 4] = value
     with pytest.raises(ValueError):
-        zoom_out(image, 1.5, PSF)
+        zoom_out_image(image, 1.5, PSF)
 
 
 @pytest.mark.parametrize(
@@ -366,17 +366,17 @@ def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
 )
 def test_what_is_no_image_is_refused(image: AnyArray) -> None:
     with pytest.raises(ValueError):
-        zoom_out(image, 2.0, PSF)
+        zoom_out_image(image, 2.0, PSF)
 
 
 def test_an_unknown_model_a_missing_psf_and_a_sampled_matched_blur_are_refused() -> None:
     image = noise_image(0)
     with pytest.raises(ValueError):
-        zoom_out(image, 2.0, PSF, "nearest")  # type: ignore[arg-type]  # the point of the test
+        zoom_out_image(image, 2.0, PSF, "nearest")  # type: ignore[arg-type]  # the point of the test
     with pytest.raises(ValueError):
-        zoom_out(image, 2.0)
+        zoom_out_image(image, 2.0)
     with pytest.raises(ValueError):
-        zoom_out(image, 2.0, PSF, gaussian="sampled")
+        zoom_out_image(image, 2.0, PSF, gaussian="sampled")
 
 
 def test_a_grid_outside_the_reference_is_refused() -> None:

@@ -21,7 +21,7 @@ from simulation import (
     ZoomOperator,
     lmmse_operator,
     zoom_operator,
-    zoom_out,
+    zoom_out_image,
     zoom_out_on_grid,
 )
 from simulation.arrays import FloatArray
@@ -225,7 +225,7 @@ def test_a_ramp_stays_a_ramp_up_to_the_border(zoom: float, rho: float) -> None:
     grid = SamplingGrid.centred((60, 70), zoom)
     expected = 1.5 * grid.rows_px[:, None] - 0.7 * grid.cols_px
     psf = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.7, rho=rho)
-    out = zoom_out(1.5 * rows - 0.7 * cols, zoom, psf, "lmmse")
+    out = zoom_out_image(1.5 * rows - 0.7 * cols, zoom, psf, "lmmse")
     np.testing.assert_allclose(out, expected, atol=1e-8)
 
 
@@ -248,7 +248,7 @@ def test_zoom_1_without_noise_is_nearly_the_identity_on_any_path() -> None:
     # The ridge is 1e-9 of the scene's variance, and white noise has most where it bites.
     out = lmmse_operator((41, 58), grid, camera).apply(image)
     np.testing.assert_allclose(out, image, atol=0.05)
-    np.testing.assert_array_equal(zoom_out(image, 1.0, PSF, "lmmse"), image)
+    np.testing.assert_array_equal(zoom_out_image(image, 1.0, PSF, "lmmse"), image)
 
 
 def test_rows_and_columns_are_not_swapped() -> None:
@@ -306,9 +306,9 @@ def test_impossible_cameras_and_numbers_are_refused() -> None:
     with pytest.raises(ValueError):
         lmmse_operator((20, 58), grid, PSF)
     with pytest.raises(ValueError):
-        zoom_out(noise_image(0), 2.0, model="lmmse")
+        zoom_out_image(noise_image(0), 2.0, model="lmmse")
     with pytest.raises(ValueError):
-        zoom_out(noise_image(0), 2.0, PSF, "lmmse", gaussian="sampled")
+        zoom_out_image(noise_image(0), 2.0, PSF, "lmmse", gaussian="sampled")
 
 
 GREEN_PER_PITCH = 0.55 / 8.3

@@ -1,7 +1,7 @@
 from .dataset import (
     ChangePairsDataset as ChangePairsDataset,
     ChangePairsFile as ChangePairsFile,
-    read_change_pairs as read_change_pairs,
+    read_dataset as read_dataset,
     write_change_pairs as write_change_pairs,
 )
 from .pair_file import LabelledPair as LabelledPair

@@ -95,7 +95,7 @@ class DatasetCall(SweepCall, Protocol):
         ...
 
 
-def read_change_pairs(folder: Path) -> ChangePairsDataset:
+def read_dataset(folder: Path) -> ChangePairsDataset:
     """Read the dataset.json of a folder of change pairs.
 
     Raises
@@ -182,7 +182,7 @@ def _prepare(out: Path, document: ChangePairsDataset) -> None:
             f"cannot write {error.filename or out}: {error.strerror}", source=str(out)
         ) from error
     if about.is_file():
-        stored = read_change_pairs(out)
+        stored = read_dataset(out)
         if any(getattr(stored, name) != getattr(document, name) for name in _SETTINGS):
             raise ResultsFileError(
                 f"{out} holds pairs made with other settings (see {about}); name another folder",

@@ -19,13 +19,13 @@ from acquisition.capture import (
     run_plan,
 )
 from acquisition.files import RESULTS_FOLDER, make_folder, make_results_folder
-from acquisition.photographs import Photograph, read_image
+from acquisition.photographs import Photograph, read_photograph
 from acquisition.plan import CapturePlan, PlanEntry, PlanEstimate, estimate_plan, plan_entries
 from acquisition.printable import on_one_line
 from acquisition.session import CaptureRecord, Session
 from analysis.pose import describe_pose
 from calibration.errors import RegistrationError
-from calibration.registration import register
+from calibration.registration import register_images
 from simulation.arguments import checked
 from simulation.notebook import Shown
 from standoff.library.bench.devices import MovableBench, placement_of
@@ -161,7 +161,7 @@ class PlannedComparisons:
         return cls(
             session=session,
             references={
-                (target.kind, target.target): read_image(folder / target.reference)
+                (target.kind, target.target): read_photograph(folder / target.reference)
                 for target in plan.targets
                 if target.reference is not None
             },
@@ -175,7 +175,7 @@ class PlannedComparisons:
         capture = Session(self.session).load(record).mean_dn
         name = on_one_line(reference.path.name)
         try:
-            found = register(reference.grey_dn, capture)
+            found = register_images(reference.grey_dn, capture)
         except RegistrationError as error:
             return f"not recognised in {name}: {error}"
         return f"against {name}: {describe_pose(found.pose)}"

@@ -10,7 +10,7 @@ from analysis.evaluation.change_pairs import (
     ChangePairsDataset,
     ChangePairsTask as ChangePairsTask,
     ChangePairsWork,
-    read_change_pairs as _read,
+    read_dataset,
     write_change_pairs,
 )
 from analysis.sweep import SweepOptions, SweepSummary
@@ -146,4 +146,4 @@ def read_change_pairs(folder: FilePath) -> ChangePairsDataset:
     >>> len(pairs)
     8
     """
-    return _read(path_of(folder, "folder"))
+    return read_dataset(path_of(folder, "folder"))

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from acquisition.photographs import ReadOptions, read_image
+from acquisition.photographs import ReadOptions, read_photograph
 from acquisition.printable import on_one_line
 from analysis.errors import RefusedPhotographError
 from analysis.evaluation import LaterScene, Patch
@@ -50,7 +50,7 @@ def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
     >>> task = standoff.EvaluationTask(change=crack, contrasts_dn=(1.0,))
     """
     file = Path(path)
-    levels = np.asarray(read_image(file, reading or ReadOptions()).shown_dn, np.float64)
+    levels = np.asarray(read_photograph(file, reading or ReadOptions()).shown_dn, np.float64)
     stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     alpha: FloatArray = np.ones(levels.shape[:2])
     if stored is not None and stored.ndim == 3 and stored.shape[2] == 4:

@@ -20,7 +20,7 @@ from analysis.detectability import (
     MOST_SCENES,
     DetectabilityCurve,
     DetectionTask,
-    d_prime_curves,
+    curves_of_images,
 )
 from analysis.detectors import Detector, DetectorSpec
 from analysis.errors import ResultsFileError
@@ -315,7 +315,7 @@ def _bounds(
     widest = task.zooms[-1] / np.cos(np.radians(max(map(abs, task.tilts_deg))))
     zooms = {*task.zooms, float(widest), 1.0}
     with call.bar("computing the bound", 1) as advance_to:
-        curves = d_prime_curves(
+        curves = curves_of_images(
             [work.load(path).grey_dn for path in found],
             work.psf,
             DetectionTask(

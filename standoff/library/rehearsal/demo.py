@@ -13,7 +13,7 @@ from acquisition.session import Session
 from analysis.reports import plot_furthest, png_bytes
 from analysis.validation import Validation, furthest_pair
 from calibration.files import write_psf
-from calibration.psf import Estimate, PsfCalibration, calibrate_psf, edge_images, edge_records
+from calibration.psf import Estimate, PsfCalibration, edge_images, edge_records, psf_of_images
 from hil_mocks import BenchTruth
 from standoff.library.call import Call, Progress
 from standoff.library.edges import Reading, from_session
@@ -140,7 +140,7 @@ def run_demo(out: Path, config: BenchConfig, *, progress: Progress | None = None
 
 def _calibrate(call: Call, session: Session) -> PsfCalibration:
     with call.bar("measuring edges", len(edge_records(session))) as advance_to:
-        return calibrate_psf(edge_images(session), progress=advance_to)
+        return psf_of_images(edge_images(session), progress=advance_to)
 
 
 def _beside_truth(

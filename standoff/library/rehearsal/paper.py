@@ -16,7 +16,7 @@ from analysis.validation import KernelBook, Validation, ValidationSettings
 from calibration.documents import json_object
 from calibration.edges import EdgeImage, EdgeSelection, Region
 from calibration.files import read_psf, write_psf
-from calibration.psf import calibrate_psf, edge_images, edge_records
+from calibration.psf import edge_images, edge_records, psf_of_images
 from hil_mocks import BenchTruth
 from standoff.library.call import Call, Progress
 from standoff.library.edges import Reading, from_session
@@ -121,7 +121,7 @@ def _calibrate_centre(call: Call, session: Session, path: Path) -> None:
         return Region.centre(*source.frame)
 
     with call.bar("measuring edges", len(edge_records(session))) as advance_to:
-        calibration = calibrate_psf(
+        calibration = psf_of_images(
             edge_images(session),
             selection=EdgeSelection(region=centre),
             progress=advance_to,

@@ -20,7 +20,7 @@ from analysis.pose import (
     PoseDecision,
     PoseQuality,
     PoseSummary,
-    judge_pose as pose_quality,
+    pose_quality,
 )
 from analysis.reports import plot_pose, write_figure
 from calibration.errors import CalibrationError
@@ -29,7 +29,7 @@ from calibration.registration import (
     RegistrationHints,
     RegistrationReference,
     leaving_out,
-    register,
+    register_images,
 )
 from simulation import GaussianPsf
 from simulation.arguments import checked
@@ -254,7 +254,7 @@ def judged_pose(near: Photograph, far: Photograph, demand: PoseDemand) -> Judged
     if isinstance(hints, AlignmentHints):
         hints = hints.of_pair(*shapes, far.name)
     try:
-        found = register(
+        found = register_images(
             _prepared(near), far.filled.grey_dn, demand.psf, leaving_out(hints, far.masked)
         )
         quality = pose_quality(

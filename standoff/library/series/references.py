@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Self
 
-from acquisition.photographs import Inputs, Photograph, ReadOptions, each_image, read_image
+from acquisition.photographs import Inputs, Photograph, ReadOptions, each_image, read_photograph
 from acquisition.printable import on_one_line
 from analysis.followup_series import References
 from analysis.sweep import SweepItem
@@ -29,7 +29,7 @@ class _PhotographReferences(References[Photograph]):
     def followup(self, path: Path) -> Photograph:
         """Read a follow-up."""
         with refusing():
-            return read_image(path, self.reading)
+            return read_photograph(path, self.reading)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +82,7 @@ class OneReference(_PhotographReferences):
 @lru_cache(maxsize=1)
 def _same_photograph(reference: OneReference) -> Photograph:
     try:
-        photograph = read_image(reference.path, reference.reading)
+        photograph = read_photograph(reference.path, reference.reading)
     except ImageFileError as error:
         # It was read at the start: no follow-up is at fault.
         raise ApplicationError(str(error)) from error
@@ -104,7 +104,7 @@ class ReferenceFolder(_PhotographReferences):
     def of(self, followup: Path) -> Photograph:
         """Read the reference of the follow-up's stem."""
         with refusing():
-            return read_image(self._partner(followup), self.reading)
+            return read_photograph(self._partner(followup), self.reading)
 
     def name_for(self, followup: Path) -> str:
         """Name the reference of the follow-up's stem."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acquisition.photographs.photograph import Photograph
-from acquisition.photographs.reader import ReadOptions, read_image
+from acquisition.photographs.reader import ReadOptions, read_photograph
 
 Pixels = NDArray[Any]
 RNG = np.random.default_rng(4)
@@ -68,7 +68,7 @@ def read(
 ) -> Photograph:
     path = folder / name
     path.write_bytes(data)
-    return read_image(path, options or ReadOptions())
+    return read_photograph(path, options or ReadOptions())
 
 
 Tag = tuple[int, int, int, bytes]

@@ -14,7 +14,7 @@ import pytest
 from acquisition.photographs.encoding import LINEAR
 from acquisition.photographs.photograph import Photograph
 from acquisition.photographs.reader import ReadOptions
-from calibration.edges import EdgeImage, measure_edges, plane_places
+from calibration.edges import EdgeImage, edges_of_image, plane_places
 from simulation.arrays import FloatArray
 from tests.acquisition.photographs.made import (
     CELLS,
@@ -73,7 +73,7 @@ def srgb_bytes(sigma_px: float, dither_dn: float = 0.0) -> Pixels:
 
 def widths_px(found: Photograph, plane: FloatArray | None = None, pitch_px: int = 1) -> FloatArray:
     """Total sigma of each edge found, which are parts of the one."""
-    measured = measure_edges(
+    measured = edges_of_image(
         EdgeImage(
             name=found.name,
             image_dn=found.grey_dn if plane is None else plane,

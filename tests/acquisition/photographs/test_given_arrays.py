@@ -9,7 +9,7 @@ from PIL import Image
 from scipy.special import erf
 
 import standoff
-from acquisition.photographs import ReadOptions, photograph_of, read_image, taken_as
+from acquisition.photographs import ReadOptions, photograph_of, read_photograph, taken_as
 from calibration.errors import CalibrationError
 from simulation.arrays import BoolArray, FloatArray
 from standoff.errors import ImageFileError
@@ -145,9 +145,9 @@ def test_a_stack_has_its_pages_along_the_first_axis() -> None:
 def test_a_photograph_that_was_read_is_taken_as_the_options_say(tmp_path: Path) -> None:
     levels = np.round(255 * encoded(edge() / 1000)).astype(np.uint8)
     Image.fromarray(levels).save(tmp_path / "a.png")
-    linear = read_image(tmp_path / "a.png", standoff.reading("linear"))
+    linear = read_photograph(tmp_path / "a.png", standoff.reading("linear"))
     again = taken_as(linear, standoff.reading("srgb", white_level=200))
-    assert np.array_equal(again.grey_dn, read_image(tmp_path / "a.png").grey_dn)
+    assert np.array_equal(again.grey_dn, read_photograph(tmp_path / "a.png").grey_dn)
     assert again.saturation_dn is not None
     assert again.saturation_dn < 200
     with pytest.raises(ImageFileError, match="read before"):
@@ -164,7 +164,7 @@ def test_a_picture_of_pillow_has_the_levels_of_its_file(tmp_path: Path, mode: st
         picture = Image.fromarray(levels).convert(mode)
     path = tmp_path / ("a.tif" if mode == "F" else "a.png")
     picture.save(path)
-    given, stored = photograph_of(picture, "image"), read_image(path)
+    given, stored = photograph_of(picture, "image"), read_photograph(path)
     assert np.allclose(given.grey_dn, stored.grey_dn)
     assert given.encoding.name == stored.encoding.name
 
@@ -184,7 +184,7 @@ def test_an_opacity_that_varies_is_left_out_with_a_word(tmp_path: Path) -> None:
     picture = Image.fromarray(np.uint8(scene().clip(0, 999) / 4)).convert("RGBA")
     picture.putalpha(Image.fromarray(np.uint8(scene().clip(0, 999) / 4)))
     picture.save(tmp_path / "a.png")
-    said = read_image(tmp_path / "a.png").remarks.values()
+    said = read_photograph(tmp_path / "a.png").remarks.values()
     assert any("its opacity" in one for one in said)
 
 
@@ -249,5 +249,5 @@ def test_white_of_a_file_and_of_an_array_is_stated_alike(tmp_path: Path) -> None
     Image.fromarray(levels).save(tmp_path / "a.png")
     options = ReadOptions(white_level=200.0)
     assert photograph_of(levels, "image", options).saturation_dn == 200.0
-    encoded_white = read_image(tmp_path / "a.png", options).saturation_dn
+    encoded_white = read_photograph(tmp_path / "a.png", options).saturation_dn
     assert encoded_white == pytest.approx(255 * ((200 / 255 + 0.055) / 1.055) ** 2.4)

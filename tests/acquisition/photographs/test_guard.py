@@ -25,7 +25,7 @@ from acquisition.photographs.decoding import (
     read_file,
     refuse_giant,
 )
-from acquisition.photographs.reader import photograph_of, read_image
+from acquisition.photographs.reader import photograph_of, read_photograph
 from standoff.errors import ArgumentError, ImageFileError
 from tests.acquisition.photographs.made import GREY, directory, grey_tags, pillow, png, tiff
 
@@ -38,12 +38,12 @@ IN_A_CHILD = """
 import json, os, sys, time
 from pathlib import Path
 from standoff.errors import ImageFileError
-from acquisition.photographs import ReadOptions, read_image
+from acquisition.photographs import ReadOptions, read_photograph
 for path in json.loads(sys.stdin.read()):
     for options in (ReadOptions(), ReadOptions(page=1), ReadOptions(is_mean=True)):
         begun = time.process_time()
         try:
-            read_image(Path(os.fsdecode(path.encode("latin-1"))), options)
+            read_photograph(Path(os.fsdecode(path.encode("latin-1"))), options)
             said = ""
         except ImageFileError as error:
             said = str(error)
@@ -228,17 +228,17 @@ def test_a_jpeg_of_a_thousand_scans_is_refused_and_one_of_a_camera_read(tmp_path
     endless = sound[:-2] + 1000 * sound[last:-2] + sound[-2:]
     path = tmp_path / "a.jpg"
     path.write_bytes(sound)
-    assert read_image(path).is_jpeg
+    assert read_photograph(path).is_jpeg
     path.write_bytes(endless)
     with pytest.raises(ImageFileError) as refused:
-        read_image(path)
+        read_photograph(path)
     assert "scans" in str(refused.value)
 
 
 def test_what_follows_a_jpeg_is_none_of_its_scans(tmp_path: Path) -> None:
     path = tmp_path / "with-a-film.jpg"
     path.write_bytes(pillow(GREY, "JPEG") + 1000 * b"\xff\xda\0\2")
-    assert read_image(path).is_jpeg
+    assert read_photograph(path).is_jpeg
 
 
 @pytest.mark.slow
@@ -275,7 +275,7 @@ def test_levels_that_nobody_can_calculate_with_are_refused(
     options = {"planarconfig": "contig"} if pixels.ndim == 3 else {}
     path.write_bytes(tiff(pixels, photometric="minisblack", **options))
     with pytest.raises(ImageFileError) as refused:
-        read_image(path)
+        read_photograph(path)
     assert str(refused.value).isprintable()
     with pytest.raises((ImageFileError, ArgumentError)):
         photograph_of(pixels, "array")
@@ -300,7 +300,7 @@ def test_odd_names_are_escaped_in_messages_and_their_images_read(
 ) -> None:
     path = tmp_path / os.fsdecode(name)
     path.write_bytes(png(GREY))
-    found = read_image(path)
+    found = read_photograph(path)
     np.testing.assert_array_equal(found.stored, GREY)
     assert found.name.isprintable()
     giant = bytearray(png(GREY))
@@ -308,11 +308,11 @@ def test_odd_names_are_escaped_in_messages_and_their_images_read(
     for data in (b"hello", bytes(giant), b"II*\0", tiff(np.full((9, 9), np.nan))):
         path.write_bytes(data)
         with pytest.raises(ImageFileError) as refused:
-            read_image(path)
+            read_photograph(path)
         assert str(refused.value).isprintable()
     path.unlink()
     with pytest.raises(ImageFileError) as refused:
-        read_image(path)
+        read_photograph(path)
     assert str(refused.value).isprintable()
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 import standoff
-from acquisition.photographs import LINEAR, ReadOptions, photograph_of, read_image
+from acquisition.photographs import LINEAR, ReadOptions, photograph_of, read_photograph
 from acquisition.photographs.encoding import REC601_LUMA
 from simulation.arrays import FloatArray
 from standoff.errors import ImageFileError
@@ -32,7 +32,7 @@ def scene() -> np.ndarray:
 def test_of_a_linear_colour_file_it_is_a_twelfth_of_each_channel_s_share(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     cv2.imwrite(str(path), np.rint(scene()).astype(np.uint8))
-    found = read_image(path, standoff.reading(encoding="linear")).file_steps.variance_dn2
+    found = read_photograph(path, standoff.reading(encoding="linear")).file_steps.variance_dn2
     assert found is not None
     assert found.shape == SHAPE[:2]
     assert found == pytest.approx(np.square(REC601_LUMA).sum() / 12, rel=1e-6)
@@ -41,7 +41,7 @@ def test_of_a_linear_colour_file_it_is_a_twelfth_of_each_channel_s_share(tmp_pat
 def test_of_an_srgb_file_it_is_what_rounding_did(tmp_path: Path) -> None:
     exact, path = scene(), tmp_path / "a.png"
     cv2.imwrite(str(path), np.rint(exact).astype(np.uint8)[..., ::-1])
-    photograph = read_image(path, standoff.reading(encoding="srgb"))
+    photograph = read_photograph(path, standoff.reading(encoding="srgb"))
     code = exact / 255
     light = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4) * 255
     errors = photograph.grey_dn - light @ np.asarray(REC601_LUMA)
@@ -59,7 +59,7 @@ def test_a_jpeg_file_s_error_is_within_it_once_smoothed(tmp_path: Path, quality:
         plain,
         [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111],
     )
-    photograph = read_image(path, standoff.reading(encoding="linear"))
+    photograph = read_photograph(path, standoff.reading(encoding="linear"))
     luma = np.asarray(REC601_LUMA)
     error = gaussian_filter(photograph.grey_dn - plain[..., ::-1] @ luma, 1.0)
     found = photograph.file_steps.variance_dn2
@@ -79,7 +79,7 @@ def test_a_channel_s_error_is_within_what_luma_and_chroma_lose(
 ) -> None:
     plain, path = np.rint(scene()).astype(np.uint8), tmp_path / "a.jpg"
     Image.fromarray(plain).save(path, quality=quality, subsampling=sampling)
-    photograph = read_image(path, standoff.reading(encoding="linear"))
+    photograph = read_photograph(path, standoff.reading(encoding="linear"))
     found, luma = photograph.file_steps.channel_variance_dn2, photograph.file_steps.variance_dn2
     assert found is not None
     assert luma is not None
@@ -94,11 +94,11 @@ def test_a_channel_s_error_is_within_what_luma_and_chroma_lose(
 def test_a_png_has_the_steps_of_each_channel(tmp_path: Path) -> None:
     levels = np.random.default_rng(6).integers(0, 256, (20, 30, 3), dtype=np.uint8)
     Image.fromarray(levels).save(tmp_path / "a.png")
-    photograph = read_image(tmp_path / "a.png", standoff.reading(encoding="linear"))
+    photograph = read_photograph(tmp_path / "a.png", standoff.reading(encoding="linear"))
     found = photograph.file_steps
     assert found.channel_variance_dn2 is not None
     assert np.allclose(found.channel_variance_dn2, 1 / 12)
-    assert read_image(tmp_path / "a.png").file_steps.channel_step_dn is not None
+    assert read_photograph(tmp_path / "a.png").file_steps.channel_step_dn is not None
     assert photograph_of(levels[..., 0], "a").file_steps.channel_step_dn is None
 
 
@@ -107,7 +107,7 @@ AS_LINEAR = ReadOptions(encoding=LINEAR)
 
 
 def read_grey(path: Path) -> FloatArray:
-    return read_image(path, AS_LINEAR).grey_dn
+    return read_photograph(path, AS_LINEAR).grey_dn
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
@@ -118,7 +118,7 @@ def test_a_tiff_comes_back_as_it_was_written(
     pixels: NDArray[Any] = RNG.integers(0, 255, shape).astype(dtype)
     photometric = "rgb" if len(shape) == 3 else "minisblack"
     tifffile.imwrite(tmp_path / "i.tif", pixels, photometric=photometric)
-    image = read_image(tmp_path / "i.tif")
+    image = read_photograph(tmp_path / "i.tif")
     np.testing.assert_array_equal(image.stored, pixels)
     assert image.is_colour is (len(shape) == 3)
 
@@ -128,13 +128,15 @@ def test_colours_stored_plane_by_plane_come_last(tmp_path: Path) -> None:
     tifffile.imwrite(
         tmp_path / "p.tif", planes, photometric="rgb", planarconfig="separate", metadata=None
     )
-    np.testing.assert_array_equal(read_image(tmp_path / "p.tif").stored, np.moveaxis(planes, 0, -1))
+    np.testing.assert_array_equal(
+        read_photograph(tmp_path / "p.tif").stored, np.moveaxis(planes, 0, -1)
+    )
 
 
 def test_sixteen_bit_colour_png_keeps_its_bits_and_its_order(tmp_path: Path) -> None:
     pixels = RNG.integers(0, 65535, (6, 8, 3)).astype(np.uint16)
     cv2.imwrite(str(tmp_path / "c.png"), pixels[:, :, ::-1])  # OpenCV writes blue first
-    image = read_image(tmp_path / "c.png")
+    image = read_photograph(tmp_path / "c.png")
     np.testing.assert_array_equal(image.stored, pixels)
     assert image.full_scale_dn == 65535.0
 
@@ -147,27 +149,27 @@ def test_what_pillow_opens_is_read(tmp_path: Path, mode: str) -> None:
     else:
         picture = grey.convert(mode)
     picture.save(tmp_path / "i.png")
-    assert read_image(tmp_path / "i.png").stored.shape[:2] == (12, 10)
+    assert read_photograph(tmp_path / "i.png").stored.shape[:2] == (12, 10)
 
 
 def test_a_12_bit_plateau_in_16_bits_is_saturation(tmp_path: Path) -> None:
     pixels = np.full((40, 40), 900, np.uint16)
     pixels[:, 20:] = 4095
     tifffile.imwrite(tmp_path / "i.tif", pixels)
-    assert read_image(tmp_path / "i.tif").saturation_dn == 4095.0
+    assert read_photograph(tmp_path / "i.tif").saturation_dn == 4095.0
     pixels[:, 20:] = 4000
     tifffile.imwrite(tmp_path / "i.tif", pixels)
-    assert read_image(tmp_path / "i.tif").saturation_dn == 65535.0
+    assert read_photograph(tmp_path / "i.tif").saturation_dn == 65535.0
 
 
 def test_float_files_have_no_saturation(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "i.tif", np.ones((4, 5), np.float32))
-    assert read_image(tmp_path / "i.tif").saturation_dn is None
+    assert read_photograph(tmp_path / "i.tif").saturation_dn is None
 
 
 def test_a_jpeg_is_known_by_its_bytes_not_its_name(tmp_path: Path) -> None:
     Image.new("L", (16, 16), 90).save(tmp_path / "photo.png", format="JPEG")
-    assert read_image(tmp_path / "photo.png").is_jpeg
+    assert read_photograph(tmp_path / "photo.png").is_jpeg
 
 
 def _samples() -> list[bytes]:
@@ -194,7 +196,7 @@ def test_a_file_with_damaged_bytes_gives_an_image_or_the_one_error(
     path = tmp_path_factory.mktemp("fuzz") / "i.dat"
     path.write_bytes(bytes(content[:length]))
     try:
-        image = read_image(path)
+        image = read_photograph(path)
     except ImageFileError as error:
         message = str(error)
     else:
@@ -211,13 +213,13 @@ def test_an_opacity_plane_is_no_light_and_odd_types_are_read_as_numbers(tmp_path
     colour = np.dstack([grey] * 3 + [np.full_like(grey, 7)])
     Image.fromarray(colour, "RGBA").save(tmp_path / "rgba.png")
     np.testing.assert_array_equal(
-        read_image(tmp_path / "rgba.png", AS_LINEAR).colour_planes, colour[..., :3]
+        read_photograph(tmp_path / "rgba.png", AS_LINEAR).colour_planes, colour[..., :3]
     )
     wide = grey.astype(np.uint32) * 1000
     tifffile.imwrite(tmp_path / "wide.tif", wide)
-    assert read_image(tmp_path / "wide.tif").colour_planes.dtype == np.float64
+    assert read_photograph(tmp_path / "wide.tif").colour_planes.dtype == np.float64
     np.testing.assert_array_equal(read_grey(tmp_path / "wide.tif"), wide)
-    one_plane = read_image(tmp_path / "la.png")
+    one_plane = read_photograph(tmp_path / "la.png")
     tifffile.imwrite(tmp_path / "one.tif", grey[:, :, None], photometric="minisblack")
     np.testing.assert_array_equal(read_grey(tmp_path / "one.tif"), grey)
     assert not one_plane.is_colour

@@ -11,7 +11,7 @@ import pytest
 from acquisition.choices import ExportFormat
 from acquisition.errors import ExportError, SessionError
 from acquisition.session import Photograph, Session
-from acquisition.session_export import export_session
+from acquisition.session_export import write_export
 from tests.acquisition.session_export.sessions import exported_session, geometry, request_of
 from tests.acquisition.session_fixtures import plan_of, writer
 
@@ -35,7 +35,7 @@ def out_of(format_: ExportFormat, folder: Path) -> Path:
 def test_what_is_interrupted_leaves_what_was_there(format_: ExportFormat, tmp_path: Path) -> None:
     session = exported_session(tmp_path / "session")
     out = out_of(format_, tmp_path)
-    export_session(session, request_of(format_, out))
+    write_export(session, request_of(format_, out))
 
     def content() -> dict[str, bytes]:
         files = [out] if out.is_file() else sorted(out.rglob("*"))
@@ -48,10 +48,10 @@ def test_what_is_interrupted_leaves_what_was_there(format_: ExportFormat, tmp_pa
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        export_session(session, request_of(format_, out), interrupt)
+        write_export(session, request_of(format_, out), interrupt)
     assert content() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([out.name, "session"])
-    export_session(session, request_of(format_, out))  # and is replaced by a whole one
+    write_export(session, request_of(format_, out))  # and is replaced by a whole one
     assert len(content()) == len(before)
 
 
@@ -62,7 +62,7 @@ def test_a_damaged_capture_is_an_error_and_no_export(format_: ExportFormat, tmp_
     capture = session.path / session.records[2].file
     capture.write_bytes(capture.read_bytes()[:-1] + b"x")
     with pytest.raises(SessionError):
-        export_session(session, request_of(format_, out))
+        write_export(session, request_of(format_, out))
     assert [path.name for path in tmp_path.iterdir()] == ["session"]
 
 
@@ -89,11 +89,11 @@ def test_captures_are_held_one_at_a_time(format_: ExportFormat, tmp_path: Path) 
     out = out_of(format_, tmp_path)
     request = request_of(format_, out, with_scale=False)
     sessions = [session_of(captures, tmp_path / str(captures)) for captures in (4, 20)]
-    export_session(sessions[0], request)  # imports the library
+    write_export(sessions[0], request)  # imports the library
     peaks = []
     for session in sessions:
         tracemalloc.start()
-        export_session(session, request)
+        write_export(session, request)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     # Sixteen captures more, of a mean and a variance each: less than two of them in memory.
@@ -104,9 +104,7 @@ def test_a_session_without_captures_is_refused(tmp_path: Path) -> None:
     with writer(tmp_path / "session"):
         pass
     with pytest.raises(ExportError):
-        export_session(
-            Session(tmp_path / "session"), request_of("ome-tiff", tmp_path / "x.ome.tif")
-        )
+        write_export(Session(tmp_path / "session"), request_of("ome-tiff", tmp_path / "x.ome.tif"))
 
 
 @pytest.mark.parametrize(
@@ -125,5 +123,5 @@ def test_a_geometry_that_does_not_tell_the_scale_gives_none(
     session = exported_session(tmp_path / "session")
     request = request_of("ome-tiff", tmp_path / "x.ome.tif")
     other = replace(request, scale_at=geometry().model_copy(update=changes).scale_at)
-    assert export_session(session, other).with_scale == 0
-    assert export_session(session, request).with_scale == 5
+    assert write_export(session, other).with_scale == 0
+    assert write_export(session, request).with_scale == 5

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.session_export import export_session
+from acquisition.session_export import write_export
 from tests.acquisition.session_export.sessions import (
     exported_session,
     photographed_session,
@@ -21,7 +21,7 @@ h5py = pytest.importorskip("h5py", reason="needs standoff[export]")
 def test_entries_are_placements_over_heights(tmp_path: Path) -> None:
     session = exported_session(tmp_path / "session")
     out = tmp_path / "session.nxs"
-    export_session(session, request_of("nexus", out))
+    write_export(session, request_of("nexus", out))
     with h5py.File(out) as file:
         titles = [file[name]["title"].asstr()[()] for name in file]
         assert titles == [
@@ -62,7 +62,7 @@ def test_entries_are_placements_over_heights(tmp_path: Path) -> None:
 def test_photographs_of_several_sizes_are_entries_of_their_own(tmp_path: Path) -> None:
     session = photographed_session(tmp_path / "session")
     out = tmp_path / "session.nxs"
-    export_session(session, request_of("nexus", out, with_scale=False))
+    write_export(session, request_of("nexus", out, with_scale=False))
     with h5py.File(out) as file:
         assert [file[name]["data/data"].shape for name in file] == [(1, 4, 6), (1, 5, 7)]
         assert ["x" in file[name]["data"] for name in file] == [True, False]
@@ -77,7 +77,7 @@ def test_the_committees_definitions_are_met(tmp_path: Path) -> None:
     )
     session = exported_session(tmp_path / "session")
     out = tmp_path / "session.nxs"
-    export_session(session, request_of("nexus", out))
+    write_export(session, request_of("nexus", out))
     assert validate.validate_file(str(out)) == (0, 0)  # warnings and errors
     with h5py.File(out, "a") as file:  # the judge is awake
         del file["entry1/data"].attrs["signal"]

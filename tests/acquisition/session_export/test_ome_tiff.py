@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from acquisition.session_export import export_session
+from acquisition.session_export import write_export
 from tests.acquisition.session_export.sessions import (
     exported_session,
     photographed_session,
@@ -31,7 +31,7 @@ def written(path: Path) -> Any:
 def test_every_capture_is_an_image_of_mean_and_variance(tmp_path: Path) -> None:
     session = exported_session(tmp_path / "session")
     out = tmp_path / "session.ome.tif"
-    export_session(session, request_of("ome-tiff", out))
+    write_export(session, request_of("ome-tiff", out))
     records = session.records
     with tifffile.TiffFile(out) as file:
         assert len(file.series) == len(records) == 5
@@ -47,7 +47,7 @@ def test_every_capture_is_an_image_of_mean_and_variance(tmp_path: Path) -> None:
 def test_the_fields_of_the_model_hold_what_the_session_knows(tmp_path: Path) -> None:
     session = exported_session(tmp_path / "session")
     out = tmp_path / "session.ome.tif"
-    export_session(session, request_of("ome-tiff", out))
+    write_export(session, request_of("ome-tiff", out))
     ome = written(out)
     annotations = {each.id: each for each in ome.structured_annotations}
     for image, record in zip(ome.images, session.records, strict=True):
@@ -81,7 +81,7 @@ def test_the_fields_of_the_model_hold_what_the_session_knows(tmp_path: Path) -> 
 def test_a_scale_that_nobody_knows_is_left_out(tmp_path: Path) -> None:
     session = photographed_session(tmp_path / "session")
     out = tmp_path / "session.ome.tif"
-    done = export_session(session, request_of("ome-tiff", out, with_scale=False))
+    done = write_export(session, request_of("ome-tiff", out, with_scale=False))
     assert (done.captures, done.with_scale) == (2, 1)
     first, second = written(out).images
     assert first.pixels.physical_size_x == pytest.approx(1 / 12.5)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.session_export import export_session
+from acquisition.session_export import write_export
 from tests.acquisition.session_export.sessions import (
     exported_session,
     request_of,
@@ -19,7 +19,7 @@ yaozarrs = pytest.importorskip("yaozarrs", reason="needs yaozarrs, a judge of th
 def test_every_capture_is_a_valid_image_at_its_height(tmp_path: Path) -> None:
     session = exported_session(tmp_path / "session")
     out = tmp_path / "session.ome.zarr"
-    export_session(session, request_of("ome-zarr", out))
+    write_export(session, request_of("ome-zarr", out))
     yaozarrs.validate_zarr_store(str(out))
     root = zarr.open_group(out, mode="r")
     assert list(root["OME"].attrs["ome"]["series"]) == ["0", "1", "2", "3", "4"]
@@ -46,7 +46,7 @@ def test_the_ome_xml_beside_the_images_meets_its_schema(tmp_path: Path) -> None:
     ome_types = pytest.importorskip("ome_types", reason="needs ome-types, a judge of the tests")
     session = exported_session(tmp_path / "session")
     out = tmp_path / "session.ome.zarr"
-    export_session(session, request_of("ome-zarr", out))
+    write_export(session, request_of("ome-zarr", out))
     text = (out / "OME" / "METADATA.ome.xml").read_text("utf-8")
     ome_types.validate_xml(text)
     heights = [image.pixels.planes[0].position_z for image in ome_types.from_xml(text).images]

@@ -14,7 +14,7 @@ from analysis.changes import (
     ChangeResult,
     FilterWidth,
     PairColours,
-    find_changes,
+    changes_between,
     significance_threshold,
 )
 from analysis.changes.colour import SeenDifference, to_luma_red_blue, to_rgb
@@ -48,7 +48,7 @@ def compared(
 ) -> ChangeResult:
     colours = PairColours(reference_dn=before, followup_dn=after, white_dn=(255.0, 255.0))
     options = replace(options or ChangeOptions(), colours=colours, white_level_dn=(255.0, 255.0))
-    return find_changes(luma_plane(before), luma_plane(after), None, options)
+    return changes_between(luma_plane(before), luma_plane(after), None, options)
 
 
 def test_a_red_for_a_green_of_one_luma_is_a_change_of_colour() -> None:
@@ -56,7 +56,7 @@ def test_a_red_for_a_green_of_one_luma_is_a_change_of_colour() -> None:
     peak = 25.0
     change = (peak, -peak * LUMA[0] / LUMA[1], 0.0)
     before, after = noisy(scene(), rng), noisy(painted(change), rng)
-    grey = find_changes(luma_plane(before), luma_plane(after))
+    grey = changes_between(luma_plane(before), luma_plane(after))
     assert grey.summary.changes == ()
     found = compared(before, after).summary.changes
     assert len(found) == 1
@@ -97,7 +97,7 @@ def test_the_light_of_each_channel_is_its_own() -> None:
 def test_grey_photographs_are_compared_as_before() -> None:
     rng = np.random.default_rng(5)
     before, after = (luma_plane(noisy(scene(), rng)) for _ in range(2))
-    found = find_changes(before, after).summary
+    found = changes_between(before, after).summary
     assert all(one.amplitude_rgb_dn is None for one in found.changes)
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from analysis.changes import ChangeOptions, FilterWidth, find_changes, significance_threshold
+from analysis.changes import ChangeOptions, FilterWidth, changes_between, significance_threshold
 from analysis.changes.comparison import Comparison, compare
 from benchmarks.truth.lenses import f_number, gaussian
 from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene, seen_spot
@@ -53,8 +53,8 @@ def test_swapped_photographs_show_the_same_with_the_other_sign(
 ) -> None:
     pair = photographed(zoom, widths_px, 8.0)
     reference, followup = pair.developed(NOISE, NOISE, 1)
-    there = find_changes(reference, followup, None, ChangeOptions(pose=posed(pair)))
-    back = find_changes(followup, reference, None, ChangeOptions(pose=posed(pair).inverse()))
+    there = changes_between(reference, followup, None, ChangeOptions(pose=posed(pair)))
+    back = changes_between(followup, reference, None, ChangeOptions(pose=posed(pair).inverse()))
     assert len(there.summary.changes) == len(back.summary.changes) > 4
     places = np.array([(c.x_px, c.y_px, c.amplitude_dn) for c in there.summary.changes])
     for change in back.summary.changes:
@@ -112,8 +112,8 @@ def test_pixels_that_are_left_out_do_not_matter() -> None:
     options = ChangeOptions(pose=posed(pair), left_out=left_out)
     spoilt = followup.copy()
     spoilt[left_out] = np.random.default_rng(0).uniform(0, 200, int(left_out.sum()))
-    one = find_changes(reference, followup, None, options)
-    other = find_changes(reference, spoilt, None, options)
+    one = changes_between(reference, followup, None, options)
+    other = changes_between(reference, spoilt, None, options)
     assert not (one.valid & left_out).any()
     # The smoothing's reach is masked to 5 px: 1e-6 of a Gaussian is left.
     assert correlation(one.significance, other.significance) > 0.999
@@ -124,7 +124,7 @@ def test_clipped_pixels_are_masked_and_counted() -> None:
     pair = photographed(1.0, (0.9, 0.9), 0.0)
     reference, followup = pair.developed(NOISE, NOISE, 4)
     white = float(np.quantile(reference, 0.98))
-    result = find_changes(
+    result = changes_between(
         np.minimum(reference, white), followup, None, ChangeOptions(pose=posed(pair))
     )
     assert result.summary.saturated_px > 0.01 * followup.size
@@ -166,7 +166,7 @@ def test_spots_are_found_also_where_either_is_sharper(
 ) -> None:
     pair = photographed(1.0, widths_px, 8.0, name)
     reference, followup = pair.developed(NOISE, NOISE, 5)
-    result = find_changes(reference, followup, None, ChangeOptions(pose=posed(pair)))
+    result = changes_between(reference, followup, None, ChangeOptions(pose=posed(pair)))
     found = 0
     for x, y in SPOTS_PX:
         around = np.s_[int(y) - 2 : int(y) + 4, int(x) - 2 : int(x) + 4]

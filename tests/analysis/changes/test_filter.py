@@ -15,7 +15,7 @@ from analysis.changes import (
     ChangeOptions,
     ChangeResult,
     FilterWidth,
-    find_changes,
+    changes_between,
     read_changes,
     significance_threshold,
 )
@@ -81,7 +81,7 @@ def posed(
 
 @lru_cache
 def found(one: Pair, noise: CaptureNoise | None = NOISE) -> ChangeResult:
-    return find_changes(one.reference, one.followup, PSF, posed(MATRIX, noise))
+    return changes_between(one.reference, one.followup, PSF, posed(MATRIX, noise))
 
 
 @pytest.mark.slow
@@ -109,7 +109,7 @@ def test_a_disc_is_listed_at_its_middle_with_its_own_area(
     before = ground + rng.normal(0, noise_dn, disc.shape)
     after = ground + contrast_dn * disc + rng.normal(0, noise_dn, disc.shape)
     options = posed(np.eye(3), None, disc.shape, disc.shape)
-    (change,) = find_changes(before, after, None, options).summary.changes
+    (change,) = changes_between(before, after, None, options).summary.changes
     assert (change.y_px, change.x_px) == pytest.approx((45.3, 60.8), abs=0.3)
     assert change.area_px == pytest.approx(np.pi * 14**2, rel=0.05)
 
@@ -157,7 +157,7 @@ def test_a_softer_follow_up_is_compared_and_its_focus_said() -> None:
     scene = blobs(1, 5000, 240.0)
     soft = photograph(scene, FAR, ZOOM, float(np.hypot(PSF_PX, 0.7)), SHIFT_PX)
     soft += np.sqrt(NOISE.variance_dn2(soft)) * rng.standard_normal(soft.shape)
-    result = find_changes(pair(1, 0.0).reference, soft, PSF, posed(MATRIX))
+    result = changes_between(pair(1, 0.0).reference, soft, PSF, posed(MATRIX))
     # 0.05 pixels a frame are allowed.
     assert not result.is_change.any()
     # A variance of 0.7^2 was added; a standard error is about 0.02.
@@ -173,7 +173,7 @@ def test_images_that_share_nothing_are_refused() -> None:
     away = MATRIX.copy()
     away[0, 2] += 320.0
     with pytest.raises(OverlapError) as refused:
-        find_changes(one.reference, one.followup, PSF, posed(away))
+        changes_between(one.reference, one.followup, PSF, posed(away))
     assert refused.value.shared_px < 1000
 
 
@@ -194,7 +194,7 @@ def test_on_the_bench_false_positives_fall_and_the_pose_alone_flags_nothing() ->
             seed=1,
         )
         options = ChangeOptions(noise=bench_noise(truth))
-        result = find_changes(one.reference, one.followup, psf, options)
+        result = changes_between(one.reference, one.followup, psf, options)
         if not contrast:
             # 0.05 pixels a frame are allowed.
             assert not result.is_change.any()
@@ -230,12 +230,12 @@ def test_a_lens_that_distorts_flags_nothing_either() -> None:
         pitch_mm=30.0,
         seed=1,
     )
-    result = find_changes(one.reference, one.followup, psf, ChangeOptions(noise=noise))
+    result = changes_between(one.reference, one.followup, psf, ChangeOptions(noise=noise))
     assert result.summary.distortion_k1 == pytest.approx(-0.01, abs=3e-4)
     # 0.05 pixels a frame are allowed, and come in clusters.
     assert result.is_change.sum() <= 4
     frame = one.reference.shape[0], one.reference.shape[1]
-    bent = find_changes(
+    bent = changes_between(
         one.reference, one.followup, psf, posed(one.matrix, noise, near=frame, far=frame)
     )
     assert (bent.is_change | bent.is_moved).sum() > 20  # shifted edges, most of them
@@ -247,7 +247,7 @@ def test_a_pose_whose_horizon_is_in_the_frame_is_refused() -> None:
     tilted = MATRIX.copy()
     tilted[2, 0] = -0.01
     with pytest.raises(AnalysisError) as refused:
-        find_changes(one.reference, one.followup, PSF, posed(tilted))
+        changes_between(one.reference, one.followup, PSF, posed(tilted))
     assert not isinstance(refused.value, OverlapError)
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.ndimage import gaussian_filter
 
-from analysis.changes import ChangeOptions, find_changes
+from analysis.changes import ChangeOptions, changes_between
 from analysis.changes.photograph_pair import clipped_at_white, nearest_shift, one_view, unusable
 from analysis.errors import OverlapError
 from calibration.registration import DistortedPose, RegistrationHints
@@ -119,7 +119,7 @@ def test_a_word_that_is_gone_from_clipped_paper_is_found() -> None:
     assert np.mean(page == 255) > 0.1
     erased = page.copy()
     erased[95:106, 180:204] = 255.0
-    result = find_changes(page, erased, options=ChangeOptions(white_level_dn=(255.0, 255.0)))
+    result = changes_between(page, erased, options=ChangeOptions(white_level_dn=(255.0, 255.0)))
     assert len(result.summary.changes) == 1
     (word,) = result.summary.changes
     assert (word.what, abs(word.x_px - 191.5) < 5, abs(word.y_px - 100) < 5) == ("gone", True, True)
@@ -130,11 +130,11 @@ def test_two_levels_are_compared_with_each_other() -> None:
     # A spot of either kind, amid the other level.
     after[40:48, 40:48] = 255.0 - before[44, 44]
     after[160:168, 200:208] = 255.0 - before[164, 204]
-    found = find_changes(before, after).summary
+    found = changes_between(before, after).summary
     places = sorted((round(one.x_px), round(one.y_px)) for one in found.changes)
     assert [(abs(x - 43.5) < 2, abs(y - 43.5) < 2) for x, y in places[:1]] == [(True, True)]
     assert len(places) == 2
-    assert find_changes(before, before).summary.changes == ()
+    assert changes_between(before, before).summary.changes == ()
 
 
 def test_where_both_are_at_one_end_nothing_is_compared() -> None:
@@ -142,7 +142,7 @@ def test_where_both_are_at_one_end_nothing_is_compared() -> None:
     scene = shipped("camera")[:300, :300] * 0.8 + 20
     scene[100:150, 100:160] = 400.0
     before, after = (np.clip(np.rint(scene + rng.normal(0, 2, scene.shape)), 0, 255) for _ in "ab")
-    result = find_changes(before, after, options=ChangeOptions(white_level_dn=(255.0, 255.0)))
+    result = changes_between(before, after, options=ChangeOptions(white_level_dn=(255.0, 255.0)))
     assert not result.valid[105:145, 105:155].any()
     assert result.valid[20:80, 20:80].all()
     assert result.summary.changes == ()
@@ -157,7 +157,7 @@ def test_what_is_brighter_than_white_is_a_change_of_at_least_so_much() -> None:
         np.clip(np.rint(one + rng.normal(0, 2, scene.shape)), 0, 255) for one in (scene, lamp)
     )
     options = ChangeOptions(white_level_dn=(255.0, 255.0))
-    found = find_changes(before, after, options=options).summary
+    found = changes_between(before, after, options=options).summary
     assert len(found.changes) == 1
     assert found.changes[0].amplitude_dn > 255 - scene[200:210, 200:210].max() - 5
 
@@ -171,7 +171,7 @@ def test_where_the_ends_leave_nothing_it_is_said() -> None:
     aside[:2, 2] = 0.5
     options = ChangeOptions(pose=at_rest((160, 160), aside), white_level_dn=(255.0, 255.0))
     with pytest.raises(OverlapError, match="at an end of the scale, or beside one"):
-        find_changes(dots, dots, options=options)
+        changes_between(dots, dots, options=options)
 
 
 def drawn_from_aside(drawing: FloatArray, pose: FloatArray) -> FloatArray:
@@ -196,7 +196,7 @@ def test_two_drawings_from_aside_are_compared_beside_the_steps_of_their_outlines
     options = ChangeOptions(white_level_dn=(255.0, 255.0), step_dn=(step_dn, step_dn))
     before = drawn_from_aside(drawing, np.eye(3))
     same, other = (
-        find_changes(before, drawn_from_aside(one, turned), options=options).summary
+        changes_between(before, drawn_from_aside(one, turned), options=options).summary
         for one in (drawing, spotted)
     )
     # Without the steps, every second outline had changed: 24 entries.
@@ -219,7 +219,7 @@ def test_a_drawing_whose_lines_moved_by_themselves_has_the_pose_at_which_most_di
     after[100:108, 6:14] = 0.0
     step_dn = np.ones(before.shape, dtype=np.float32)
     options = ChangeOptions(white_level_dn=(255.0, 255.0), step_dn=(step_dn, step_dn))
-    found = find_changes(before, after, options=options).summary
+    found = changes_between(before, after, options=options).summary
     assert np.allclose(found.homography, np.eye(3), atol=1e-3)
     (one,) = found.changes
     assert np.hypot(one.x_px - 9.5, one.y_px - 103.5) < 3
@@ -232,7 +232,7 @@ def test_a_line_of_one_pixel_that_is_gone_from_a_copy_of_a_drawing_is_found() ->
     before[200:230, 300] = 0.0
     assert (after[195:235, 295:306] == 255).all()
     options = ChangeOptions(white_level_dn=(255.0, 255.0))
-    (line,) = find_changes(before, after, options=options).summary.changes
+    (line,) = changes_between(before, after, options=options).summary.changes
     assert line.x_px == pytest.approx(300, abs=1.5)
     assert 200 <= line.y_px < 230
 
@@ -257,7 +257,7 @@ def test_equal_exposures_are_as_sharp_and_as_bright_and_nothing_changed(
     name: str, noise_dn: float
 ) -> None:
     scene = picture(name)
-    found = find_changes(noisy(scene, noise_dn, 1), noisy(scene, noise_dn, 2)).summary
+    found = changes_between(noisy(scene, noise_dn, 1), noisy(scene, noise_dn, 2)).summary
     assert found.homography == ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     # 12 pairs, drawn once: 3.9 standard errors are exceeded in one of 10,000.
     assert abs(found.extra_blur_px2) < 3.9 * found.extra_blur_err_px2
@@ -269,7 +269,7 @@ def test_a_mask_is_no_hint_of_the_pose() -> None:
     mask = np.zeros(picture("coins").shape, dtype=np.bool_)
     mask[:40] = True
     options = ChangeOptions(hints=RegistrationHints(left_out=mask), left_out=mask)
-    result = find_changes(
+    result = changes_between(
         noisy(picture("coins"), 3.0, 1), noisy(picture("coins"), 3.0, 2), None, options
     )
     assert result.summary.homography == ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -283,7 +283,7 @@ def test_the_stated_errors_of_blur_and_gain_are_those_of_the_draws() -> None:
         scene = picture(PICTURES[seed % len(PICTURES)])
         # Of unequal noise, too: the mean is weighted by it.
         pair = noisy(scene, 20.0, 100 + seed), noisy(scene, 20.0 + 20 * (seed % 2), 200 + seed)
-        found = find_changes(*pair).summary
+        found = changes_between(*pair).summary
         ratios.append(
             (found.extra_blur_px2 / found.extra_blur_err_px2, (found.gain - 1) / found.gain_err)
         )
@@ -296,7 +296,7 @@ def test_the_stated_errors_of_blur_and_gain_are_those_of_the_draws() -> None:
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_photograph_does_not_differ_from_itself(name: str) -> None:
     scene = np.rint(picture(name) / 10)
-    result = find_changes(scene, scene)
+    result = changes_between(scene, scene)
     assert not result.difference_dn.any()
     assert result.summary.gain == 1.0
     assert result.summary.extra_blur_px2 == pytest.approx(0, abs=1e-6)
@@ -307,7 +307,7 @@ def test_before_against_after_is_minus_after_against_before() -> None:
     scene = picture("coins")
     before, after = noisy(scene, 10.0, 1), noisy(scene, 10.0, 2)
     after[200:206, 220:228] += 300.0
-    there, back = find_changes(before, after), find_changes(after, before)
+    there, back = changes_between(before, after), changes_between(after, before)
     scale = float(np.abs(there.difference_dn).max())
     # The light is fitted to one of them: to a few parts in a thousand of what changed.
     np.testing.assert_allclose(there.difference_dn, -back.difference_dn, atol=5e-3 * scale)
@@ -317,7 +317,7 @@ def test_before_against_after_is_minus_after_against_before() -> None:
 def test_a_true_blur_and_a_true_gain_are_measured() -> None:
     scene = picture("camera")
     softer = 1.2 * gaussian_filter(scene, np.sqrt(0.5), truncate=7) + 30
-    found = find_changes(noisy(scene, 8.0, 1), noisy(softer, 8.0, 2)).summary
+    found = changes_between(noisy(scene, 8.0, 1), noisy(softer, 8.0, 2)).summary
     # At whole pixels the Gaussian has a variance of 0.497.
     assert found.extra_blur_px2 == pytest.approx(0.5, abs=4 * found.extra_blur_err_px2 + 0.02)
     assert found.gain == pytest.approx(1.2, abs=4 * found.gain_err + 1e-3)
@@ -325,7 +325,7 @@ def test_a_true_blur_and_a_true_gain_are_measured() -> None:
 
 def test_a_part_cut_out_at_whole_pixels_is_compared_pixel_by_pixel() -> None:
     scene = np.rint(picture("camera") / 10)
-    result = find_changes(scene, scene[31:331, 17:347])
+    result = changes_between(scene, scene[31:331, 17:347])
     assert result.summary.homography == ((1.0, 0.0, 17.0), (0.0, 1.0, 31.0), (0.0, 0.0, 1.0))
     assert not result.difference_dn.any()
 

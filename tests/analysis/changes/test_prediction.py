@@ -13,15 +13,15 @@ from analysis.changes import (
     ExpectedFilters,
     FilterWidth,
     LimitCurve,
+    changes_between,
     describe_prediction,
-    find_changes,
     smoothing_for,
 )
 from analysis.changes.comparison import Comparison
 from analysis.changes.levels import LimitMaps, detection_levels
 from analysis.changes.matching import KERNEL_RADIUS_PX, Smoothing, WhiteNoiseGain, white_noise_gain
 from analysis.changes.prediction import meet
-from analysis.detectability import DetectionTask, GaussianSignal, d_prime_curves, expected_limits
+from analysis.detectability import DetectionTask, GaussianSignal, curves_of_images, expected_limits
 from analysis.detection_limits import PredictedLimit
 from benchmarks.truth.lenses import gaussian
 from benchmarks.truth.pairs import Development, PairPose, pair_of, scene
@@ -195,13 +195,13 @@ def predicted() -> LimitCurve:
         reference_zoom=1.0,
         window_px=25,
     )
-    curves = d_prime_curves([pair(1.0)[0]], GaussianPsf(sigma_px=0.9), task)
+    curves = curves_of_images([pair(1.0)[0]], GaussianPsf(sigma_px=0.9), task)
     return expected_limits(curves.curves[0])
 
 
 def shown(gain: float, predicted: LimitCurve) -> ChangeSummary:
     psf = GaussianPsf(sigma_px=0.9)
-    return find_changes(*pair(gain), psf, ChangeOptions(expected=predicted)).summary
+    return changes_between(*pair(gain), psf, ChangeOptions(expected=predicted)).summary
 
 
 @pytest.mark.slow

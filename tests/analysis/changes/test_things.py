@@ -10,8 +10,8 @@ from analysis.changes import (
     ChangeOptions,
     ChangeSummary,
     change_table,
+    changes_between,
     describe_least,
-    find_changes,
 )
 from analysis.changes.change_list import large_enough
 from analysis.changes.comparison import Comparison
@@ -67,9 +67,9 @@ def test_moved_things_are_counted_only_if_asked_for() -> None:
     before, after = moved_thing(waves(5, 8.0), waves(6, 12.0), SHIFT)
     before = 100 + before + 0.5 * rng.standard_normal(SHAPE)
     after = 100 + after + 0.5 * rng.standard_normal(SHAPE)
-    apart = find_changes(before, after, None, ChangeOptions(pose=SAME)).summary
+    apart = changes_between(before, after, None, ChangeOptions(pose=SAME)).summary
     options = ChangeOptions(pose=SAME, count_moved=True)
-    counted = find_changes(before, after, None, options).summary
+    counted = changes_between(before, after, None, options).summary
     assert len(apart.moved) == 1
     assert counted.moved == ()
     assert set(counted.changes) == {*apart.changes, *apart.moved}
@@ -83,7 +83,7 @@ def ground() -> FloatArray:
 def two(before: FloatArray, after: FloatArray, least_dn: float | None = None) -> ChangeSummary:
     rng = np.random.default_rng(8)
     first, second = (one + rng.normal(0, 6, one.shape) for one in (before, after))
-    return find_changes(first, second, options=ChangeOptions(least_dn=least_dn)).summary
+    return changes_between(first, second, options=ChangeOptions(least_dn=least_dn)).summary
 
 
 def with_thing(image: FloatArray, top: int, left: int) -> FloatArray:

@@ -12,7 +12,7 @@ from analysis.detectability import (
     PatchSignal,
     Scenario,
     compared_change,
-    d_prime_curves,
+    curves_of_images,
     expected_limits,
     scene_residual,
     scene_sums,
@@ -41,7 +41,7 @@ def task(**changed: object) -> DetectionTask:
 
 
 def curve(image: FloatArray = FLAT, **changed: object) -> DetectabilityCurve:
-    return d_prime_curves([image], PSF, task(**changed)).curves[0]
+    return curves_of_images([image], PSF, task(**changed)).curves[0]
 
 
 def texture(shape: tuple[int, int] = (160, 190)) -> FloatArray:
@@ -96,12 +96,12 @@ def test_a_flat_scene_leaves_nothing_unexplained() -> None:
 def test_texture_costs_where_it_outweighs_the_noise() -> None:
     """White texture through a lens that passes next to all of it is aliased further away."""
     sharp = GaussianPsf(sigma_px=0.3)
-    fine = d_prime_curves([texture()], sharp, task()).curves[0]
-    flat = d_prime_curves([FLAT], sharp, task()).curves[0]
+    fine = curves_of_images([texture()], sharp, task()).curves[0]
+    flat = curves_of_images([FLAT], sharp, task()).curves[0]
     assert fine.dprime[1] < 0.97 * flat.dprime[1]
     louder = task(noises_dn=(40.0,))
-    assert d_prime_curves([texture()], sharp, louder).curves[0].dprime[1] == pytest.approx(
-        d_prime_curves([FLAT], sharp, louder).curves[0].dprime[1], rel=0.05
+    assert curves_of_images([texture()], sharp, louder).curves[0].dprime[1] == pytest.approx(
+        curves_of_images([FLAT], sharp, louder).curves[0].dprime[1], rel=0.05
     )
 
 

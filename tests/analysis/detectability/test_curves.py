@@ -30,8 +30,8 @@ from analysis.detectability import (
     Scenario,
     curves_figure,
     curves_of,
+    curves_of_images,
     d_prime_between,
-    d_prime_curves,
     focus_spread,
     read_curves,
     scene_sums,
@@ -378,7 +378,7 @@ def _curve(images: int, psf: GaussianPsf, seed: int) -> DetectabilityCurve:
     task = DetectionTask(
         noises_dn=(2.0,), models=("matched",), observers=("hotelling",), zooms=ZOOMS
     )
-    return d_prime_curves(scenes, psf, task).curves[0]
+    return curves_of_images(scenes, psf, task).curves[0]
 
 
 @pytest.mark.slow

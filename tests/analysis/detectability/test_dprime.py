@@ -25,7 +25,7 @@ from analysis.detectability import (
     WindowCovariance,
     auc_of,
     compared_pair,
-    d_prime_curves,
+    curves_of_images,
     d_primes,
     local_changes,
     observer_templates,
@@ -138,7 +138,7 @@ def test_d_prime_is_proportional_to_contrast_and_auc_lies_between_half_and_one(
         models=("matched",),
         window_px=N,
     )
-    curves = d_prime_curves([texture()], PSF, task).curves
+    curves = curves_of_images([texture()], PSF, task).curves
     for observer in OBSERVERS:
         one, two = (c for c in curves if c.observer == observer)
         assert two.dprime[0] == pytest.approx(2 * one.dprime[0], rel=1e-12)
@@ -275,7 +275,7 @@ WIDE = GaussianSignal(sigma_px=9.0)
             lambda: scene_artefact(np.ones((40, 40)), SCENARIO, "matched", 2.0), id="a small image"
         ),
         pytest.param(lambda: local_changes(WIDE, SCENARIO, "matched", 1.5), id="a wide change"),
-        pytest.param(lambda: d_prime_curves([], PSF), id="no image"),
+        pytest.param(lambda: curves_of_images([], PSF), id="no image"),
     ],
 )
 def test_what_cannot_be_answered_is_refused(call: Callable[[], object]) -> None:
@@ -285,7 +285,7 @@ def test_what_cannot_be_answered_is_refused(call: Callable[[], object]) -> None:
 
 def test_curves_of_photographs_are_the_document_and_print_in_a_line() -> None:
     task = DetectionTask(zooms=(1.0, 1.5), models=("matched",), noises_dn=(2.0,), window_px=N)
-    found = d_prime_curves([texture(), texture(1)], PSF, task)
+    found = curves_of_images([texture(), texture(1)], PSF, task)
     assert (found.images, found.window_px, found.signal) == (2, N, "gaussian")
     assert repr(found) == (
         "<3 curves of d', zoom 1 to 1.5: matched npw, matched hotelling, matched cho>"

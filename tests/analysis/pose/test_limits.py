@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from analysis.pose import ViewingCamera, pose_limits
+from analysis.pose import ViewingCamera, limits_of_curve
 from analysis.pose.limits import local_sampling, worst_zoom
 from tests.analysis.detectability.test_curves import on_zooms
 
@@ -88,15 +88,15 @@ def test_no_direction_of_a_lean_is_worse_than_the_worst(
 
 
 def test_aiming_at_the_middle_changes_nothing() -> None:
-    plain = pose_limits(CURVE, 2.0, CAMERA, 10.0)
-    aimed = pose_limits(CURVE, 2.0, CAMERA, 10.0, aim_px=(319.5, 239.5))
+    plain = limits_of_curve(CURVE, 2.0, CAMERA, 10.0)
+    aimed = limits_of_curve(CURVE, 2.0, CAMERA, 10.0, aim_px=(319.5, 239.5))
     assert aimed.tilt_deg == pytest.approx(plain.tilt_deg)
     assert dict(aimed.zoom_by_tilt)[10.0] == pytest.approx(dict(plain.zoom_by_tilt)[10.0], rel=1e-3)
     assert aimed.aimed_overlap == pytest.approx(1.0)
 
 
 def test_a_follow_up_beside_its_reference_may_go_back_as_far_with_less_overlap() -> None:
-    found = pose_limits(CURVE, 2.0, CAMERA, aim_px=(319.5 + 160, 239.5 + 48))
+    found = limits_of_curve(CURVE, 2.0, CAMERA, aim_px=(319.5 + 160, 239.5 + 48))
     assert dict(found.zoom_by_tilt)[0.0] == pytest.approx(found.zoom, abs=1e-6)
     # Three quarters of the width, nine tenths of the height; places are 4 px apart.
     assert found.aimed_overlap == pytest.approx(0.75 * 0.9, abs=0.01)
@@ -104,7 +104,7 @@ def test_a_follow_up_beside_its_reference_may_go_back_as_far_with_less_overlap()
 
 def test_limits_and_the_map_of_the_same_pose_agree() -> None:
     aim_px, reference_deg = (420.0, 180.0), 8.0
-    found = pose_limits(CURVE, 2.0, CAMERA, reference_deg, 30.0, aim_px)
+    found = limits_of_curve(CURVE, 2.0, CAMERA, reference_deg, 30.0, aim_px)
     zoom = dict(found.zoom_by_tilt)[15.0]
     assert zoom is not None
     matrix = CAMERA.followup_to_reference(zoom, 15.0, reference_deg, 30.0, aim_px)

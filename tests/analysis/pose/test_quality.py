@@ -14,8 +14,8 @@ from analysis.pose import (
     contrast_found_at,
     decide,
     describe_pose,
-    judge_pose,
-    pose_limits,
+    limits_of_curve,
+    pose_quality,
     verdict_of,
 )
 from analysis.pose.limits import local_sampling, shift_overlap, worst_zoom
@@ -65,7 +65,7 @@ def test_the_horizon_in_the_frame_is_refused() -> None:
     with pytest.raises(ValueError):
         local_sampling(matrix, (640, 480), (640, 480))
     with pytest.raises(AnalysisError) as refused:
-        judge_pose(matrix, (640, 480), (640, 480), curve(), 3.0)
+        pose_quality(matrix, (640, 480), (640, 480), curve(), 3.0)
     assert isinstance(refused.value.__cause__, ValueError)
 
 
@@ -78,14 +78,14 @@ LIMIT = 7 / 6
 )
 def test_a_pose_is_accepted_up_to_the_threshold(zoom: float, is_accepted: bool) -> None:
     grid = SamplingGrid.centred((480, 640), zoom)
-    found = judge_pose(grid.matrix, (grid.cols, grid.rows), (640, 480), curve(), 3.0)
+    found = pose_quality(grid.matrix, (grid.cols, grid.rows), (640, 480), curve(), 3.0)
     assert found.is_accepted is is_accepted
     assert found.beyond_curve == (1.0 if zoom > 2 else 0.0)
 
 
 def test_the_verdict_in_figures_is_what_is_printed() -> None:
     grid = SamplingGrid.centred((480, 640), 1.5)
-    found = judge_pose(grid.matrix, (grid.cols, grid.rows), (640, 480), curve(), 3.0)
+    found = pose_quality(grid.matrix, (grid.cols, grid.rows), (640, 480), curve(), 3.0)
     assert repr(found) == "<PoseQuality: no go, min d' 2.00, threshold 3>"
     document = found.summary.model_dump(mode="json")
     assert list(document) == [
@@ -106,11 +106,11 @@ def test_the_verdict_in_figures_is_what_is_printed() -> None:
 def test_the_quantile_forgives_a_small_corner() -> None:
     matrix = CAMERA.followup_to_reference(1.1, 10.0)
     size = CAMERA.size
-    strict = judge_pose(matrix, size, size, curve(), 2.0)
+    strict = pose_quality(matrix, size, size, curve(), 2.0)
     threshold = strict.decisive_d_prime * 1.005
-    assert not judge_pose(matrix, size, size, curve(), threshold).is_accepted
-    assert judge_pose(matrix, size, size, curve(), threshold, "quantile").is_accepted
-    judged = judge_pose(matrix, size, size, curve(), threshold)
+    assert not pose_quality(matrix, size, size, curve(), threshold).is_accepted
+    assert pose_quality(matrix, size, size, curve(), threshold, "quantile").is_accepted
+    judged = pose_quality(matrix, size, size, curve(), threshold)
     figure = plot_pose(np.zeros((480, 640)), judged)
     assert "rejected" in figure.axes[0].get_title()
     # In colour there is the photograph beside the map, which lies on grey: its colours mean d'.
@@ -128,12 +128,12 @@ def test_no_overlap_is_an_error() -> None:
     matrix = np.eye(3)
     matrix[0, 2] = 5000.0
     with pytest.raises(OverlapError) as refused:
-        judge_pose(matrix, (640, 480), (640, 480), curve(), 1.0)
+        pose_quality(matrix, (640, 480), (640, 480), curve(), 1.0)
     assert refused.value.shared_px == 0
 
 
 def test_limits_meet_the_threshold_exactly() -> None:
-    found = pose_limits(curve(), 3.0, CAMERA)
+    found = limits_of_curve(curve(), 3.0, CAMERA)
     assert found.zoom == pytest.approx(LIMIT, rel=1e-12)
     assert not found.is_zoom_beyond_curve
     assert found.tilt_deg is not None
@@ -150,31 +150,31 @@ def test_limits_meet_the_threshold_exactly() -> None:
 
 
 def test_limits_of_distance_and_tilt_hold_in_every_direction() -> None:
-    found = pose_limits(curve(), 3.0, CAMERA)
+    found = limits_of_curve(curve(), 3.0, CAMERA)
     allowed = dict(found.zoom_by_tilt)[5.0]
     assert allowed is not None
     for direction in range(0, 360, 15):
         assert worst_zoom(CAMERA, allowed, 5.0, 0.0, direction) <= LIMIT + 1e-6
-    one_way = dict(pose_limits(curve(), 3.0, CAMERA, 0.0, 90.0).zoom_by_tilt)[5.0]
+    one_way = dict(limits_of_curve(curve(), 3.0, CAMERA, 0.0, 90.0).zoom_by_tilt)[5.0]
     assert one_way is not None
     assert one_way >= allowed
 
 
 def test_a_curve_that_never_falls_below_is_a_limit_of_the_curve() -> None:
-    found = pose_limits(curve(), 0.5, CAMERA)
+    found = limits_of_curve(curve(), 0.5, CAMERA)
     assert found.zoom == 2.0
     assert found.is_zoom_beyond_curve
 
 
 def test_a_threshold_above_the_curve_is_told() -> None:
     with pytest.raises(NotDetectableError) as refused:
-        pose_limits(curve(), 9.0, CAMERA)
+        limits_of_curve(curve(), 9.0, CAMERA)
     assert (refused.value.zoom, refused.value.d_prime) == (1.0, 4.0)
 
 
 def test_a_reference_as_tilted_as_the_follow_up_allows_more() -> None:
-    tilted = dict(pose_limits(curve(), 3.0, CAMERA, 15.0, 0.0).zoom_by_tilt)
-    upright = dict(pose_limits(curve(), 3.0, CAMERA).zoom_by_tilt)
+    tilted = dict(limits_of_curve(curve(), 3.0, CAMERA, 15.0, 0.0).zoom_by_tilt)
+    upright = dict(limits_of_curve(curve(), 3.0, CAMERA).zoom_by_tilt)
     assert tilted[15.0] is not None
     assert upright[15.0] is None or tilted[15.0] > upright[15.0]
 

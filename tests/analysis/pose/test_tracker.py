@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from acquisition.bench import load_bench
-from analysis.pose import PoseTracker, judge_pose
+from analysis.pose import PoseTracker, pose_quality
 from standoff.shipped_configs import shipped_config
 from tests.analysis.detectability.test_curves import curve
 from tests.analysis.random_poses import bench_truth, posed_frames, reference_frame
@@ -90,7 +90,7 @@ def test_verdicts_at_random_poses_agree_with_the_bench() -> None:
     for frame in posed_frames(truth, "coins", 10, 3):
         verdict = followed.update(frame.image_dn)
         size = frame.image_dn.shape[1], frame.image_dn.shape[0]
-        true = judge_pose(frame.matrix, size, size, curve(), MIN_D_PRIME)
+        true = pose_quality(frame.matrix, size, size, curve(), MIN_D_PRIME)
         if abs(true.decisive_d_prime / MIN_D_PRIME - 1) > 0.05:
             decided += 1
             right += verdict.accepted == true.is_accepted

@@ -12,7 +12,7 @@ from analysis.reports.psf_edges import (
     plot_profile,
     plot_widths_by_angle,
 )
-from calibration.edges import EdgeImage, EdgeMeasurement, edge_profile, measure_edges
+from calibration.edges import EdgeImage, EdgeMeasurement, edge_profile, edges_of_image
 from calibration.psf import PsfCalibration
 from calibration.sharpness import with_sharpness
 from tests.calibration.closed_form import edge_image
@@ -24,7 +24,7 @@ SIGMA_PX = 0.8
 @pytest.fixture(scope="module")
 def edge() -> EdgeMeasurement:
     source = EdgeImage(name="edge.tif", image_dn=edge_image(SIGMA_PX, 5.0))
-    [found] = with_sharpness(measure_edges(source), source)
+    [found] = with_sharpness(edges_of_image(source), source)
     return found
 
 

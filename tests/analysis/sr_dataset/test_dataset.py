@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import webdataset
 
-from acquisition.photographs import ReadOptions, read_image
+from acquisition.photographs import ReadOptions, read_photograph
 from analysis.errors import SrDatasetError, SweepError
 from analysis.sr_dataset import SrDatasetSettings, SrDatasetSummary, write_sr_dataset
 from analysis.sweep import SweepOptions
@@ -130,7 +130,7 @@ def test_webdataset_decodes_colours_and_floats(tmp_path: Path) -> None:
         assert [name.split(".", 1)[1] for name in tar.getnames()] == ["high.tif", "json", "low.tif"]
         tar.extractall(tmp_path, filter="data")
     (low,) = tmp_path.glob("*.low.tif")
-    assert read_image(low).stored.dtype == np.float32
+    assert read_photograph(low).stored.dtype == np.float32
 
 
 @pytest.mark.slow
@@ -228,7 +228,7 @@ def test_photographs_that_came_later_end_as_one_run_and_only_they_are_read(
 
     def noted(path: Path, options: ReadOptions) -> object:
         opened.append(path.name)
-        return read_image(path, options)
+        return read_photograph(path, options)
 
     with monkeypatch.context() as patch:
         patch.setattr("standoff.library.sr_pairs.read_image", noted)

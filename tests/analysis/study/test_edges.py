@@ -19,7 +19,7 @@ from analysis.study import (
     width_errors,
 )
 from benchmarks.truth.study_sessions import StudiedSession, calibrated
-from calibration.edges import EdgeImage, measure_edges
+from calibration.edges import EdgeImage, edges_of_image
 from calibration.noise import LevelNoise
 from calibration.psf import fit_covariance
 from tests.analysis.study.sessions import LEVELS, covariance, planned
@@ -83,7 +83,7 @@ def test_an_edge_fit_reports_the_error_that_was_predicted() -> None:
     photograph = EdgeImage(
         name="edge", image_dn=image, noise=noise.averaged(5), saturation_dn=4095.0
     )
-    (found,) = measure_edges(photograph)
+    (found,) = edges_of_image(photograph)
     predicted = sigma_err_px(sigma_px, found.length_px, levels(noise), 5)
     # The fit scales its error by the scatter of 2000 pixels, known to 1 / sqrt(4000), 1.6 %.
     assert found.sigma_err_px == pytest.approx(predicted, rel=0.08)

@@ -10,7 +10,7 @@ from analysis.validation.kernels import ModelInputs
 from analysis.validation.metrics import ImageMetrics
 from analysis.validation.pair import AlignedPair, Expectation, PairErrors, PairMetrics, compare_pair
 from analysis.validation.session import mean_metrics
-from calibration.registration import DistortedPose, Registration, register
+from calibration.registration import DistortedPose, Registration, register_images
 from simulation import MODELS, GaussianPsf, zoom_out_on_grid
 from simulation.arrays import FloatArray
 from simulation.sampling_grid import simulate_at
@@ -98,7 +98,7 @@ def inputs(*models: ValidationModel) -> ModelInputs:
 
 
 def aligned(reference: np.ndarray, followup: np.ndarray) -> tuple[AlignedPair, Registration]:
-    found = register(reference, followup, PSF)
+    found = register_images(reference, followup, PSF)
     return AlignedPair(reference=reference, followup=followup, pose=found.pose), found
 
 

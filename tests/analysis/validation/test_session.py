@@ -28,7 +28,7 @@ from analysis.validation import (
     screen,
     shown_pairs,
     trainings_needed,
-    validate,
+    validated,
 )
 from analysis.validation.document import (
     PAPER_TABLE_1,
@@ -63,7 +63,7 @@ def validation(series: Session, book: KernelBook) -> Validation:
     screening = screen(series, PSF)
     assert trainings_needed(series, screening.pairs, MODELS, book) == []
     settings = ValidationSettings(models=MODELS, kernels=book)
-    return validate(series, PSF, settings, screening=screening, psf_name="psf.json")
+    return validated(series, PSF, settings, screening=screening, psf_name="psf.json")
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,7 @@ def test_the_means_are_those_of_the_pairs(validation: Validation) -> None:
 @pytest.mark.slow
 def test_progress_counts_the_pairs_of_a_validation_with_what_is_usual(series: Session) -> None:
     told: list[int] = []
-    usual = validate(series, PSF, progress=told.append)
+    usual = validated(series, PSF, progress=told.append)
     assert told == [1, 2, 3, 4, 5]
     assert usual.models == ("bicubic", "paper", "matched", "lmmse")
     assert repr(usual).startswith("<Validation of 5 pairs: MSE bicubic ")
@@ -233,14 +233,14 @@ CALIBRATION = PsfCalibration(
 def test_only_a_psf_that_is_not_the_lens_s_is_named(tmp_path: Path) -> None:
     series = height_series(tmp_path / "session", shape=LARGE_SHAPE)
     settings = ValidationSettings(models=FIT_MODELS, calibration=CALIBRATION)
-    right = validate(series, PSF, settings)
+    right = validated(series, PSF, settings)
     for pair in right.pairs:
         assert pair.chi2_reduced["matched"] == pytest.approx(1.0, abs=0.1)
         assert pair.chi2_reduced["lmmse"] == pytest.approx(1.0, abs=0.1)
         assert pair.chi2_reduced["bicubic"] > 1.5
     assert not any("does not fit" in remark for remark in right.remarks)
 
-    wrong = validate(series, GaussianPsf(sigma_px=0.9), settings)
+    wrong = validated(series, GaussianPsf(sigma_px=0.9), settings)
     (sentence,) = [remark for remark in wrong.remarks if "does not fit" in remark]
     worst = max(wrong.pairs, key=lambda pair: min(pair.chi2_reduced.values()))
     first = f"{worst.target} {worst.reference_height_mm:g} to {worst.followup_height_mm:g} mm"

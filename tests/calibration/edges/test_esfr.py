@@ -10,8 +10,8 @@ from calibration.edges import (
     EdgeMeasurement,
     EdgeSamples,
     bin_edge,
+    edges_of_image,
     gaussian_mtf50,
-    measure_edges,
     measure_esfr,
     pixel_mtf50,
 )
@@ -71,7 +71,7 @@ def test_a_wider_psf_has_a_lower_mtf50(sigma: float, factor: float, turn: float)
 
 
 def measured(image: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> EdgeMeasurement:
-    [edge] = measure_edges(EdgeImage(name="edge.tif", image_dn=image))
+    [edge] = edges_of_image(EdgeImage(name="edge.tif", image_dn=image))
     return edge
 
 
@@ -285,7 +285,7 @@ def test_light_that_falls_off_costs_neither_width_nor_contrast(
     truth = pixel_mtf50(0.8, float(np.deg2rad(normal_deg)))
     y, x = (np.mgrid[:160, :160] - 79.5) / 160
     for light, most in ((1 + amount * x, 0.005), (1 - 2 * amount * (x**2 + y**2), 0.01)):
-        for edge in measure_edges(EdgeImage(name="", image_dn=image * light)):
+        for edge in edges_of_image(EdgeImage(name="", image_dn=image * light)):
             assert edge.optical_sigma_px == pytest.approx(0.8, rel=most)
             assert edge.esfr_mtf50_cy_per_px == pytest.approx(truth, rel=most)
 

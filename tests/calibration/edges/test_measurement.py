@@ -17,15 +17,15 @@ from calibration.edges import (
     EdgeMeasurement,
     EdgeSamples,
     EdgeSelection,
+    edges_of_image,
     find_edges,
     fit_edge,
     least_side_px,
     mean_transfer,
-    measure_edges,
 )
 from calibration.edges.measurement import BIN_PX, lsf_fit, told_apart
 from calibration.errors import NoEdgeError, PsfFileError
-from calibration.psf import PsfCalibration, calibrate_psf
+from calibration.psf import PsfCalibration, psf_of_images
 from calibration.psf.covariance import median_width
 from hil_mocks import BenchTruth
 from simulation.arrays import FloatArray
@@ -41,7 +41,7 @@ def calibrated(*normals_deg: float) -> PsfCalibration:
         EdgeImage(name=f"{n:g}", image_dn=edge_image(0.7 if n < 45 else 0.5, n, has_pixel=True))
         for n in normals_deg
     ]
-    return calibrate_psf(sources)
+    return psf_of_images(sources)
 
 
 def test_the_measured_transfer_is_the_product_of_lens_and_pixel() -> None:
@@ -74,7 +74,7 @@ def test_the_bias_is_that_of_the_bin_and_the_difference(sigma_px: float) -> None
     # Closed form: a bin of h and a difference over 2 h add h^2 / 12 + (2 h)^2 / 12.
     expected = sqrt(sigma_px**2 + 5 * BIN_PX**2 / 12)
     widths = [
-        measure_edges(EdgeImage(name="e", image_dn=edge_image(sigma_px, normal)), method="paper")[
+        edges_of_image(EdgeImage(name="e", image_dn=edge_image(sigma_px, normal)), method="paper")[
             0
         ].sigma_px
         for normal in (3.0, 5.0, 8.0, 11.0, 97.0, 103.0)
@@ -86,13 +86,13 @@ def test_the_bias_is_that_of_the_bin_and_the_difference(sigma_px: float) -> None
 
 def test_the_bias_at_half_a_pixel_is_five_percent() -> None:
     sources = [EdgeImage(name=f"{n}", image_dn=edge_image(0.5, n)) for n in (4.0, 7.0, 94.0, 97.0)]
-    psf = calibrate_psf(sources, method="paper")
+    psf = psf_of_images(sources, method="paper")
     assert psf.sigma_x_px == pytest.approx(0.5 * 1.051, rel=0.01)
     assert psf.sigma_y_px == pytest.approx(0.5 * 1.051, rel=0.01)
 
 
 def test_widths_are_medians_and_nothing_optical_and_no_rho_is_told() -> None:
-    psf = calibrate_psf(photographs([2.0, 5.0, 8.0, 45.0, 93.0]), method="paper")
+    psf = psf_of_images(photographs([2.0, 5.0, 8.0, 45.0, 93.0]), method="paper")
     upright = [e.sigma_px for e in psf.edges if e.orientation == "vertical"]
     assert psf.sigma_x_px == np.median(upright)
     assert psf.method == "paper"
@@ -105,7 +105,7 @@ def test_widths_are_medians_and_nothing_optical_and_no_rho_is_told() -> None:
 
 
 def test_diagonal_edges_alone_determine_nothing_in_the_papers_way() -> None:
-    psf = calibrate_psf(photographs([45.0, 135.0]), method="paper")
+    psf = psf_of_images(photographs([45.0, 135.0]), method="paper")
     assert psf.sigma_x_px is None
     assert psf.sigma_y_px is None
 
@@ -160,7 +160,7 @@ def square(
 
 
 def used(image_dn: FloatArray) -> list[EdgeMeasurement]:
-    edges = measure_edges(EdgeImage(name="short", image_dn=image_dn))
+    edges = edges_of_image(EdgeImage(name="short", image_dn=image_dn))
     return [edge for edge in edges if edge.is_used and edge.optical_sigma_px is not None]
 
 
@@ -218,7 +218,7 @@ def test_the_corners_do_not_move_the_width_of_the_shortest_sides(turn: float, si
 def test_the_message_tells_a_side_that_is_long_enough(side_px: float, sigma_px: float) -> None:
     too_small = EdgeImage(name="small", image_dn=square(side_px, 20.0, sigma_px))
     with pytest.raises(NoEdgeError, match=r"too short: .* at least \d+ px long") as error:
-        calibrate_psf([too_small])
+        psf_of_images([too_small])
     told_px = float(str(error.value).split("at least ")[1].split(" px")[0])
     assert side_px < told_px < side_px + 8
     assert len(used(square(told_px, 20.0, sigma_px))) == 4
@@ -310,7 +310,7 @@ def test_an_edge_with_a_clipped_side_is_remarked_and_as_sure_as_it_says(sigma_px
         high_dn = 400.0 + 3_695.0 / (1 - rng.uniform(0.01, 0.08))
         image = 400.0 + (high_dn - 400.0) * cover + rng.normal(0.0, 37.0, cover.shape)
         stored = np.clip(np.rint(image), 0.0, 4_095.0)
-        edges = measure_edges(EdgeImage(name="clipped", image_dn=stored, saturation_dn=4_095.0))
+        edges = edges_of_image(EdgeImage(name="clipped", image_dn=stored, saturation_dn=4_095.0))
         assert len(edges) == 4
         assert all("clipped" in edge.flags and edge.is_used for edge in edges)
         found += deviations(edges, sigma_px)
@@ -370,7 +370,7 @@ def test_an_edge_of_the_scene_is_kept_with_a_flag_and_does_not_count() -> None:
 def test_with_all_every_edge_counts() -> None:
     source = chart_in_a_room()
     edges = EdgeSelection(target="all").measured_in(source, "all-angles")
-    assert [repr(edge) for edge in edges] == [repr(edge) for edge in measure_edges(source)]
+    assert [repr(edge) for edge in edges] == [repr(edge) for edge in edges_of_image(source)]
     assert not any("beside_target" in edge.flags for edge in edges)
 
 
@@ -379,7 +379,7 @@ def test_a_chart_alone_is_the_target_in_the_pixels_of_any_plane(pitch_px: int) -
     image = WHITE_DN - (WHITE_DN - BLACK_DN) * chart(240, 288, turn_deg=5.0, shear=12.0)
     image += np.random.default_rng(4).normal(0.0, 200.0, image.shape)
     source = EdgeImage(name="chart", image_dn=image, pitch_px=pitch_px)
-    edges = told_apart(measure_edges(source), pitch_px)
+    edges = told_apart(edges_of_image(source), pitch_px)
     assert len(edges) >= 100  # 30 squares
     assert not any("beside_target" in edge.flags for edge in edges)
 
@@ -389,6 +389,6 @@ def test_no_good_edge_of_a_target_of_the_simulated_bench_is_thrown_away(target: 
     bench = BenchTruth(bench_config(simulated__width_px=480, simulated__height_px=360))
     image = bench.expected_image_dn(target, 5.0, 150.0, exposure_us=4_000.0)
     image = image + np.random.default_rng(5).normal(0.0, 5.0, image.shape)
-    edges = told_apart(measure_edges(EdgeImage(name=target, image_dn=image)))
+    edges = told_apart(edges_of_image(EdgeImage(name=target, image_dn=image)))
     assert edges
     assert not any("beside_target" in edge.flags for edge in edges)

@@ -15,11 +15,11 @@ from calibration.edges import (
     EdgeMeasurement,
     JpegCompression,
     Method,
+    edges_of_image,
     gaussian_mtf50,
-    measure_edges,
 )
 from calibration.edges.measurement import told_apart
-from calibration.psf import PsfCalibration, calibrate_psf
+from calibration.psf import PsfCalibration, psf_of_images
 from simulation.arrays import FloatArray
 
 FOLDER = Path(__file__).parents[2] / "data"
@@ -31,7 +31,7 @@ TOTAL_SIGMA_PX = 0.935
 
 def calibrated(name: str, method: Method = "all-angles") -> PsfCalibration:
     image = luma_plane(tifffile.imread(FOLDER / "edges" / name))
-    return calibrate_psf([EdgeImage(name=name, image_dn=image, saturation_dn=255.0)], method=method)
+    return psf_of_images([EdgeImage(name=name, image_dn=image, saturation_dn=255.0)], method=method)
 
 
 def test_the_photographed_vertical_edge_gives_sigma_x_alone() -> None:
@@ -78,7 +78,7 @@ def photographed(path: Path) -> EdgeImage:
 @pytest.mark.slow
 def test_no_photographed_chessboard_is_wider_or_narrower_than_another_program_found_any() -> None:
     for path in sorted((FOLDER / "chessboards").glob("*.jpg")):
-        psf = calibrate_psf([photographed(path)])
+        psf = psf_of_images([photographed(path)])
         assert psf.sigma_x_px is not None, path.name
         assert psf.sigma_y_px is not None, path.name
         # Medians of single photographs: 0.76 to 1.00 and 0.67 to 0.94. The board is tilted, near
@@ -103,7 +103,7 @@ def test_photographed_chessboards_give_their_widths_and_sixty_edges_each(
         source = photographed(path)
         if not knows_steps:
             source = replace(source, compression=None)
-        used = [edge for edge in measure_edges(source) if edge.is_used]
+        used = [edge for edge in edges_of_image(source) if edge.is_used]
         assert len(used) >= 60, path.name
         for edge in used:
             widths[edge.orientation].append(edge.sigma_px)
@@ -174,7 +174,7 @@ def test_every_side_of_the_chessboards_is_measured_and_told_from_the_room(is_srg
         sides = board_sides(image)
         level = linear_from_srgb(image) if is_srgb else image
         source = EdgeImage(name=path.name, image_dn=level, saturation_dn=255.0, is_jpeg=True)
-        edges = told_apart(measure_edges(source))
+        edges = told_apart(edges_of_image(source))
         on_board = [[edge for edge in edges if lies_on(edge, side)] for side in sides]
         count += len(sides)
         measured += sum(any(edge.is_used for edge in found) for found in on_board)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.special import log_ndtr, ndtr
 
-from calibration.edges import EdgeImage, gaussian_mtf50, measure_edges
+from calibration.edges import EdgeImage, edges_of_image, gaussian_mtf50
 from calibration.edges.residuals import (
     Rounding,
     level_steps,
@@ -254,7 +254,7 @@ def test_the_contrast_of_an_edge_in_few_levels_is_within_its_errors() -> None:
         clean = edge_image(1.1, 5.0 + 3 * seed, low_dn=low, high_dn=low + rng.uniform(20, 40))
         image = np.rint(clean + rng.normal(0.0, 0.2, clean.shape))
         edge = max(
-            measure_edges(EdgeImage(name="8 bits", image_dn=image)), key=lambda e: e.length_px
+            edges_of_image(EdgeImage(name="8 bits", image_dn=image)), key=lambda e: e.length_px
         )
         assert edge.esfr_mtf50_cy_per_px is not None
         assert edge.esfr_mtf50_err_cy_per_px is not None

@@ -18,14 +18,14 @@ from calibration.edges import (
     EdgeSamples,
     bin_centres_px,
     edge_samples,
+    edges_of_image,
     find_edges,
     fit_edge,
-    measure_edges,
     roughness_px,
 )
 from calibration.edges.samples import Deviations, _deviations
 from calibration.errors import NoEdgeError
-from calibration.psf import calibrate_psf
+from calibration.psf import psf_of_images
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
 from tests.calibration.known import known
@@ -40,7 +40,7 @@ from tests.calibration.lens_edges import (
 
 
 def measured(image: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> EdgeMeasurement:
-    [edge] = measure_edges(EdgeImage(name="edge.tif", image_dn=image, saturation_dn=65_535.0))
+    [edge] = edges_of_image(EdgeImage(name="edge.tif", image_dn=image, saturation_dn=65_535.0))
     return edge
 
 
@@ -87,17 +87,17 @@ def test_the_clipped_fraction_counts_both_ends() -> None:
     image = edge_image(0.8, 5.0)
     assert measured(image).clipped_fraction == 0.0
     bright = EdgeImage(name="b", image_dn=np.minimum(image, 50_000.0), saturation_dn=50_000.0)
-    [edge] = measure_edges(bright)
+    [edge] = edges_of_image(bright)
     assert edge.clipped_fraction is not None
     assert 0.3 < edge.clipped_fraction < 0.5
     assert edge.flags == ("clipped",)
-    unknown = measure_edges(EdgeImage(name="u", image_dn=image))[0]
+    unknown = edges_of_image(EdgeImage(name="u", image_dn=image))[0]
     assert unknown.clipped_fraction is None
 
 
 def test_a_clipped_edge_has_a_width_and_says_why_it_has_no_contrast_by_frequency() -> None:
     image = np.minimum(edge_image(0.8, 5.0), 50_000.0)
-    [edge] = measure_edges(EdgeImage(name="b", image_dn=image, saturation_dn=50_000.0))
+    [edge] = edges_of_image(EdgeImage(name="b", image_dn=image, saturation_dn=50_000.0))
     assert edge.is_used
     assert edge.esfr is None
     assert edge.binned is None
@@ -106,7 +106,7 @@ def test_a_clipped_edge_has_a_width_and_says_why_it_has_no_contrast_by_frequency
 
 def test_an_edge_clipped_far_below_its_level_is_kept_with_its_flag() -> None:
     image = np.minimum(edge_image(0.8, 5.0), 35_000.0)
-    [edge] = measure_edges(EdgeImage(name="b", image_dn=image, saturation_dn=35_000.0))
+    [edge] = edges_of_image(EdgeImage(name="b", image_dn=image, saturation_dn=35_000.0))
     assert "saturated" in edge.flags
     assert not edge.is_used
 
@@ -116,9 +116,9 @@ def test_pixels_clipped_in_any_colour_reject_the_edge() -> None:
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     source = EdgeImage(name="c", image_dn=image, saturation_dn=65_535.0, clipped=(x > 70) & (y > 0))
     # Clipped pixels 15 px away do not matter to the fit.
-    assert measure_edges(source)[0].is_used
+    assert edges_of_image(source)[0].is_used
     near = EdgeImage(name="c", image_dn=image, saturation_dn=65_535.0, clipped=(x > 56) & (y > 0))
-    [edge] = measure_edges(near)
+    [edge] = edges_of_image(near)
     assert edge.flags[0] == "saturated"
 
 
@@ -145,12 +145,12 @@ NEW_FLAGS = {"uneven", "curved", "too_noisy"}
 
 def flags_of(image_dn: FloatArray, *, is_jpeg: bool = False) -> list[set[str]]:
     source = EdgeImage(name="edge", image_dn=image_dn, saturation_dn=65_535.0, is_jpeg=is_jpeg)
-    return [set(edge.flags) for edge in measure_edges(source)]
+    return [set(edge.flags) for edge in edges_of_image(source)]
 
 
 def numbers_in(image_dn: FloatArray) -> int:
     source = EdgeImage(name="edge", image_dn=image_dn, saturation_dn=255.0)
-    return sum(edge.is_used for edge in measure_edges(source))
+    return sum(edge.is_used for edge in edges_of_image(source))
 
 
 def disc(radius_px: float, sigma_px: float, seed: int) -> FloatArray:
@@ -201,7 +201,7 @@ def test_where_every_border_is_refused_the_error_says_what_to_photograph() -> No
     smooth = gaussian_filter(np.random.default_rng(2).normal(size=clean.shape), 1.0)
     textured = clean + 0.05 * CONTRAST_DN * smooth / smooth.std()
     with pytest.raises(NoEdgeError, match="uneven: photograph an edge between two even areas"):
-        calibrate_psf([EdgeImage(name="cloth", image_dn=textured, saturation_dn=65_535.0)])
+        psf_of_images([EdgeImage(name="cloth", image_dn=textured, saturation_dn=65_535.0)])
 
 
 @pytest.mark.parametrize("radius_px", [20.0, 40.0])
@@ -224,7 +224,7 @@ def test_true_edges_are_not_refused() -> None:
         assert region.sigma_px is not None
         near = [
             edge
-            for edge in measure_edges(region.source)
+            for edge in edges_of_image(region.source)
             if abs(edge.sigma_px / region.sigma_px - 1) < 0.1
         ]
         assert near
@@ -236,7 +236,7 @@ def test_true_edges_are_not_refused() -> None:
 @pytest.mark.slow
 def test_photographs_and_prints_without_an_edge_give_no_number() -> None:
     numbers = sum(
-        any(edge.is_used and not set(edge.flags) - {"jpeg"} for edge in measure_edges(each.source))
+        any(edge.is_used and not set(edge.flags) - {"jpeg"} for edge in edges_of_image(each.source))
         for each in without_edges(120, seed=9002)
     )
     # Before, 13 % of them did. At 1 % each, six or more of 120 do once in 800 times.
@@ -247,7 +247,7 @@ LENS = Lens(0.37, 0.37)
 
 
 def only_binned(source: EdgeImage) -> BinnedEdge:
-    (edge,) = measure_edges(source)
+    (edge,) = edges_of_image(source)
     assert edge.binned is not None
     return edge.binned
 
@@ -302,7 +302,7 @@ def test_light_that_falls_off_along_and_across_the_edge_is_taken_out() -> None:
     light = 1 + 0.10 * np.linspace(-1, 1, cols)[None, :] + 0.05 * np.linspace(-1, 1, rows)[:, None]
     rng = np.random.default_rng(1)
     noise = rng.normal(size=image.shape) * (HIGH_DN - LOW_DN) / 500
-    (edge,) = measure_edges(EdgeImage(name="edge", image_dn=image * light + noise))
+    (edge,) = edges_of_image(EdgeImage(name="edge", image_dn=image * light + noise))
     assert "shaded" in edge.flags
     assert edge.binned is not None
     left = misfit(edge.binned, profile(LENS, 8.0)(edge.binned.distance_px))
@@ -326,4 +326,4 @@ def test_the_centres_are_a_sixteenth_apart_at_the_edge_and_wider_outside() -> No
 
 def test_an_edge_that_ends_too_near_is_not_binned() -> None:
     image = edge_photograph(LENS, 3.0, length_px=60, half_width_px=2.4)
-    assert all(edge.binned is None for edge in measure_edges(EdgeImage(name="", image_dn=image)))
+    assert all(edge.binned is None for edge in edges_of_image(EdgeImage(name="", image_dn=image)))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.edges import EdgeImage, EdgeLine, measure_edges, pixel_mtf50
+from calibration.edges import EdgeImage, EdgeLine, edges_of_image, pixel_mtf50
 from calibration.edges.shading import Shading, is_even, slope_left, slopes_across
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
@@ -79,7 +79,7 @@ def test_squares_near_the_frame_in_uneven_light_give_the_contrast_of_even_light(
     for light in (1 + 0.15 * x, 1 + 0.35 * x, 1 + 0.25 * (x + y)):
         for levels in ((BRIGHT_DN, DARK_DN), (DARK_DN, BRIGHT_DN)):
             image = (levels[0] + (levels[1] - levels[0]) * cover) * light
-            edges = measure_edges(EdgeImage(name="", image_dn=image))
+            edges = edges_of_image(EdgeImage(name="", image_dn=image))
             assert len(edges) == 4
             for edge in edges:
                 truth = pixel_mtf50(sigma_px, edge.normal_rad)
@@ -126,7 +126,7 @@ def test_errors_of_small_edges_contain_the_light_that_falls_off() -> None:
         )
         image *= 1 + 0.35 * (np.cos(bearing) * x + np.sin(bearing) * y) / 512
         image += np.sqrt(9 + image / 4) * rng.standard_normal(shape)
-        edge = max(measure_edges(EdgeImage(name="", image_dn=image)), key=lambda e: e.length_px)
+        edge = max(edges_of_image(EdgeImage(name="", image_dn=image)), key=lambda e: e.length_px)
         assert edge.esfr_mtf50_cy_per_px
         assert edge.esfr_mtf50_err_cy_per_px
         assert edge.optical_sigma_px

@@ -11,7 +11,7 @@ from calibration.errors import GeometryError, RegistrationError
 from calibration.files import read_geometry, write_geometry
 from calibration.geometry import GeometryCapture
 from calibration.geometry.board import CharucoBoard, find_board
-from calibration.geometry.calibration import GeometryOptions, calibrate_geometry
+from calibration.geometry.calibration import GeometryOptions, geometry_of_captures
 from calibration.geometry.document import GEOMETRY_SCHEMA, GeometryCalibration
 from hil_mocks.truth.render import CameraPose
 from tests.calibration.geometry_bench import (
@@ -48,7 +48,7 @@ def board_series() -> list[GeometryCapture]:
 @pytest.fixture(scope="module")
 def by_board(board_series: list[GeometryCapture]) -> GeometryCalibration:
     # 5 % off, as a varifocal lens may be: the board knows better.
-    return calibrate_geometry(board_series, GeometryOptions(nominal_focal_px=1.05 * FOCAL_PX))
+    return geometry_of_captures(board_series, GeometryOptions(nominal_focal_px=1.05 * FOCAL_PX))
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def texture_series() -> list[GeometryCapture]:
 
 @pytest.fixture(scope="module")
 def by_texture(texture_series: list[GeometryCapture]) -> GeometryCalibration:
-    return calibrate_geometry(texture_series, NOMINAL)
+    return geometry_of_captures(texture_series, NOMINAL)
 
 
 def test_the_corners_of_a_board_are_where_the_bench_puts_them() -> None:
@@ -146,7 +146,7 @@ def test_what_is_written_is_read_back(by_texture: GeometryCalibration, tmp_path:
 def test_a_wrong_height_is_named_and_left_out(board_series: list[GeometryCapture]) -> None:
     spoilt = list(board_series)
     spoilt[2] = replace(spoilt[2], height_mm=spoilt[2].height_mm + 1.5)
-    found = calibrate_geometry(spoilt)
+    found = geometry_of_captures(spoilt)
     [excluded] = found.excluded
     assert excluded.image == spoilt[2].name
     assert "235" in excluded.reason
@@ -158,7 +158,7 @@ def test_a_moved_target_is_named_and_left_out(board_series: list[GeometryCapture
     spoilt = list(board_series)
     moved = np.roll(spoilt[3].image, 9, axis=1)
     spoilt[3] = replace(spoilt[3], image=moved)
-    found = calibrate_geometry(spoilt)
+    found = geometry_of_captures(spoilt)
     [excluded] = found.excluded
     assert excluded.image == spoilt[3].name
     assert "moved" in excluded.reason
@@ -170,7 +170,7 @@ def test_another_target_among_the_captures_is_named_and_left_out(
 ) -> None:
     spoilt = list(texture_series)
     spoilt[1] = replace(spoilt[1], image=captures("gravel", HEIGHTS_MM[1:2])[0].image)
-    found = calibrate_geometry(spoilt, NOMINAL)
+    found = geometry_of_captures(spoilt, NOMINAL)
     assert [one.image for one in found.excluded] == [spoilt[1].name]
     assert found.pupil_offset_mm == pytest.approx(PUPIL_MM, abs=0.1)
 
@@ -185,7 +185,7 @@ def test_captures_at_one_height_are_refused_with_the_remedy() -> None:
         for n in range(3)
     ]  # fmt: skip
     with pytest.raises(GeometryError) as refused:
-        calibrate_geometry(flat)
+        geometry_of_captures(flat)
     assert refused.value.reason == "one_height"
 
 
@@ -199,5 +199,5 @@ def test_captures_without_texture_are_refused_by_name() -> None:
         for n in range(3)
     ]  # fmt: skip
     with pytest.raises(GeometryError) as refused:
-        calibrate_geometry(flat)
+        geometry_of_captures(flat)
     assert (refused.value.reason, refused.value.subject) == ("not_matched", "0.tif")

@@ -1,4 +1,4 @@
-"""What calibrate_geometry concludes, from points that are known exactly up to a seeded noise."""
+"""What ``geometry_of_captures`` concludes, from points that are known exactly up to a seeded noise."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,8 +16,8 @@ from calibration.geometry import (
     GeometryCapture,
     GeometryOptions,
     PlaneLens,
-    calibrate_geometry,
     calibration,
+    geometry_of_captures,
 )
 from calibration.geometry.bundle_adjustment import Exclusion
 from calibration.geometry.calibration import length_of
@@ -44,14 +44,14 @@ def calibrated(monkeypatch: pytest.MonkeyPatch) -> Calibrate:
             return MatchedCaptures(adjustment=survey.adjusted(captures, lens), exclusions=())
 
         monkeypatch.setattr(calibration, "adjust_captures", matched)
-        return calibrate_geometry(survey.captures, options)
+        return geometry_of_captures(survey.captures, options)
 
     return calibrate
 
 
 def test_no_capture_is_refused() -> None:
     with pytest.raises(GeometryError) as refused:
-        calibrate_geometry([])
+        geometry_of_captures([])
     assert refused.value.reason == "no_captures"
 
 
@@ -59,7 +59,7 @@ def test_captures_of_several_sizes_are_refused() -> None:
     first, second = Survey().add("brick", poses_over(HEIGHTS_MM[:2])).captures
     cut = replace(second, image=second.image[:200])
     with pytest.raises(GeometryError) as refused:
-        calibrate_geometry([first, cut])
+        geometry_of_captures([first, cut])
     assert refused.value.reason == "several_sizes"
 
 
@@ -223,7 +223,7 @@ def test_a_capture_that_is_left_alone_is_named(monkeypatch: pytest.MonkeyPatch) 
         exclusions=(Exclusion(capture=gone, reason="it is blurred"),),
     )
     monkeypatch.setattr(calibration, "adjust_captures", lambda *_: matched)
-    found = calibrate_geometry(survey.captures, NOMINAL)
+    found = geometry_of_captures(survey.captures, NOMINAL)
     first, second = found.excluded
     assert (first.image, first.reason) == ("grass-0-0.tif", "it is blurred")
     assert second.image == "grass-0-1.tif"

@@ -18,7 +18,7 @@ from calibration.noise import (
     CorrectionMaps,
     NoiseCalibration,
     NoiseMeasurement,
-    measure_noise,
+    noise_of_captures,
     write_map_files,
 )
 from calibration.noise.document import (
@@ -133,7 +133,7 @@ def noise(tmp_path_factory: pytest.TempPathFactory) -> NoiseMeasurement:
     flickering = np.zeros(SHAPE)
     flickering[3, 50] = 5000.0
     folder = tmp_path_factory.mktemp("noise") / "s"
-    return measure_noise(noise_session(folder, extra_variance_dn2=flickering))
+    return noise_of_captures(noise_session(folder, extra_variance_dn2=flickering))
 
 
 def test_maps_are_read_back_to_the_bit(tmp_path: Path, noise: NoiseMeasurement) -> None:

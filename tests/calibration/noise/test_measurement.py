@@ -8,7 +8,7 @@ import pytest
 
 from acquisition.session.reader import Session
 from calibration.errors import NoiseError
-from calibration.noise import measure_noise
+from calibration.noise import noise_of_captures
 from calibration.noise.document import NOISE_DEFECT
 from calibration.noise.measurement import noise_records
 from tests.acquisition.session_fixtures import session_with
@@ -24,7 +24,7 @@ def with_bench(session: Session, bench: Mapping[str, Any]) -> Session:
 
 def test_the_camera_model_is_read_back_from_a_session(tmp_path: Path) -> None:
     done: list[int] = []
-    found = measure_noise(noise_session(tmp_path / "s"), done.append)
+    found = noise_of_captures(noise_session(tmp_path / "s"), done.append)
     assert found.transfer.gain_e_per_dn == pytest.approx(GAIN_E_PER_DN, rel=1e-5)  # float32
     assert found.transfer.read_noise_e == pytest.approx(READ_NOISE_E, rel=1e-5)
     known = found.calibration
@@ -48,7 +48,7 @@ def test_a_pixel_that_flickers_is_marked_and_left_out_of_the_read_noise(tmp_path
     # Alone among 2240 it would raise the mean variance from 5.84 to 8.1 DN^2.
     flickering = np.zeros(SHAPE)
     flickering[7, 30] = 5000.0
-    found = measure_noise(noise_session(tmp_path / "s", extra_variance_dn2=flickering))
+    found = noise_of_captures(noise_session(tmp_path / "s", extra_variance_dn2=flickering))
     expected = np.zeros(SHAPE, np.uint8)
     expected[7, 30] = NOISE_DEFECT
     np.testing.assert_array_equal(found.maps.defects, expected)
@@ -63,17 +63,20 @@ def test_with_a_dark_current_the_map_is_that_of_the_darks_nearest_the_bench_expo
     rng = np.random.default_rng(2)
     by_pixel = DARK_DN_PER_US * (1 + 0.05 * rng.standard_normal(SHAPE))
     session = noise_session(tmp_path / "s", dark_dn_per_us=by_pixel)
-    found = measure_noise(session)
+    found = noise_of_captures(session)
     assert found.transfer.dark.black_level_dn == pytest.approx(BLACK_DN, abs=1e-3)
     # 3000 us is nearest to the bench's 2000 us.
     np.testing.assert_allclose(found.maps.dark_dn, BLACK_DN + 3000.0 * by_pixel, atol=1e-4)
     # A bench that says nothing takes the mean of all.
-    unknown = measure_noise(with_bench(session, {}))
+    unknown = noise_of_captures(with_bench(session, {}))
     mean_us = np.mean(DARKS_US)
     np.testing.assert_allclose(unknown.maps.dark_dn, BLACK_DN + mean_us * by_pixel, atol=1e-4)
 
 
 def test_the_frames_averaged_are_the_benchs_or_else_those_of_most_captures(tmp_path: Path) -> None:
     session = noise_session(tmp_path / "s")
-    assert measure_noise(session).calibration.frames_averaged == 3
-    assert measure_noise(with_bench(session, {"capture": {}})).calibration.frames_averaged == FRAMES
+    assert noise_of_captures(session).calibration.frames_averaged == 3
+    assert (
+        noise_of_captures(with_bench(session, {"capture": {}})).calibration.frames_averaged
+        == FRAMES
+    )

@@ -15,11 +15,11 @@ from calibration.edges import (
     EdgeSelection,
     JpegCompression,
     Region,
+    edges_of_image,
     fit_edge,
-    measure_edges,
 )
 from calibration.errors import NoEdgeError
-from calibration.psf import calibrate_psf
+from calibration.psf import psf_of_images
 from calibration.psf.calibration import psf_of_edges
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
@@ -36,7 +36,7 @@ from tests.calibration.squares import chart
 
 
 def test_a_tilted_lens_behind_square_pixels_is_recovered_from_eight_angles() -> None:
-    psf = calibrate_psf(photographs(EIGHT_NORMALS_DEG))
+    psf = psf_of_images(photographs(EIGHT_NORMALS_DEG))
     for estimate, truth in (
         (psf.optical.sigma_x_px, SIGMA_X_PX),
         (psf.optical.sigma_y_px, SIGMA_Y_PX),
@@ -56,7 +56,7 @@ def test_a_tilted_lens_behind_square_pixels_is_recovered_from_eight_angles() -> 
 def test_the_intervals_hold_the_truth_in_19_of_20_calibrations() -> None:
     inside = 0
     for seed in range(40):
-        psf = calibrate_psf(photographs(EIGHT_NORMALS_DEG, seed))
+        psf = psf_of_images(photographs(EIGHT_NORMALS_DEG, seed))
         for estimate, truth in (
             (psf.optical.sigma_x_px, SIGMA_X_PX),
             (psf.optical.sigma_y_px, SIGMA_Y_PX),
@@ -68,7 +68,7 @@ def test_the_intervals_hold_the_truth_in_19_of_20_calibrations() -> None:
 
 
 def test_a_vertical_edge_alone_leaves_sigma_y_and_rho_open() -> None:
-    psf = calibrate_psf(photographs([4.0]))
+    psf = psf_of_images(photographs([4.0]))
     # The normal lies 4 degrees off the x axis: the width is that of the axis within 4 %.
     assert psf.optical_sigma_x_px == pytest.approx(SIGMA_X_PX, rel=0.04)
     assert psf.sigma_y_px is None
@@ -79,7 +79,7 @@ def test_a_vertical_edge_alone_leaves_sigma_y_and_rho_open() -> None:
 
 def test_progress_counts_the_photographs() -> None:
     seen: list[int] = []
-    calibrate_psf(photographs([4.0, 94.0]), progress=seen.append)
+    psf_of_images(photographs([4.0, 94.0]), progress=seen.append)
     assert seen == [1, 2]
 
 
@@ -88,16 +88,16 @@ def test_a_region_restricts_which_edges_count() -> None:
     source = EdgeImage(name="edge.tif", image_dn=image)
     on_it = Region(x_px=20, y_px=10, width_px=60, height_px=70)
     beside_it = Region(x_px=90, y_px=10, width_px=60, height_px=70)
-    assert len(measure_edges(source, on_it)) == 1
-    assert measure_edges(source, beside_it) == []
-    psf = calibrate_psf([source], selection=EdgeSelection(region=lambda _: on_it))
+    assert len(edges_of_image(source, on_it)) == 1
+    assert edges_of_image(source, beside_it) == []
+    psf = psf_of_images([source], selection=EdgeSelection(region=lambda _: on_it))
     assert psf.edges[0].length_px < 80
 
 
 def test_places_in_a_region_are_those_of_the_whole_image() -> None:
     image = edge_image(0.5, 3.0, shape=(90, 160), offset_px=-30.0)
     source = EdgeImage(name="edge.tif", image_dn=image)
-    [edge] = measure_edges(source, Region(x_px=20, y_px=15, width_px=60, height_px=50))
+    [edge] = edges_of_image(source, Region(x_px=20, y_px=15, width_px=60, height_px=50))
     # The line is cos(3) (x - 79.5) + sin(3) (y - 44.5) = -30, the middle of the region y = 39.5.
     assert edge.y_px == pytest.approx(39.5, abs=1.0)
     turn = np.deg2rad(3.0)
@@ -115,7 +115,7 @@ def test_places_in_a_region_are_those_of_the_whole_image() -> None:
 )
 def test_a_region_outside_the_image_is_refused(region: Region) -> None:
     with pytest.raises(ValueError):
-        measure_edges(photographs([4.0])[0], region)
+        edges_of_image(photographs([4.0])[0], region)
 
 
 def test_the_central_half_of_an_odd_sized_image_by_hand() -> None:
@@ -127,7 +127,7 @@ def test_no_edge_at_all_says_what_to_photograph() -> None:
     flat = EdgeImage(name="flat.tif", image_dn=np.full((60, 80), 100.0))
     for sources in ([flat], [flat, flat]):
         with pytest.raises(NoEdgeError) as refused:
-            calibrate_psf(sources)
+            psf_of_images(sources)
         assert (refused.value.found, refused.value.flags) == (0, frozenset())
         assert ("flat.tif" in str(refused.value)) is (len(sources) == 1)
 
@@ -136,7 +136,7 @@ def test_saturated_edges_alone_say_to_shorten_the_exposure() -> None:
     image = np.minimum(edge_image(0.6, 4.0), 45_000.0)
     source = EdgeImage(name="bright.tif", image_dn=image, saturation_dn=45_000.0)
     with pytest.raises(NoEdgeError) as refused:
-        calibrate_psf([source])
+        psf_of_images([source])
     assert (refused.value.found, refused.value.flags) == (1, frozenset({"saturated"}))
     assert "shorten the exposure" in str(refused.value)
 
@@ -146,21 +146,21 @@ def test_a_saturated_edge_does_not_count_beside_a_good_one() -> None:
     clipped = replace(
         good, name="clipped.tif", image_dn=np.minimum(good.image_dn, 30_000), saturation_dn=30_000.0
     )
-    both, alone = calibrate_psf([good, clipped]), calibrate_psf([good])
+    both, alone = psf_of_images([good, clipped]), psf_of_images([good])
     assert both.sigma_x_px == alone.sigma_x_px
     assert [edge.is_used for edge in both.edges] == [True, False]
 
 
 def test_a_jpeg_is_a_remark_and_no_reason_to_reject() -> None:
     source = replace(photographs([4.0])[0], is_jpeg=True)
-    [edge] = calibrate_psf([source]).edges
+    [edge] = psf_of_images([source]).edges
     assert "jpeg" in edge.flags
     assert edge.is_used
 
 
 def test_an_edge_knows_its_photograph_capture_and_height() -> None:
     source = replace(photographs([94.0])[0], capture=7, height_mm=123.5)
-    [edge] = measure_edges(source)
+    [edge] = edges_of_image(source)
     assert (edge.image, edge.capture, edge.height_mm) == ("edge-94.tif", 7, 123.5)
     assert edge.orientation == "horizontal"
     # The MTF of the edge's own optical width and pixel: between lens alone and pixel alone.
@@ -169,7 +169,7 @@ def test_an_edge_knows_its_photograph_capture_and_height() -> None:
 
 def test_without_photographs_there_is_no_edge() -> None:
     with pytest.raises(NoEdgeError) as refused:
-        calibrate_psf([])
+        psf_of_images([])
     assert refused.value.found == 0
 
 
@@ -183,7 +183,7 @@ def test_a_width_less_sure_than_itself_is_no_width(
         return infinite if optical_only else replace(infinite, sigma_err_px=np.inf)
 
     monkeypatch.setattr("calibration.edges.measurement.fit_edge", unsure)
-    found = measure_edges(photographs([4.0])[0])
+    found = edges_of_image(photographs([4.0])[0])
     assert len(found) == edges
     assert all(edge.optical_sigma_px is None for edge in found)
 
@@ -221,7 +221,7 @@ def test_short_edges_of_a_compressed_board_count_and_its_errors_hold_what_all_ha
 ) -> None:
     rng = np.random.default_rng(quality)
     for _ in range(3):
-        psf = calibrate_psf([compressed(board(rng), quality)])
+        psf = psf_of_images([compressed(board(rng), quality)])
         assert sum("too_noisy" in edge.flags for edge in psf.edges) == 0
         assert sum(edge.is_used for edge in psf.edges) >= 0.9 * len(psf.edges) >= 100
         for value, err in (
@@ -247,7 +247,7 @@ def test_jpeg_adds_a_quarter_of_the_mean_error_of_the_edges_to_that_of_a_board()
     clean = board(np.random.default_rng(1))
     plain = EdgeImage(name="board.tif", image_dn=clean, saturation_dn=255.0)
     marked = EdgeImage(name="board.jpg", image_dn=clean, saturation_dn=255.0, is_jpeg=True)
-    first, second = calibrate_psf([plain]), calibrate_psf([marked])
+    first, second = psf_of_images([plain]), psf_of_images([marked])
     assert first.sigma_x_px == second.sigma_x_px
     assert first.sigma_x_err_px is not None
     assert second.sigma_x_err_px is not None

@@ -10,7 +10,7 @@ from acquisition.session import Photograph, Session
 from calibration.choices import Channel
 from calibration.errors import CalibrationError, NoEdgeError
 from calibration.noise import CorrectionMaps
-from calibration.psf import calibrate_psf, edge_images, edge_records, scene_records
+from calibration.psf import edge_images, edge_records, psf_of_images, scene_records
 from tests.acquisition.session_fixtures import add, plan_of, writer
 from tests.calibration.edge_photographs import EIGHT_NORMALS_DEG, SIGMA_X_PX, SIGMA_Y_PX
 from tests.calibration.edge_session import FRAME_NOISE, FRAMES, edge_session, photograph_dn
@@ -77,7 +77,7 @@ def test_the_noise_is_that_of_the_mean_from_the_temporal_variance(tmp_path: Path
 
 
 def test_a_session_gives_the_psf_of_its_lens(tmp_path: Path) -> None:
-    psf = calibrate_psf(edge_images(edge_session(tmp_path / "s", EIGHT_NORMALS_DEG)))
+    psf = psf_of_images(edge_images(edge_session(tmp_path / "s", EIGHT_NORMALS_DEG)))
     x, y = psf.optical.sigma_x_px, psf.optical.sigma_y_px
     assert x is not None
     assert y is not None
@@ -98,7 +98,7 @@ def test_a_single_photograph_has_no_noise_of_its_own(tmp_path: Path) -> None:
         )
     [image] = edge_images(Session(tmp_path / "s"))
     assert image.noise is None
-    assert calibrate_psf([image]).edges[0].chi2_reduced is None
+    assert psf_of_images([image]).edges[0].chi2_reduced is None
 
 
 def test_a_session_without_edges_is_named(tmp_path: Path) -> None:

@@ -13,9 +13,9 @@ from calibration.psf import (
     FieldFit,
     PsfCalibration,
     Transfer2d,
-    compare_psfs,
     focus_repeatability,
     focus_scatter_px2,
+    psf_change,
     psf_steps,
 )
 from simulation import GaussianPsf, MeasuredPsf, PsfField, SampledTransfer, SeparablePsf
@@ -37,7 +37,7 @@ def psf(**values: object) -> PsfCalibration:
 
 
 def test_z_and_p_by_hand() -> None:
-    change = compare_psfs(psf(), psf(sigma_x_px=0.815, sigma_x_err_px=0.004))
+    change = psf_change(psf(), psf(sigma_x_px=0.815, sigma_x_err_px=0.004))
     x, y, rho = change.parameters
     assert x.z == pytest.approx(0.015 / 0.005)  # errors 3 and 4 make 5
     assert x.p_value == pytest.approx(0.0027, rel=0.01)  # 3 sigma, two-sided, from tables
@@ -49,7 +49,7 @@ def test_z_and_p_by_hand() -> None:
 
 def test_holm_by_the_steps_of_the_definition() -> None:
     shift = {name: psf().model_dump()[name] for name in ("sigma_x_px", "sigma_y_px", "rho")}
-    change = compare_psfs(
+    change = psf_change(
         psf(),
         psf(
             sigma_x_px=shift["sigma_x_px"] + 2.5 * 0.003 * sqrt(2),
@@ -65,14 +65,14 @@ def test_holm_by_the_steps_of_the_definition() -> None:
 
 def test_only_what_both_know_with_errors_is_compared() -> None:
     first = psf(optical_sigma_x_px=0.7, optical_sigma_x_err_px=0.01)
-    change = compare_psfs(first, psf(rho=None, rho_err=None))
+    change = psf_change(first, psf(rho=None, rho_err=None))
     assert [one.name for one in change.parameters] == ["sigma_x_px", "sigma_y_px"]
     with pytest.raises(CalibrationError):
-        compare_psfs(first, PsfCalibration(sigma_x_px=0.8, sigma_y_px=0.7))
+        psf_change(first, PsfCalibration(sigma_x_px=0.8, sigma_y_px=0.7))
 
 
 def test_what_makes_two_calibrations_hard_to_compare_is_said() -> None:
-    change = compare_psfs(
+    change = psf_change(
         psf(method="paper", camera={"serial": "A"}),
         psf(method="all-angles", region="centre", camera={"serial": "B"}),
     )
@@ -81,13 +81,13 @@ def test_what_makes_two_calibrations_hard_to_compare_is_said() -> None:
         "they use different regions: none and centre",
         "they are from different cameras: A and B",
     )
-    assert compare_psfs(psf(), psf()).remarks == ()
+    assert psf_change(psf(), psf()).remarks == ()
 
 
 @given(x=st.floats(0.75, 0.85), y=st.floats(0.65, 0.75), rho=st.floats(0.0, 0.2))
 def test_the_order_of_the_two_only_turns_the_sign(x: float, y: float, rho: float) -> None:
     other = psf(sigma_x_px=x, sigma_y_px=y, rho=rho)
-    there, back = compare_psfs(psf(), other), compare_psfs(other, psf())
+    there, back = psf_change(psf(), other), psf_change(other, psf())
     for one, two in zip(there.parameters, back.parameters, strict=True):
         assert one.z == -two.z
         assert one.p_value_holm == two.p_value_holm
@@ -96,7 +96,7 @@ def test_the_order_of_the_two_only_turns_the_sign(x: float, y: float, rho: float
 
 def test_a_change_of_the_correlation_is_told_as_a_difference() -> None:
     # A share of a correlation near 0 would say nothing.
-    change = compare_psfs(psf(), psf(rho=-0.02))
+    change = psf_change(psf(), psf(rho=-0.02))
     assert change.verdict.startswith("the PSF has changed: rho by -0.1200 (p = ")
 
 
@@ -108,9 +108,9 @@ def measured_on(*contents: str) -> Provenance:
 
 def test_calibrations_of_the_same_captures_get_no_verdict_however_they_differ() -> None:
     one, other = psf(provenance=measured_on("a", "b")), psf(provenance=measured_on("b", "c"))
-    assert compare_psfs(one, other).shared_inputs == ("b.tif",)
+    assert psf_change(one, other).shared_inputs == ("b.tif",)
     moved = psf(sigma_x_px=0.9, provenance=measured_on("a", "b"))
-    change = compare_psfs(one, moved)
+    change = psf_change(one, moved)
     assert change.changed == ()
     assert change.verdict.startswith("no verdict: both are calibrations of the same captures")
 
@@ -118,7 +118,7 @@ def test_calibrations_of_the_same_captures_get_no_verdict_however_they_differ() 
 def test_calibrations_that_share_the_cameras_noise_alone_are_independent() -> None:
     one = psf(provenance=measured_on("a"))
     moved = psf(sigma_x_px=0.9, provenance=measured_on("c"))
-    change = compare_psfs(one, moved)
+    change = psf_change(one, moved)
     assert change.shared_inputs == ()
     assert [parameter.name for parameter in change.changed] == ["sigma_x_px"]
 
@@ -154,11 +154,11 @@ def test_one_calibration_tells_no_repeatability() -> None:
 def test_a_width_that_one_does_not_determine_is_left_out_and_named() -> None:
     whole = PsfCalibration(sigma_x_px=0.8, sigma_x_err_px=0.01, sigma_y_px=0.7, sigma_y_err_px=0.01)
     horizontal = PsfCalibration(sigma_y_px=0.7, sigma_y_err_px=0.01)
-    change = compare_psfs(whole, horizontal)
+    change = psf_change(whole, horizontal)
     assert [one.name for one in change.parameters] == ["sigma_y_px"]
     assert change.remarks == ("not compared: the second does not determine sigma_x_px",)
     both = "the first does not determine sigma_x_px; the second does not determine sigma_x_px"
-    assert compare_psfs(horizontal, horizontal).remarks == (f"not compared: {both}",)
+    assert psf_change(horizontal, horizontal).remarks == (f"not compared: {both}",)
 
 
 @pytest.mark.parametrize("others", [{}, {"rho": 0.1, "rho_err": 0.01}, {"optical_rho": 0.0}])
@@ -166,7 +166,7 @@ def test_without_a_width_of_both_there_is_nothing_to_compare(others: dict[str, f
     widths = {"sigma_x_px": 0.8, "sigma_x_err_px": 0.01}, {"sigma_y_px": 0.7, "sigma_y_err_px": 0.0}
     vertical, horizontal = (PsfCalibration.model_validate(one | others) for one in widths)
     with pytest.raises(CalibrationError) as refused:
-        compare_psfs(vertical, horizontal)
+        psf_change(vertical, horizontal)
     said = str(refused.value)
     assert "the first does not determine sigma_y_px" in said
     assert "the second does not determine sigma_x_px" in said

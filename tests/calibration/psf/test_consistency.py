@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.edges import EdgeMeasurement
-from calibration.psf import HeightTrend, calibrate_psf
+from calibration.psf import HeightTrend, psf_of_images
 from calibration.psf.calibration import psf_of_edges
 from calibration.psf.consistency import check_edges, check_heights, fit_height_trend
 from tests.calibration.edge_photographs import photographs
@@ -130,7 +130,7 @@ def test_heights_of_diagonal_edges_alone_have_a_relative_width_and_none_along_an
         for seed, height_mm in enumerate((100.0, 150.0, 200.0))
         for source in photographs((45.0, 50.0, 130.0, 135.0), seed=seed)
     ]
-    trend = known(calibrate_psf(sources).height_trend)
+    trend = known(psf_of_images(sources).height_trend)
     assert [group.height_mm for group in trend.heights] == [100.0, 150.0, 200.0]
     for group in trend.heights:
         assert group.edges == 4

@@ -21,7 +21,7 @@ from calibration.psf import (
     PsfCalibration,
     PsfEstimates,
     PsfOrigin,
-    calibrate_psf,
+    psf_of_images,
 )
 from calibration.psf.document import PSF_SCHEMA, PsfWidths
 from simulation.arrays import FloatArray
@@ -86,7 +86,7 @@ DOCUMENTED_EDGE_KEYS = {
 
 @pytest.fixture(scope="module")
 def calibration() -> PsfCalibration:
-    return calibrate_psf(photographs(EIGHT_NORMALS_DEG))
+    return psf_of_images(photographs(EIGHT_NORMALS_DEG))
 
 
 def stored(path: Path, **content: Any) -> Path:
@@ -131,7 +131,7 @@ def test_every_documented_key_is_there(tmp_path: Path, calibration: PsfCalibrati
 
 
 def test_what_one_edge_does_not_determine_is_null() -> None:
-    document = json_object(calibrate_psf(photographs([4.0])))
+    document = json_object(psf_of_images(photographs([4.0])))
     assert document.keys() >= DOCUMENTED_KEYS
     assert document["sigma_x_px"] is not None
     for name in ("sigma_y_px", "sigma_y_err_px", "rho", "rho_err", "covariance_px2", "field"):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.psf import FieldFit, calibrate_psf
+from calibration.psf import FieldFit, psf_of_images
 from calibration.psf.field import FieldEdges, field_or_reason, fit_psf_field
 from simulation.arrays import FloatArray
 from simulation.psf.shapes import PsfField
@@ -138,7 +138,7 @@ def test_single_wrong_edges_do_not_bend_the_field() -> None:
 @pytest.mark.slow
 def test_photographed_edges_give_the_field_to_one_percent() -> None:
     # 24 photographs of 520 x 390 px, an edge through each; SNR 100.
-    psf = calibrate_psf(frame_of_edges(noise_dn=28.0))
+    psf = psf_of_images(frame_of_edges(noise_dn=28.0))
     assert worst(psf.field) < 0.01
     assert psf.field is not None
     assert psf.field.optical is not None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.edges import BinnedEdge, measure_edges
+from calibration.edges import BinnedEdge, edges_of_image
 from calibration.psf.otf_forms import ELLIPTIC, EdgeStack, StackedBins
 from calibration.psf.transfer_2d import choose_otf, distinct_directions_deg, widest_gap_deg
 from simulation.arrays import FloatArray
@@ -18,7 +18,7 @@ def binned(lens: Lens, normals_deg: tuple[float, ...], snr: float = 200) -> list
     return [
         edge.binned
         for source in edge_photographs(lens, normals_deg, snr, 7, LENGTH_PX)
-        for edge in measure_edges(source)
+        for edge in edges_of_image(source)
         if edge.binned is not None
     ]
 

@@ -16,7 +16,7 @@ from calibration.psf import (
     PsfCalibration,
     Transfer2d,
     calibrate_mosaic,
-    calibrate_psf,
+    psf_of_images,
 )
 from simulation.arrays import FloatArray
 from simulation.psf import GaussianPsf, MeasuredPsf
@@ -57,7 +57,7 @@ class TotalGaussian(Lens):
 def calibrated(
     lens: Lens, normals_deg: tuple[float, ...], snr: float, seed: int = 3, length_px: float = 100.0
 ) -> PsfCalibration:
-    return calibrate_psf(edge_photographs(lens, normals_deg, snr, seed, length_px))
+    return psf_of_images(edge_photographs(lens, normals_deg, snr, seed, length_px))
 
 
 def transfer_of(psf: PsfCalibration) -> Transfer2d:
@@ -351,7 +351,7 @@ def test_a_table_of_uneven_rows_is_refused() -> None:
 
 def test_the_papers_method_knows_gaussians_alone() -> None:
     sources = edge_photographs(ASTIGMATIC, (4.0, 94.0), 100, 1, 100.0)
-    assert calibrate_psf(sources, method="paper").transfer_2d is None
+    assert psf_of_images(sources, method="paper").transfer_2d is None
 
 
 def test_a_field_has_the_measured_shape() -> None:

@@ -17,7 +17,7 @@ from calibration.registration import (
     FeatureMatches,
     Registration,
     RegistrationHints,
-    register,
+    register_images,
 )
 from simulation.arrays import FloatArray
 
@@ -101,7 +101,7 @@ def test_any_pose_is_found_and_inverted_by_swapping_the_photographs(
     matrix = similarity(zoom, turn_deg, centres, slant)
     scene = waves(1, 0.01, 0.12)
     reference, followup = scene.seen(np.eye(3), SMALL), scene.seen(matrix, SMALL)
-    forth, back = register(reference, followup), register(followup, reference)
+    forth, back = register_images(reference, followup), register_images(followup, reference)
     # Without noise: what the descent's last step and the interpolation of waves of 8 px leave.
     assert error_px(forth.pose, matrix) < 0.05
     assert error_px(back.pose.inverse(), matrix) < 0.05
@@ -138,7 +138,7 @@ def shifted(matrix: FloatArray, by_px: float) -> FloatArray:
 @pytest.mark.slow
 def test_without_a_hint_noise_of_four_times_the_contrast_is_refused() -> None:
     with pytest.raises(RegistrationError) as refused:
-        register(*hard_pair())
+        register_images(*hard_pair())
     assert refused.value.reason == "low_correlation"
 
 
@@ -151,7 +151,7 @@ def test_without_a_hint_noise_of_four_times_the_contrast_is_refused() -> None:
     ],
 )
 def test_each_hint_rescues_the_pair(hints: RegistrationHints) -> None:
-    found: Registration = register(*hard_pair(), hints=hints)
+    found: Registration = register_images(*hard_pair(), hints=hints)
     assert error_px(found.pose, HARD) < RESCUED_PX
     assert not any("kept" in one for one in found.warnings)
 
@@ -165,8 +165,8 @@ def test_a_mask_rescues_a_scene_most_of_which_moves_with_the_camera() -> None:
     covered[:, :95] = True
     for image in (reference, followup):
         image[covered] = other.seen(np.eye(3), shape)[covered]
-    plain = register(reference, followup)
-    masked = register(reference, followup, hints=RegistrationHints(left_out=covered))
+    plain = register_images(reference, followup)
+    masked = register_images(reference, followup, hints=RegistrationHints(left_out=covered))
     assert error_px(plain.pose, np.eye(3)) < 0.05
     assert error_px(masked.pose, moved) < 0.05
 
@@ -185,6 +185,6 @@ def test_a_reflection_does_not_draw_the_pose_away_from_the_features() -> None:
         detail.seen(own, shape) + 3 * reflection.seen(apart, shape)
         for own, apart in ((np.eye(3), np.eye(3)), (matrix, other))
     )
-    found = register(reference, followup)
+    found = register_images(reference, followup)
     assert error_px(found.pose, matrix) < 0.1
     assert any("matched features" in one for one in found.warnings)

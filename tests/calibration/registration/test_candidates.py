@@ -20,7 +20,7 @@ from calibration.registration import (
     RegistrationHints,
     block_votes,
     pair as pair_module,
-    register,
+    register_images,
 )
 from calibration.registration.candidates import (
     ELSEWHERE_MOST,
@@ -163,7 +163,7 @@ def pair(flip: str | None = None) -> tuple[FloatArray, FloatArray]:
 @pytest.mark.parametrize("flip", FLIPS)
 def test_a_mirrored_photograph_is_refused_in_one_line_with_the_remedy(flip: str) -> None:
     with pytest.raises(RegistrationError) as refused:
-        register(*pair(flip))
+        register_images(*pair(flip))
     assert refused.value.reason == "mirrored"
     said = str(refused.value)
     assert "mirrored" in said
@@ -173,7 +173,7 @@ def test_a_mirrored_photograph_is_refused_in_one_line_with_the_remedy(flip: str)
 
 @pytest.mark.parametrize("flip", FLIPS)
 def test_said_to_be_mirrored_it_is_aligned_by_its_true_pose(flip: str) -> None:
-    found = register(*pair(flip), hints=RegistrationHints(mirrored=True))
+    found = register_images(*pair(flip), hints=RegistrationHints(mirrored=True))
     assert error_px(found.pose, TRUE_MIRRORED @ FLIPS[flip]) < 0.1
     assert np.linalg.det(found.matrix) < 0
     assert found.zoom == pytest.approx(1.12, abs=0.005)
@@ -181,7 +181,7 @@ def test_said_to_be_mirrored_it_is_aligned_by_its_true_pose(flip: str) -> None:
 
 
 def test_a_mirrored_pose_leads_back_where_it_came_from() -> None:
-    pose = register(*pair("columns"), hints=RegistrationHints(mirrored=True)).pose
+    pose = register_images(*pair("columns"), hints=RegistrationHints(mirrored=True)).pose
     y, x = np.mgrid[:ROWS:30, :COLS:30].astype(np.float64)
     there = pose.to_reference_px(y, x)
     np.testing.assert_allclose(pose.to_followup_px(*there), (y, x), atol=1e-6)
@@ -190,13 +190,13 @@ def test_a_mirrored_pose_leads_back_where_it_came_from() -> None:
 
 def test_what_is_not_mirrored_but_said_to_be_is_refused() -> None:
     with pytest.raises(RegistrationError) as refused:
-        register(*pair(), hints=RegistrationHints(mirrored=True))
+        register_images(*pair(), hints=RegistrationHints(mirrored=True))
     assert refused.value.reason == "not_mirrored"
     assert "leave out --mirrored" in str(refused.value)
 
 
 def test_what_is_not_mirrored_is_aligned_as_ever() -> None:
-    assert error_px(register(*pair()).pose, TRUE_MIRRORED) < 0.1
+    assert error_px(register_images(*pair()).pose, TRUE_MIRRORED) < 0.1
 
 
 @pytest.mark.parametrize("is_told", [False, True])
@@ -204,7 +204,7 @@ def test_a_scene_that_is_its_own_mirror_image_is_no_mirrored_pair(is_told: bool)
     half, rng = scene().seen(np.eye(3), SMALL), np.random.default_rng(8)
     whole = half + half[:, ::-1]
     near, far = whole + rng.normal(0, 3, SMALL), whole + rng.normal(0, 3, SMALL)
-    found = register(near, far, hints=RegistrationHints(mirrored=is_told))
+    found = register_images(near, far, hints=RegistrationHints(mirrored=is_told))
     assert error_px(found.pose, FLIPS["columns"] if is_told else np.eye(3)) < 0.1
 
 
@@ -213,15 +213,17 @@ def test_a_given_pose_that_is_mirrored_is_refused_unless_that_is_said() -> None:
     matrix[:2, 2] += 2.0
     images = pair("columns")
     with pytest.raises(RegistrationError, match="--mirrored") as refused:
-        register(*images, hints=RegistrationHints(matrix=matrix))
+        register_images(*images, hints=RegistrationHints(matrix=matrix))
     assert refused.value.reason == "mirrored"
-    found = register(*images, hints=RegistrationHints(matrix=matrix, mirrored=True))
+    found = register_images(*images, hints=RegistrationHints(matrix=matrix, mirrored=True))
     assert error_px(found.pose, TRUE_MIRRORED @ FLIPS["columns"]) < 0.1
 
 
 def test_a_given_pose_that_is_not_mirrored_contradicts_that_it_is() -> None:
     with pytest.raises(RegistrationError) as refused:
-        register(*pair("columns"), hints=RegistrationHints(matrix=TRUE_MIRRORED, mirrored=True))
+        register_images(
+            *pair("columns"), hints=RegistrationHints(matrix=TRUE_MIRRORED, mirrored=True)
+        )
     assert refused.value.reason == "not_mirrored"
 
 
@@ -232,9 +234,9 @@ def test_points_of_a_mirrored_pair_are_refused_unless_that_is_said() -> None:
     points = FeatureMatches(followup, there)
     images = pair("rows")
     with pytest.raises(RegistrationError) as refused:
-        register(*images, hints=RegistrationHints(points=points))
+        register_images(*images, hints=RegistrationHints(points=points))
     assert refused.value.reason == "mirrored"
-    found = register(*images, hints=RegistrationHints(points=points, mirrored=True))
+    found = register_images(*images, hints=RegistrationHints(points=points, mirrored=True))
     assert error_px(found.pose, true) < 0.1
 
 
@@ -245,7 +247,10 @@ def test_a_mask_is_that_of_the_follow_up_as_it_is() -> None:
     # Another scene moves along with the camera there.
     far[covered] = waves(9, 0.01, 0.12).seen(np.eye(3), SMALL)[covered]
     hints = RegistrationHints(left_out=covered, mirrored=True)
-    assert error_px(register(near, far, hints=hints).pose, TRUE_MIRRORED @ FLIPS["columns"]) < 0.1
+    assert (
+        error_px(register_images(near, far, hints=hints).pose, TRUE_MIRRORED @ FLIPS["columns"])
+        < 0.1
+    )
 
 
 @pytest.mark.parametrize("photograph", ["reference", "followup", None])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import RegistrationError
-from calibration.registration import Registration, RegistrationHints, register
+from calibration.registration import Registration, RegistrationHints, register_images
 from hil_mocks import BenchTruth
 from hil_mocks.truth.render import CameraPose
 from simulation import GaussianPsf
@@ -58,7 +58,7 @@ def errors_px(found: Registration, zoom: float) -> FloatArray:
 def test_with_one_percent_distortion_every_place_is_right_to_a_twentieth_of_a_pixel(
     target: str, zoom: float
 ) -> None:
-    found = register(photograph(target, 1.0), photograph(target, zoom), psf())
+    found = register_images(photograph(target, 1.0), photograph(target, zoom), psf())
     assert np.median(errors_px(found, zoom)) < 0.05
     assert found.zoom == pytest.approx(zoom, rel=5e-4)
     # At zoom 3 a ninth of the further frame tells of a distortion of half a pixel.
@@ -67,7 +67,7 @@ def test_with_one_percent_distortion_every_place_is_right_to_a_twentieth_of_a_pi
 
 @pytest.mark.slow
 def test_the_standard_error_of_a_place_is_of_the_size_of_its_error() -> None:
-    found = register(photograph("grass", 1.0), photograph("grass", 1.6), psf())
+    found = register_images(photograph("grass", 1.0), photograph("grass", 1.6), psf())
     error = float(np.sqrt(np.mean(errors_px(found, 1.6) ** 2)))
     # One draw of nine figures: within a factor of 3.
     assert found.place_err_px / 3 < error < 3 * found.place_err_px
@@ -77,13 +77,13 @@ def test_the_standard_error_of_a_place_is_of_the_size_of_its_error() -> None:
 @pytest.mark.parametrize("zoom", [2.3, 3.0])
 def test_a_pattern_that_repeats_is_told_apart_by_the_zoom_to_be_expected(zoom: float) -> None:
     near, far = photograph("chart", 1.0), photograph("chart", zoom)
-    found = register(near, far, psf(), hints=RegistrationHints(zoom=zoom * 1.04))
+    found = register_images(near, far, psf(), hints=RegistrationHints(zoom=zoom * 1.04))
     assert np.median(errors_px(found, zoom)) < 0.05
 
 
 @pytest.mark.slow
 def test_without_a_psf_it_is_as_good() -> None:
-    found = register(photograph("grass", 1.0), photograph("grass", 1.6))
+    found = register_images(photograph("grass", 1.0), photograph("grass", 1.6))
     assert np.median(errors_px(found, 1.6)) < 0.05
 
 
@@ -91,7 +91,7 @@ def test_without_a_psf_it_is_as_good() -> None:
 def test_another_target_is_refused_also_where_the_zoom_is_known() -> None:
     for other in ("lesion", "gravel"):
         with pytest.raises(RegistrationError):
-            register(
+            register_images(
                 photograph("grass", 1.0),
                 photograph(other, 1.6),
                 psf(),
@@ -102,7 +102,7 @@ def test_another_target_is_refused_also_where_the_zoom_is_known() -> None:
 @pytest.mark.slow
 def test_a_nearer_followup_has_the_inverse_pose() -> None:
     near, far = photograph("grass", 1.0), photograph("grass", 1.6)
-    pose, inverse = (register(*pair, psf()).pose for pair in ((near, far), (far, near)))
+    pose, inverse = (register_images(*pair, psf()).pose for pair in ((near, far), (far, near)))
     y, x = np.mgrid[20:220:20, 20:300:20].astype(np.float64)
     back = inverse.to_reference_px(*pose.to_reference_px(y, x))
     # Both compare the same pixels, the further photograph's.
@@ -111,7 +111,7 @@ def test_a_nearer_followup_has_the_inverse_pose() -> None:
 
 @pytest.mark.slow
 def test_a_part_of_a_frame_has_no_distortion_of_its_own() -> None:
-    found = register(photograph("grass", 1.0), photograph("grass", 1.6)[20:, 30:], psf())
+    found = register_images(photograph("grass", 1.0), photograph("grass", 1.6)[20:, 30:], psf())
     assert found.pose.k1 == 0.0
     assert found.k1_err == 0.0
 
@@ -119,7 +119,7 @@ def test_a_part_of_a_frame_has_no_distortion_of_its_own() -> None:
 @pytest.mark.slow
 def test_a_shifted_camera_is_found_in_spite_of_a_wrong_expectation() -> None:
     moved = CameraPose(height_mm=1.3 * (NEAR_MM + 10.0) - 10.0, offset_x_mm=40.0)
-    found = register(
+    found = register_images(
         photograph("grass", 1.0),
         photograph("grass", 1.3, moved),
         psf(),

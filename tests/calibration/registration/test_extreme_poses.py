@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
-from calibration.registration import Registration, RegistrationHints, register
+from calibration.registration import Registration, RegistrationHints, register_images
 from simulation.arrays import FloatArray
 
 SHAPE = (180, 240)
@@ -76,7 +76,7 @@ def seen_from_aside(seeds: tuple[int, int]) -> tuple[FloatArray, FloatArray, Flo
 @pytest.mark.slow
 def test_photographs_from_opposite_sides_are_aligned() -> None:
     reference, followup, true = seen_from_aside((3, 3))
-    found = register(reference, followup, hints=RegistrationHints(zoom=1.1))
+    found = register_images(reference, followup, hints=RegistrationHints(zoom=1.1))
     assert error_px(found, true) < 0.3  # a tenth of the blur of the foreshortened axis
 
 
@@ -84,7 +84,7 @@ def test_photographs_from_opposite_sides_are_aligned() -> None:
 def test_different_scenes_from_opposite_sides_are_refused() -> None:
     reference, followup, _ = seen_from_aside((3, 4))
     with pytest.raises(RegistrationError) as refused:
-        register(reference, followup)
+        register_images(reference, followup)
     assert refused.value.reason in ("low_correlation", "little_overlap")
 
 
@@ -98,6 +98,6 @@ def test_a_photograph_from_seven_times_nearer_is_aligned(is_nearer_second: bool)
     true = np.asarray(np.linalg.inv(to_near) @ to_far)
     if is_nearer_second:
         near, far, true = far, near, np.asarray(np.linalg.inv(true))
-    found = register(near, far)
+    found = register_images(near, far)
     # A tenth of a pixel of the further photograph.
     assert error_px(found, true) < (0.1 if is_nearer_second else 0.1 * zoom)

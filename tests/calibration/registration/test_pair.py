@@ -19,7 +19,7 @@ from calibration.registration import (
     ImageFeatures,
     Registration,
     RegistrationReference,
-    register,
+    register_images,
 )
 from calibration.registration.features import features_of
 from simulation import GaussianPsf
@@ -68,7 +68,7 @@ def test_a_pose_is_found_to_a_hundredth_of_a_pixel(
     scene: list[Item], reference: FloatArray, zoom: float
 ) -> None:
     followup = followup_of(scene, zoom)
-    registration = register(reference, followup, PSF)
+    registration = register_images(reference, followup, PSF)
     assert corner_error_px(registration, followup.shape, zoom) < 0.01
     assert registration.zoom == pytest.approx(zoom, rel=5e-5)  # 0.01 px over half the image
     assert registration.correlation > 0.999
@@ -80,7 +80,7 @@ def test_without_a_psf_it_is_still_found_to_some_hundredths(
     scene: list[Item], reference: FloatArray, zoom: float
 ) -> None:
     followup = followup_of(scene, zoom)
-    assert corner_error_px(register(reference, followup, None), followup.shape, zoom) < 0.03
+    assert corner_error_px(register_images(reference, followup, None), followup.shape, zoom) < 0.03
 
 
 def test_a_small_rotation_is_found(scene: list[Item]) -> None:
@@ -100,7 +100,7 @@ def test_a_small_rotation_is_found(scene: list[Item]) -> None:
     ]
     first = photograph(blobs, (240, 300), 1.0, OPTICAL_SIGMA_PX)
     second = photograph(turned, (160, 200), 1.5, OPTICAL_SIGMA_PX)
-    registration = register(first, second, PSF)
+    registration = register_images(first, second, PSF)
     matrix = registration.matrix
     # Follow-up to reference turns back: x = cos x' + sin y'.
     assert np.arctan2(matrix[0, 1], matrix[0, 0]) == pytest.approx(turn, abs=2e-4)
@@ -117,14 +117,17 @@ def test_a_border_row_that_comes_and_goes_does_not_keep_it_from_settling() -> No
         photograph(wide, (300, 390), zoom, OPTICAL_SIGMA_PX) + rng.normal(0, 1, (300, 390))
         for zoom in (1.0, 1.5)
     )
-    assert register(near, far, PSF).zoom == pytest.approx(1.5, rel=1e-4)
+    assert register_images(near, far, PSF).zoom == pytest.approx(1.5, rel=1e-4)
 
 
 def test_swapping_the_photographs_inverts_the_pose(
     scene: list[Item], reference: FloatArray
 ) -> None:
     followup = followup_of(scene, 1.5)
-    further, nearer = register(reference, followup, PSF), register(followup, reference, PSF)
+    further, nearer = (
+        register_images(reference, followup, PSF),
+        register_images(followup, reference, PSF),
+    )
     product = further.matrix @ nearer.matrix
     # The same pixels are compared both times, from other starts: a hundredth of a pixel.
     np.testing.assert_allclose(product / product[2, 2], np.eye(3), atol=0.01)
@@ -136,26 +139,26 @@ def test_swapping_the_photographs_inverts_the_pose(
 def test_images_of_different_scenes_are_refused(reference: FloatArray) -> None:
     other = photograph(random_scene(77, 600, 450), (200, 300), 1.5, OPTICAL_SIGMA_PX)
     with pytest.raises(RegistrationError):
-        register(reference, other, PSF)
+        register_images(reference, other, PSF)
 
 
 def test_an_image_without_features_is_refused(reference: FloatArray) -> None:
     with pytest.raises(RegistrationError) as refused:
-        register(reference, np.full((100, 120), 50.0), PSF)
+        register_images(reference, np.full((100, 120), 50.0), PSF)
     assert (refused.value.reason, refused.value.at_fault) == ("no_detail", "followup")
 
 
 def test_a_colour_image_is_refused(reference: FloatArray) -> None:
     colour = np.stack([reference] * 3, axis=-1)
-    register(reference, reference, PSF)
+    register_images(reference, reference, PSF)
     with pytest.raises(ValueError):
-        register(colour, reference, PSF)
+        register_images(colour, reference, PSF)
 
 
 def test_a_result_says_of_itself_what_fits_a_line_or_two(
     scene: list[Item], reference: FloatArray
 ) -> None:
-    registration = register(reference, followup_of(scene, 1.5), PSF)
+    registration = register_images(reference, followup_of(scene, 1.5), PSF)
     assert len(repr(registration)) < 400
     assert "array" not in repr(registration)
     assert f"zoom {registration.zoom:.6g}" in repr(registration)
@@ -175,7 +178,7 @@ def test_a_prepared_reference_gives_every_follow_up_the_pose_that_it_has_alone(
     prepared = RegistrationReference.of(reference)
     for zoom in (1.1, 1.5):
         followup = followup_of(scene, zoom)
-        alone, found = (register(near, followup, PSF) for near in (reference, prepared))
+        alone, found = (register_images(near, followup, PSF) for near in (reference, prepared))
         np.testing.assert_array_equal(found.matrix, alone.matrix)
     # Twice as an array, once as it was prepared; the other four are of follow-ups.
     assert looked_at.count(REFERENCE_SHAPE) == 3
@@ -199,7 +202,7 @@ def test_a_drawing_in_two_levels_is_aligned(shift: tuple[int, int]) -> None:
     whole = drawing((330, 420))
     followup = whole[down : down + 300, right : right + 400].copy()
     followup[100:112, 200:215] = 255.0 - followup[100:112, 200:215]
-    found = register(whole[:300, :400], followup)
+    found = register_images(whole[:300, :400], followup)
     y, x = np.mgrid[20:280:40, 20:380:40].astype(np.float64)
     at_y, at_x = found.pose.to_reference_px(y, x)
     away_px = np.hypot(at_y - y - down, at_x - x - right)

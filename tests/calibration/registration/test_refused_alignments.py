@@ -7,7 +7,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from calibration.errors import RegistrationError
-from calibration.registration import FeatureMatches, Registration, RegistrationHints, register
+from calibration.registration import (
+    FeatureMatches,
+    Registration,
+    RegistrationHints,
+    register_images,
+)
 from simulation import GaussianPsf
 from simulation.arrays import FloatArray
 from tests.simulation.closed_form import photograph, random_scene
@@ -49,14 +54,14 @@ def texture(shape: tuple[int, int], seed: int, sigma_px: float = 1.5) -> FloatAr
 @pytest.mark.slow
 def test_a_negative_of_the_scene_is_refused() -> None:
     with pytest.raises(RegistrationError):
-        register(seen(1.0), 256.0 - seen(ZOOM), PSF)
+        register_images(seen(1.0), 256.0 - seen(ZOOM), PSF)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(70, 73))
 def test_no_other_scene_is_taken_for_the_reference(seed: int) -> None:
     with pytest.raises(RegistrationError) as refused:
-        register(seen(1.0), seen(ZOOM, seed), PSF)
+        register_images(seen(1.0), seen(ZOOM, seed), PSF)
     assert refused.value.reason in ("low_correlation", "little_overlap")
     assert all(one in str(refused.value) for one in REMEDIES)
 
@@ -65,7 +70,7 @@ def test_no_other_scene_is_taken_for_the_reference(seed: int) -> None:
 def test_a_photograph_without_detail_is_the_one_at_fault(at_fault: str) -> None:
     images = {"reference": seen(1.0), "followup": seen(ZOOM), at_fault: np.full(SHAPE, 50.0)}
     with pytest.raises(RegistrationError) as refused:
-        register(images["reference"], images["followup"])
+        register_images(images["reference"], images["followup"])
     assert (refused.value.reason, refused.value.at_fault) == ("no_detail", at_fault)
 
 
@@ -73,26 +78,26 @@ def test_points_that_are_right_to_some_pixels_are_refined() -> None:
     followup = np.array([[30.0, 20], [130, 25], [125, 95], [35, 100], [80, 60]])
     reference = followup @ truth()[:2, :2].T + truth()[:2, 2]
     rough = FeatureMatches(followup, reference + np.random.default_rng(4).normal(0, 1.5, (5, 2)))
-    found = register(seen(1.0), seen(ZOOM), PSF, RegistrationHints(points=rough))
+    found = register_images(seen(1.0), seen(ZOOM), PSF, RegistrationHints(points=rough))
     assert error_px(found) < 0.03
     assert not found.warnings
 
 
 def test_a_pose_that_is_right_to_some_pixels_is_refined() -> None:
     hint = RegistrationHints(matrix=truth(aside_px=3.0))
-    assert error_px(register(seen(1.0), seen(ZOOM), PSF, hint)) < 0.03
+    assert error_px(register_images(seen(1.0), seen(ZOOM), PSF, hint)) < 0.03
 
 
 def test_a_given_pose_that_the_pixels_contradict_is_kept_with_a_warning() -> None:
     hint = RegistrationHints(matrix=truth())
-    found = register(seen(1.0), seen(ZOOM, 70), PSF, hint)
+    found = register_images(seen(1.0), seen(ZOOM, 70), PSF, hint)
     np.testing.assert_array_equal(found.matrix, truth())
     assert "kept as it is" in found.warnings[0]
 
 
 def test_a_given_pose_without_overlap_is_refused() -> None:
     with pytest.raises(RegistrationError) as refused:
-        register(seen(1.0), seen(ZOOM), PSF, RegistrationHints(matrix=truth(aside_px=900.0)))
+        register_images(seen(1.0), seen(ZOOM), PSF, RegistrationHints(matrix=truth(aside_px=900.0)))
     assert refused.value.reason == "little_overlap"
 
 
@@ -101,7 +106,7 @@ def test_detail_on_a_rim_alone_that_tells_no_pose_is_refused() -> None:
     drawn = np.random.default_rng(0).normal(size=(120, 160)).cumsum(axis=1)
     rim = np.where(np.arange(160) < 150, 100.0, np.clip(128 + 5 * drawn, 0, 255))
     with pytest.raises(RegistrationError) as refused:
-        register(rim, rim.copy())
+        register_images(rim, rim.copy())
     assert refused.value.reason == "uncertain"
 
 
@@ -109,7 +114,7 @@ def test_detail_on_a_rim_alone_that_tells_no_pose_is_refused() -> None:
 def test_a_tiled_scene_is_warned_of() -> None:
     tile = texture((60, 60), 5)
     scene = np.tile(tile, (6, 7))
-    found = register(scene[:240, :320], scene[7:247, 11:331])
+    found = register_images(scene[:240, :320], scene[7:247, 11:331])
     assert any("repeats" in one for one in found.warnings)
 
 
@@ -121,7 +126,7 @@ def test_of_several_periods_the_given_pose_chooses_one(periods: int) -> None:
     near = true.copy()
     near[:2, 2] += 2.0
     hint = RegistrationHints(matrix=near)
-    found = register(scene[:240, :320], scene[7:247, 11:331], hints=hint)
+    found = register_images(scene[:240, :320], scene[7:247, 11:331], hints=hint)
     np.testing.assert_allclose(found.matrix, true, atol=0.05)
 
 
@@ -132,13 +137,15 @@ def test_what_is_left_out_does_not_count() -> None:
     covered[:, :150] = True
     # Another scene moves along with the camera there.
     followup[covered] = reference[covered]
-    found = register(reference, followup, hints=RegistrationHints(left_out=covered))
+    found = register_images(reference, followup, hints=RegistrationHints(left_out=covered))
     np.testing.assert_allclose(found.matrix, [[1, 0, 13], [0, 1, 9], [0, 0, 1]], atol=0.02)
 
 
 def test_a_mask_of_another_shape_is_an_error() -> None:
     with pytest.raises(ValueError):
-        register(seen(1.0), seen(ZOOM), hints=RegistrationHints(left_out=np.zeros((3, 4), bool)))
+        register_images(
+            seen(1.0), seen(ZOOM), hints=RegistrationHints(left_out=np.zeros((3, 4), bool))
+        )
 
 
 @pytest.mark.parametrize(
@@ -163,7 +170,7 @@ def test_little_contrast_in_much_noise_is_aligned() -> None:
         np.rint(scene[top : top + 240, left : left + 320] + rng.normal(0, 2.5, (240, 320)))
         for top, left in ((0, 0), (9, 13))
     )
-    found = register(near, far)
+    found = register_images(near, far)
     y, x = np.mgrid[20:220:20, 20:300:20].astype(np.float64)
     at_y, at_x = found.pose.to_reference_px(y, x)
     error = float(np.sqrt(np.mean((at_y - y - 9) ** 2 + (at_x - x - 13) ** 2)))
@@ -174,8 +181,8 @@ def test_little_contrast_in_much_noise_is_aligned() -> None:
 
 @pytest.mark.slow
 def test_gain_and_offset_do_not_matter() -> None:
-    plain = register(seen(1.0), seen(ZOOM), PSF).matrix
-    other = register(3.0 * seen(1.0) - 40, 0.2 * seen(ZOOM) + 7, PSF).matrix
+    plain = register_images(seen(1.0), seen(ZOOM), PSF).matrix
+    other = register_images(3.0 * seen(1.0) - 40, 0.2 * seen(ZOOM) + 7, PSF).matrix
     np.testing.assert_allclose(other, plain, atol=0.01)
 
 
@@ -183,8 +190,8 @@ def test_gain_and_offset_do_not_matter() -> None:
 def test_a_photograph_of_a_few_pixels_has_no_detail(shape: tuple[int, int]) -> None:
     few = texture(shape, 3)
     with pytest.raises(RegistrationError) as refused:
-        register(seen(1.0), few)
+        register_images(seen(1.0), few)
     assert (refused.value.reason, refused.value.at_fault) == ("no_detail", "followup")
     with pytest.raises(RegistrationError) as refused:
-        register(few, seen(1.0))
+        register_images(few, seen(1.0))
     assert (refused.value.reason, refused.value.at_fault) == ("no_detail", "reference")

@@ -5,8 +5,8 @@ from hypothesis import given, settings, strategies as st
 from calibration.edges import (
     EdgeImage,
     edge_profile,
+    edges_of_image,
     gaussian_mtf50,
-    measure_edges,
     pixel_mtf50,
     plane_places,
 )
@@ -73,7 +73,7 @@ def test_the_e_sfr_is_reported_where_it_has_an_error_and_else_the_gaussian() -> 
 
 def test_an_edge_gets_the_units_of_its_own_photograph() -> None:
     source = EdgeImage(name="edge", image_dn=edge_image(0.8, 5.0), pixel_pitch_um=4.0)
-    [plain] = measure_edges(source)
+    [plain] = edges_of_image(source)
     [edge] = with_sharpness([plain], source)
     rows = source.image_dn.shape[0]
     assert edge.mtf50_lw_per_ph == pytest.approx(2 * rows * edge.mtf50_cy_per_px)
@@ -86,7 +86,7 @@ def test_an_edge_gets_the_units_of_its_own_photograph() -> None:
 
 def test_without_a_pixel_pitch_there_are_no_line_pairs() -> None:
     source = EdgeImage(name="edge", image_dn=edge_image(0.8, 5.0))
-    [edge] = with_sharpness(measure_edges(source), source)
+    [edge] = with_sharpness(edges_of_image(source), source)
     assert edge.mtf50_lp_per_mm is None
     assert edge.esfr_mtf50_lp_per_mm is None
     assert edge.red_shift_px is None
@@ -120,7 +120,7 @@ def test_the_shifts_of_a_colour_photograph_come_back_outwards(
 ) -> None:
     planes = np.dstack([colour_edge(normal_deg, x_px, c) for c in ("red", "green", "blue")])
     source = EdgeImage(name="rgb", image_dn=planes[:, :, 1].copy(), colours_dn=planes)
-    [edge] = with_colour_shifts(measure_edges(source), source)
+    [edge] = with_colour_shifts(edges_of_image(source), source)
     assert edge.red_shift_px is not None
     assert edge.blue_shift_px is not None
     # The profile behind the pixel is symmetric: the fit's Gaussian moves no place.
@@ -134,7 +134,7 @@ def test_the_shifts_of_a_mosaic_come_back_from_its_own_pixels() -> None:
         part = np.s_[place.first_y_px :: 2, place.first_x_px :: 2]
         mosaic[part] = colour_edge(5.0, 100.3, place.colour)[part]
     grey = EdgeImage(name="raw", image_dn=colour_edge(5.0, 100.3, "green"))
-    edges = measure_edges(grey)
+    edges = edges_of_image(grey)
     [edge] = with_colour_shifts(edges, EdgeImage(name="raw", image_dn=mosaic, pattern="GRBG"))
     # A quarter of the pixels, at two phases of the rows: 1e-3 px of aliasing.
     assert edge.red_shift_px == pytest.approx(SHIFTS_PX["red"], abs=2e-3)
@@ -144,7 +144,7 @@ def test_the_shifts_of_a_mosaic_come_back_from_its_own_pixels() -> None:
 def test_a_grey_photograph_stored_in_colour_has_no_lateral_colour() -> None:
     plane = colour_edge(5.0, 100.3, "green")
     source = EdgeImage(name="grey", image_dn=plane, colours_dn=np.dstack([plane] * 3))
-    [edge] = with_colour_shifts(measure_edges(source), source)
+    [edge] = with_colour_shifts(edges_of_image(source), source)
     assert edge.red_shift_px is None
 
 

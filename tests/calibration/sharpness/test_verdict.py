@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges
+from calibration.edges import EdgeImage, EdgeMeasurement, edges_of_image
 from calibration.errors import LimitsFileError
 from calibration.sharpness import (
     LimitVerdict,
@@ -390,7 +390,7 @@ CUTOFF, NORMAL_DEG = 2.5, 4.0
 
 
 def test_mtf50_of_a_table_is_the_measured_one_and_the_gaussians_is_named_so() -> None:
-    [edge] = measure_edges(EdgeImage(name="e", image_dn=diffracted_edge(CUTOFF, NORMAL_DEG)))
+    [edge] = edges_of_image(EdgeImage(name="e", image_dn=diffracted_edge(CUTOFF, NORMAL_DEG)))
     row = edge_row(edge)
     truth = system_mtf50(CUTOFF, radians(NORMAL_DEG))
     assert row["mtf50_cy_per_px"] == pytest.approx(truth, rel=1e-3)
@@ -402,7 +402,7 @@ def test_mtf50_of_a_table_is_the_measured_one_and_the_gaussians_is_named_so() ->
 
 
 def test_of_a_gaussian_lens_both_are_the_same() -> None:
-    [edge] = measure_edges(EdgeImage(name="e", image_dn=edge_image(0.8, 5.0)))
+    [edge] = edges_of_image(EdgeImage(name="e", image_dn=edge_image(0.8, 5.0)))
     row = edge_row(edge)
     assert row["mtf50_cy_per_px"] == pytest.approx(row["gaussian_mtf50_cy_per_px"], rel=1e-3)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from simulation import GaussianPsf, SamplingGrid, zoom_out
+from simulation import GaussianPsf, SamplingGrid, zoom_out_image
 from simulation.arrays import FloatArray
 from simulation.kernelgan import (
     CropPicker,
@@ -209,7 +209,7 @@ def test_exact_has_the_geometry_of_the_other_models_wherever_the_kernel_lies(
     grid = SamplingGrid.centred(SHAPE, zoom)
     made = kernel_operator(SHAPE, grid, kernel).apply(_blobs())
     # The kernel ends at 6 px, 3.5 of its sigmas and less where it is off centre.
-    np.testing.assert_allclose(made, zoom_out(_blobs(), zoom, psf), atol=0.01)
+    np.testing.assert_allclose(made, zoom_out_image(_blobs(), zoom, psf), atol=0.01)
 
 
 def test_a_constant_stays_constant_and_zoom_1_changes_nothing() -> None:

@@ -16,7 +16,7 @@ from simulation import (
     PoseOptions,
     Psf,
     PsfField,
-    simulate_pose,
+    simulate_pose_of_image,
 )
 from simulation.arrays import BoolArray, FloatArray
 from simulation.choices import DEFAULT_MODEL, PoseModel
@@ -97,7 +97,7 @@ def judged(
         truth.expected_image_dn(target, 0.0, at, exposure_us=EXPOSURE_US) for at in (near, far)
     )
     homography = truth.homography_far_to_near(near, far)
-    simulated = simulate_pose(
+    simulated = simulate_pose_of_image(
         reference, homography, SIZE, psf, PoseOptions(distortion_k1=distortion_k1, model=model)
     )
     x, y = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))

@@ -12,7 +12,15 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from simulation import GaussianPsf, LensOtf, MeasuredPsf, PoseOptions, Psf, PsfField, simulate_pose
+from simulation import (
+    GaussianPsf,
+    LensOtf,
+    MeasuredPsf,
+    PoseOptions,
+    Psf,
+    PsfField,
+    simulate_pose_of_image,
+)
 from simulation.arrays import BoolArray, FloatArray
 from simulation.choices import PoseModel
 from simulation.pose import pose_noise_gain
@@ -156,7 +164,7 @@ def mse(
     model: PoseModel = "lmmse",
 ) -> float:
     matrix, reference, follow_up, inner = pair(lens, *pose)
-    made = simulate_pose(
+    made = simulate_pose_of_image(
         reference, matrix, SIZE, psf, PoseOptions(distortion_k1=pose[3], model=model)
     )
     used = inner & ~made.nearer & ~made.outside
@@ -218,8 +226,8 @@ def test_a_field_of_one_measured_shape_is_that_lens(model: PoseModel) -> None:
         coefficients_px2=np.array([[xx], [xy], [yy]]),
         shape=ASTIGMATIC.psf,
     )
-    one = simulate_pose(reference, matrix, SIZE, ASTIGMATIC.psf, PoseOptions(model=model))
-    even = simulate_pose(reference, matrix, SIZE, field, PoseOptions(model=model))
+    one = simulate_pose_of_image(reference, matrix, SIZE, ASTIGMATIC.psf, PoseOptions(model=model))
+    even = simulate_pose_of_image(reference, matrix, SIZE, field, PoseOptions(model=model))
     # The shape's stretch is the identity but for rounding: 1.3e-6 or 4.5e-6 DN by processor.
     np.testing.assert_allclose(even.image, one.image, rtol=0, atol=2e-5)
     np.testing.assert_array_equal(even.nearer, one.nearer)
@@ -238,7 +246,7 @@ def test_a_shift_over_a_field_goes_from_one_shape_to_the_other() -> None:
     )
     reference = rendered(through(np.eye(3)), field.at(35.0, MIDDLE[1]).otf)
     follow_up = rendered(through(shift), field.at(65.0, MIDDLE[1]).otf)
-    made = simulate_pose(reference, shift, SIZE, field, PoseOptions(model="lmmse"))
+    made = simulate_pose_of_image(reference, shift, SIZE, field, PoseOptions(model="lmmse"))
     near = np.s_[20:-20, 63:68]
     error = float(np.mean((made.image - follow_up)[near] ** 2))
     unblurred = float(np.mean((reference[20:-20, 33:38] - follow_up[near]) ** 2))
@@ -254,7 +262,7 @@ def test_noise_is_passed_on_as_the_gain_says(model: PoseModel) -> None:
     gain = pose_noise_gain(matrix, SIZE[::-1], SIZE, ASTIGMATIC.psf, PoseOptions(model=model))
     squares = np.mean(
         [
-            simulate_pose(
+            simulate_pose_of_image(
                 rng.standard_normal(SIZE[::-1]),
                 matrix,
                 SIZE,
@@ -287,7 +295,7 @@ def test_two_threads_give_the_same_bits() -> None:
     image = np.random.default_rng(2).uniform(0, 255, (300, 1100)).astype(np.float32)
     matrix = tilted(900.0, (1100, 300), 10.0, 1.2)
     one, two = (
-        simulate_pose(image, matrix, (1100, 300), F_11.psf, PoseOptions(threads=threads))
+        simulate_pose_of_image(image, matrix, (1100, 300), F_11.psf, PoseOptions(threads=threads))
         for threads in (1, 2)
     )
     np.testing.assert_array_equal(two.image, one.image)
@@ -297,8 +305,8 @@ def test_two_threads_give_the_same_bits() -> None:
 def test_wrong_options_are_refused() -> None:
     image = np.zeros((40, 50))
     with pytest.raises(ValueError):
-        simulate_pose(image, np.eye(3), (50, 40), F_11.psf, PoseOptions(model="paper"))  # type: ignore[arg-type]
+        simulate_pose_of_image(image, np.eye(3), (50, 40), F_11.psf, PoseOptions(model="paper"))  # type: ignore[arg-type]
     with pytest.raises(ValueError):
-        simulate_pose(image, np.eye(3), (50, 40), F_11.psf, PoseOptions(noise_ratio=-1.0))
+        simulate_pose_of_image(image, np.eye(3), (50, 40), F_11.psf, PoseOptions(noise_ratio=-1.0))
     with pytest.raises(ValueError):
-        simulate_pose(image, np.eye(3), (50, 40), F_11.psf, PoseOptions(threads=0))
+        simulate_pose_of_image(image, np.eye(3), (50, 40), F_11.psf, PoseOptions(threads=0))

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings, strategies as st
 from scipy.optimize import brentq
 
 from calibration.registration import DistortedPose
-from simulation import GaussianPsf, PoseOptions, simulate_pose
+from simulation import GaussianPsf, PoseOptions, simulate_pose_of_image
 from simulation.arrays import FloatArray
 from simulation.pose.view import PoseView
 from simulation.pose.view_filter import pose_noise_gain
@@ -167,7 +167,7 @@ def test_a_seen_radius_that_the_lens_cannot_show_is_taken_to_the_fold() -> None:
 def test_a_ramp_keeps_its_level_at_every_place() -> None:
     # A blur leaves a ramp as it is, so that the level is the place.
     x = np.broadcast_to(np.arange(COLS, dtype=np.float64), (ROWS, COLS)).copy()
-    followup = simulate_pose(x, POSE, (COLS, ROWS), PSF, PoseOptions(distortion_k1=-0.05))
+    followup = simulate_pose_of_image(x, POSE, (COLS, ROWS), PSF, PoseOptions(distortion_k1=-0.05))
     for row, col in ((20, 30), (45, 60), (70, 85)):
         place = seen_place(POSE, -0.05, col, row)[0]
         assert 10 < place < COLS - 10  # the border's mirror image is out of reach
@@ -177,8 +177,8 @@ def test_a_ramp_keeps_its_level_at_every_place() -> None:
 def test_without_distortion_every_bit_is_as_before() -> None:
     size = PHOTOGRAPH.shape[::-1]
     matrix = tilted(300.0, size, 5.0, 1.3)
-    plain = simulate_pose(PHOTOGRAPH, matrix, size, PSF)
-    told = simulate_pose(PHOTOGRAPH, matrix, size, PSF, PoseOptions(distortion_k1=0.0))
+    plain = simulate_pose_of_image(PHOTOGRAPH, matrix, size, PSF)
+    told = simulate_pose_of_image(PHOTOGRAPH, matrix, size, PSF, PoseOptions(distortion_k1=0.0))
     np.testing.assert_array_equal(told.image, plain.image)
 
 
@@ -186,7 +186,7 @@ def test_without_distortion_every_bit_is_as_before() -> None:
 @settings(max_examples=15, deadline=None)
 def test_the_same_pose_of_a_distorting_lens_is_the_same_image(k1: float) -> None:
     # What one lens bends it bends alike: nothing moves where the camera did not.
-    same = simulate_pose(
+    same = simulate_pose_of_image(
         PHOTOGRAPH,
         np.eye(3),
         PHOTOGRAPH.shape[::-1],
@@ -200,11 +200,11 @@ def test_the_same_pose_of_a_distorting_lens_is_the_same_image(k1: float) -> None
 def test_a_part_of_the_frame_is_that_part_of_the_whole() -> None:
     size = PHOTOGRAPH.shape[::-1]
     matrix = tilted(300.0, size, 5.0, 1.3)
-    whole = simulate_pose(PHOTOGRAPH, matrix, size, PSF, PoseOptions(distortion_k1=0.04))
+    whole = simulate_pose_of_image(PHOTOGRAPH, matrix, size, PSF, PoseOptions(distortion_k1=0.04))
     x, y = 70, 40
     shift = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
     # The homography of ideal places counts from the part's own first pixel.
-    part = simulate_pose(
+    part = simulate_pose_of_image(
         PHOTOGRAPH,
         matrix @ shift,
         (100, 60),
@@ -224,7 +224,7 @@ def test_tiles_join_without_a_seam() -> None:
     size = (cols, rows)
     matrix = tilted(900.0, size, 4.0, 1.1)
     for k1 in (-0.1, 0.1):
-        bent = simulate_pose(x, matrix, size, PSF, PoseOptions(distortion_k1=k1))
+        bent = simulate_pose_of_image(x, matrix, size, PSF, PoseOptions(distortion_k1=k1))
         seen = ~bent.outside & (bent.image > 12) & (bent.image < cols - 13)
         second = np.abs(np.diff(bent.image, 2, axis=1))
         assert second[seen[:, 2:] & seen[:, :-2]].max() < 0.02
@@ -237,7 +237,7 @@ def test_noise_is_passed_on_where_the_lens_puts_it() -> None:
     gain = pose_noise_gain(POSE, (ROWS, COLS), (COLS, ROWS), PSF, PoseOptions(distortion_k1=0.1))
     found = np.mean(
         [
-            simulate_pose(
+            simulate_pose_of_image(
                 rng.standard_normal((ROWS, COLS)),
                 POSE,
                 (COLS, ROWS),
@@ -262,7 +262,7 @@ def test_what_lies_beyond_the_fold_of_a_barrel_is_not_seen() -> None:
         [[zoom, 0, MIDDLE_X * (1 - zoom)], [0, zoom, MIDDLE_Y * (1 - zoom)], [0, 0, 1]]
     )
     image = np.full((ROWS, COLS), 100.0)
-    seen = simulate_pose(image, matrix, (COLS, ROWS), PSF, PoseOptions(distortion_k1=k1))
+    seen = simulate_pose_of_image(image, matrix, (COLS, ROWS), PSF, PoseOptions(distortion_k1=k1))
     y, x = np.mgrid[:ROWS, :COLS]
     radius = np.hypot(x - MIDDLE_X, y - MIDDLE_Y) / CORNER_PX
     # Follow-up places at 0.9 corners are ideally beyond 0.9, and 2.7 in the reference.
@@ -280,12 +280,14 @@ def test_what_lies_beyond_the_fold_of_a_barrel_is_not_seen() -> None:
 
 def test_a_follow_up_larger_than_the_lens_shows_is_refused() -> None:
     image = PHOTOGRAPH[:90, :120]
-    simulate_pose(image, np.eye(3), (300, 200), PSF, PoseOptions(distortion_k1=0.1))
+    simulate_pose_of_image(image, np.eye(3), (300, 200), PSF, PoseOptions(distortion_k1=0.1))
     with pytest.raises(ValueError):
-        simulate_pose(image, np.eye(3), (300, 200), PSF, PoseOptions(distortion_k1=-0.1))
+        simulate_pose_of_image(image, np.eye(3), (300, 200), PSF, PoseOptions(distortion_k1=-0.1))
 
 
 @pytest.mark.parametrize("k1", [0.13, -0.15, -0.19, -0.3, float("nan"), float("inf")])
 def test_a_distortion_of_no_lens_is_refused(k1: float) -> None:
     with pytest.raises(ValueError):
-        simulate_pose(PHOTOGRAPH, np.eye(3), (100, 100), PSF, PoseOptions(distortion_k1=k1))
+        simulate_pose_of_image(
+            PHOTOGRAPH, np.eye(3), (100, 100), PSF, PoseOptions(distortion_k1=k1)
+        )

@@ -11,7 +11,7 @@ from scipy.special import j1
 
 from simulation.arrays import FloatArray
 from simulation.psf import TabulatedPsf
-from simulation.zoom import zoom_out
+from simulation.zoom import zoom_out_image
 from tests.calibration.lens_edges import AstigmaticLens, pupil_transfer
 
 PERIOD_PX = 0.37
@@ -121,7 +121,7 @@ def test_copies_are_equal_and_serve_the_operators() -> None:
     y, x = np.mgrid[:120, :120]
     image = 100 + 50 * np.sin(0.7 * x) * np.cos(0.3 * y)
     for model in ("lmmse", "matched"):
-        far = zoom_out(image, 1.5, psf=psf, model=model)
+        far = zoom_out_image(image, 1.5, psf=psf, model=model)
         assert np.all(np.isfinite(far))
 
 

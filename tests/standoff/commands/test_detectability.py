@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from analysis.detectability.curves import DetectabilityCurves, read_curves
 from analysis.results_file import write_results
-from simulation import GaussianPsf, zoom_out
+from simulation import GaussianPsf, zoom_out_image
 from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
@@ -289,7 +289,7 @@ def test_a_pose_is_registered_and_judged(
     command: Command, scene_file: Path, curves_file: Path, psf_file: Path, tmp_path: Path
 ) -> None:
     far = tmp_path / "far.tif"
-    tifffile.imwrite(far, zoom_out(tifffile.imread(scene_file), 1.3, PSF))
+    tifffile.imwrite(far, zoom_out_image(tifffile.imread(scene_file), 1.3, PSF))
     picture = tmp_path / "pose.png"
     asked = ("pose", scene_file, far, "--curves", curves_file, "--observer", "npw")
     accepted = command.done(*asked, "--min-dprime", 2.4, "--psf", psf_file, "--picture", picture)

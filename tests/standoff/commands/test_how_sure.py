@@ -11,7 +11,7 @@ import standoff
 from analysis.detectability import DetectabilityCurves, read_curves
 from analysis.results_file import write_results
 from benchmarks.truth.gaussian_scenes import GaussianScene
-from simulation import GaussianPsf, zoom_out
+from simulation import GaussianPsf, zoom_out_image
 from standoff.errors import ArgumentError
 from tests.analysis.detectability.test_curves import curve
 from tests.standoff.conftest import Command
@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         image = scene.photograph(256, PSF_PX2, rng)
         tifffile.imwrite(path / f"scene-{number}.tif", image.astype(np.float32))
     near = scene.photograph(420, PSF_PX2, rng)
-    far = zoom_out(near, 1.25, GaussianPsf(sigma_px=PSF_PX2**0.5), "matched")
+    far = zoom_out_image(near, 1.25, GaussianPsf(sigma_px=PSF_PX2**0.5), "matched")
     tifffile.imwrite(path / "near.tif", near.astype(np.float32))
     tifffile.imwrite(path / "far.tif", (far + rng.normal(0, 0.5, far.shape)).astype(np.float32))
     calibration = {

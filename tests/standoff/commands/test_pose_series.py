@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 import tifffile
 
-from acquisition.photographs.reader import read_image
+from acquisition.photographs.reader import read_photograph
 from analysis.detectability.curves import DetectabilityCurves
 from analysis.pose.quality import read_pose_series
 from analysis.results_file import write_results
-from calibration.registration import Registration, register
+from calibration.registration import Registration, register_images
 from simulation.arrays import FloatArray
 from standoff.library.series import pose_work, references
 from tests.analysis.detectability.test_curves import curve
@@ -181,7 +181,7 @@ def test_of_many_the_first_and_the_worst_few_are_shown(
 
     def register_once(near: FloatArray, far: FloatArray, *hints: Any) -> Registration:
         if far.tobytes() not in found:
-            found[far.tobytes()] = register(near, far, *hints)
+            found[far.tobytes()] = register_images(near, far, *hints)
         return found[far.tobytes()]
 
     monkeypatch.setattr(pose_work, "register", register_once)
@@ -207,7 +207,7 @@ def test_the_reference_is_read_once_by_whoever_works(
 
     def listing(path: Path, *options: Any) -> Any:
         read.append(path.name)
-        return read_image(path, *options)
+        return read_photograph(path, *options)
 
     monkeypatch.setattr(f"{references.__name__}.read_image", listing)
     references._same_photograph.cache_clear()

@@ -9,7 +9,7 @@ from PIL import Image
 from calibration.documents import write_document
 from calibration.errors import NoiseFileError
 from calibration.noise import CorrectionMaps, NoiseCalibration, write_map_files
-from simulation import GaussianPsf, zoom_out
+from simulation import GaussianPsf, zoom_out_image
 from simulation.arrays import FloatArray
 from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, TEXTURE, Command
 
@@ -26,7 +26,7 @@ def test_the_file_holds_what_the_model_gives_as_float32(
     assert written.dtype == np.float32
     assert written.shape == (40, 60)  # floor(60 / 1.5), floor(91 / 1.5)
     psf = GaussianPsf(sigma_x_px=0.9, sigma_y_px=0.8, rho=0.1)
-    np.testing.assert_array_equal(written, zoom_out(TEXTURE, 1.5, psf, model))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(written, zoom_out_image(TEXTURE, 1.5, psf, model))  # type: ignore[arg-type]
 
 
 def test_json_says_what_was_written(

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from acquisition.photographs import read_image
+from acquisition.photographs import read_photograph
 from tests.standoff.conftest import FLAT_DN, FLAT_VARIANCE_DN2, Command
 
 
@@ -87,7 +87,7 @@ def test_a_homography_that_is_a_zoom_gives_what_the_zoom_gives(
         tifffile.imread(by_zoom),
         atol=2.0,  # of 900 DN
     )
-    assert not read_image(mask).stored.any()
+    assert not read_photograph(mask).stored.any()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from acquisition.photographs import ReadOptions, read_image
+from acquisition.photographs import ReadOptions, read_photograph
 from analysis.sr_dataset import split_of
 from tests.standoff.conftest import Command, Outcome
 
@@ -55,11 +55,11 @@ def test_every_pair_of_the_manifest_is_there_and_fits(
     summary = json.loads(done.out)
     assert summary["train"] + summary["test"] == len(lines)
     for line in lines:
-        high, low = (read_image(out / line[side]).stored for side in ("high", "low"))
+        high, low = (read_photograph(out / line[side]).stored for side in ("high", "low"))
         assert high.shape == (48, 48)
         assert low.shape == (24, 24)
         assert high.dtype == low.dtype
-        original = read_image(folder / line["image"]).stored
+        original = read_photograph(folder / line["image"]).stored
         top, left = line["top_px"], line["left_px"]
         np.testing.assert_array_equal(high, original[top : top + 48, left : left + 48])
 
@@ -87,7 +87,7 @@ def test_an_interrupted_run_goes_on_and_ends_as_if_it_had_not_been(
         calls.append(path)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return read_image(path, options)
+        return read_photograph(path, options)
 
     with monkeypatch.context() as patch:
         patch.setattr("standoff.library.sr_pairs.read_image", read_three)
@@ -198,7 +198,7 @@ def test_colours_keep_their_order_and_people_read_a_line(
         f"{out}: 4 pairs for training, 0 for testing, from 1 images (0 already done)\n"
     )
     first = next(path for path in sorted((out / "train" / "high").iterdir()))
-    np.testing.assert_array_equal(read_image(first).stored, pixels[:48, :48])
+    np.testing.assert_array_equal(read_photograph(first).stored, pixels[:48, :48])
 
 
 def test_a_file_in_the_way_of_the_pairs_is_named(

@@ -10,7 +10,7 @@ import pytest
 import tifffile
 
 from acquisition.devices import DeviceInfo
-from acquisition.photographs import read_image
+from acquisition.photographs import read_photograph
 from acquisition.session import SessionNotes
 from acquisition.session.reader import Session
 from standoff.console.session_library import SessionLibrary, UnknownSessionError
@@ -137,7 +137,7 @@ def test_a_snapshot_is_read_with_its_levels_and_its_record(tmp_path: Path) -> No
     name = library.save(snapshot_bytes(levels_dn, record()), TAKEN)
     assert library.latest == name
     path = tmp_path / "snapshots" / name
-    photograph = read_image(path)
+    photograph = read_photograph(path)
     assert photograph.encoding.is_linear
     np.testing.assert_array_equal(photograph.stored, levels_dn)
     with tifffile.TiffFile(path) as tiff:
@@ -172,7 +172,7 @@ def test_a_mean_keeps_its_fractions(tmp_path: Path) -> None:
     levels_dn = np.array([[100.1, 200.7], [0.0, 4095.0]], dtype=np.float32)
     library = SnapshotLibrary(tmp_path)
     name = library.save(snapshot_bytes(levels_dn, record(10)), TAKEN)
-    np.testing.assert_array_equal(read_image(tmp_path / name).stored, levels_dn)
+    np.testing.assert_array_equal(read_photograph(tmp_path / name).stored, levels_dn)
 
 
 def test_snapshots_of_one_second_do_not_replace_each_other(tmp_path: Path) -> None:

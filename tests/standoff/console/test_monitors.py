@@ -10,7 +10,7 @@ from scipy.special import erf
 from acquisition.devices import CameraSettings, FrameImage
 from acquisition.focus import Region
 from analysis.pose.tracker import PoseVerdict
-from calibration.edges import EdgeImage, EdgeMeasurement, measure_edges
+from calibration.edges import EdgeImage, EdgeMeasurement, edges_of_image
 from calibration.geometry import DEFAULT_BOARD
 from simulation.arrays import AnyArray
 from standoff.console.edge_reading import count_edges, read_edge
@@ -262,7 +262,7 @@ def test_pieces_count_once_in_whatever_order_they_come() -> None:
 
 def measured_edges(edges: int) -> list[EdgeMeasurement]:
     image_dn = crossed_frame(edges).image_dn.astype(np.float64) - SETTINGS.black_level_dn
-    found = measure_edges(EdgeImage(name="live", image_dn=image_dn, saturation_dn=4095.0))
+    found = edges_of_image(EdgeImage(name="live", image_dn=image_dn, saturation_dn=4095.0))
     return sorted(found, key=lambda edge: edge.x_px)
 
 

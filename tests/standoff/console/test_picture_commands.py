@@ -14,7 +14,7 @@ pytest.importorskip("httpx2", reason="starlette's test client needs httpx2")
 
 from acquisition.capture import ExposureLimit, FoundExposure
 from acquisition.devices import Frame
-from acquisition.photographs import read_image
+from acquisition.photographs import read_photograph
 from standoff.console.bench_hub import BenchHub
 from standoff.console.jobs import BusyError
 from standoff.console.web.command_handler import NotInControlError
@@ -183,7 +183,7 @@ def test_a_snapshot_is_the_newest_frame_with_its_settings(tmp_path: Path) -> Non
     name = state_document(hub)["snapshot"]
     assert hub.notices[-1].text == f"Snapshot stored: {name}"
     path = hub.sessions.folder / "snapshots" / name
-    np.testing.assert_array_equal(read_image(path).stored, image_dn)
+    np.testing.assert_array_equal(read_photograph(path).stored, image_dn)
     with tifffile.TiffFile(path) as tiff:
         document = json.loads(tiff.pages.first.description)
     assert (document["exposure_us"], document["frames"]) == (2000.0, 1)
@@ -197,7 +197,7 @@ def test_a_snapshot_of_ten_frames_is_their_mean(hub: BenchHub) -> None:
     operator.say(do="snapshot", frames=10)
     operator.wait_idle()
     name = hub.snapshots.latest
-    stored = read_image(hub.sessions.folder / "snapshots" / name).stored
+    stored = read_photograph(hub.sessions.folder / "snapshots" / name).stored
     assert stored.dtype == np.float32
     mean_dn = np.asarray(stored, dtype=np.float64)
     latest = hub.frames.latest

@@ -7,7 +7,7 @@ from acquisition.averaging import average_frames
 from acquisition.bench import load_bench
 from calibration.edges import EdgeImage
 from calibration.noise import fit_level_noise
-from calibration.psf import Estimate, calibrate_psf
+from calibration.psf import Estimate, psf_of_images
 from hil_mocks import SimulatedBench
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command
@@ -39,7 +39,7 @@ def test_the_95_percent_intervals_contain_the_truth(half: int) -> None:
         quarter = {"simulated.width_px": 390, "simulated.height_px": 290}
         config = load_bench(shipped_config("demo_bench.toml"), {"simulated.seed": seed} | quarter)
         bench = SimulatedBench(config)
-        calibration = calibrate_psf(_edges(bench))
+        calibration = psf_of_images(_edges(bench))
         assert config.simulated is not None
         truths = (
             config.simulated.optical_sigma_x_px,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from acquisition.photographs.encoding import LINEAR, SRGB
-from acquisition.photographs.reader import ReadOptions, read_image
-from calibration.edges import Region, measure_edges
+from acquisition.photographs.reader import ReadOptions, read_photograph
+from calibration.edges import Region, edges_of_image
 from calibration.noise import CorrectionMaps
 from standoff.library.edges import Reading, edge_image
 from tests.calibration import closed_form
@@ -67,7 +67,7 @@ def test_the_steps_are_those_of_the_file(
     options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_PROGRESSIVE, int(is_progressive)]
     data = cv2.imencode(".jpg", pixels, options)[1].tobytes()
     (tmp_path / "a.jpg").write_bytes(data)
-    steps = read_image(tmp_path / "a.jpg").luma_steps
+    steps = read_photograph(tmp_path / "a.jpg").luma_steps
     assert steps is not None
     np.testing.assert_array_equal(steps, stored_table(data))
     assert not np.array_equal(steps, steps.T)  # else the order would not show
@@ -75,7 +75,7 @@ def test_the_steps_are_those_of_the_file(
 
 def test_colours_that_are_no_luma_have_no_steps(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(jpeg(grey_as_colour(edge_codes()), keep_rgb=True))
-    found = read_image(tmp_path / "a.jpg")
+    found = read_photograph(tmp_path / "a.jpg")
     assert found.is_jpeg
     assert found.luma_steps is None
 
@@ -84,7 +84,7 @@ def test_colours_that_are_no_luma_have_no_steps(tmp_path: Path) -> None:
 def test_the_level_of_a_code_is_the_one_it_is_read_as(tmp_path: Path, encoding: object) -> None:
     pixels = np.repeat(np.arange(256, dtype=np.uint8).reshape(16, 16), 8, axis=0).repeat(8, axis=1)
     (tmp_path / "a.jpg").write_bytes(jpeg(grey_as_colour(pixels), quality=100))
-    photograph = read_image(tmp_path / "a.jpg", ReadOptions(encoding=encoding))  # type: ignore[arg-type]  # of two
+    photograph = read_photograph(tmp_path / "a.jpg", ReadOptions(encoding=encoding))  # type: ignore[arg-type]  # of two
     source = edge_image(photograph, Reading())
     assert source.compression is not None
     levels = source.compression.code_levels_dn
@@ -102,7 +102,7 @@ def test_the_widths_from_jpeg_files_are_within_their_errors(
     for seed in range(8):
         pixels = grey_as_colour(edge_codes(seed)) if is_colour else edge_codes(seed)
         (tmp_path / "a.jpg").write_bytes(jpeg(pixels, subsampling=2 if is_colour else -1))
-        found = measure_edges(edge_image(read_image(tmp_path / "a.jpg"), Reading()))
+        found = edges_of_image(edge_image(read_photograph(tmp_path / "a.jpg"), Reading()))
         assert len(found) == 1
         assert found[0].optical_sigma_px is not None
         assert found[0].optical_sigma_err_px is not None
@@ -113,7 +113,7 @@ def test_the_widths_from_jpeg_files_are_within_their_errors(
 
 def test_a_region_of_a_jpeg_keeps_its_blocks_and_its_colours(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(jpeg(grey_as_colour(edge_codes())))
-    source = edge_image(read_image(tmp_path / "a.jpg"), Reading())
+    source = edge_image(read_photograph(tmp_path / "a.jpg"), Reading())
     rows, cols = source.image_dn.shape
     region = Region(x_px=3, y_px=5, width_px=cols - 3, height_px=rows - 5)
     part = source.within(region)
@@ -121,7 +121,7 @@ def test_a_region_of_a_jpeg_keeps_its_blocks_and_its_colours(tmp_path: Path) -> 
     assert (part.compression.first_row, part.compression.first_col) == (5, 3)
     assert part.colours_dn is not None
     assert part.colours_dn.shape[:2] == part.image_dn.shape
-    whole, cut = measure_edges(source), measure_edges(source, region)
+    whole, cut = edges_of_image(source), edges_of_image(source, region)
     assert cut[0].sigma_px == pytest.approx(whole[0].sigma_px, abs=2 * whole[0].sigma_err_px)
 
 
@@ -131,7 +131,7 @@ def test_a_coloured_edge_is_less_sure_than_a_grey_one(tmp_path: Path) -> None:
     errors = []
     for levels in (grey_as_colour(pixels[:, :, 0]), pixels):
         (tmp_path / "a.jpg").write_bytes(jpeg(levels, subsampling=0))
-        found = measure_edges(edge_image(read_image(tmp_path / "a.jpg"), Reading()))
+        found = edges_of_image(edge_image(read_photograph(tmp_path / "a.jpg"), Reading()))
         errors.append(max(found, key=lambda edge: edge.length_px).sigma_err_px)
     # Steps of 6.6 at quality 80: widths from decoded pixels are wrong by 5 of their own errors.
     assert errors[1] > 2 * errors[0]
@@ -139,11 +139,14 @@ def test_a_coloured_edge_is_less_sure_than_a_grey_one(tmp_path: Path) -> None:
 
 def test_planes_that_were_not_compressed_as_they_are_have_no_steps(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(jpeg(grey_as_colour(edge_codes())))
-    assert edge_image(read_image(tmp_path / "a.jpg"), Reading(channel="green")).compression is None
+    assert (
+        edge_image(read_photograph(tmp_path / "a.jpg"), Reading(channel="green")).compression
+        is None
+    )
     Image.fromarray(edge_codes()).save(tmp_path / "a.png")
-    assert edge_image(read_image(tmp_path / "a.png"), Reading()).compression is None
+    assert edge_image(read_photograph(tmp_path / "a.png"), Reading()).compression is None
     (tmp_path / "a.jpg").write_bytes(jpeg(edge_codes()))
-    photograph = read_image(tmp_path / "a.jpg")
+    photograph = read_photograph(tmp_path / "a.jpg")
     shape = photograph.stored.shape
     maps = CorrectionMaps(
         dark_dn=np.zeros(shape, np.float32),

@@ -12,7 +12,7 @@ import tifffile
 
 import standoff
 from analysis.errors import ResultsFileError
-from analysis.evaluation.change_pairs import labelled_pairs, read_change_pairs, work as pairs_work
+from analysis.evaluation.change_pairs import labelled_pairs, read_dataset, work as pairs_work
 from analysis.evaluation.change_pairs.pair_file import read_pairs
 from analysis.sweep import shards
 from standoff.errors import ApplicationError
@@ -54,7 +54,7 @@ def test_interrupted_and_resumed_it_is_the_same_bits_as_in_one_go(
     with pytest.raises(KeyboardInterrupt):
         standoff.change_pairs(photographs, tmp_path / "resumed", PSF, TASK)
     monkeypatch.setattr(pairs_work, "labelled_pairs", real)
-    assert not read_change_pairs(tmp_path / "resumed").is_complete
+    assert not read_dataset(tmp_path / "resumed").is_complete
     resumed = standoff.change_pairs(photographs, tmp_path / "resumed", PSF, TASK)
     assert 3 <= resumed.photographs.found_done <= 5  # with those that are refused
     assert contents(tmp_path / "resumed") == contents(tmp_path / "whole")
@@ -122,7 +122,7 @@ def test_the_document_says_what_is_there_and_what_could_not_be_used(
     photographs: Path, tmp_path: Path
 ) -> None:
     made = standoff.change_pairs(photographs, tmp_path, PSF, TASK)
-    found = read_change_pairs(tmp_path)
+    found = read_dataset(tmp_path)
     assert found == made.dataset
     stored = json.loads((tmp_path / "dataset.json").read_bytes())
     assert stored["schema"] == "standoff.change-pairs/1"
