@@ -13,7 +13,6 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 from playwright.sync_api import Browser, Page
 
-from standoff.console.bench_hub import BenchHub
 from standoff.console.devices import DeviceStatus
 from tests.standoff.console.chromium.pages import DESK, PHONE, opened_page
 from tests.standoff.console.console_rig import text, wait_until
@@ -129,13 +128,6 @@ def test_the_header_of_a_phone_is_low_in_every_state(
                 assert_low(second, path)
 
 
-@pytest.fixture(scope="module")
-def bench_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[BenchHub, str]]:
-    """A running hub and the address of its console."""
-    with running_hub(tmp_path_factory.mktemp("notices")) as hub, served(hub) as (host, port):
-        yield hub, f"http://{host}:{port}/"
-
-
 @pytest.mark.parametrize(
     ("path", "options"),
     [
@@ -145,10 +137,13 @@ def bench_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[BenchH
     ],
 )
 def test_four_long_notices_cover_no_control(
-    browser: Browser, bench_url: tuple[BenchHub, str], path: str, options: dict[str, Any]
+    browser: Browser, tmp_path: Path, path: str, options: dict[str, Any]
 ) -> None:
-    hub, url = bench_url
-    with connected(browser, f"{url}{path}", **options) as page:
+    with (
+        running_hub(tmp_path) as hub,
+        served(hub) as (host, port),
+        connected(browser, f"http://{host}:{port}/{path}", **options) as page,
+    ):
         page.wait_for_selector("body.mine")
         page.evaluate("for (const each of document.querySelectorAll('details')) each.open = true")
         page.wait_for_timeout(300)
