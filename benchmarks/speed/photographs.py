@@ -88,6 +88,4 @@ def main(record: Recorder) -> None:
         ):
             error = 100 * abs(_width_px(path, ReadOptions()) / SIGMA_PX - 1)
             as_linear = 100 * abs(_width_px(path, ReadOptions(encoding=LINEAR)) / SIGMA_PX - 1)
-            record.figure(
-                f"error of sigma, {name}", error, "%", peer="taken as linear", peer_value=as_linear
-            )
+            record.figure(f"error of sigma, {name}", error, "%", "taken as linear", as_linear)
