@@ -370,10 +370,10 @@ def with_noise(
     if not is_shot:
         noise_sd = float(levels.mean()) / snr
         return np.asarray(levels + noise_sd * rng.standard_normal(levels.shape))
-    light = _light_of(levels / 255) if is_srgb else levels / 255
+    light = light_of(levels / 255) if is_srgb else levels / 255
     electrons = snr**2 / max(float(light.mean()), 1e-6)
     seen = rng.poisson(light * electrons) / electrons
-    return np.asarray(255 * (_srgb_of(seen) if is_srgb else seen))
+    return np.asarray(255 * (srgb_of(seen) if is_srgb else seen))
 
 
 def smaller(levels: FloatArray, zoom: float, way: str) -> FloatArray:
@@ -406,12 +406,13 @@ def _area_mean(levels: FloatArray, zoom: float, rows: int) -> FloatArray:
     return np.asarray(np.diff(reached, axis=0) * zoom)
 
 
-def _light_of(levels: FloatArray) -> FloatArray:
-    """IEC 61966-2-1, both ways."""
+def light_of(levels: FloatArray | NDArray[np.float32]) -> FloatArray:
+    """Light of sRGB levels, both from 0 to 1 (IEC 61966-2-1:1999, section 5.2)."""
     return np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
 
 
-def _srgb_of(light: FloatArray) -> FloatArray:
+def srgb_of(light: FloatArray) -> FloatArray:
+    """Levels of sRGB, given light."""
     root = np.maximum(light, 0.0031308) ** (1 / 2.4)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * root - 0.055)
 
@@ -515,9 +516,9 @@ def _zoom(part: ByteImage, rng: np.random.Generator, folder: Path) -> _Draft:
     way = str(rng.choice(["area", "lanczos", "bicubic", "hamming", "spline"]))
     is_light = rng.uniform() < 0.5
     levels = np.atleast_3d(part).astype(np.float64) / 255
-    planes = _light_of(levels) if is_light else levels
+    planes = light_of(levels) if is_light else levels
     made = np.stack([smaller(planes[..., n], zoom, way) for n in range(planes.shape[2])], axis=2)
-    seen = _srgb_of(made) if is_light else made
+    seen = srgb_of(made) if is_light else made
     small = np.clip(np.rint(255 * seen), 0, 255).astype(np.uint8)
     small = np.ascontiguousarray(small if part.ndim == 3 else small[..., 0])
     files = _png(part, folder / "one.png"), _png(small, folder / "two.png")
