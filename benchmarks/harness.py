@@ -23,13 +23,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
-from math import inf, isfinite, nan
+from math import inf, isfinite
 from pathlib import Path
 from statistics import median
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
-
-from scipy.stats import binomtest
+from unittest.mock import patch
 
 CPU_INFO = Path("/proc/cpuinfo")
 
@@ -80,7 +79,6 @@ class Recorder:
         name: str,
         value: float,
         unit: str,
-        *,
         peer: str | None = None,
         peer_value: float | None = None,
     ) -> None:
@@ -104,6 +102,11 @@ class Recorder:
         """Keep a time in ms, beside that of a peer in the same run."""
         peer_ms = None if peer_s is None else 1e3 * peer_s
         self.figure(name, 1e3 * seconds, "ms", peer=peer, peer_value=peer_ms)
+
+    def race(self, name: str, ours: Work, peer: str, theirs: Work, seconds: float) -> None:
+        """Keep the shortest times of two pieces of work that take turns."""
+        ours_s, peer_s = shortest_s([ours, theirs], seconds)
+        self.time(name, ours_s, peer, peer_s)
 
     def write(self, document: dict[str, object]) -> None:
         """Append a line to the file of figures, where one is asked for."""
@@ -255,9 +258,17 @@ def medians_s(
     return [median(times) for times in times_s]
 
 
-def median_s(work: Work, rounds: int) -> float:
-    """Median of ``rounds`` runs, after one that warms up."""
-    return medians_s([work], rounds)[0]
+def real_data(folder: str) -> Path | None:
+    """A folder of real photographs, where ``STANDOFF_REAL_DATA`` names one that holds it."""
+    named = os.environ.get("STANDOFF_REAL_DATA")
+    return Path(named, folder) if named is not None and Path(named, folder).is_dir() else None
+
+
+def apart(work: Callable[..., Result], *arguments: object, **variables: str) -> Result:
+    """Result of a function in a fresh process with these environment variables."""
+    context = multiprocessing.get_context("spawn")
+    with patch.dict(os.environ, variables), ProcessPoolExecutor(1, mp_context=context) as pool:
+        return pool.submit(work, *arguments).result()
 
 
 def outcomes(
@@ -295,23 +306,3 @@ def written(rows: Iterable[Result], kind: type[Any], path: Path | None) -> Itera
 
 def _or_none(value: object) -> object:
     return None if isinstance(value, float) and not isfinite(value) else value
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Share:
-    """A share in %, with its 95 % interval by Wilson."""
-
-    percent: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, hits: int, total: int) -> "Share":
-        """Of so many; NaN of none."""
-        if total == 0:
-            return cls(percent=nan, low=nan, high=nan)
-        interval = binomtest(hits, total).proportion_ci(method="wilson")
-        return cls(percent=100 * hits / total, low=100 * interval.low, high=100 * interval.high)
-
-    def __str__(self) -> str:
-        return f"{self.percent:5.1f} [{self.low:4.1f}, {self.high:5.1f}]"

@@ -25,9 +25,8 @@ from benchmarks.peers import (
     ours,
     zoom_outs,
 )
-from benchmarks.peers.program import Program
+from benchmarks.peers.program import TRACKS, Program
 from benchmarks.peers.run import Run
-from benchmarks.peers.tasks import TRACKS
 
 
 def programs(mtf_mapper_output: Path | None = None) -> dict[str, Program]:

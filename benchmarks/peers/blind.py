@@ -12,8 +12,7 @@ from scipy.optimize import nnls
 
 import standoff
 from benchmarks.peers.edges import Curve, GaussianEdge
-from benchmarks.peers.program import EdgeContrast, PeerError, Program
-from benchmarks.peers.tasks import Task
+from benchmarks.peers.program import EdgeContrast, PeerError, Program, Task
 from calibration.blind.two_distance import align_smoothly, estimate_kernel as kernel_between
 from calibration.errors import CalibrationError, PairError
 from calibration.psf import PsfCalibration

@@ -14,8 +14,8 @@ from benchmarks.peers.program import (
     EdgeContrast,
     PeerError,
     Program,
+    Task,
 )
-from benchmarks.peers.tasks import Task
 from calibration.edges import (
     BinnedEdge,
     EdgeSamples,

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from benchmarks.peers.blind import along_both, of_photographs
-from benchmarks.peers.program import EdgeContrast, PeerError, Program
-from benchmarks.peers.tasks import Task
+from benchmarks.peers.program import EdgeContrast, PeerError, Program, Task
 from benchmarks.peers.zoom_outs import Frontal
 from simulation.arrays import FloatArray
 from simulation.choices import TRAINING_STEPS

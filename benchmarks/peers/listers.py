@@ -17,7 +17,7 @@ from scipy.ndimage import binary_erosion
 from skimage.metrics import structural_similarity
 
 import standoff
-from benchmarks.peers.features import Matching, detector_of, magsac, matches_of
+from benchmarks.peers.alignments import Matching, detector_of, magsac, matches_of
 from benchmarks.peers.program import PeerError
 from simulation.arrays import BoolArray
 from standoff.errors import REPORTED_ERRORS

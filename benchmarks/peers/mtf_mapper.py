@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.peers.program import EdgeContrast, PeerError, Program
-from benchmarks.peers.tasks import Task
+from benchmarks.peers.program import EdgeContrast, PeerError, Program, Task
 
 EDGES_NAME = "edge_mtf_values.txt"
 _NUMBERS = 4

@@ -12,8 +12,8 @@ from benchmarks.peers.program import (
     EdgeContrast,
     PeerError,
     Program,
+    Task,
 )
-from benchmarks.peers.tasks import Task
 from calibration.edges import EdgeMeasurement
 from calibration.errors import CalibrationError, RegistrationError
 from calibration.psf import PsfCalibration

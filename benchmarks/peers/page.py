@@ -16,8 +16,8 @@ from analysis.benchmark.measures import MEASURES, TITLES
 from analysis.benchmark.scores import BenchmarkScores, ScoredProgram, read_scores
 from analysis.benchmark.tables import ScoreTable, main_groups, track_tables
 from benchmarks.harness import environment, environment_line
+from benchmarks.peers.program import TRACKS, Track
 from benchmarks.peers.run import Results
-from benchmarks.peers.tasks import TRACKS, Track
 
 OURS = "standoff"
 FEWEST_PEERS = 6

@@ -22,8 +22,10 @@ from benchmarks.peers.program import (
     ChangeScore,
     PeerError,
     Program,
+    Task,
+    Track,
+    tasks_of,
 )
-from benchmarks.peers.tasks import Task, Track, tasks_of
 
 JOURNAL = "journal.jsonl"
 SLOW_TASKS = 4

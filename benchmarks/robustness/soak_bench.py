@@ -1,7 +1,7 @@
 """The simulated bench of the soak, as a process of its own that goes wrong on command.
 
 What ``standoff mock --stage-protocol grbl`` serves, with its lines on standard input, and three
-more for the stage: ``_alarm``, ``_unplug`` and ``plug-in``. A link leads to the stage's port, as
+more for the stage: ``alarm``, ``unplug`` and ``plug-in``. A link leads to the stage's port, as
 those in ``/dev/serial/by-id`` do.
 """
 

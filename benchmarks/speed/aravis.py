@@ -6,13 +6,10 @@ figure for that process and all its threads, between the first frame and the las
 and compiling.
 """
 
-import json
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Annotated, Any
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +17,7 @@ from numpy.typing import NDArray
 from acquisition.aravis import AravisCamera, load_aravis, open_device
 from acquisition.averaging import average_frames
 from acquisition.bench import CameraConfig
-from benchmarks.harness import Recorder, benchmark
+from benchmarks.harness import Recorder, apart, benchmark
 from hil_mocks.gige import FrameRequest, GigeDevice
 
 BARE_ADDRESS, DRIVER_ADDRESS = "127.201.7.2", "127.201.7.3"
@@ -28,7 +25,6 @@ ROWS, COLS, RATE_HZ = 580, 780, 67.5
 EXPOSURE_US = 5000.0
 SECONDS, ROUNDS = 60, 6
 AVERAGES, FRAMES_PER_AVERAGE = 50, 10
-CLIENT_TIMEOUT_S = 300
 
 
 class _RecordedFrames:
@@ -48,15 +44,12 @@ class _RecordedFrames:
         return self._frames[request.index % len(self._frames)]
 
 
-def _serve() -> None:
-    """Serve the cameras until standard input ends."""
+def _serve(pipe: Connection) -> None:
+    """Serve the cameras until told to end."""
     frames = _RecordedFrames()
-    with (
-        GigeDevice(frames, address=BARE_ADDRESS),
-        GigeDevice(frames, address=DRIVER_ADDRESS),
-    ):
-        print("ready", flush=True)
-        sys.stdin.read()
+    with GigeDevice(frames, address=BARE_ADDRESS), GigeDevice(frames, address=DRIVER_ADDRESS):
+        pipe.send("ready")
+        pipe.recv()
 
 
 def _config() -> CameraConfig:
@@ -140,42 +133,18 @@ def _run_latency(frames: int) -> dict[str, float]:
     return {"median_s": float(np.median(times_s)), "worst_s": max(times_s)}
 
 
-@contextmanager
-def _camera_process() -> Iterator[None]:
-    with subprocess.Popen(
-        _python("serve()"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as server:
-        assert server.stdout is not None
-        assert server.stdout.readline() == "ready\n"
-        yield
-        assert server.stdin is not None
-        server.stdin.close()
-
-
-def _python(call: str) -> list[str]:
-    """Command that runs a function of this module in a process of its own."""
-    return [sys.executable, "-c", f"from benchmarks.speed.aravis import *; {call}"]
-
-
-def _client(call: str) -> dict[str, Any]:
-    """Run one client in a process of its own; its figures."""
-    done = subprocess.run(
-        _python(f"print(json.dumps({call}))"),
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=CLIENT_TIMEOUT_S,
-    )
-    result: dict[str, Any] = json.loads(done.stdout)
-    return result
-
-
 def _compare(record: Recorder, seconds: float) -> None:
     """Let bare loop and driver take turns, then measure the driver's short averages."""
     frames = round(seconds * RATE_HZ / ROUNDS)
-    with _camera_process():
-        turns = _client(f"run_turns({ROUNDS}, {frames})")
-        latency = _client(f"run_latency({FRAMES_PER_AVERAGE})")
+    context = get_context("spawn")
+    ours, theirs = context.Pipe()
+    server = context.Process(target=_serve, args=(theirs,), daemon=True)
+    server.start()
+    ours.recv()
+    turns = apart(_run_turns, ROUNDS, frames)
+    latency = apart(_run_latency, FRAMES_PER_AVERAGE)
+    ours.send("end")
+    server.join()
     for name in ("bare", "driver"):
         lost = round(sum(turns[f"{name}_lost"]))
         record.say(f"{name}: {lost} of {frames * ROUNDS} frames lost")

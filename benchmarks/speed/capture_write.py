@@ -16,13 +16,13 @@ import tifffile
 from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames, average_frames
-from acquisition.bench import BenchConfig
 from acquisition.devices import CameraSettings, DeviceInfo, Frame, StreamStatistics
 from acquisition.focus import focus_value
 from acquisition.plan import CapturePlan, PlanEntry, parse_plan
 from acquisition.session import Session, SessionWriter, Take
 from benchmarks.harness import Recorder, Work, benchmark, medians_s
 from simulation.arrays import Float32Array
+from tests.hil_mocks.benches import bench_config
 
 ROWS, COLS, FRAMES, ROUNDS = 580, 780, 10, 40
 
@@ -90,22 +90,6 @@ def plan() -> CapturePlan:
             "targets": [{"kind": "edge", "target": "E"}],
         },
         source="benchmark",
-    )
-
-
-def bench() -> BenchConfig:
-    return BenchConfig.model_validate(
-        {
-            "camera": {
-                "driver": "simulated",
-                "pixel_format": "Mono12",
-                "exposure_us": 2000.0,
-                "gain_db": 0.0,
-                "frame_rate_hz": 67.5,
-            },
-            "stage": {"driver": "simulated", "limits_mm": [0.0, 100.0]},
-            "optics": {"focal_length_mm": 8.0, "pixel_pitch_um": 8.3},
-        }
     )
 
 
@@ -183,7 +167,7 @@ def _measure(record: Recorder, directory: Path) -> None:
     with tempfile.TemporaryDirectory(dir=directory) as folder:
         path = Path(folder) / "session"
         with SessionWriter(
-            path, plan=plan(), bench=bench(), devices={}, operator="benchmark"
+            path, plan=plan(), bench=bench_config(), devices={}, operator="benchmark"
         ) as session:
             entries = iter(session.entries)
             _compare(

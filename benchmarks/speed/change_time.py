@@ -10,11 +10,7 @@ nearer, the comparison is on the reference's pixels and its maps are brought to 
     python -m benchmarks.speed.change_time
 """
 
-import json
-import os
 import resource
-import subprocess
-import sys
 import time
 from dataclasses import dataclass
 from itertools import product
@@ -23,7 +19,7 @@ from statistics import median
 import cv2
 import numpy as np
 
-from benchmarks.harness import Recorder, benchmark
+from benchmarks.harness import Recorder, apart, benchmark
 from benchmarks.truth.pairs import PairPose
 from simulation.arrays import AnyArray, Float32Array, FloatArray
 
@@ -105,28 +101,13 @@ def _cost(frame: tuple[int, int], zoom: float, rounds: int) -> _Cost:
     return _Cost(find_s=median(find_s), peer_s=median(peer_s), peak_gb=peak_kib / 2**20)
 
 
-def _measured_apart(frame: tuple[int, int], zoom: float, rounds: int) -> _Cost:
-    """The same in a process of its own."""
-    call = f"print(json.dumps(asdict(cost({frame}, {zoom}, {rounds}))))"
-    done = subprocess.run(
-        [sys.executable, "-c", f"from benchmarks.speed.change_time import *; {call}"],
-        env={**os.environ, **dict.fromkeys(_THREADS, "1")},
-        stdout=subprocess.PIPE,
-        check=True,
-        text=True,
-    )
-    return _Cost(**json.loads(done.stdout))
-
-
 @benchmark(
     "numpy", "opencv-contrib-python-headless", "numba", note="one thread, seconds of the processor"
 )
 def main(record: Recorder) -> None:
     for frame, zoom in product(FRAMES, ZOOMS):
-        found = _measured_apart(frame, zoom, record.pick(3, 1))
+        found = apart(_cost, frame, zoom, record.pick(3, 1), **dict.fromkeys(_THREADS, "1"))
         name = f"{frame[1]}x{frame[0]}, zoom {zoom:g}"
-        record.figure(
-            f"changes, {name}", found.find_s, "s", peer="warp and blur", peer_value=found.peer_s
-        )
+        record.figure(f"changes, {name}", found.find_s, "s", "warp and blur", found.peer_s)
         if frame != FRAMES[0]:
             record.figure(f"peak resident memory, {name}", found.peak_gb, "GB")

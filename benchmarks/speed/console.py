@@ -172,8 +172,8 @@ def _measure(record: Recorder, rig: ConsoleRig, seconds: float) -> None:
             "console with two viewers",
             100 * used_s / span_s,
             "% of a core",
-            peer="without a viewer",
-            peer_value=100 * alone,
+            "without a viewer",
+            100 * alone,
         )
         half = len(memory) // 2 or 1
         for name, place in (("console", 1), ("page", 2), ("heap", 3)):

@@ -124,8 +124,8 @@ def _compare(record: Recorder, zooms: tuple[float, ...]) -> None:
             f"curve of d' over {len(zooms)} zooms",
             took_s["analytic"],
             "s",
-            peer=f"Monte Carlo of 1 % in {what}",
-            peer_value=took_s[what],
+            f"Monte Carlo of 1 % in {what}",
+            took_s[what],
         )
 
 

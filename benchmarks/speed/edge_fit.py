@@ -10,11 +10,11 @@ from functools import partial
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
-from benchmarks.harness import Recorder, benchmark, best_s, shortest_s
+from benchmarks.harness import Recorder, benchmark, best_s
+from benchmarks.truth.edges import exact_edge
 from calibration.edges import (
     EdgeSegment,
     band_half_width,
@@ -27,20 +27,6 @@ from simulation.arrays import FloatArray
 
 SIGMAS_PX = (0.5, 0.8, 1.5)
 SIDE_PX = 100
-
-
-def exact_edge(parameters: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Level of pixels at (x, y); angle, offset, curvature, log sigma, low, high."""
-    angle, offset, curvature, log_sigma, low, high = parameters
-    c, s, sigma = np.cos(angle), np.sin(angle), np.exp(log_sigma)
-    d = c * x + s * y - offset - curvature * (-s * x + c * y) ** 2
-    a, b = max(abs(c), 1e-3), max(abs(s), 1e-3)
-    unit = np.zeros_like(d)
-    for sign, shift in ((1, a + b), (-1, a - b), (-1, b - a), (1, -a - b)):
-        u = d + shift / 2
-        gauss = np.exp(-0.5 * (u / sigma) ** 2) / np.sqrt(2 * np.pi)
-        unit += sign * ((u**2 + sigma**2) * ndtr(u / sigma) + u * sigma * gauss) / 2
-    return np.asarray(low + (high - low) * unit / (a * b))
 
 
 def _naive_fit(image: FloatArray, segment: EdgeSegment) -> float:
@@ -67,12 +53,13 @@ def _fit_speed(record: Recorder) -> None:
             image = exact_edge(truth, x, y)
             image += np.random.default_rng(1).normal(0, 25.0, image.shape)
             segment = find_edges(image, cell_px=1000.0)[0]
-            own_s, peer_s = shortest_s(
-                [partial(fit_edge, image, segment), partial(_naive_fit, image, segment)],
+            record.race(
+                f"edge fit, sigma {sigma_px} px, {angle_deg:g} degrees",
+                partial(fit_edge, image, segment),
+                "scipy least_squares",
+                partial(_naive_fit, image, segment),
                 record.pick(2.0, 0.2),
             )
-            name = f"edge fit, sigma {sigma_px} px, {angle_deg:g} degrees"
-            record.time(name, own_s, "scipy least_squares", peer_s)
 
 
 def _chart(rows: int = 1944, cols: int = 2592, pitch_px: float = 160.0) -> FloatArray:
@@ -86,20 +73,6 @@ def _chart(rows: int = 1944, cols: int = 2592, pitch_px: float = 160.0) -> Float
     return 220.0 - 190.0 * image + np.random.default_rng(2).normal(0, 1.0, image.shape)
 
 
-def _canny_and_contours(image: NDArray[np.uint8]) -> int:
-    ridge = cv2.Canny(image, 50, 100, L2gradient=True)
-    return len(cv2.findContours(ridge, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0])
-
-
-def _search_speed(record: Recorder) -> None:
-    image = _chart()
-    codes = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    own_s = best_s(partial(find_edges, image), record.pick(4.0, 0.3))
-    peer_s = best_s(partial(_canny_and_contours, codes), record.pick(2.0, 0.3))
-    size = f"{image.shape[1]} x {image.shape[0]}"
-    record.time(f"search for edges, {size}", own_s, "OpenCV's Canny and contours", peer_s)
-
-
 @benchmark(
     "numpy",
     "numba",
@@ -109,4 +82,14 @@ def _search_speed(record: Recorder) -> None:
 )
 def main(record: Recorder) -> None:
     _fit_speed(record)
-    _search_speed(record)
+    image = _chart()
+    codes = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    own_s = best_s(partial(find_edges, image), record.pick(4.0, 0.3))
+    peer_s = best_s(
+        lambda: cv2.findContours(
+            cv2.Canny(codes, 50, 100, L2gradient=True), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE
+        ),
+        record.pick(2.0, 0.3),
+    )
+    size = f"{image.shape[1]} x {image.shape[0]}"
+    record.time(f"search for edges, {size}", own_s, "OpenCV's Canny and contours", peer_s)

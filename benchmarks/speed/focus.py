@@ -35,11 +35,7 @@ def _compare_times(record: Recorder) -> None:
     copy_s, *times_s = medians_s([frame.copy, *measures], record.pick(ROUNDS, 50))
     for name, ours_s in zip(FOCUS_MEASURES, times_s, strict=True):
         record.figure(
-            f"focus of a frame, {name}",
-            1e6 * ours_s,
-            "us",
-            peer="a copy of the frame",
-            peer_value=1e6 * copy_s,
+            f"focus of a frame, {name}", 1e6 * ours_s, "us", "a copy of the frame", 1e6 * copy_s
         )
 
 

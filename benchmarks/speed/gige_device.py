@@ -174,7 +174,7 @@ def main(record: Recorder) -> None:
             f"serve 67.5 frames/s in packets of {packet_size_bytes} bytes",
             100 * share,
             "% of a core",
-            peer="one call for each packet",
-            peer_value=100 * peer,
+            "one call for each packet",
+            100 * peer,
         )
         record.say(f"served {rate:.1f} frames/s")

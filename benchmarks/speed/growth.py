@@ -235,8 +235,8 @@ def main(
             f"{growth.what}, at {growth.sizes[-1]:g} {growth.label}",
             1e3 * growth.times_s[-1],
             "ms",
-            peer=growth.peer,
-            peer_value=1e3 * growth.peer_s[-1] if growth.peer_s else None,
+            growth.peer,
+            1e3 * growth.peer_s[-1] if growth.peer_s else None,
         )
         record.figure(f"{growth.what}: exponent of {growth.label}", growth.exponent, "")
     if plot is not None:

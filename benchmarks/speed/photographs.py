@@ -17,6 +17,7 @@ from scipy.special import erf
 
 from acquisition.photographs import LINEAR, ReadOptions, read_photograph
 from benchmarks.harness import Recorder, benchmark, medians_s
+from benchmarks.truth.pictures import srgb_of
 from calibration.edges import EdgeImage, edges_of_image
 from simulation.arrays import FloatArray
 
@@ -31,10 +32,6 @@ def _light(shape: tuple[int, int]) -> FloatArray:
     turn = np.deg2rad(ANGLE_DEG)
     across = x * np.cos(turn) + y * np.sin(turn)
     return np.asarray(0.45 + 0.4 * erf(across / (SIGMA_PX * np.sqrt(2))))
-
-
-def _srgb(linear: FloatArray) -> FloatArray:
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def _with_pillow(path: Path) -> object:
@@ -58,7 +55,7 @@ def main(record: Recorder) -> None:
     with TemporaryDirectory() as folder:
         noise = np.random.default_rng(0).normal(0.0, NOISE, shape)
         linear = np.clip(_light(shape) + noise, 0.0, 1.0)
-        bytes_srgb = np.rint(_srgb(linear) * 255).astype(np.uint8)
+        bytes_srgb = np.rint(srgb_of(linear) * 255).astype(np.uint8)
         colour = np.dstack([bytes_srgb] * 3)
         jpeg, png, tiff = (Path(folder) / f"edge.{kind}" for kind in ("jpg", "png", "tif"))
         buffer = BytesIO()
@@ -80,7 +77,7 @@ def main(record: Recorder) -> None:
             record.time(what, ours_s, peer_name, peer_s)
         quiet = Path(folder) / "quiet.png"
         fine = np.clip(_light(shape) + noise * (LOW_NOISE / NOISE), 0.0, 1.0)
-        Image.fromarray(np.rint(_srgb(fine) * 255).astype(np.uint8)).save(quiet)
+        Image.fromarray(np.rint(srgb_of(fine) * 255).astype(np.uint8)).save(quiet)
         for name, path in (
             ("JPEG, quality 95", jpeg),
             ("8-bit PNG", png),
@@ -88,6 +85,4 @@ def main(record: Recorder) -> None:
         ):
             error = 100 * abs(_width_px(path, ReadOptions()) / SIGMA_PX - 1)
             as_linear = 100 * abs(_width_px(path, ReadOptions(encoding=LINEAR)) / SIGMA_PX - 1)
-            record.figure(
-                f"error of sigma, {name}", error, "%", peer="taken as linear", peer_value=as_linear
-            )
+            record.figure(f"error of sigma, {name}", error, "%", "taken as linear", as_linear)

@@ -11,14 +11,13 @@ plain zooms: with such a PSF they are made as a pose is.
 
 import os
 import time
-from collections.abc import Callable
 from functools import partial
 from math import sqrt
 
 import cv2
 import numpy as np
 
-from benchmarks.harness import Recorder, benchmark, shortest_s
+from benchmarks.harness import Recorder, Work, benchmark
 from benchmarks.truth.pairs import PairPose
 from benchmarks.truth.sweep_scenes import memory_bytes
 from simulation import (
@@ -73,14 +72,7 @@ def _blurred_and_warped(
     return cv2.warpPerspective(blurred, matrix, size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
 
 
-def _seconds_of(work: Callable[[], object]) -> float:
-    """Seconds of a single run."""
-    start_s = time.perf_counter()
-    work()
-    return time.perf_counter() - start_s
-
-
-def _memory_mb(work: Callable[[], object]) -> float:
+def _memory_mb(work: Work) -> float:
     """Most memory that a run takes in a process of its own, beyond what there was before."""
     reading, writing = os.pipe()
     process = os.fork()
@@ -105,11 +97,7 @@ def _compare_memory(record: Recorder, shape: tuple[int, int]) -> None:
     for name, psf in LENSES:
         own_mb = _memory_mb(partial(simulate_pose_of_image, image, matrix, size, psf))
         record.figure(
-            f"memory of a pose, {name}, {size[0]} x {size[1]}",
-            own_mb,
-            "MB",
-            peer=PEER,
-            peer_value=peer_mb,
+            f"memory of a pose, {name}, {size[0]} x {size[1]}", own_mb, "MB", PEER, peer_mb
         )
 
 
@@ -124,16 +112,13 @@ def _compare(record: Recorder, shape: tuple[int, int]) -> None:
                 own = partial(
                     simulate_pose_of_image, image, matrix, size, psf, PoseOptions(model=model)
                 )
-                record.say(f"the first call takes {1e3 * _seconds_of(own):.0f} ms")
+                start_s = time.perf_counter()
+                own()
+                took_ms = 1e3 * (time.perf_counter() - start_s)
+                record.say(f"the first call takes {took_ms:.0f} ms")
+                case = f"{name}, {size[0]} x {size[1]}, tilt {tilt_deg:g} at {bearing_deg:g}"
                 peer = partial(_blurred_and_warped, image, matrix, zoom, size)
-                own_s, peer_s = shortest_s([own, peer], seconds)
-                record.time(
-                    f"pose, {name}, {size[0]} x {size[1]}, tilt {tilt_deg:g} at {bearing_deg:g}, "
-                    f"zoom {zoom}, {model}",
-                    own_s,
-                    PEER,
-                    peer_s,
-                )
+                record.race(f"pose, {case}, zoom {zoom}, {model}", own, PEER, peer, seconds)
 
 
 def _corner_field(shape: tuple[int, int]) -> PsfField:
@@ -156,15 +141,13 @@ def _compare_fields(record: Recorder, shape: tuple[int, int]) -> None:
         size, origin_px = (grid.cols, grid.rows), ((cols - grid.cols) / 2, (rows - grid.rows) / 2)
         for model in POSE_MODELS:
             options = PoseOptions(model=model, origin_px=origin_px)
-            own_s, peer_s = shortest_s(
-                [
-                    partial(simulate_pose_of_image, image, grid.matrix, size, field, options),
-                    partial(_blurred_and_warped, image, grid.matrix, zoom, size),
-                ],
+            record.race(
+                f"PSF that varies, {cols} x {rows}, zoom {zoom}, {model}",
+                partial(simulate_pose_of_image, image, grid.matrix, size, field, options),
+                PEER,
+                partial(_blurred_and_warped, image, grid.matrix, zoom, size),
                 record.pick(1.0, 0.1),
             )
-            name = f"PSF that varies, {cols} x {rows}, zoom {zoom}, {model}"
-            record.time(name, own_s, PEER, peer_s)
 
 
 @benchmark("numpy", "numba", "scipy", "opencv-contrib-python-headless", note="one thread, float32")

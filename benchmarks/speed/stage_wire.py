@@ -9,7 +9,7 @@ from acquisition.stages import SerialLink, open_serial_port
 from acquisition.stages.grbl_controller import GrblController
 from acquisition.stages.grbl_wire import parse_line
 from acquisition.stages.zaber import checksum, parse_message
-from benchmarks.harness import Recorder, benchmark, best_s, median_s
+from benchmarks.harness import Recorder, benchmark, best_s, medians_s
 from hil_mocks.stages import SerialStage
 
 REPORT = b"<Jog|MPos:0.000,0.000,-98.000|Bf:15,128|FS:1200,0|Ov:100,100,100>"
@@ -33,7 +33,7 @@ def _bare_round_trip_s(path: str) -> float:
             port.write(b"?")
             port.readline()
 
-        return median_s(ask, ROUND_TRIPS)
+        return medians_s([ask], ROUND_TRIPS)[0]
 
 
 def _driver_round_trip_s(path: str) -> float:
@@ -41,7 +41,7 @@ def _driver_round_trip_s(path: str) -> float:
     controller = GrblController(link, clock=monotonic)
     controller.get_in_step(may_boot=True)
     try:
-        return median_s(controller.status, ROUND_TRIPS)
+        return medians_s([controller.status], ROUND_TRIPS)[0]
     finally:
         controller.close()
 
@@ -55,8 +55,8 @@ def main(record: Recorder) -> None:
             f"parse a line of {name}",
             1e6 / rate,
             "us",
-            peer="the line itself at 115200 baud",
-            peer_value=1e6 / wire,
+            "the line itself at 115200 baud",
+            1e6 / wire,
         )
     with SerialStage("grbl") as stage:
         bare_s = _bare_round_trip_s(stage.port)

@@ -6,14 +6,10 @@ that the client, or its largest worker, held above what it held after its import
 """
 
 import gc
-import json
-import subprocess
-import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypedDict
 
 from analysis.detectability import (
     ArtefactWork,
@@ -23,7 +19,7 @@ from analysis.detectability import (
     curves_of,
 )
 from analysis.sweep import Manifest, SweepOptions, run_sweep
-from benchmarks.harness import Recorder, benchmark
+from benchmarks.harness import Recorder, apart, benchmark
 from benchmarks.truth.sweep_scenes import PLAN, load_scene, memory_bytes, scene_files
 from simulation import Model
 
@@ -37,7 +33,8 @@ TASK = DetectionTask(
 MB = 1e6
 
 
-class _Run(TypedDict):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Run:
     """What one sweep needed."""
 
     seconds: float
@@ -56,22 +53,24 @@ def _by_images(record: Recorder) -> None:
         for count in counts:
             run = runs[count] = _started(count, 64, 1, workers)
             record.say(
-                f"{count:7d} {1e3 * run['seconds'] / count:10.2f} {run['client_bytes'] / MB:13.1f} "
-                f"{run['worker_bytes'] / MB:13.1f} {run['state_bytes'] / MB:12.2f}"
+                f"{count:7d} {1e3 * run.seconds / count:10.2f} {run.client_bytes / MB:13.1f} "
+                f"{run.worker_bytes / MB:13.1f} {run.state_bytes / MB:12.2f}"
             )
         few, many = runs[counts[0]], runs[counts[-1]]
         name = f"{counts[-1]} images, {workers} worker{'s' * (workers > 1)}"
-        peer = f"{counts[0]} images"
-        for what, key in (("client", "client_bytes"), ("worker", "worker_bytes")):
-            if few[key]:  # type: ignore[literal-required]
+        for what, most, least in (
+            ("client", many.client_bytes, few.client_bytes),
+            ("worker", many.worker_bytes, few.worker_bytes),
+        ):
+            if least:
                 record.figure(
                     f"memory of the {what} at {name}",
-                    many[key] / MB,  # type: ignore[literal-required]
+                    most / MB,
                     "MB",
-                    peer=peer,
-                    peer_value=few[key] / MB,  # type: ignore[literal-required]
+                    f"{counts[0]} images",
+                    least / MB,
                 )
-        grown = (many["state_bytes"] - few["state_bytes"]) / (counts[-1] - counts[0])
+        grown = (many.state_bytes - few.state_bytes) / (counts[-1] - counts[0])
         record.figure(f"state for each image and model, {name}", grown, "bytes")
 
 
@@ -80,13 +79,12 @@ def _by_size(record: Recorder) -> None:
     count = record.pick(1000, 200)
     for side in record.pick((64, 128, 256, 512), (64, 256)):
         run = _started(count, side, 1, 1)
-        took_ms = 1e3 * run["seconds"] / count
-        record.figure(f"an image of {side} x {side} px", took_ms, "ms")
+        record.figure(f"an image of {side} x {side} px", 1e3 * run.seconds / count, "ms")
     for models in (1, 2, 3):
         run = _started(count, 256, models, 1)
-        took_ms = 1e3 * run["seconds"] / count
+        took_ms = 1e3 * run.seconds / count
         record.figure(f"an image of 256 x 256 px, {models} models", took_ms, "ms")
-        record.figure(f"state, {models} models", run["state_bytes"] / MB, "MB")
+        record.figure(f"state, {models} models", run.state_bytes / MB, "MB")
 
 
 def _by_growth(record: Recorder) -> None:
@@ -107,12 +105,7 @@ def _by_growth(record: Recorder) -> None:
 
 def _started(count: int, side_px: int, models: int, workers: int) -> _Run:
     with TemporaryDirectory() as folder:
-        call = f"one_run(Path({folder!r}), {count}, {side_px}, {models}, {workers})"
-        script = f"from benchmarks.speed.sweep import *; print(json.dumps({call}))"
-        words = [sys.executable, "-c", script]
-        done = subprocess.run(words, capture_output=True, text=True, check=True)
-        run: _Run = json.loads(done.stdout)
-        return run
+        return apart(_one_run, Path(folder), count, side_px, models, workers)
 
 
 def _one_run(folder: Path, count: int, side_px: int, models: int, workers: int) -> _Run:

@@ -22,7 +22,7 @@ from typing import Annotated
 import numpy as np
 
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.peers.features import Matching, detector_of, magsac, matches_of
+from benchmarks.peers.alignments import Matching, detector_of, magsac, matches_of
 from benchmarks.peers.program import PeerError
 from benchmarks.truth.lenses import f_number
 from benchmarks.truth.pairs import (
@@ -37,7 +37,6 @@ from benchmarks.truth.pairs import (
 from calibration.errors import RegistrationError
 from calibration.registration import (
     FeatureMatches,
-    Registration,
     RegistrationHints,
     register_images,
 )
@@ -70,12 +69,32 @@ class Case:
     reference: FloatArray
     followup: FloatArray
 
+    @classmethod
+    def of(
+        cls,
+        kind: str,
+        pair: Pair,
+        contrast_dn: float,
+        developments: tuple[Development, Development],
+        seed: int,
+    ) -> "Case":
+        """The photographs of a pair as they are developed."""
+        reference, followup = pair.developed(*developments, seed)
+        return cls(
+            kind=kind,
+            pair=pair,
+            contrast_dn=contrast_dn,
+            noise_dn=developments[0].noise_dn,
+            bits=developments[0].bits or 0,
+            reference=reference,
+            followup=followup,
+        )
+
     def bound_px(self) -> float:
         """Cramer-Rao bound of the rms error over the overlap, in reference px."""
         rows, cols = self.pair.frame
         y, x = np.mgrid[BORDER_PX : rows - BORDER_PX, BORDER_PX : cols - BORDER_PX].astype(float)
-        to_x, to_y = self.pair.pose.positions(x, y, self.pair.frame)
-        inside = (to_x >= 0) & (to_x <= cols - 1) & (to_y >= 0) & (to_y <= rows - 1)
+        inside = self.pair.pose.shown(x, y, self.pair.frame)
         inner = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
         slope_y, slope_x = (
             np.gradient(self.pair.followup_dn, axis=axis)[inner][inside] for axis in (0, 1)
@@ -99,25 +118,18 @@ class Case:
         )
         return zoom * float(np.sqrt(total))
 
-    def error_px(self, found: Registration) -> float:
-        """Rms error over the overlap."""
-        y, x = found.pose.followup_places_px()
-        return self.pair.error_px(x, y)
-
     def unshared(self) -> BoolArray:
         """Follow-up pixels that the reference does not show, as an operator would paint them."""
         rows, cols = self.pair.frame
         y, x = np.mgrid[:rows, :cols].astype(np.float64)
-        to_x, to_y = self.pair.pose.positions(x, y, self.pair.frame)
-        outside: BoolArray = (to_x < 0) | (to_x > cols - 1) | (to_y < 0) | (to_y > rows - 1)
-        return outside
+        return np.asarray(~self.pair.pose.shown(x, y, self.pair.frame))
 
     def points(self, rng: np.random.Generator) -> FeatureMatches:
         """Six points as an operator would click them."""
         rows, cols = self.pair.frame
         x, y = rng.uniform(0, cols, 4000), rng.uniform(0, rows, 4000)
         to_x, to_y = self.pair.pose.positions(x, y, self.pair.frame)
-        inside = np.flatnonzero((to_x >= 0) & (to_x <= cols - 1) & (to_y >= 0) & (to_y <= rows - 1))
+        inside = np.flatnonzero(self.pair.pose.shown(x, y, self.pair.frame))
         # Far apart: the outermost in six directions.
         turns = np.arange(6) * np.pi / 3
         about_x, about_y = x[inside] - x[inside].mean(), y[inside] - y[inside].mean()
@@ -145,16 +157,8 @@ def _case(number: int, frame: tuple[int, int], first_seed: int = FIRST_SEED) -> 
         gain=float(rng.uniform(0.8, 1.1)),
         slope=float(rng.uniform(-0.2, 0.2)),
     )
-    reference, followup = made.developed(Development(noise_dn=noise, bits=bits), after, number)
-    return Case(
-        kind=kind,
-        pair=made,
-        contrast_dn=contrast,
-        noise_dn=noise,
-        bits=bits,
-        reference=reference,
-        followup=followup,
-    )
+    before = Development(noise_dn=noise, bits=bits)
+    return Case.of(kind, made, contrast, (before, after), number)
 
 
 def _pose(rng: np.random.Generator, frame: tuple[int, int]) -> PairPose:
@@ -206,29 +210,15 @@ def _judge_steep(record: Recorder, kinds: tuple[str, ...]) -> None:
         pose = PairPose(zoom=1.2, tilt_deg=tilt_deg, bearing_deg=40.0 * number, turn_deg=10.0)
         pair = pair_of(scene(kind, EXTREME_FRAME, number, contrast_dn=30.0), EXTREME_FRAME, pose)
         how = Development(noise_dn=1.5, bits=8)
-        reference, followup = pair.developed(how, how, number)
-        one = Case(
-            kind=kind,
-            pair=pair,
-            contrast_dn=30.0,
-            noise_dn=1.5,
-            bits=8,
-            reference=reference,
-            followup=followup,
-        )
+        one = Case.of(kind, pair, 30.0, (how, how), number)
         bound = max(ERROR_MAX_PX, BOUND_FACTOR * one.bound_px())
         verdict, error_px = _verdict(one, None, bound)
         record.say(f"tilt {tilt_deg:g} degrees, {kind}: {verdict}, error {error_px:.3g} px")
         missed += verdict not in ("aligned", "coarse")
         wrong += verdict == "wrong"
         peer_missed += not _peer_error_px(one) <= WORST_FACTOR * bound
-    record.figure(
-        f"tilted by 35 to 60 degrees: not aligned to 4 bounds, of {len(views)}",
-        missed,
-        "",
-        peer=PEER,
-        peer_value=peer_missed,
-    )
+    name = f"tilted by 35 to 60 degrees: not aligned to 4 bounds, of {len(views)}"
+    record.figure(name, missed, "", PEER, peer_missed)
     if wrong:
         sys.exit(f"{wrong} tilted pairs are silently wrong")
 
@@ -266,12 +256,8 @@ def _judge_extremes(record: Recorder, kinds: tuple[str, ...]) -> None:
             continue
         wrong += 1
         record.say(f"zoom {EXTREME_ZOOM:g}, {kind}: another scene is aligned")
-    record.figure(
-        f"pairs aligned at a zoom of {EXTREME_ZOOM:g}, of {2 * len(kinds)} "
-        "(most scenes repeat, which is warned of)",
-        aligned,
-        "",
-    )
+    name = f"pairs aligned at a zoom of {EXTREME_ZOOM:g}, of {2 * len(kinds)}"
+    record.figure(f"{name} (most scenes repeat, which is warned of)", aligned, "")
     if wrong:
         sys.exit(f"{wrong} extreme pairs are silently wrong")
 
@@ -312,22 +298,14 @@ def _judge(record: Recorder, cases: Iterable[Case], hinted_each: int) -> None:
         record.say(f"{kind:<9} {text}; error over the Cramer-Rao bound {middle:.2f}")
     total = sum(found.values(), Counter[str]())
     count = len(seconds["ours"])
-    record.figure(
-        f"pairs not aligned to 4 bounds, of {count}",
-        count - total["aligned"] - total["coarse"],
-        "",
-        peer=PEER,
-        peer_value=count - total["peer within 4 bounds"],
-    )
-    record.figure(
-        f"pairs not aligned to {LOOSE_PX:g} px, of {count}",
-        count - total["loose"],
-        "",
-        peer=PEER,
-        peer_value=count - total["peer loose"],
-    )
+    for limit, ours, theirs in (
+        ("4 bounds", total["aligned"] + total["coarse"], total["peer within 4 bounds"]),
+        (f"{LOOSE_PX:g} px", total["loose"], total["peer loose"]),
+    ):
+        name = f"pairs not aligned to {limit}, of {count}"
+        record.figure(name, count - ours, "", PEER, count - theirs)
     ours_s, peer_s = (float(np.median(seconds[who])) for who in ("ours", "peer"))
-    record.figure("processor time of a pair", ours_s, "s", peer=PEER, peer_value=peer_s)
+    record.figure("processor time of a pair", ours_s, "s", PEER, peer_s)
     if total["wrong"]:
         sys.exit(f"{total['wrong']} pairs are silently wrong")
 
@@ -351,7 +329,8 @@ def _verdict(one: Case, hints: RegistrationHints | None, bound: float) -> tuple[
         registration = register_images(one.reference, one.followup, None, hints)
     except RegistrationError:
         return "refused", float("inf")
-    error = one.error_px(registration)
+    y, x = registration.pose.followup_places_px()
+    error = one.pair.error_px(x, y)
     if error <= bound:
         return "aligned", error
     if error <= WORST_FACTOR * bound:

@@ -16,6 +16,7 @@ import numpy as np
 
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, benchmark
+from benchmarks.truth.edges import white_noise
 from calibration.blind import (
     calibrate_from_distances,
     calibrate_from_scene,
@@ -23,7 +24,6 @@ from calibration.blind import (
 )
 from calibration.edges import EdgeImage
 from calibration.errors import CalibrationError
-from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration
 from hil_mocks.truth import PHOTOGRAPHS, BenchTruth, CameraPose
 from simulation.arrays import FloatArray
@@ -41,7 +41,7 @@ def _photograph(truth: BenchTruth, name: str, height_mm: float, seed: int) -> Ed
     noise_dn = WHITE_DN / SNR
     rng = np.random.default_rng([seed, round(height_mm)])
     image = BLACK_DN + WHITE_DN * light + rng.normal(0, noise_dn, light.shape)
-    known = LevelNoise(offset_dn2=noise_dn**2, slope_dn=0.0, floor_dn2=noise_dn**2)
+    known = white_noise(noise_dn)
     return EdgeImage(name=name, image_dn=image, noise=known)
 
 

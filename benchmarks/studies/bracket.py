@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
-from acquisition.bench import BenchConfig
 from acquisition.bracket import merge_bracket
 from acquisition.exposure_control import ExposedFrames, ExposureControl
 from benchmarks.harness import Recorder, benchmark
 from hil_mocks import SimulatedBench
 from tests.acquisition.watched_camera import WatchedCamera
+from tests.hil_mocks.benches import bench_config
 
 SHORTEST_US = 9000.0
 RATIOS = (1.0, 10.0, 100.0, 1000.0)
@@ -28,19 +28,13 @@ CAPTURES = 256
 DELAYS = ((0, 0), (0, 2), (0, 6), (3, 12))
 BLACK_DN, TOP_DN = 64.0, 4095.0
 
-BENCH = {
-    "camera": {
-        "driver": "simulated",
-        "pixel_format": "Mono12",
-        "exposure_us": SHORTEST_US,
-        "gain_db": 0.0,
-        "frame_rate_hz": 60.0,
-    },
-    "stage": {"driver": "simulated", "limits_mm": [10.0, 400.0]},
+BENCH = bench_config(
+    camera__exposure_us=SHORTEST_US,
+    camera__frame_rate_hz=60.0,
     # A pixel so large that 96 of them see the whole tablet.
-    "optics": {"focal_length_mm": 8.0, "pixel_pitch_um": 60.0},
-    "simulated": {"width_px": 96, "height_px": 80, "full_well_e": 30000.0},
-}
+    optics__pixel_pitch_um=60.0,
+    simulated__height_px=80,
+)
 
 
 @dataclass(kw_only=True)
@@ -99,7 +93,7 @@ def _hat_merge(averages: list[AveragedFrames]) -> NDArray[np.float64]:
 
 def _captured(delay: tuple[int, int], captures: int, seed: int) -> _Tally:
     """Capture the tablet by a camera whose exposure is late."""
-    bench = SimulatedBench(BenchConfig.model_validate(BENCH))
+    bench = SimulatedBench(BENCH)
     bench.stage.home(60)
     bench.stage.move_to(200.0, 60)
     bench.place("step tablet")
@@ -151,11 +145,7 @@ def _compare(record: Recorder) -> None:
     record.figure("frames used", sum(t.frames for t in tallies), "frames")
     record.figure("coverage of 95 % intervals", 100 * inside / intervals, "%")
     record.figure(
-        "worst bias of any step of 10,000 : 1",
-        100 * worst,
-        "%",
-        peer="hat weights",
-        peer_value=100 * worst_hat,
+        "worst bias of any step of 10,000 : 1", 100 * worst, "%", "hat weights", 100 * worst_hat
     )
 
 

@@ -70,8 +70,8 @@ def _judge(record: Recorder) -> Iterator[str]:
                 f"outermost ring, {case}, {DEFAULT_MODEL}",
                 found[DEFAULT_MODEL][0],
                 "DN",
-                peer="matched before",
-                peer_value=most_dn,
+                "matched before",
+                most_dn,
             )
 
 

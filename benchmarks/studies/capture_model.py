@@ -14,14 +14,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from math import ceil, inf, sqrt
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from scipy.stats import gmean
 
 import standoff
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.peers.resamplers import HAS_PYBSM, opencv, pillow_scipy, pybsm
+from benchmarks.peers.zoom_outs import HAS_PYBSM, opencv, pillow_scipy, pybsm
 from benchmarks.truth.lens_scenes import (
     Ideal,
     Pose,
@@ -86,7 +86,7 @@ OTHER_LENSES = (astigmatic(5.6, ratio=1.6, axis_deg=30), *GAUSSIANS_BEFORE)
 QUICK_LENSES = (BOUND_LENSES[1], BOUND_LENSES[6], *list(GAUSSIANS_BEFORE)[1:5:3])
 POSE_LENSES = (f_number(2.8), f_number(5.6, defocus_waves=0.5), f_number(11))
 ZOOMS = (1.5, 2.0, 3.0)
-POSES = (
+POSES: tuple[dict[str, Any], ...] = (
     {"zoom": 1.3, "tilt_deg": 10.0},
     {"zoom": 1.5, "tilt_deg": 25.0, "bearing_deg": 45.0, "turn_deg": 20.0},
     {"zoom": 2.0, "tilt_deg": 30.0, "bearing_deg": 30.0, "turn_deg": 15.0},
@@ -306,7 +306,7 @@ def _zoom_errors(
         )
 
 
-def _judge_poses(cameras: Sequence[_Calibrated], poses: Sequence[dict[str, float]]) -> _ModelErrors:
+def _judge_poses(cameras: Sequence[_Calibrated], poses: Sequence[dict[str, Any]]) -> _ModelErrors:
     """Errors by lens and pose, where the follow-up is the coarser one."""
     results = _ModelErrors()
     scene = slanted_rectangles(POSE_SIDE_PX, POSE_SAMPLES, seed=7)
@@ -429,8 +429,8 @@ def _record_ratios(record: Recorder, what: str, results: _ModelErrors, peer: str
             f"{which} MSE over the ideal's, {what}, {DEFAULT_MODEL}",
             ratio(DEFAULT_MODEL),
             "",
-            peer=name,
-            peer_value=ratio(column),
+            name,
+            ratio(column),
         )
 
 

@@ -163,13 +163,7 @@ def main(
         low, high = _mean_interval(counts)
         mean = sum(counts) / frames
         record.say(f"{kind:12s} false px a frame {mean:.2f} [{low:.2f}, {high:.2f}]")
-        record.figure(
-            f"false pixels a frame, {kind}",
-            mean,
-            "px",
-            peer="as stated",
-            peer_value=FALSE_ALARMS,
-        )
+        record.figure(f"false pixels a frame, {kind}", mean, "px", "as stated", FALSE_ALARMS)
         spots = [_painted(kind, seed + number) for number in range(max(frames // 20, 3))]
         ratio = _half_found(spots) / ideal
         rng = np.random.default_rng(0)

@@ -15,16 +15,15 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from analysis.changes import ChangeOptions, ChangeResult, changes_between, significance_threshold
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.truth.change_roc import roc_of
+from benchmarks.scoring import PixelScores, changed_and_clear
 from benchmarks.truth.lenses import Camera, f_number, gaussian
 from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene, seen_spot
 from calibration.registration import DistortedPose
 from simulation import GaussianPsf
-from simulation.arrays import BoolArray, FloatArray
+from simulation.arrays import FloatArray
 
 FRAME = (290, 390)
 STATED = (0.05, 1.0, 10.0)
@@ -127,17 +126,8 @@ class _Score:
 
     flagged: list[list[int]] = field(default_factory=list)
     spots: list[bool] = field(default_factory=list)
-    core: list[FloatArray] = field(default_factory=list)
-    clear: list[FloatArray] = field(default_factory=list)
-    plain_core: list[FloatArray] = field(default_factory=list)
-    plain_clear: list[FloatArray] = field(default_factory=list)
-
-    def false_pixels(self) -> list[tuple[float, float]]:
-        """False pixels a frame of the comparison and of the plain difference, for each rate."""
-        own = roc_of(np.concatenate(self.core), np.concatenate(self.clear))
-        plain = roc_of(np.concatenate(self.plain_core), np.concatenate(self.plain_clear))
-        frames = len(self.core)
-        return [(own.false_at(rate) / frames, plain.false_at(rate) / frames) for rate in TPR]
+    own: PixelScores = field(default_factory=PixelScores)
+    plain: PixelScores = field(default_factory=PixelScores)
 
 
 def _pairs(kind: _Kind, seed: int) -> Iterator[tuple[Pair, Pair, FloatArray]]:
@@ -234,14 +224,10 @@ def _add_spots(
         near = np.hypot(*np.subtract(np.indices(FRAME), [[[y_px]], [[x_px]]])) < 3
         if result.valid[near].all() and near.any():
             score.spots.append(bool((size[near] > result.summary.threshold_sd).any()))
-    core: BoolArray = result.valid & (change > 0.5 * change.max())
-    clear: BoolArray = result.valid & (gaussian_filter(change, 1.0) < 0.005 * change.max())
+    core, clear = changed_and_clear(change, result.valid)
     if core.any():
-        plain = np.abs(result.plain_difference_dn)
-        score.core.append(size[core])
-        score.clear.append(size[clear])
-        score.plain_core.append(plain[core])
-        score.plain_clear.append(plain[clear])
+        score.own.add(size, core, clear)
+        score.plain.add(np.abs(result.plain_difference_dn), core, clear)
 
 
 @benchmark("numpy", "scipy", "numba")
@@ -270,7 +256,9 @@ def main(
             score = _scored(used, made, study, is_swapped=is_swapped)
             name = f"{scenery.name}{', swapped' if is_swapped else ''}"
             flagged = np.mean(score.flagged, axis=0)
-            false = score.false_pixels()
+            false = list(
+                zip(score.own.false_a_frame(TPR), score.plain.false_a_frame(TPR), strict=True)
+            )
             shown = "  ".join(f"{own:.1f} ({plain:.0f})" for own, plain in false)
             record.say(
                 f"{name:30s} flagged {' '.join(f'{mean:6.2f}' for mean in flagged)} of "
@@ -285,6 +273,6 @@ def main(
                     f"{name}: false pixels a frame at {100 * rate:.0f} % true positives",
                     own,
                     "px",
-                    peer="the plain difference",
-                    peer_value=plain,
+                    "the plain difference",
+                    plain,
                 )

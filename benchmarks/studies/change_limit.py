@@ -10,7 +10,7 @@ steepest.
     OMP_NUM_THREADS=1 python -m benchmarks.studies.change_limit [--quick] [--kind K] [--seed N]
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated
 
@@ -26,7 +26,7 @@ from analysis.changes import (
 )
 from benchmarks.harness import Recorder, benchmark
 from benchmarks.truth.lenses import Camera, f_number, gaussian
-from benchmarks.truth.pairs import Development, PairPose, pair_of, scene
+from benchmarks.truth.pairs import Development, PairPose, pair_of, scene, spot_image
 from simulation.arrays import FloatArray
 
 FRAME = (290, 390)
@@ -91,14 +91,6 @@ class _Judged:
     steepness: float
 
 
-@dataclass(kw_only=True)
-class _Score:
-    """Spots of a kind, and pixels flagged where nothing changed."""
-
-    spots: list[_Judged] = field(default_factory=list)
-    flagged: list[int] = field(default_factory=list)
-
-
 def _developed(
     levels_dn: FloatArray, how: Development, seed: int, painted: FloatArray
 ) -> FloatArray:
@@ -107,8 +99,9 @@ def _developed(
     return Development(bits=how.bits, jpeg_quality=how.jpeg_quality).of(raw, 0)
 
 
-def _judged(kind: _Kind, name: str, pose: PairPose, seed: int, score: _Score) -> None:
-    """Paint spots of all sizes into a pair, and look for them."""
+def _judged(kind: _Kind, name: str, pose: PairPose, seed: int) -> tuple[list[_Judged], int]:
+    """Paint spots of all sizes into a pair, and look for them; pixels flagged without any."""
+    judged = list[_Judged]()
     rng = np.random.default_rng(seed)
     pair = pair_of(scene(name, FRAME, seed, contrast_dn=SCENES[name]), FRAME, pose, kind.cameras)
     before, after = (replace(how, noise_dn=NOISE_DN) for how in (kind.before, kind.after))
@@ -130,7 +123,6 @@ def _judged(kind: _Kind, name: str, pose: PairPose, seed: int, score: _Score) ->
     steep = np.hypot(*np.gradient(steep))
     plain = {sigma_px: compared(nothing, sigma_px) for sigma_px in SIGMAS_PX}
     first = plain[SIGMAS_PX[0]].summary
-    score.flagged.append(first.changed_px)
     threshold, limit_height = first.threshold_sd, height_for(0.95, first.threshold_sd)
     for _ in range(DRAWS):
         at = places + rng.uniform(-JITTER_PX, JITTER_PX, places.shape)
@@ -142,8 +134,7 @@ def _judged(kind: _Kind, name: str, pose: PairPose, seed: int, score: _Score) ->
             if not np.isfinite(limit):
                 continue
             factor = float(np.exp(rng.uniform(*np.log(FACTORS)))) * float(rng.choice([-1, 1]))
-            square = (np.arange(FRAME[1]) - x_px) ** 2 + (np.arange(FRAME[0])[:, None] - y_px) ** 2
-            painted += factor * limit * np.exp(-square / (2 * sigma_px**2))
+            painted += factor * limit * spot_image(FRAME, x_px, y_px, sigma_px)
             spots.append((x_px, y_px, sigma_px, factor))
         found = compared(painted, SIGMAS_PX[0]).summary
         for x_px, y_px, sigma_px, factor in spots:
@@ -154,7 +145,7 @@ def _judged(kind: _Kind, name: str, pose: PairPose, seed: int, score: _Score) ->
                 and one.amplitude_dn * factor > 0
             ]
             height = limit_height * abs(factor)
-            score.spots.append(
+            judged.append(
                 _Judged(
                     predicted=float(detection_power(np.array(height), threshold)),
                     found=bool(near),
@@ -163,6 +154,7 @@ def _judged(kind: _Kind, name: str, pose: PairPose, seed: int, score: _Score) ->
                     steepness=float(steep[round(y_px), round(x_px)]),
                 )
             )
+    return judged, first.changed_px
 
 
 def _shares(spots: list[_Judged]) -> tuple[float, float]:
@@ -196,22 +188,24 @@ def main(
     for place, scenery in enumerate(KINDS):
         if kind is not None and kind not in scenery.name:
             continue
-        score = _Score()
+        spots, flagged = list[_Judged](), list[int]()
         turns = rounds * (3 if len(scenery.scenes) == 1 else 1)
         for turn in range(record.pick(turns, 1)):
             for number, name in enumerate(scenery.scenes):
                 for view, pose in enumerate(record.pick(POSES, POSES[1:2])):
                     # Noise and spots of its own for each kind: else they would err alike.
                     draw = 1000 * (seed + 10 * turn + 50 * place) + 10 * number + view
-                    _judged(scenery, name, pose, draw, score)
-        predicted, found = _shares(score.spots)
+                    judged, unchanged = _judged(scenery, name, pose, draw)
+                    spots += judged
+                    flagged.append(unchanged)
+        predicted, found = _shares(spots)
         record.say(
-            f"{scenery.name:14s} {len(score.spots)} spots: predicted {predicted:.3f}, found "
-            f"{found:.3f}; {np.mean(score.flagged):.2f} px flagged a frame without change"
+            f"{scenery.name:14s} {len(spots)} spots: predicted {predicted:.3f}, found "
+            f"{found:.3f}; {np.mean(flagged):.2f} px flagged a frame without change"
         )
-        _worst_tenth(record, scenery.name, score.spots, 12)
+        _worst_tenth(record, scenery.name, spots, 12)
         record.figure(f"{scenery.name}: predicted less found", predicted - found, "")
-        pooled += score.spots
+        pooled += spots
     worst = _worst_tenth(record, "pooled", pooled, 20)
     record.figure("largest difference in a tenth of the power", worst, "")
     order = sorted(pooled, key=lambda spot: spot.steepness)

@@ -167,7 +167,7 @@ def _false_share(record: Recorder, frames: int) -> None:
             f"asked for {rate:g}: {share:.3f} +- {np.std(shares) / sqrt(frames):.3f} of a frame's "
             f"changes are false, {false} of {listed}; {hits} of {spots} spots"
         )
-        record.figure(f"false share at {rate:g}", share, "1", peer="asked", peer_value=rate)
+        record.figure(f"false share at {rate:g}", share, "1", "asked", rate)
 
 
 def _clipped(record: Recorder, frames: int) -> None:

@@ -10,17 +10,15 @@ are left, and the same spots on the follow-up.
     STANDOFF_REAL_DATA=/path/to/data python -m benchmarks.studies.change_movements
 """
 
-import os
 from dataclasses import dataclass
 from math import hypot, log, pi
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 from analysis.changes import Change, ChangeOptions, ChangeResult, ChangeSummary, changes_between
 from analysis.errors import AnalysisError
-from benchmarks.harness import Recorder, benchmark
+from benchmarks.harness import Recorder, benchmark, real_data
 from benchmarks.studies.change_list import FRAME, KINDS, POSES
 from benchmarks.truth.pairs import (
     DEFAULT_CAMERA as CAMERA,
@@ -282,16 +280,13 @@ def _rendered_spots(record: Recorder, frames: int) -> None:
 
 def _real_pairs(record: Recorder, repeats: int) -> None:
     """Pixels left of real pairs, time, and spots on their follow-ups."""
-    folder = os.environ.get("STANDOFF_REAL_DATA")
+    folder = real_data("planar_pairs")
     if folder is None:
         record.say("STANDOFF_REAL_DATA does not name a folder of real photographs: none compared")
         return
     total = taken = 0
     for name in REAL:
-        images = [
-            cv2.imread(str(next(Path(folder, "planar_pairs").glob(f"{name}{side}.*"))), 0)
-            for side in "AB"
-        ]
+        images = [cv2.imread(str(next(folder.glob(f"{name}{side}.*"))), 0) for side in "AB"]
         reference, followup = (np.asarray(image, dtype=np.float64) for image in images)
         try:
             result = changes_between(reference, followup)

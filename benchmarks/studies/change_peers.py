@@ -19,12 +19,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from scipy.ndimage import binary_erosion, gaussian_filter
+from scipy.ndimage import binary_erosion
 
 from analysis.changes import ChangeOptions, changes_between
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.peers.program import PeerError
-from benchmarks.peers.scores import (
+from benchmarks.peers.changes import (
     AlignedPair,
     Peer,
     absolute_difference,
@@ -34,7 +33,8 @@ from benchmarks.peers.scores import (
     structural_dissimilarity,
     zogy,
 )
-from benchmarks.truth.change_roc import roc_of
+from benchmarks.peers.program import PeerError
+from benchmarks.scoring import PixelScores, changed_and_clear
 from benchmarks.truth.lenses import Camera, f_number, gaussian
 from benchmarks.truth.pairs import Development, PairPose, pair_of, scene, seen_spot
 from calibration.registration import DistortedPose
@@ -148,59 +148,42 @@ def _ours(made: _Case) -> tuple[FloatArray, BoolArray]:
     return np.abs(np.asarray(found.significance, dtype=np.float64)), found.valid
 
 
-@dataclass(slots=True)
-class _Scores:
-    """Scores of a detector in spots and elsewhere, one array a frame."""
-
-    inside: list[FloatArray]
-    outside: list[FloatArray]
-    reason: str = ""
-
-
 def _of_kind(record: Recorder, kind: _Kind, peers: dict[str, Peer]) -> None:
     """Score all frames of a kind by all detectors on the pixels that all of them see."""
-    scores = {name: _Scores([], []) for name in (OURS, *peers)}
+    scores = {name: PixelScores() for name in (OURS, *peers)}
+    skipped: dict[str, str] = {}
     frames = 0
     for scene_name in kind.scenes:
         for pose in POSES:
-            for seed in SEEDS if not record.is_quick else SEEDS[:1]:
+            for seed in record.pick(SEEDS, SEEDS[:1]):
                 made = _case(kind, scene_name, pose, seed)
                 significance, valid = _ours(made)
                 valid = binary_erosion(valid, iterations=4)
-                peak = made.change.max()
-                core = valid & (made.change > 0.5 * peak)
-                clear = valid & (gaussian_filter(made.change, 1.0) < 0.005 * peak)
-                for name, kept in scores.items():
-                    if kept.reason:
-                        continue
+                core, clear = changed_and_clear(made.change, valid)
+                for name in scores.keys() - skipped.keys():
                     try:
                         score = significance if name == OURS else peers[name](made.aligned)
                     except PeerError as error:
-                        kept.reason = str(error)
+                        skipped[name] = str(error)
                         continue
-                    kept.inside.append(score[core])
-                    kept.outside.append(score[clear])
+                    scores[name].add(score, core, clear)
                 frames += 1
     record.say(f"{kind.name}: {frames} frames")
-    rocs = {
-        name: roc_of(np.concatenate(kept.inside), np.concatenate(kept.outside))
-        for name, kept in scores.items()
-        if not kept.reason
-    }
-    for name, kept in scores.items():
-        if kept.reason:
-            record.say(f"  {name:28s} skipped: {kept.reason}")
+    false: dict[str, list[float]] = {}
+    for name, found in scores.items():
+        if name in skipped:
+            record.say(f"  {name:28s} skipped: {skipped[name]}")
             continue
-        counts = "  ".join(f"{rocs[name].false_at(rate) / frames:9.2f}" for rate in TPR)
-        record.say(f"  {name:28s} {counts}")
-    for rate in TPR:
-        others = [roc.false_at(rate) / frames for name, roc in rocs.items() if name != OURS]
+        false[name] = found.false_a_frame(TPR)
+        record.say(f"  {name:28s} {'  '.join(f'{count:9.2f}' for count in false[name])}")
+    ours = false.pop(OURS)
+    for place, rate in enumerate(TPR):
         record.figure(
             f"{kind.name}, false pixels a frame at {100 * rate:.0f} % true positives",
-            rocs[OURS].false_at(rate) / frames,
+            ours[place],
             "px",
-            peer="the best of the peers",
-            peer_value=min(others, default=None),
+            "the best of the peers",
+            min((others[place] for others in false.values()), default=None),
         )
 
 

@@ -224,15 +224,15 @@ def _say_agreement(record: Recorder, ratios: _Ratios) -> None:
         for value in dict.fromkeys(kind[key] for kind in ratios.kinds):
             half, high = figures(ratios.part(key, value))
             record.say(f"    {key} {value}: {half:.3f} {high:.3f}")
-    record.figure("limits apart, median", median, "", peer=best, peer_value=peers[best][0])
-    record.figure("limits apart, 90 %", most, "", peer=best, peer_value=peers[best][1])
+    record.figure("limits apart, median", median, "", best, peers[best][0])
+    record.figure("limits apart, 90 %", most, "", best, peers[best][1])
     each = len(ratios.logs) * len(ZOOMS)
     record.figure(
         "prediction of one zoom of one photograph",
         1000 * ratios.seconds["changes"] / each,
         "ms",
-        peer="the linear observers",
-        peer_value=1000 * ratios.seconds["linear"] / each,
+        "the linear observers",
+        1000 * ratios.seconds["linear"] / each,
     )
     record.say(
         f"a zoom of a photograph: {1000 * ratios.seconds['changes'] / each:.0f} ms, the three "

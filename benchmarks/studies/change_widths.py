@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.changes import ChangeOptions, ChangeResult, changes_between
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene
+from benchmarks.truth.pairs import Development, Pair, PairPose, pair_of, scene, spot_image
 from simulation.arrays import FloatArray
 
 FRAME = (290, 390)
@@ -49,12 +49,6 @@ def _compared(pair: Pair, seed: int, painted: FloatArray | float = 0.0) -> Chang
     return changes_between(reference, followup + painted, None, options)
 
 
-def _spot(x_px: float, y_px: float, sigma_px: float) -> FloatArray:
-    """A Gaussian of peak 1."""
-    x, y = np.arange(FRAME[1]) - x_px, np.arange(FRAME[0])[:, None] - y_px
-    return np.asarray(np.exp(-(x**2 + y**2) / (2 * sigma_px**2)))
-
-
 def _look(pair: Pair, seed: int, sigma_px: float, into: _Found) -> None:
     """Paint six spots of a width and look for them."""
     plain = _compared(pair, seed)
@@ -69,11 +63,11 @@ def _look(pair: Pair, seed: int, sigma_px: float, into: _Found) -> None:
         for down in DOWN:
             x_px, y_px = across * FRAME[1], down * FRAME[0]
             x_px, y_px = x_px + rng.uniform(-6, 6), y_px + rng.uniform(-6, 6)
-            near = _spot(x_px, y_px, max(sigma_px, 4.0)) > np.exp(-2.0)
+            near = spot_image(FRAME, x_px, y_px, max(sigma_px, 4.0)) > np.exp(-2.0)
             if not plain.valid[near].all():
                 continue
             sign = float(rng.choice([-1, 1]))
-            painted += sign * ABOVE_BOUND * bound_dn * _spot(x_px, y_px, sigma_px)
+            painted += sign * ABOVE_BOUND * bound_dn * spot_image(FRAME, x_px, y_px, sigma_px)
             places.append((x_px, y_px, sign))
     changes = _compared(pair, seed, painted).summary.changes
     for x_px, y_px, sign in places:
@@ -93,7 +87,7 @@ def _kept_share(pair: Pair, seed: int, sigma_px: float) -> float:
     plain = _compared(pair, seed)
     x_px, y_px = (FRAME[1] - 1) / 2, (FRAME[0] - 1) / 2
     sd_dn = float(np.sqrt(np.median(plain.variance_dn2[plain.valid])))
-    painted = 8 * sd_dn * _spot(x_px, y_px, sigma_px)
+    painted = 8 * sd_dn * spot_image(FRAME, x_px, y_px, sigma_px)
     left = _compared(pair, seed, painted).difference_dn - plain.difference_dn
     smoothing_px = plain.filter_widths[0].width_px / sqrt(2)
     expected = painted.max() * sigma_px**2 / (sigma_px**2 + smoothing_px**2)

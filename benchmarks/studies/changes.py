@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
 from acquisition.bench import load_bench
@@ -27,10 +26,9 @@ from analysis.changes import (
 )
 from analysis.reports import png_bytes
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.truth.change_roc import Roc, plot_change_roc, roc_of
+from benchmarks.scoring import PixelScores, Roc, changed_and_clear, plot_change_roc, roc_of
 from calibration.registration import DistortedPose, register_images
 from hil_mocks.truth import BenchTruth
-from simulation.arrays import BoolArray
 from standoff.shipped_configs import shipped_config
 from tests.analysis.changed_scenes import (
     BenchPair,
@@ -52,48 +50,43 @@ TPR = (0.5, 0.8, 0.9)
 LENS_K1 = -0.01
 
 
+def _pair(
+    truth: BenchTruth,
+    target: str,
+    pose: dict[str, float],
+    seed: int,
+    *,
+    has_spots: bool = True,
+    frames: int | None = FRAMES_AVERAGED,
+) -> BenchPair:
+    spots = SPOTS if has_spots else SPOTS | {"contrast": 0.0}
+    followup = far_pose(truth, 1.5, **pose)
+    return bench_pair(truth, target, followup, seed=seed, frames_averaged=frames, **spots)
+
+
 def _found(truth: BenchTruth, pair: BenchPair) -> ChangeResult:
     options = ChangeOptions(noise=bench_noise(truth, FRAMES_AVERAGED))
     return changes_between(pair.reference, pair.followup, bench_psf(truth), options)
 
 
-def _parts(pair: BenchPair, result: ChangeResult) -> tuple[BoolArray, BoolArray]:
-    """Pixels in the core of a spot, and those that hold nothing of one."""
-    core = result.valid & (pair.change > 0.5 * pair.change.max())
-    clear = result.valid & (gaussian_filter(pair.change, 1.0) < 0.005 * pair.change.max())
-    return core, clear
-
-
 def _curves(record: Recorder, truth: BenchTruth, targets: tuple[str, ...]) -> dict[str, Roc]:
-    plain_in, plain_out, in_core, outside = [], [], [], []
+    scores = {"plain difference": PixelScores(), "this filter": PixelScores()}
     for number, target in enumerate(targets):
         for pose in POSES:
-            pair = bench_pair(
-                truth,
-                target,
-                far_pose(truth, 1.5, **pose),
-                seed=number,
-                frames_averaged=FRAMES_AVERAGED,
-                **SPOTS,
-            )
+            pair = _pair(truth, target, pose, number)
             result = _found(truth, pair)
-            core, clear = _parts(pair, result)
-            plain = np.abs(result.plain_difference_dn)
-            significance = np.abs(result.significance)
-            plain_in.append(plain[core])
-            plain_out.append(plain[clear])
-            in_core.append(significance[core])
-            outside.append(significance[clear])
-            own = roc_of(plain[core], plain[clear]), roc_of(significance[core], significance[clear])
+            core, clear = changed_and_clear(pair.change, result.valid)
+            own = []
+            maps = (result.plain_difference_dn, result.significance)
+            for total, score in zip(scores.values(), maps, strict=True):
+                total.add(np.abs(score), core, clear)
+                own.append(roc_of(total.inside[-1], total.outside[-1]))
             counts = "   ".join(
                 f"{100 * rate:.0f} %: {own[0].false_at(rate):6d} {own[1].false_at(rate):5d}"
                 for rate in TPR
             )
             record.say(f"  {target:8s} {'tilted' if pose else 'upright':8s} {counts}")
-    return {
-        "plain difference": roc_of(np.concatenate(plain_in), np.concatenate(plain_out)),
-        "this filter": roc_of(np.concatenate(in_core), np.concatenate(outside)),
-    }
+    return {name: total.roc() for name, total in scores.items()}
 
 
 def _false_alarms(
@@ -103,14 +96,7 @@ def _false_alarms(
     frames = 0
     for number, target in enumerate(targets):
         for turn, pose in enumerate(POSES):
-            clean = bench_pair(
-                truth,
-                target,
-                far_pose(truth, 1.5, **pose),
-                seed=number,
-                frames_averaged=None,
-                **(SPOTS | {"contrast": 0.0}),
-            )
+            clean = _pair(truth, target, pose, number, has_spots=False, frames=None)
             for draw in range(draws):
                 pair = with_noise_of(
                     truth,
@@ -139,8 +125,8 @@ def _false_alarms(
             f"false alarms a frame, stated {rate:g}",
             float(counts.mean()),
             "px",
-            peer="by a normal tail",
-            peer_value=float(plain.mean()),
+            "by a normal tail",
+            float(plain.mean()),
         )
         record.say(f"  stated {rate:6.2f}   {shown}   frames with any: {np.count_nonzero(counts)}")
 
@@ -151,14 +137,7 @@ def _through_a_lens(record: Recorder, truth: BenchTruth, targets: tuple[str, ...
     flagged, by_homography, frames = 0, 0, 0
     for number, target in enumerate(targets):
         for tilt in POSES:
-            pair = bench_pair(
-                truth,
-                target,
-                far_pose(truth, 1.5, **tilt),
-                seed=20000 + number,
-                frames_averaged=FRAMES_AVERAGED,
-                **(SPOTS | {"contrast": 0.0}),
-            )
+            pair = _pair(truth, target, tilt, 20000 + number, has_spots=False)
             flagged += int(_found(truth, pair).is_change.sum())
             matrix = register_images(pair.reference, pair.followup, psf).matrix
             pose = DistortedPose(
@@ -175,8 +154,8 @@ def _through_a_lens(record: Recorder, truth: BenchTruth, targets: tuple[str, ...
         f"false alarms a frame, stated 0.05, {100 * LENS_K1:g} % of distortion",
         flagged / frames,
         "px",
-        peer="a homography",
-        peer_value=by_homography / frames,
+        "a homography",
+        by_homography / frames,
     )
     record.say(
         f"{frames} frames through a lens with k1 {LENS_K1}, pixels flagged a frame: "
@@ -204,8 +183,8 @@ def main(record: Recorder, *, plot: Annotated[Path | None, "draw the ROC as PNG"
             f"false pixels at {100 * rate:.0f} % true positives, of {plain.negatives}",
             false_own,
             "px",
-            peer="the plain difference",
-            peer_value=false_plain,
+            "the plain difference",
+            false_plain,
         )
         record.say(
             f"all, {100 * rate:.0f} %: {false_plain} and {false_own} of "

@@ -35,11 +35,11 @@ from analysis.detectability import (
 )
 from analysis.pose import ViewingCamera, decide, limits_of_curve
 from benchmarks.harness import Recorder, benchmark
+from benchmarks.truth.edges import white_noise
 from benchmarks.truth.gaussian_scenes import GaussianScene, true_d_prime
 from calibration.blind import calibrate_from_distances
 from calibration.edges import EdgeImage
 from calibration.errors import PairError
-from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration, psf_of_images
 from simulation.arrays import FloatArray
 from standoff.library.detectability import known_errors
@@ -78,7 +78,7 @@ class _Condition:
 def _edges_of(condition: _Condition, rng: np.random.Generator) -> Iterator[EdgeImage]:
     """Four edges of each capture, all with the capture's focus; a closed form."""
     noise_dn = (LEVELS_DN[1] - LEVELS_DN[0]) / condition.snr
-    known = LevelNoise(offset_dn2=noise_dn**2, slope_dn=0.0, floor_dn2=noise_dn**2)
+    known = white_noise(noise_dn)
     at = np.arange(EDGE_PX) - (EDGE_PX - 1) / 2
     for capture in range(condition.captures):
         psf_px2 = PSF_PX2 + condition.scatter_px2 * rng.standard_normal()
@@ -104,7 +104,7 @@ def _calibrated(
         return psf, known_errors(psf)
     waves = SCENE.waves(rng)
     noise_dn = 2 * sqrt(sum(SCENE.variances_dn2)) / condition.snr
-    known = LevelNoise(offset_dn2=noise_dn**2, slope_dn=0.0, floor_dn2=noise_dn**2)
+    known = white_noise(noise_dn)
     pair = []
     for zoom, side_px in ((1.0, 300), (2.0, 158)):
         psf_px2 = PSF_PX2 + condition.scatter_px2 * rng.standard_normal()

@@ -8,14 +8,14 @@ below 1; of N edges the figure itself scatters by 1 / sqrt(2 N).
     python -m benchmarks.studies.edge_accuracy [--edges 2000] [--draws 200] [--quick]
 """
 
-from dataclasses import dataclass, field
 from math import hypot, sqrt
 from typing import Annotated
 
 import numpy as np
 
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.speed.edge_fit import exact_edge
+from benchmarks.scoring import Errors
+from benchmarks.truth.edges import exact_edge
 from calibration.edges import EdgeFit, find_edges, fit_edge
 from calibration.noise import LevelNoise
 from calibration.psf import fit_covariance
@@ -28,29 +28,12 @@ CONTRAST_DN = HIGH_DN - LOW_DN
 PIXEL_SIGMA_PX = sqrt(1 / 12)
 
 
-@dataclass
-class _Tally:
-    """Errors of one cell in units of their bound, and how often the interval held the truth."""
-
-    scaled: list[float] = field(default_factory=list)
-    relative: list[float] = field(default_factory=list)
-    held: int = 0
-    missed: int = 0
-
-    def add(self, error: float, claimed: float, bound: float, truth: float) -> None:
-        """Take in one measurement: its error, what it says of itself, and what was possible."""
-        self.scaled.append(error / bound)
-        self.relative.append(error / truth)
-        self.held += abs(error) <= 1.959964 * claimed
-
-    def line(self) -> str:
-        """Write bias, scatter, RMS over the bound, coverage and what was missed."""
-        n = len(self.scaled)
-        return (
-            f"{100 * np.mean(self.relative):8.3f} {100 * np.std(self.relative):9.3f}"
-            f" {np.sqrt(np.mean(np.square(self.scaled))):10.3f} {100 * self.held / n:9.1f}"
-            f" {self.missed:7d}"
-        )
+def _line(errors: Errors) -> str:
+    """Bias, scatter, RMS over the bound, coverage and what was missed."""
+    bias, scatter = 100 * np.mean(errors.relative), 100 * np.std(errors.relative)
+    return (
+        f"{bias:8.3f} {scatter:9.3f} {errors.rms:10.3f} {errors.coverage:9.1f} {errors.missed:7d}"
+    )
 
 
 def _only_fit(image: FloatArray, noise: LevelNoise | None = None) -> EdgeFit | None:
@@ -101,10 +84,10 @@ def _bound_px(truth: FloatArray, x: FloatArray, y: FloatArray, noise_dn: FloatAr
 
 def _noisy_cell(
     sigma_px: float, snr: float, edges: int, *, is_shot: bool = False, length_px: int = SIDE_PX
-) -> _Tally:
+) -> Errors:
     """Optical widths of edges at random angles and places in white noise, or in shot noise."""
     rng = np.random.default_rng([round(1000 * sigma_px), round(snr), length_px, is_shot])
-    tally = _Tally()
+    errors = Errors()
     y, x = np.mgrid[:length_px, :length_px] - (length_px - 1) / 2
     reach_px = 6 * hypot(sigma_px, PIXEL_SIGMA_PX) + 3
     mean_variance = (CONTRAST_DN / snr) ** 2
@@ -124,34 +107,32 @@ def _noisy_cell(
         image = clean + rng.standard_normal(clean.shape) * np.sqrt(variance)
         fit = _only_fit(image, line)
         if fit is None or fit.optical_sigma_px is None or fit.optical_sigma_err_px is None:
-            tally.missed += 1
+            errors.missed += 1
             continue
         distance = np.abs(np.cos(angle) * x + np.sin(angle) * y - offset)
         near = distance <= reach_px
         bound = _bound_px(truth, x[near], y[near], np.sqrt(variance[near]))
-        tally.add(fit.optical_sigma_px - sigma_px, fit.optical_sigma_err_px, bound, sigma_px)
-    return tally
+        errors.add(fit.optical_sigma_px, fit.optical_sigma_err_px, sigma_px, bound)
+    return errors
 
 
-def noise(record: Recorder, edges: int) -> None:
+def _noise(record: Recorder, edges: int) -> None:
     header = "  sigma   SNR  bias %  scatter %  rms/bound  in 95 %  missed"
     record.say(f"\noptical width of {edges} edges a line, found and fitted\n{header}")
     squares: list[float] = []
     for sigma_px in (0.5, 0.8, 1.5):
         for snr in (100.0, 30.0, 12.0):
-            tally = _noisy_cell(sigma_px, snr, edges)
-            squares += tally.scaled
-            rms = float(np.sqrt(np.mean(np.square(tally.scaled))))
-            record.figure(
-                f"error of sigma over its bound, {sigma_px} px, SNR {snr:g}", rms, "of the bound"
-            )
-            record.say(f"  {sigma_px:5.2f} {snr:5.0f}{tally.line()}")
+            errors = _noisy_cell(sigma_px, snr, edges)
+            squares += errors.scaled
+            name = f"error of sigma over its bound, {sigma_px} px, SNR {snr:g}"
+            record.figure(name, errors.rms, "of the bound")
+            record.say(f"  {sigma_px:5.2f} {snr:5.0f}{_line(errors)}")
     record.say(f"  over all cells: rms/bound {np.sqrt(np.mean(np.square(squares))):.3f}")
     record.say("shot noise, 15 times the variance on the bright side, line known")
-    record.say(f"  {0.8:5.2f} {30:5.0f}{_noisy_cell(0.8, 30.0, edges, is_shot=True).line()}")
+    record.say(f"  {0.8:5.2f} {30:5.0f}{_line(_noisy_cell(0.8, 30.0, edges, is_shot=True))}")
     record.say("faint and short")
-    record.say(f"  {0.8:5.2f} {6:5.0f}{_noisy_cell(0.8, 6.0, edges).line()}")
-    record.say(f"  {0.8:5.2f} {30:5.0f}{_noisy_cell(0.8, 30.0, edges, length_px=20).line()}  20 px")
+    record.say(f"  {0.8:5.2f} {6:5.0f}{_line(_noisy_cell(0.8, 6.0, edges))}")
+    record.say(f"  {0.8:5.2f} {30:5.0f}{_line(_noisy_cell(0.8, 30.0, edges, length_px=20))}  20 px")
 
 
 def _tilted_psf(record: Recorder, draws: int) -> None:
@@ -215,5 +196,5 @@ def main(
     draws: Annotated[int | None, "draws of the tilted PSF, 200 by default"] = None,
 ) -> None:
     _noise_free(record)
-    noise(record, edges or record.pick(2000, 100))
+    _noise(record, edges or record.pick(2000, 100))
     _tilted_psf(record, draws or record.pick(200, 10))

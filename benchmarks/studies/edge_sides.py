@@ -3,7 +3,7 @@
 Squares of 100 px behind a Gaussian lens, at angles of 0 to 45 degrees, at any place within a pixel
 and 18 to 60 px from the frame, where the frame cuts what lies beside the edge. Truth is a closed
 form: along the pixels products of error functions and their integrals (``square_along_pixels``),
-else their quadrature over the pixels (``edge_scenes``).
+else their quadrature over the pixels (``truth.edges``).
 
     python -m benchmarks.studies.edge_sides [--sides 4000] [--seed 500] [--quick]
 """

@@ -237,8 +237,8 @@ def _compare_errors(
                 f"median error of MTF50: {label}",
                 float(np.nanmedian(errors["spline"])),
                 "%",
-                peer="ISO 12233 by bins",
-                peer_value=float(np.nanmedian(errors["bins"])),
+                "ISO 12233 by bins",
+                float(np.nanmedian(errors["bins"])),
             )
 
 
@@ -269,9 +269,5 @@ def main(record: Recorder) -> None:
         peer_ms = 1e3 * best_s(lambda: _by_quick_mtf(image), seconds, time.thread_time)
         record.say(f"  quickMTF, whole image    {peer_ms:8.2f}")
     record.figure(
-        "e-SFR of one edge",
-        1e3 * own_s,
-        "ms",
-        peer=None if peer_ms is None else "quickMTF",
-        peer_value=peer_ms,
+        "e-SFR of one edge", 1e3 * own_s, "ms", None if peer_ms is None else "quickMTF", peer_ms
     )

@@ -21,7 +21,7 @@ import numpy as np
 from analysis.detectors import DetectorSpec, open_detector
 from analysis.evaluation.roc import auc_interval
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.peers.resamplers import HAS_PYBSM, pybsm
+from benchmarks.peers.zoom_outs import HAS_PYBSM, pybsm
 from benchmarks.studies.changes import bench_of
 from benchmarks.truth.lenses import gaussian
 from hil_mocks.truth import BenchTruth, CameraPose

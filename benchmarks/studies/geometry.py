@@ -14,7 +14,6 @@ from typing import Annotated
 
 import numpy as np
 
-from acquisition.bench import BenchConfig
 from benchmarks.harness import Recorder, benchmark
 from calibration.errors import RegistrationError
 from calibration.geometry import (
@@ -26,6 +25,7 @@ from calibration.geometry import (
 from calibration.registration import homography_pose, match_features, zoom_at_centre
 from hil_mocks.truth import BenchTruth, CameraPose
 from simulation.arrays import Float32Array, FloatArray
+from tests.hil_mocks.benches import bench_config
 
 FRAMES = 10
 TARGETS = ("astronaut", "brick", "gravel", "board")
@@ -51,29 +51,22 @@ def _draw_case(seed: int, width_px: int) -> _Case:
     target = TARGETS[seed % len(TARGETS)]
     shrink = WIDTH_PX / width_px
     k1 = float(rng.uniform(-0.02, 0.01))
-    config = BenchConfig.model_validate(
-        {
-            "camera": {
-                "driver": "simulated",
-                "pixel_format": "Mono12",
-                "exposure_us": EXPOSURE_US,
-                "gain_db": 0.0,
-                "frame_rate_hz": 60.0,
-            },
-            "stage": {"driver": "simulated", "limits_mm": [120.0, 620.0]},
-            "optics": {"focal_length_mm": 8.0, "pixel_pitch_um": PITCH_UM * shrink},
-            "simulated": {
-                "width_px": width_px,
-                "height_px": round(HEIGHT_PX / shrink),
-                "optical_sigma_x_px": 0.55,
-                "optical_sigma_y_px": 0.48,
-                "optical_rho": 0.15,
-                "corner_sigma_gain": 0.15,
-                "pupil_offset_mm": float(rng.uniform(-10, 30)),
-                "k1": k1,
-                "vignetting": 0.15,
-            },
-        }
+    config = bench_config(
+        camera__exposure_us=EXPOSURE_US,
+        camera__frame_rate_hz=60.0,
+        stage={"driver": "simulated", "limits_mm": [120.0, 620.0]},
+        optics__pixel_pitch_um=PITCH_UM * shrink,
+        simulated={
+            "width_px": width_px,
+            "height_px": round(HEIGHT_PX / shrink),
+            "optical_sigma_x_px": 0.55,
+            "optical_sigma_y_px": 0.48,
+            "optical_rho": 0.15,
+            "corner_sigma_gain": 0.15,
+            "pupil_offset_mm": float(rng.uniform(-10, 30)),
+            "k1": k1,
+            "vignetting": 0.15,
+        },
     )
     truth = BenchTruth(config)
     tilt = rng.uniform(-2, 2, 2)
@@ -209,8 +202,8 @@ def _compare(record: Recorder, cases: int, width_px: int) -> None:
             what,
             scale * float(np.median(own)),
             unit,
-            peer="homographies on SIFT, pair by pair",
-            peer_value=scale * float(np.nanmedian(peer)),
+            "homographies on SIFT, pair by pair",
+            scale * float(np.nanmedian(peer)),
         )
 
 

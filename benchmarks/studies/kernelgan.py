@@ -116,8 +116,8 @@ def _print_speed(record: Recorder, steps: int) -> None:
         "a training step at zoom 2",
         whole_s * 1e3,
         "ms",
-        peer="layer by layer",
-        peer_value=(rest_s + own_s["layer by layer"]) * 1e3,
+        "layer by layer",
+        (rest_s + own_s["layer by layer"]) * 1e3,
     )
     record.say(f"medians of {steps - 3} steps at zoom 2 on {SHAPE[1]} x {SHAPE[0]}")
     record.say("CPU time of the one thread, so that other programs count less")

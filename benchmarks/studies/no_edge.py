@@ -1,6 +1,6 @@
 """Regions without a straight edge that give a number all the same, and true edges that are refused.
 
-Neither comes from the measurement: see ``no_edge_scenes``. Thresholds were chosen on other seeds.
+Neither comes from the measurement: see ``truth.edges``. Thresholds were chosen on other seeds.
 *Before* is the same measurement without the flags that are meant for what is no edge. A true edge
 is one whose width comes within 10 % of the truth; others in its region are not on it.
 
@@ -96,8 +96,8 @@ def _cost(record: Recorder) -> None:
             f"measurement of one edge, sigma {sigma_px} px",
             with_s * 1e3,
             "ms",
-            peer="without the flags for what is no edge",
-            peer_value=without_s * 1e3,
+            "without the flags for what is no edge",
+            without_s * 1e3,
         )
         record.say(f"  {sigma_px:5.1f} {1e3 * with_s:8.3f} {1e3 * without_s:11.3f}")
 

@@ -141,8 +141,8 @@ def _compare(record: Recorder, python: str | None) -> None:
                     f"error of the {what}, two frames a level",
                     100 * abs(found / true - 1),
                     "%",
-                    peer=None if theirs is None else "emva1288",
-                    peer_value=None if theirs is None else 100 * abs(theirs / true - 1),
+                    None if theirs is None else "emva1288",
+                    None if theirs is None else 100 * abs(theirs / true - 1),
                 )
                 if theirs is not None:
                     record.say(

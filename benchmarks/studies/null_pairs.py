@@ -19,7 +19,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import isfinite, nan
 from pathlib import Path
@@ -30,7 +30,8 @@ import numpy as np
 
 import standoff
 from analysis.changes import describe_focus
-from benchmarks.harness import Recorder, Share, benchmark, outcomes, written
+from benchmarks.harness import Recorder, benchmark, outcomes, written
+from benchmarks.scoring import Share
 from benchmarks.truth.pictures import KINDS, NullPair, catalogue, null_pairs
 from standoff.errors import REPORTED_ERRORS
 
@@ -52,9 +53,9 @@ class _Row:
     kind: str
     picture: str
     genre: str
-    recipe: str
-    is_as_sharp: bool
-    true_gain: float
+    recipe: str = ""
+    is_as_sharp: bool = True
+    true_gain: float = 1.0
     refused: str = ""
     crashed: bool = False
     changes: int = 0
@@ -109,30 +110,32 @@ class _Row:
         )
 
 
+def _head(pair: NullPair) -> _Row:
+    picture = pair.picture
+    return _Row(
+        number=pair.number,
+        seed=pair.seed,
+        kind=pair.kind,
+        picture=picture.name,
+        genre=picture.genre,
+    )
+
+
 def _row_of(pair: NullPair, keep: Path | None) -> _Row:
     """Make a pair, compare its files, and note what is said."""
-    with TemporaryDirectory() as made_in:
-        folder = keep or Path(made_in)
-        made = pair.make(folder)
-        head = _Row(
-            number=pair.number,
-            seed=pair.seed,
-            kind=pair.kind,
-            picture=pair.picture.name,
-            genre=pair.picture.genre,
-            recipe=made.recipe,
-            is_as_sharp=made.is_as_sharp,
-            true_gain=made.gain,
+    with TemporaryDirectory() as made_in, warnings.catch_warnings():
+        made = pair.make(keep or Path(made_in))
+        head = replace(
+            _head(pair), recipe=made.recipe, is_as_sharp=made.is_as_sharp, true_gain=made.gain
         )
+        warnings.simplefilter("ignore")
         began_s = time.perf_counter()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                summary = standoff.find_changes(made.before, made.after).summary
-            except REPORTED_ERRORS as error:
-                seconds = time.perf_counter() - began_s
-                return _with(head, refused=" ".join(str(error).split()), seconds=seconds)
-        return _with(
+        try:
+            summary = standoff.find_changes(made.before, made.after).summary
+        except REPORTED_ERRORS as error:
+            seconds = time.perf_counter() - began_s
+            return replace(head, refused=" ".join(str(error).split()), seconds=seconds)
+        return replace(
             head,
             changes=len(summary.changes),
             moved=len(summary.moved),
@@ -151,10 +154,6 @@ def _row_of(pair: NullPair, keep: Path | None) -> _Row:
         )
 
 
-def _with(row: _Row, **values: float | str | bool) -> _Row:
-    return _Row(**(asdict(row) | values))
-
-
 def _rows_of(pairs: Sequence[NullPair], workers: int, keep: Path | None) -> Iterator[_Row]:
     """Rows in the pairs' order; what nobody foresaw is a row as well, and said on stderr."""
     for pair, outcome in outcomes(partial(_row_of, keep=keep), pairs, workers):
@@ -162,18 +161,8 @@ def _rows_of(pairs: Sequence[NullPair], workers: int, keep: Path | None) -> Iter
             yield outcome
             continue
         print(f"{pair.command}: {outcome!r}", file=sys.stderr, flush=True)
-        yield _Row(
-            number=pair.number,
-            seed=pair.seed,
-            kind=pair.kind,
-            picture=pair.picture.name,
-            genre=pair.picture.genre,
-            recipe="",
-            is_as_sharp=True,
-            true_gain=1.0,
-            refused=f"{type(outcome).__name__}: {outcome}",
-            crashed=True,
-        )
+        refused = f"{type(outcome).__name__}: {outcome}"
+        yield replace(_head(pair), refused=refused, crashed=True)
 
 
 def _mean_px(rows: Sequence[_Row]) -> tuple[float, float, float]:
@@ -218,7 +207,7 @@ def _line(record: Recorder, name: str, rows: Sequence[_Row]) -> None:
         f"{blur_off!s:>20s}  {as_sharp!s:>20s}"
     )
     record.figure(f"pairs with an entry, {name}", any_entry.percent, "%")
-    record.figure(f"false pixels a frame, {name}", mean, "px", peer="as stated", peer_value=stated)
+    record.figure(f"false pixels a frame, {name}", mean, "px", "as stated", stated)
     if lit:
         record.figure(f"light said to differ, {name}", gain_off.percent, "%")
     if sharp:
@@ -245,7 +234,11 @@ def _tell(record: Recorder, rows: Sequence[_Row]) -> None:
         record.say(f"{crashed} pairs ended in an error that is no refusal")
     record.say(f"\nthe worst {WORST}")
     bad = [row for row in rows if row.crashed or row.entries]
-    for row in sorted(bad, key=_badness, reverse=True)[:WORST]:
+    bad.sort(
+        key=lambda row: (row.crashed, row.entries, row.false_px if isfinite(row.false_px) else 0.0),
+        reverse=True,
+    )
+    for row in bad[:WORST]:
         sign = " ".join(
             part
             for part, is_so in (
@@ -261,10 +254,6 @@ def _tell(record: Recorder, rows: Sequence[_Row]) -> None:
             f"  {row.changes} + {row.moved} entries, {row.false_px:.0f} px {sign}\n"
             f"    {row.recipe}\n    {row.command}"
         )
-
-
-def _badness(row: _Row) -> tuple[bool, int, float]:
-    return row.crashed, row.entries, row.false_px if isfinite(row.false_px) else 0.0
 
 
 def _without_names(text: str) -> str:

@@ -11,7 +11,6 @@ refuses has none of them.
         [--null-pairs N] [--thing-pairs N] [--seed N]
 """
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,9 +20,10 @@ from typing import Annotated
 
 import numpy as np
 
-from benchmarks.harness import Recorder, Share, benchmark
+from benchmarks.harness import Recorder, benchmark, real_data
 from benchmarks.peers.listers import LISTERS, OURS, Entry
 from benchmarks.peers.program import PeerError
+from benchmarks.scoring import Share
 from benchmarks.studies.things import assigned
 from benchmarks.truth.pictures import KINDS, Picture, catalogue, null_pairs
 from benchmarks.truth.things import suitable, thing_pair
@@ -194,16 +194,8 @@ def _figures(record: Recorder, sort: str, name: str, unit: str, values: dict[str
     for peer, value in values.items():
         if peer != OURS:
             record.figure(
-                f"{sort}: {name}",
-                values[OURS],
-                unit,
-                peer=peer,
-                peer_value=None if np.isnan(value) else value,
+                f"{sort}: {name}", values[OURS], unit, peer, None if np.isnan(value) else value
             )
-
-
-def _asked(number: int | None, otherwise: int) -> int:
-    return otherwise if number is None else number
 
 
 @benchmark("numpy", "scipy", "numba", "opencv-contrib-python-headless", "scikit-image")
@@ -220,16 +212,16 @@ def main(
         for reason in shelf.left_out:
             record.say(f"left out, {reason}")
         tallies = dict[str, dict[str, _Tally]]()
-        nulls = _asked(null_pairs, record.pick(NULL_PAIRS, QUICK_NULL_PAIRS))
+        nulls = record.pick(NULL_PAIRS, QUICK_NULL_PAIRS) if null_pairs is None else null_pairs
         for case in _null_cases(shelf.pictures, nulls, seed, folder):
             _count_case(tallies, case)
-        things = _asked(thing_pairs, record.pick(THING_PAIRS, QUICK_THING_PAIRS))
+        things = record.pick(THING_PAIRS, QUICK_THING_PAIRS) if thing_pairs is None else thing_pairs
         for case in _thing_cases(suitable(shelf.pictures), things, seed, folder):
             _count_case(tallies, case)
-        real = os.environ.get("STANDOFF_REAL_DATA")
-        if real is None or not Path(real, "null_pairs").is_dir():
+        boards = real_data("null_pairs")
+        if boards is None:
             record.say("STANDOFF_REAL_DATA does not name a folder with null_pairs: no boards")
         else:
-            for case in _real_cases(Path(real, "null_pairs")):
+            for case in _real_cases(boards):
                 _count_case(tallies, case)
         _tell(record, tallies)

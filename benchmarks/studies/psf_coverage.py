@@ -26,9 +26,8 @@ from numpy.typing import NDArray
 
 from acquisition.bench import load_bench
 from benchmarks.harness import Recorder, benchmark
-from benchmarks.truth.edges import Rectangle, patches
+from benchmarks.truth.edges import Rectangle, patches, white_noise
 from calibration.edges import EdgeImage, edges_of_image
-from calibration.noise import LevelNoise
 from calibration.psf import PsfCalibration, PsfEstimates, psf_of_images
 from hil_mocks.truth import BenchTruth, CameraPose, Edge, Placed
 from simulation.arrays import BoolArray, FloatArray
@@ -74,7 +73,7 @@ def photographed(shot: Shot, rng: np.random.Generator) -> EdgeImage:
     ]
     image = patches((2 * reach, 4 * reach), squares, GROUND_DN, sqrt(shot.lens_px2))
     noise_dn = CONTRAST_DN / shot.snr
-    known = LevelNoise(offset_dn2=noise_dn**2, slope_dn=0.0, floor_dn2=noise_dn**2)
+    known = white_noise(noise_dn)
     return EdgeImage(
         name=f"capture {shot.capture}",
         image_dn=image + rng.normal(0.0, noise_dn, image.shape),
@@ -230,9 +229,7 @@ def _on_the_bench(record: Recorder, draws: int) -> None:
                     image_dn=GROUND_DN * view + rng.normal(0.0, BENCH_NOISE_DN, view.shape),
                     capture=k,
                     height_mm=height_mm,
-                    noise=LevelNoise(
-                        offset_dn2=BENCH_NOISE_DN**2, slope_dn=0.0, floor_dn2=BENCH_NOISE_DN**2
-                    ),
+                    noise=white_noise(BENCH_NOISE_DN),
                 )
                 for k, height_mm, view in views
             )

@@ -13,7 +13,6 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 
-from acquisition.bench import BenchConfig
 from benchmarks.harness import Recorder, benchmark
 from hil_mocks.truth.bench_truth import BenchTruth
 from hil_mocks.truth.render import CameraPose
@@ -26,6 +25,7 @@ from simulation.uncertainty import (
     pixel_uncertainty,
     principal_steps,
 )
+from tests.hil_mocks.benches import bench_config
 from tests.simulation.poses import tilted
 from tests.simulation.wave_scene import WaveScene
 
@@ -147,30 +147,13 @@ def _over_pixels(variance_px2: float) -> Psf:
 def _truth(optical_px2: float) -> BenchTruth:
     sigma_px = sqrt(optical_px2)
     return BenchTruth(
-        BenchConfig.model_validate(
-            {
-                "camera": {
-                    "driver": "simulated",
-                    "pixel_format": "Mono12",
-                    "exposure_us": EXPOSURE_US,
-                    "gain_db": 0.0,
-                    "frame_rate_hz": 50.0,
-                },
-                "stage": {
-                    "driver": "simulated",
-                    "limits_mm": [10.0, 800.0],
-                    "feed_mm_per_min": 1200.0,
-                    "settle_s": 0.5,
-                },
-                "optics": {"focal_length_mm": 8.0, "pixel_pitch_um": 20.0},
-                "simulated": {
-                    "width_px": BENCH_SIZE[0],
-                    "height_px": BENCH_SIZE[1],
-                    "full_well_e": 30000.0,
-                    "optical_sigma_x_px": sigma_px,
-                    "optical_sigma_y_px": sigma_px,
-                },
-            }
+        bench_config(
+            stage__limits_mm=[10.0, 800.0],
+            optics__pixel_pitch_um=20.0,
+            simulated__width_px=BENCH_SIZE[0],
+            simulated__height_px=BENCH_SIZE[1],
+            simulated__optical_sigma_x_px=sigma_px,
+            simulated__optical_sigma_y_px=sigma_px,
         )
     )
 

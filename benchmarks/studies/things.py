@@ -17,7 +17,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from math import ceil, hypot, isfinite, nan
@@ -29,9 +29,10 @@ import cv2
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from benchmarks.harness import Recorder, Share, benchmark, outcomes, written
+from benchmarks.harness import Recorder, benchmark, outcomes, written
 from benchmarks.peers.listers import Entry, standoff_changes
 from benchmarks.peers.program import PeerError
+from benchmarks.scoring import Share
 from benchmarks.truth.pictures import Picture, catalogue
 from benchmarks.truth.things import (
     GROUNDS,
@@ -57,16 +58,16 @@ class _Row:
 
     number: int
     seed: int
-    recipe: str
-    pose: str
-    happening: str
-    ground: str
-    way: str
-    size_px: float
-    contrast_dn: float
-    shift_px: float
-    x_px: float
-    y_px: float
+    recipe: str = ""
+    pose: str = ""
+    happening: str = ""
+    ground: str = ""
+    way: str = ""
+    size_px: float = nan
+    contrast_dn: float = nan
+    shift_px: float = nan
+    x_px: float = nan
+    y_px: float = nan
     refused: str = ""
     crashed: bool = False
     changes: int = 0
@@ -115,29 +116,25 @@ def _rows_of_pair(
             refused = str(error)
         seconds = time.perf_counter() - began_s
     owners = assigned(pair, entries)
-    alone = [entry for entry, owner in zip(entries, owners, strict=True) if owner is None]
-    rows = list[_Row]()
-    for place, thing in enumerate(pair.things):
-        own = [entry for entry, owner in zip(entries, owners, strict=True) if owner == place]
-        rows.append(
-            _row(
-                pair,
-                thing,
-                own,
-                number=number,
-                seed=seed,
-                refused=refused,
-                is_first=place == 0,
-                changes_on_nothing=sum(not one.is_moved for one in alone) * (place == 0),
-                moved_on_nothing=sum(one.is_moved for one in alone) * (place == 0),
-                faint=pair.faint * (place == 0),
-                seconds=seconds,
-            )
+
+    def entries_of(owner: int | None) -> list[Entry]:
+        return [entry for entry, of in zip(entries, owners, strict=True) if of == owner]
+
+    alone = entries_of(None)
+    head = _Row(number=number, seed=seed, refused=refused, recipe=pair.recipe, seconds=seconds)
+    rows = [_row(pair, thing, entries_of(n), head) for n, thing in enumerate(pair.things)]
+    if rows:
+        rows[0] = replace(
+            rows[0],
+            is_first=True,
+            changes_on_nothing=sum(not one.is_moved for one in alone),
+            moved_on_nothing=sum(one.is_moved for one in alone),
+            faint=pair.faint,
         )
     return rows
 
 
-def _row(pair: ThingPair, thing: Thing, own: Sequence[Entry], **values: float | str | bool) -> _Row:
+def _row(pair: ThingPair, thing: Thing, own: Sequence[Entry], head: _Row) -> _Row:
     rows, cols = np.nonzero(thing.outlines)
     shifts = [entry.shift_px for entry in own if entry.shift_px is not None]
     off = nan
@@ -145,25 +142,24 @@ def _row(pair: ThingPair, thing: Thing, own: Sequence[Entry], **values: float | 
         right, down = shift_in_followup(pair, thing)
         off = min(hypot(x - right, y - down) for x, y in shifts)
     words = ["moved" if entry.is_moved else entry.what for entry in own if entry.what is not None]
-    kept: dict[str, float | str | bool] = {
-        "recipe": pair.recipe,
-        "pose": "one pose" if pair.pose is None else "another pose",
-        "happening": thing.happening,
-        "ground": thing.ground,
-        "way": thing.way,
-        "size_px": thing.size_px,
-        "contrast_dn": thing.contrast_dn,
-        "shift_px": hypot(*thing.shift_px),
-        "x_px": float(cols.mean()),
-        "y_px": float(rows.mean()),
-        "changes": sum(not entry.is_moved for entry in own),
-        "moved": sum(entry.is_moved for entry in own),
-        "parts": sum(entry.parts for entry in own),
-        "said": len(words),
-        "said_right": words.count(WORDS[thing.happening]),
-        "shift_off_px": off,
-    }
-    return _Row(**(kept | values))  # type: ignore[arg-type]
+    return replace(
+        head,
+        pose="one pose" if pair.pose is None else "another pose",
+        happening=thing.happening,
+        ground=thing.ground,
+        way=thing.way,
+        size_px=thing.size_px,
+        contrast_dn=thing.contrast_dn,
+        shift_px=hypot(*thing.shift_px),
+        x_px=float(cols.mean()),
+        y_px=float(rows.mean()),
+        changes=sum(not entry.is_moved for entry in own),
+        moved=sum(entry.is_moved for entry in own),
+        parts=sum(entry.parts for entry in own),
+        said=len(words),
+        said_right=words.count(WORDS[thing.happening]),
+        shift_off_px=off,
+    )
 
 
 def _draw(pair: ThingPair, folder: Path) -> None:
@@ -178,11 +174,8 @@ def _draw(pair: ThingPair, folder: Path) -> None:
 def _crashed(number: int, seed: int, error: BaseException) -> _Row:
     """Row of an error that nobody foresaw, which is said on stderr."""
     print(f"--seed {seed} --only {number}: {error!r}", file=sys.stderr, flush=True)
-    return _Row(
-        number=number, seed=seed, recipe="", pose="", happening="", ground="", way="",
-        size_px=nan, contrast_dn=nan, shift_px=nan, x_px=nan, y_px=nan,
-        refused=f"{type(error).__name__}: {error}", crashed=True,
-    )  # fmt: skip
+    refused = f"{type(error).__name__}: {error}"
+    return _Row(number=number, seed=seed, refused=refused, crashed=True)
 
 
 def _tell(record: Recorder, rows: Sequence[_Row]) -> None:

@@ -89,9 +89,7 @@ def _errors(record: Recorder) -> None:
             error = float(np.abs(found.otf(fx, fy) - truth).max())
             peer = float(np.abs(_gaussian_otf(edges, fx, fy) - truth).max())
             record.say(f"  {name:18} {found.form:9} {error:.5f}   Gaussian and pixel {peer:.5f}")
-            record.figure(
-                f"error at SNR {snr:g}, {name}", error, "1", peer="Gaussian", peer_value=peer
-            )
+            record.figure(f"error at SNR {snr:g}, {name}", error, "1", "Gaussian", peer)
 
 
 def _bias(record: Recorder, draws: int) -> None:
@@ -112,7 +110,7 @@ def _bias(record: Recorder, draws: int) -> None:
             smoothed.append(np.mean(curves) - np.mean(truth))
         ours, peer = abs(float(np.mean(fitted))), abs(float(np.mean(smoothed)))
         record.say(f"  SNR {snr:g}: {ours:.5f}, e-SFR {peer:.5f}")
-        record.figure(f"bias at SNR {snr:g}", ours, "1", peer="e-SFR", peer_value=peer)
+        record.figure(f"bias at SNR {snr:g}", ours, "1", "e-SFR", peer)
 
 
 def _coverage(record: Recorder, draws: int) -> None:
@@ -173,9 +171,7 @@ def _charts(record: Recorder, tilts: str, draws: int) -> None:
             f"  {name:26} {on_axes:.4f} along the axes, {anywhere:.4f} between them; Gaussian "
             f"{peers:.4f}; {100 * shares[-1]:.1f} % of {np.size(inside)} intervals hold the truth"
         )
-        record.figure(
-            f"error of a chart {tilts}, {name}", anywhere, "1", peer="Gaussian", peer_value=peers
-        )
+        record.figure(f"error of a chart {tilts}, {name}", anywhere, "1", "Gaussian", peers)
     record.figure(f"95 % band of charts {tilts}", float(100 * np.mean(shares)), "%")
 
 

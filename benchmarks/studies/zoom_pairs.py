@@ -12,10 +12,8 @@ mask that cameras apply to their JPEGs. Photographs are read as they are, gamma 
 exits 0 with a remark where the folder is not named, and with the bounds that are broken, if any.
 """
 
-import os
 import sys
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
 from math import pi
@@ -34,7 +32,7 @@ from analysis.validation import (
     mean_metrics,
     process_for_comparison,
 )
-from benchmarks.harness import Recorder, benchmark
+from benchmarks.harness import Recorder, benchmark, real_data
 from simulation import GaussianPsf, Model, zoom_out_image
 from simulation.arrays import FloatArray, FloatImage
 
@@ -43,7 +41,8 @@ ZOOMS = {"nikon": 2.9, "iphone": 2.4}
 
 MODELS: tuple[Model, ...] = ("bicubic", "paper", "matched", "lmmse")
 DEFAULT: Model = signature(zoom_out_image).parameters["model"].default
-METRICS = ("correlation", "mse_dn2", "nmi", "psnr_db", "ssim")
+METRICS = {"correlation": 1, "mse_dn2": -1, "nmi": 1, "psnr_db": 1, "ssim": 1}
+"""With -1 where less is better."""
 MSE_MOST = 1.02
 """Of the default model's mean squared error, over that of the paper's model."""
 
@@ -129,15 +128,15 @@ def _as_published(followup: FloatImage, zoom: float, shape: tuple[int, ...]) -> 
 
 def _judge_cameras(record: Recorder) -> None:
     """Print Table II of every camera."""
-    folder = os.environ.get("STANDOFF_REAL_DATA")
+    folder = real_data("zoom_pairs")
     if folder is None:
         record.say("STANDOFF_REAL_DATA does not name a folder of real photographs: nothing to do")
         return
     cameras: dict[str, list[_Pair]] = defaultdict(list)
-    for pair in _read_pairs(Path(folder) / "zoom_pairs"):
+    for pair in _read_pairs(folder):
         cameras[pair.camera].append(pair)
     if not cameras:
-        sys.exit(f"{folder}/zoom_pairs contains no photographs")
+        sys.exit(f"{folder} contains no photographs")
     failures = [
         broken
         for camera, pairs in cameras.items()
@@ -168,14 +167,14 @@ def _print_camera(record: Recorder, camera: str, pairs: list[_Pair]) -> list[str
             f"MSE of {model}, {camera}",
             mean.mse_dn2,
             "DN^2",
-            peer="the paper's model",
-            peer_value=means["paper"].mse_dn2,
+            "the paper's model",
+            means["paper"].mse_dn2,
         )
     broken = [
         f"{camera}: {model} does not beat bicubic in {name}"
         for model in ("paper", DEFAULT)
-        for name in METRICS
-        if not _is_better(name, getattr(means[model], name), getattr(means["bicubic"], name))
+        for name, sign in METRICS.items()
+        if not sign * getattr(means[model], name) > sign * getattr(means["bicubic"], name)
     ]
     ratio = means[DEFAULT].mse_dn2 / means["paper"].mse_dn2
     if ratio > MSE_MOST:
@@ -183,20 +182,19 @@ def _print_camera(record: Recorder, camera: str, pairs: list[_Pair]) -> list[str
     return broken
 
 
-def _is_better(metric: str, one: float, other: float) -> bool:
-    """Whether a value of a metric is better than another; of the error less is."""
-    return one < other if metric == "mse_dn2" else one > other
-
-
 def _fitted_psf(model: Model, pairs: list[_Pair]) -> GaussianPsf | _SharpenedPsf | None:
     """PSF with which a model has the least mean squared error on the pairs; None for bicubic."""
     if model == "bicubic":
         return None
     targets = [process_for_comparison(pair.far) for pair in pairs]
-    psf_of: Callable[[FloatArray], GaussianPsf | _SharpenedPsf] = _sharpened
-    start: tuple[float, ...] = SHARPENED_START
-    if model == "paper":
-        psf_of, start = _axis_aligned, GAUSSIAN_START_PX
+    start = GAUSSIAN_START_PX if model == "paper" else SHARPENED_START
+
+    def psf_of(values: FloatArray) -> GaussianPsf | _SharpenedPsf:
+        if model == "paper":
+            x_px, y_px = values.tolist()
+            return GaussianPsf(sigma_x_px=x_px, sigma_y_px=y_px)
+        sigma_px, amount, radius_px = values.tolist()
+        return _SharpenedPsf(sigma_px=sigma_px, amount=amount, radius_px=radius_px)
 
     def error(logs: FloatArray) -> float:
         psf = psf_of(np.exp(logs))
@@ -215,16 +213,6 @@ def _fitted_psf(model: Model, pairs: list[_Pair]) -> GaussianPsf | _SharpenedPsf
         options={"xatol": 0.01, "fatol": 0.01, "maxiter": FIT_STEPS, "initial_simplex": simplex},
     )
     return psf_of(np.exp(found.x))
-
-
-def _axis_aligned(values: FloatArray) -> GaussianPsf:
-    x_px, y_px = values.tolist()
-    return GaussianPsf(sigma_x_px=x_px, sigma_y_px=y_px)
-
-
-def _sharpened(values: FloatArray) -> _SharpenedPsf:
-    sigma_px, amount, radius_px = values.tolist()
-    return _SharpenedPsf(sigma_px=sigma_px, amount=amount, radius_px=radius_px)
 
 
 def _read_pairs(folder: Path) -> list[_Pair]:

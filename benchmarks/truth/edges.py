@@ -16,8 +16,8 @@ from PIL import Image
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from benchmarks.speed.edge_fit import exact_edge
 from calibration.edges import EdgeImage, JpegCompression
+from calibration.noise import LevelNoise
 from hil_mocks import BenchTruth
 from simulation.arrays import FloatArray
 from tests.hil_mocks.benches import bench_config
@@ -81,6 +81,11 @@ def pixel_means(scene: Scene, x: FloatArray, y: FloatArray) -> FloatArray:
         for dy, wy in zip(NODES / 2, WEIGHTS / 2, strict=True):
             total += wx * wy * scene(x + dx, y + dy)
     return total
+
+
+def white_noise(noise_dn: float) -> LevelNoise:
+    """White noise as it is known of a source."""
+    return LevelNoise(offset_dn2=noise_dn**2, slope_dn=0.0, floor_dn2=noise_dn**2)
 
 
 def _both(first: FloatArray, second: FloatArray, between_rad: float) -> FloatArray:
@@ -180,6 +185,20 @@ def gaussian_mtf50(sigma_px: float, normal_rad: float) -> float:
         return float(lens * np.sinc(freq * c) * np.sinc(freq * s) - 0.5)
 
     return float(brentq(above_half, 1e-6, 1.0))
+
+
+def exact_edge(parameters: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Level of pixels at (x, y); angle, offset, curvature, log sigma, low, high."""
+    angle, offset, curvature, log_sigma, low, high = parameters
+    c, s, sigma = np.cos(angle), np.sin(angle), np.exp(log_sigma)
+    d = c * x + s * y - offset - curvature * (-s * x + c * y) ** 2
+    a, b = max(abs(c), 1e-3), max(abs(s), 1e-3)
+    unit = np.zeros_like(d)
+    for sign, shift in ((1, a + b), (-1, a - b), (-1, b - a), (1, -a - b)):
+        u = d + shift / 2
+        gauss = np.exp(-0.5 * (u / sigma) ** 2) / np.sqrt(2 * np.pi)
+        unit += sign * ((u**2 + sigma**2) * ndtr(u / sigma) + u * sigma * gauss) / 2
+    return np.asarray(low + (high - low) * unit / (a * b))
 
 
 NOTHING_STRAIGHT = (

@@ -7,7 +7,7 @@ the camera's transfer function and summed at the pixels. Shares nothing with ``s
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from math import exp, hypot, log, pi
+from math import exp, log, pi
 from typing import Self
 
 import numpy as np
@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import map_coordinates
 
 from benchmarks.truth.lenses import Camera, Transfer, elsewhere
-from benchmarks.truth.pairs import plane_rays
+from benchmarks.truth.pairs import PairPose
 from simulation.arrays import FloatArray
 
 LEVELS_DN = (20, 235)
@@ -243,30 +243,16 @@ def _folded(half_plane: FloatArray, side_px: int) -> FloatArray:
     return np.asarray(base[np.arange(rows) % side_px][:, np.arange(half) % side_px])
 
 
-FOCAL_PX_PER_WIDTH = 1.24
-"""Of the bench's camera at a focal length of 8 mm."""
-
 _NODES = 5
 """Chebyshev nodes per axis, at which the local transfer function is exact: a test has the error."""
 
 _DIFFERENCE_PX = 1e-3
-_DISTORTION_STEPS = 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pose:
-    """A camera that looks at the middle of a plane from another distance and direction.
+class Pose(PairPose):
+    """A camera that looks at the middle of a plane; both frames are square."""
 
-    ``zoom`` is the ratio of the distances; the camera is tilted towards the bearing and turned
-    about its axis, both in degrees. ``distortion_k1`` is the relative radial distortion at the
-    corner of the reference, whose frame is square; negative is barrel.
-    """
-
-    zoom: float
-    tilt_deg: float = 0.0
-    bearing_deg: float = 0.0
-    turn_deg: float = 0.0
-    distortion_k1: float = 0.0
     reference_side: int
     followup_side: int
 
@@ -280,33 +266,20 @@ class Pose:
     @property
     def homography(self) -> FloatArray:
         """Follow-up pixel (x, y, 1) to reference pixel, both without distortion, shape (3, 3)."""
-        rays = plane_rays(self.zoom, self.tilt_deg, self.bearing_deg, self.turn_deg)
-        focal = FOCAL_PX_PER_WIDTH * self.reference_side
-        seen, shown = (self.reference_side - 1) / 2, (self.followup_side - 1) / 2
-        to_reference = np.array([[focal, 0, seen], [0, focal, seen], [0, 0, 1]])
-        to_followup = np.array([[focal, 0, shown], [0, focal, shown], [0, 0, 1]])
-        return np.asarray(to_reference @ rays @ np.linalg.inv(to_followup))
+        aside = np.eye(3)
+        aside[:2, 2] = (self.reference_side - self.followup_side) / 2
+        return np.asarray(self.matrix((self.reference_side,) * 2) @ aside)
 
-    def positions(self, x_px: FloatArray, y_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def seen(self, x_px: FloatArray, y_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Reference positions (x, y) of follow-up positions."""
-        seen, shown = (self.reference_side - 1) / 2, (self.followup_side - 1) / 2
-        k1 = self.distortion_k1 / hypot(seen, seen) ** 2
-        x, y = x_px - shown, y_px - shown
-        ideal_x, ideal_y = x, y
-        for _ in range(_DISTORTION_STEPS):  # a contraction by some 3 k1
-            factor = 1 + k1 * (ideal_x * ideal_x + ideal_y * ideal_y)
-            ideal_x, ideal_y = x / factor, y / factor
-        far = np.stack([ideal_x + shown, ideal_y + shown, np.ones_like(ideal_x)], axis=-1)
-        u, v, w = np.moveaxis(far @ self.homography.T, -1, 0)
-        u, v = u / w - seen, v / w - seen
-        factor = 1 + k1 * (u * u + v * v)
-        return u * factor + seen, v * factor + seen
+        aside = (self.reference_side - self.followup_side) / 2
+        return self.positions(x_px + aside, y_px + aside, (self.reference_side,) * 2)
 
     def jacobian(self, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
         """Derivative of the reference position, shape (..., 2, 2), order (x, y)."""
         h = _DIFFERENCE_PX
-        along_x = np.subtract(self.positions(x_px + h, y_px), self.positions(x_px - h, y_px))
-        along_y = np.subtract(self.positions(x_px, y_px + h), self.positions(x_px, y_px - h))
+        along_x = np.subtract(self.seen(x_px + h, y_px), self.seen(x_px - h, y_px))
+        along_y = np.subtract(self.seen(x_px, y_px + h), self.seen(x_px, y_px - h))
         columns = np.stack([along_x, along_y], axis=-1) / (2 * h)
         return np.moveaxis(columns, 0, -2)
 
@@ -318,7 +291,7 @@ class Pose:
 
     def judged(self, margin_px: float) -> np.ndarray:
         """Pixels that look at the reference's middle and are the coarser ones in all directions."""
-        x, y = self.positions(*self.pixels)
+        x, y = self.seen(*self.pixels)
         last = self.reference_side - 1 - margin_px
         inside = (x >= margin_px) & (x <= last) & (y >= margin_px) & (y <= last)
         return inside & (np.linalg.svd(self.jacobian(*self.pixels))[1][..., 1] >= 1)
@@ -345,7 +318,7 @@ def _blended(
     nodes = (pose.followup_side - 1) / 2 + half * np.cos(pi * (np.arange(_NODES) + 0.5) / _NODES)
     pixels = np.arange(pose.followup_side, dtype=np.float64)
     weights = _lagrange(nodes, pixels)
-    x, y = pose.positions(*pose.pixels)
+    x, y = pose.seen(*pose.pixels)
     total = np.zeros_like(x)
     for row, node_y in enumerate(nodes):
         for col, node_x in enumerate(nodes):

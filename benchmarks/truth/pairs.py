@@ -16,7 +16,7 @@ import scipy.fft
 
 from benchmarks.truth.lenses import Camera, gaussian
 from calibration.registration import DistortedPose
-from hil_mocks.truth.images import spline_at
+from hil_mocks.truth import distort, leaning_rotation, plane_rays, spline_at, undistort
 from simulation.arrays import BoolArray, Float32Array, FloatArray
 
 SAMPLES_PER_PX = 4
@@ -193,7 +193,6 @@ SCENES: dict[str, Painter] = {
 
 _FOCAL_PER_WIDTH = 1.24
 _MARGIN_PX = 8
-_DISTORTION_STEPS = 30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,10 +211,21 @@ class PairPose:
     shift: tuple[float, float] = (0.0, 0.0)
     distortion_k1: float = 0.0
 
+    @property
+    def rays(self) -> FloatArray:
+        """Rays that meet the plane, which is 1 from the reference's camera, shape (3, 3)."""
+        rotation = leaning_rotation(self.tilt_deg, self.bearing_deg, self.turn_deg)
+        return plane_rays(rotation, np.array([0.0, 0.0, 1.0]) - self.zoom * rotation[:, 2])
+
+    def shown(self, x_px: FloatArray, y_px: FloatArray, frame: tuple[int, int]) -> BoolArray:
+        """Whether the reference shows what lies at follow-up positions."""
+        (rows, cols), (x, y) = frame, self.positions(x_px, y_px, frame)
+        return np.asarray((x >= 0) & (x <= cols - 1) & (y >= 0) & (y <= rows - 1))
+
     def matrix(self, frame: tuple[int, int]) -> FloatArray:
         """Ideal follow-up pixel ``(x, y, 1)`` to ideal reference pixel, shape (3, 3)."""
         rows, cols = frame
-        rays = plane_rays(self.zoom, self.tilt_deg, self.bearing_deg, self.turn_deg)
+        rays = self.rays
         focal = _FOCAL_PER_WIDTH * cols
         x, y = (cols - 1) / 2, (rows - 1) / 2
         lens = np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
@@ -239,7 +249,7 @@ class PairPose:
         """Reference positions (x, y) of follow-up positions, as photographed."""
         x, y = self.ideal_positions(x_px, y_px, frame)
         u, v, w = np.tensordot(self.matrix(frame), np.stack([x, y, np.ones_like(x)]), axes=1)
-        return self._seen(u / w, v / w, frame)
+        return self._moved(u / w, v / w, frame, distort)
 
     def ideal_positions(
         self, x_px: FloatArray, y_px: FloatArray, frame: tuple[int, int]
@@ -247,21 +257,20 @@ class PairPose:
         """Positions (x, y) that a lens without distortion would have shown."""
         if self.distortion_k1 == 0:
             return x_px, y_px
-        middle_y, middle_x = ((n - 1) / 2 for n in frame)
-        k1 = self.distortion_k1 / hypot(middle_x, middle_y) ** 2
-        x, y = x_px - middle_x, y_px - middle_y
-        ideal_x, ideal_y = x, y
-        for _ in range(_DISTORTION_STEPS):  # a contraction by some 3 k1
-            factor = 1 + k1 * (ideal_x * ideal_x + ideal_y * ideal_y)
-            ideal_x, ideal_y = x / factor, y / factor
-        return ideal_x + middle_x, ideal_y + middle_y
+        return self._moved(x_px, y_px, frame, undistort)
 
-    def _seen(
-        self, x_px: FloatArray, y_px: FloatArray, frame: tuple[int, int]
+    def _moved(
+        self,
+        x_px: FloatArray,
+        y_px: FloatArray,
+        frame: tuple[int, int],
+        move: Callable[[FloatArray, float], FloatArray],
     ) -> tuple[FloatArray, FloatArray]:
+        """Positions whose radius, 1 at the frame's corner, is distorted or not."""
         middle_y, middle_x = ((n - 1) / 2 for n in frame)
         x, y = x_px - middle_x, y_px - middle_y
-        factor = 1 + self.distortion_k1 / hypot(middle_x, middle_y) ** 2 * (x * x + y * y)
+        radius = np.hypot(x, y) / hypot(middle_x, middle_y) + np.finfo(np.float64).tiny
+        factor = move(radius, self.distortion_k1) / radius
         return x * factor + middle_x, y * factor + middle_y
 
 
@@ -273,6 +282,12 @@ class Spot:
     y_px: float
     sigma_px: float
     amplitude_dn: float
+
+
+def spot_image(frame: tuple[int, int], x_px: float, y_px: float, sigma_px: float) -> FloatArray:
+    """A Gaussian of peak 1 on the pixels of a frame."""
+    x, y = np.arange(frame[1]) - x_px, np.arange(frame[0])[:, None] - y_px
+    return np.asarray(np.exp(-(x**2 + y**2) / (2 * sigma_px**2)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -347,16 +362,14 @@ class Pair:
         rows, cols = self.frame
         y, x = np.mgrid[:rows, :cols].astype(np.float64)
         true_x, true_y = self.pose.positions(x, y, self.frame)
-        inside = (true_x >= 0) & (true_x <= cols - 1) & (true_y >= 0) & (true_y <= rows - 1)
         square = (x_px - true_x) ** 2 + (y_px - true_y) ** 2
-        return float(np.sqrt(np.mean(square[inside])))
+        return float(np.sqrt(np.mean(square[self.pose.shown(x, y, self.frame)])))
 
     def overlap(self) -> float:
         """Share of the follow-up that the reference shows."""
         rows, cols = self.frame
         y, x = np.mgrid[:rows:8, :cols:8].astype(np.float64)
-        u, v = self.pose.positions(x, y, self.frame)
-        return float(np.mean((u >= 0) & (u <= cols - 1) & (v >= 0) & (v <= rows - 1)))
+        return float(np.mean(self.pose.shown(x, y, self.frame)))
 
 
 DEFAULT_CAMERA = gaussian(0.9, has_pixel=False)
@@ -441,25 +454,6 @@ def seen_spot(
         sigma_px=pose.zoom * sqrt(own_px2),
         amplitude_dn=amplitude_dn * sigma_px**2 / own_px2,
     )
-
-
-def plane_rays(zoom: float, tilt_deg: float, bearing_deg: float, turn_deg: float) -> FloatArray:
-    """Rays of a follow-up that looks at the reference's middle from zoom times its distance.
-
-    They meet the plane, which is 1 from the reference's camera, shape (3, 3).
-    """
-    tilt, towards = radians(tilt_deg), _about_axis(radians(bearing_deg))
-    lean = np.array([[cos(tilt), 0, sin(tilt)], [0, 1, 0], [-sin(tilt), 0, cos(tilt)]])
-    rotation = towards @ lean @ towards.T @ _about_axis(radians(turn_deg))
-    pupil = np.array([0.0, 0.0, 1.0]) - zoom * rotation[:, 2]
-    rays = (1 - pupil[2]) * rotation + np.outer(pupil, rotation[2])
-    rays[2] = rotation[2]
-    return np.asarray(rays)
-
-
-def _about_axis(angle_rad: float) -> FloatArray:
-    c, s = cos(angle_rad), sin(angle_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

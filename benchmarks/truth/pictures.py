@@ -60,131 +60,64 @@ class Picture:
             return _seen(image)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Shelf:
-    """Files of an installed package, or below a folder; ``distribution`` is what pip calls it."""
+    """Files of an installed package, by genre; ``distribution`` is what pip calls it."""
 
     package: str
     distribution: str
     folder: str
-    files: Mapping[str, Genre]
+    genres: Mapping[Genre, str]
+
+    @property
+    def files(self) -> list[tuple[str, Genre]]:
+        """Files below the folder in alphabetical order, with their genres."""
+        pairs = [(name, genre) for genre, names in self.genres.items() for name in names.split()]
+        return sorted(pairs, key=lambda pair: pair[0].lower())
 
 
-_NEXUS: dict[str, Genre] = {
-    "applications/canSAS/2012-minimum.png": "drawing",
-    "applications/canSAS/Q-geometry.jpg": "drawing",
-    "applications/stress/Beam_profile_sketch3.jpg": "drawing",
-    "applications/stress/gauge_volume.png": "drawing",
-    "applications/xps/xps_cs.png": "drawing",
-    "base_classes/aperture/aperture.png": "drawing",
-    "base_classes/mirror/mirror.png": "drawing",
-    "contributed_definitions/container/ComplexExampleContainer.png": "drawing",
-    "contributed_definitions/region/NXregion-example.png": "drawing",
-}
 SHELVES = (
-    _Shelf(
-        package="skimage",
-        distribution="scikit-image",
-        folder="data",
-        files={
-            "astronaut.png": "photograph",
-            "brick.png": "texture",
-            "camera.png": "photograph",
-            "cell.png": "microscopy",
-            "chelsea.png": "photograph",
-            "chessboard_GRAY.png": "flat",
-            "chessboard_RGB.png": "flat",
-            "clock_motion.png": "photograph",
-            "coffee.png": "photograph",
-            "coins.png": "photograph",
-            "color.png": "flat",
-            "grass.png": "texture",
-            "gravel.png": "texture",
-            "horse.png": "flat",
-            "hubble_deep_field.jpg": "stars",
-            "ihc.png": "microscopy",
-            "logo.png": "drawing",
-            "microaneurysms.png": "microscopy",
-            "moon.png": "photograph",
-            "motorcycle_left.png": "photograph",
-            "page.png": "text",
-            "phantom.png": "flat",
-            "retina.jpg": "microscopy",
-            "rocket.jpg": "photograph",
-            "text.png": "text",
-        },
-    ),
-    _Shelf(
-        package="matplotlib",
-        distribution="matplotlib",
-        folder="mpl-data/sample_data",
-        files={
-            "grace_hopper.jpg": "photograph",
-            "jacksboro_fault_dem.npz": "texture",
-            "logo2.png": "drawing",
-            "Minduka_Present_Blue_Pack.png": "drawing",
-        },
-    ),
-    _Shelf(
-        package="astropy",
-        distribution="astropy",
-        folder="",
-        files={
-            "io/fits/hdu/compressed/tests/data/m13.fits": "stars",
-            "io/fits/tests/data/comp.fits": "stars",
-            "modeling/tests/data/1904-66_AZP.fits": "stars",
-        },
-    ),
-    _Shelf(
-        package="nexusformat",
-        distribution="nexusformat",
-        folder="definitions",
-        files=_NEXUS,
-    ),
-    _Shelf(
-        package="networkx",
-        distribution="networkx",
-        folder="drawing/tests/baseline",
-        files={
-            "test_display_complex.png": "drawing",
-            "test_display_labels_and_colors.png": "drawing",
-            "test_house_with_colors.png": "drawing",
-        },
-    ),
-    _Shelf(
-        package="distributed",
-        distribution="distributed",
-        folder="http/static/images",
-        files={"numpy.png": "drawing"},
-    ),
-    _Shelf(
-        package="a11y_pygments",
-        distribution="accessible-pygments",
-        folder="",
-        files={
-            "github_dark/images/github-dark.png": "text",
-            "github_light/images/github-light.png": "text",
-        },
-    ),
-    _Shelf(
-        package="sphinx",
-        distribution="sphinx",
-        folder="themes/scrolls/static",
-        files={"darkmetal.png": "texture", "watermark.png": "texture"},
-    ),
-    _Shelf(
-        package="sklearn",
-        distribution="scikit-learn",
-        folder="datasets/images",
-        files={"china.jpg": "photograph", "flower.jpg": "photograph"},
-    ),
-    _Shelf(
-        package="pywt",
-        distribution="PyWavelets",
-        folder="data",
-        files={"aero.npz": "photograph", "ascent.npz": "photograph"},
-    ),
-)
+    _Shelf("skimage", "scikit-image", "data", {
+        "photograph": "astronaut.png camera.png chelsea.png clock_motion.png coffee.png coins.png "
+        "moon.png motorcycle_left.png rocket.jpg",
+        "texture": "brick.png grass.png gravel.png",
+        "microscopy": "cell.png ihc.png microaneurysms.png retina.jpg",
+        "flat": "chessboard_GRAY.png chessboard_RGB.png color.png horse.png phantom.png",
+        "stars": "hubble_deep_field.jpg",
+        "drawing": "logo.png",
+        "text": "page.png text.png",
+    }),
+    _Shelf("matplotlib", "matplotlib", "mpl-data/sample_data", {
+        "photograph": "grace_hopper.jpg",
+        "texture": "jacksboro_fault_dem.npz",
+        "drawing": "logo2.png Minduka_Present_Blue_Pack.png",
+    }),
+    _Shelf("astropy", "astropy", "", {
+        "stars": "io/fits/hdu/compressed/tests/data/m13.fits io/fits/tests/data/comp.fits "
+        "modeling/tests/data/1904-66_AZP.fits",
+    }),
+    _Shelf("nexusformat", "nexusformat", "definitions", {
+        "drawing": "applications/canSAS/2012-minimum.png applications/canSAS/Q-geometry.jpg "
+        "applications/stress/Beam_profile_sketch3.jpg applications/stress/gauge_volume.png "
+        "applications/xps/xps_cs.png base_classes/aperture/aperture.png "
+        "base_classes/mirror/mirror.png "
+        "contributed_definitions/container/ComplexExampleContainer.png "
+        "contributed_definitions/region/NXregion-example.png",
+    }),
+    _Shelf("networkx", "networkx", "drawing/tests/baseline", {
+        "drawing": "test_display_complex.png test_display_labels_and_colors.png "
+        "test_house_with_colors.png",
+    }),
+    _Shelf("distributed", "distributed", "http/static/images", {"drawing": "numpy.png"}),
+    _Shelf("a11y_pygments", "accessible-pygments", "", {
+        "text": "github_dark/images/github-dark.png github_light/images/github-light.png",
+    }),
+    _Shelf("sphinx", "sphinx", "themes/scrolls/static", {
+        "texture": "darkmetal.png watermark.png",
+    }),
+    _Shelf("sklearn", "scikit-learn", "datasets/images", {"photograph": "china.jpg flower.jpg"}),
+    _Shelf("pywt", "PyWavelets", "data", {"photograph": "aero.npz ascent.npz"}),
+)  # fmt: skip
 """Different shots of one thing are different pictures; regions of one are not."""
 
 OWN_DATA: dict[str, Genre] = {
@@ -243,7 +176,7 @@ def catalogue(folder: Path | None = None) -> _Catalogue:
             continue
         root = Path(spec.submodule_search_locations[0]) / shelf.folder
         missing = list[str]()
-        for file, genre in shelf.files.items():
+        for file, genre in shelf.files:
             path = root / file
             if path.is_file():
                 name = f"{shelf.package}/{path.stem}"
@@ -437,10 +370,10 @@ def with_noise(
     if not is_shot:
         noise_sd = float(levels.mean()) / snr
         return np.asarray(levels + noise_sd * rng.standard_normal(levels.shape))
-    light = _light_of(levels / 255) if is_srgb else levels / 255
+    light = light_of(levels / 255) if is_srgb else levels / 255
     electrons = snr**2 / max(float(light.mean()), 1e-6)
     seen = rng.poisson(light * electrons) / electrons
-    return np.asarray(255 * (_srgb_of(seen) if is_srgb else seen))
+    return np.asarray(255 * (srgb_of(seen) if is_srgb else seen))
 
 
 def smaller(levels: FloatArray, zoom: float, way: str) -> FloatArray:
@@ -473,12 +406,13 @@ def _area_mean(levels: FloatArray, zoom: float, rows: int) -> FloatArray:
     return np.asarray(np.diff(reached, axis=0) * zoom)
 
 
-def _light_of(levels: FloatArray) -> FloatArray:
-    """IEC 61966-2-1, both ways."""
+def light_of(levels: FloatArray | NDArray[np.float32]) -> FloatArray:
+    """Light of sRGB levels, both from 0 to 1 (IEC 61966-2-1:1999, section 5.2)."""
     return np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
 
 
-def _srgb_of(light: FloatArray) -> FloatArray:
+def srgb_of(light: FloatArray) -> FloatArray:
+    """Levels of sRGB, given light."""
     root = np.maximum(light, 0.0031308) ** (1 / 2.4)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * root - 0.055)
 
@@ -582,9 +516,9 @@ def _zoom(part: ByteImage, rng: np.random.Generator, folder: Path) -> _Draft:
     way = str(rng.choice(["area", "lanczos", "bicubic", "hamming", "spline"]))
     is_light = rng.uniform() < 0.5
     levels = np.atleast_3d(part).astype(np.float64) / 255
-    planes = _light_of(levels) if is_light else levels
+    planes = light_of(levels) if is_light else levels
     made = np.stack([smaller(planes[..., n], zoom, way) for n in range(planes.shape[2])], axis=2)
-    seen = _srgb_of(made) if is_light else made
+    seen = srgb_of(made) if is_light else made
     small = np.clip(np.rint(255 * seen), 0, 255).astype(np.uint8)
     small = np.ascontiguousarray(small if part.ndim == 3 else small[..., 0])
     files = _png(part, folder / "one.png"), _png(small, folder / "two.png")

@@ -17,13 +17,12 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label, uniform_filter
 from skimage import filters, segmentation
 
 from benchmarks.truth.pairs import PairPose
-from benchmarks.truth.pictures import ByteImage, Genre, Picture, region_of
+from benchmarks.truth.pictures import ByteImage, Genre, Picture, light_of, region_of, srgb_of
 from simulation.arrays import BoolArray, FloatArray
 
 Happening = Literal["removed", "added", "moved"]
@@ -227,14 +226,14 @@ class _View:
         edge = 0.5 / _SAMPLES - 0.5
         fine = np.array([[1 / _SAMPLES, 0, edge], [0, 1 / _SAMPLES, edge], [0, 0, 1]])
         shown = cv2.warpPerspective(
-            _light(scene),
+            light_of(scene.astype(np.float32) / 255),
             matrix @ fine,
             (cols * _SAMPLES, rows * _SAMPLES),
             flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REFLECT_101,
         )
         mean = shown.reshape(rows, _SAMPLES, cols, _SAMPLES, 3).mean(axis=(1, 3), dtype=np.float64)
-        return _srgb(mean)
+        return 255 * srgb_of(mean)
 
     def seen_by_both(self) -> BoolArray:
         """Scene pixels that both show, away from their borders."""
@@ -572,18 +571,6 @@ def length_of(shift_px: tuple[float, float]) -> float:
 
 def _colour(levels: ByteImage) -> ByteImage:
     return levels if levels.ndim == 3 else np.repeat(levels[..., None], 3, axis=2)
-
-
-def _light(levels: ByteImage) -> NDArray[np.float32]:
-    share = levels.astype(np.float32) / 255
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4).astype(
-        np.float32
-    )
-
-
-def _srgb(light: FloatArray) -> FloatArray:
-    root = np.maximum(light, 0.0031308) ** (1 / 2.4)
-    return 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * root - 0.055)
 
 
 def _jpeg(levels: ByteImage, quality: int) -> bytes:

@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from math import cos, hypot, pi, radians, sin
+from math import cos, hypot, pi, sin
 
 import cv2
 import numpy as np
@@ -17,7 +17,16 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, spline_filter
 
-from hil_mocks.truth import SAMPLES_PER_PX, SplineScene, distort, luma, spline_at, undistort
+from hil_mocks.truth import (
+    SAMPLES_PER_PX,
+    SplineScene,
+    distort,
+    leaning_rotation,
+    luma,
+    plane_rays,
+    spline_at,
+    undistort,
+)
 
 
 def stream(seed: int, *names: str) -> np.random.Generator:
@@ -211,10 +220,8 @@ class Pose:
     tilt_deg: float = 0.0  # angle between the axes
     bearing_deg: float = 0.0  # direction that the follow-up's axis leans to
     roll_deg: float = 0.0  # turn about its own axis
-    shift_px: tuple[float, float] = (
-        0.0,
-        0.0,
-    )  # of its axis on the plane from the reference's middle
+    # Of its axis on the plane, from the reference's middle.
+    shift_px: tuple[float, float] = (0.0, 0.0)
     k1: float = 0.0  # seen at r (1 + k1 r^2); r in halves of the reference's diagonal
     relief: tuple[Bump, ...] = ()  # elevations above the plane
 
@@ -225,9 +232,7 @@ class Pose:
 
     @property
     def _rotation(self) -> FloatArray:
-        towards, tilt = _about_axis(radians(self.bearing_deg)), radians(self.tilt_deg)
-        lean = np.array([[cos(tilt), 0, sin(tilt)], [0, 1, 0], [-sin(tilt), 0, cos(tilt)]])
-        return np.asarray(towards @ lean @ towards.T @ _about_axis(radians(self.roll_deg)))
+        return leaning_rotation(self.tilt_deg, self.bearing_deg, self.roll_deg)
 
     @property
     def _pupil(self) -> FloatArray:
@@ -239,9 +244,7 @@ class Pose:
     def matrix(self) -> FloatArray:
         """Ideal follow-up pixels to ideal reference pixels, through the plane, shape (3, 3)."""
         rotation, pupil = self._rotation, self._pupil
-        rays = (1 - pupil[2]) * rotation + np.outer(pupil, rotation[2])
-        rays[2] = rotation[2]
-        made = self._lens(self.reference_shape) @ rays
+        made = self._lens(self.reference_shape) @ plane_rays(rotation, pupil)
         made = made @ np.linalg.inv(self._lens(self.followup_shape))
         return np.asarray(made / made[2, 2])
 
@@ -315,8 +318,3 @@ class Pose:
         moved = undistort(radius, self.k1) if is_inverse else distort(radius, self.k1)
         factor = moved / radius
         return x * factor + middle_x, y * factor + middle_y
-
-
-def _about_axis(angle_rad: float) -> FloatArray:
-    c, s = cos(angle_rad), sin(angle_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

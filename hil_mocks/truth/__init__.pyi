@@ -12,6 +12,8 @@ from .render import (
     CameraPose as CameraPose,
     Sensor as Sensor,
     distort as distort,
+    leaning_rotation as leaning_rotation,
+    plane_rays as plane_rays,
     undistort as undistort,
 )
 from .scenes import (

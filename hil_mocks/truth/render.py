@@ -47,13 +47,24 @@ class CameraPose:
 
     def rotation(self) -> NDArray[np.float64]:
         """Camera axes (x, y, forward) as columns in plane axes (x, y, down), shape (3, 3)."""
-        lean, bearing = radians(self.tilt_deg), atan2(self.tilt_y_deg, self.tilt_x_deg)
-        roll = radians(self.roll_deg)
-        about = _turn(bearing)
-        inclined = np.array(
-            [[cos(lean), 0.0, sin(lean)], [0.0, 1.0, 0.0], [-sin(lean), 0.0, cos(lean)]]
-        )
-        return np.asarray(about @ inclined @ about.T @ _turn(roll))
+        bearing_deg = degrees(atan2(self.tilt_y_deg, self.tilt_x_deg))
+        return leaning_rotation(self.tilt_deg, bearing_deg, self.roll_deg)
+
+
+def leaning_rotation(tilt_deg: float, bearing_deg: float, roll_deg: float) -> NDArray[np.float64]:
+    """Axes of a camera that leans towards a bearing and is turned about its own axis, (3, 3)."""
+    lean, about = radians(tilt_deg), _turn(radians(bearing_deg))
+    inclined = np.array(
+        [[cos(lean), 0.0, sin(lean)], [0.0, 1.0, 0.0], [-sin(lean), 0.0, cos(lean)]]
+    )
+    return np.asarray(about @ inclined @ about.T @ _turn(radians(roll_deg)))
+
+
+def plane_rays(rotation: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rays of a camera to points of the plane at depth 1 before the origin, shape (3, 3)."""
+    rays = (1 - pupil[2]) * rotation + np.outer(pupil, rotation[2])
+    rays[2] = rotation[2]
+    return np.asarray(rays)
 
 
 def _turn(angle_rad: float) -> NDArray[np.float64]:

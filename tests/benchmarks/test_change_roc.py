@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from benchmarks.truth.change_roc import plot_change_roc, roc_of
+from benchmarks.scoring import plot_change_roc, roc_of
 
 
 def test_a_worked_example() -> None:

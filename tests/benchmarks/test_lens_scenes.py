@@ -134,18 +134,18 @@ def test_a_blend_over_nodes_equals_the_transfer_function_of_each_pixel() -> None
         at = np.array([float(col)]), np.array([float(row)])
         far = elsewhere(camera, pose.jacobian(*at)[0])
         # A hundredth of a DN: squared, 1e-4 beside bounds of 1e-2.
-        exact = scene.seen(far, *pose.positions(*at))
+        exact = scene.seen(far, *pose.seen(*at))
         assert image[row, col] == pytest.approx(exact[0], abs=0.01)
 
 
 def test_distortion_moves_corners_out_by_its_share() -> None:
     """Same pose, same frame: a distorting lens sees every point where it was."""
     pose = Pose(zoom=1.0, distortion_k1=0.03, reference_side=50, followup_side=50)
-    x, y = pose.positions(*pose.pixels)
+    x, y = pose.seen(*pose.pixels)
     assert x == pytest.approx(pose.pixels[0], abs=1e-9)
     assert y == pytest.approx(pose.pixels[1], abs=1e-9)
     further_off = Pose(zoom=2.0, distortion_k1=0.03, reference_side=50, followup_side=50)
-    x, _ = further_off.positions(np.array([34.5]), np.array([24.5]))
+    x, _ = further_off.seen(np.array([34.5]), np.array([24.5]))
     ideal = 10.0
     corner_square = 2 * 24.5**2
     for _ in range(20):

@@ -13,9 +13,16 @@ from benchmarks.peers.changes import pca_kmeans
 from benchmarks.peers.edges import Curve, fit_gaussian_edge
 from benchmarks.peers.mtf_mapper import edges_of, program as mtf_mapper
 from benchmarks.peers.page import results_page
-from benchmarks.peers.program import AlignedPoints, ChangeScore, PeerError, Program
+from benchmarks.peers.program import (
+    AlignedPoints,
+    ChangeScore,
+    PeerError,
+    Program,
+    Task,
+    srgb_decoded,
+    tasks_of,
+)
 from benchmarks.peers.run import JOURNAL, Run
-from benchmarks.peers.tasks import Task, srgb_decoded, tasks_of
 from benchmarks.peers.zoom_outs import Frontal
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image

@@ -75,13 +75,8 @@ def use_photograph(path: Path) -> None:
 
 
 def photograph_target(kind: str, samples: tuple[bytes, ...], name: str) -> FuzzTarget:
-    return FuzzTarget(
-        name=kind,
-        data=damaged_bytes(samples),
-        read=from_file(use_photograph, name),
-        documented=(ImageFileError,),
-        examples=150,
-    )
+    read = from_file(use_photograph, name)
+    return FuzzTarget(kind, damaged_bytes(samples), read, (ImageFileError,), 150)
 
 
 def targets() -> Iterator[FuzzTarget]:
@@ -99,13 +94,8 @@ def targets() -> Iterator[FuzzTarget]:
         yield photograph_target("OpenEXR file", samples, "photograph.exr")
     if find_spec("astropy") is not None:
         yield photograph_target("FITS file", (fits(GREY_16[:9]), fits(STACK)), "photograph.fits")
-    yield FuzzTarget(
-        name="colour profile",
-        data=damaged_bytes((DISPLAY_P3, THREE_CURVES)),
-        read=read_profile,
-        documented=(ProfileError,),
-        examples=200,
-    )
+    profiles = damaged_bytes((DISPLAY_P3, THREE_CURVES))
+    yield FuzzTarget("colour profile", profiles, read_profile, (ProfileError,), 200)
 
 
 PHOTOGRAPH_TARGETS = tuple(targets())

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -37,6 +39,8 @@ from standoff.library.registration import read_points
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file
+
+Read = Callable[[Path], object]
 
 
 def tiff(pixels: np.ndarray[Any, Any], **options: Any) -> bytes:
@@ -256,97 +260,42 @@ def npy(values: np.ndarray[Any, Any]) -> bytes:
     return buffer.getvalue()
 
 
+def _json(document: dict[str, Any], name: str, read: Read, error: type[Exception]) -> FuzzTarget:
+    return FuzzTarget(name, damaged_json(document), from_file(read, name), (error,))
+
+
+_KERNEL = npy(np.full((13, 13), 1 / 169))
 RESULT_TARGETS = (
-    FuzzTarget(
-        name="psf.json",
-        data=damaged_json(PSF),
-        read=from_file(use_psf, "psf.json"),
-        documented=(PsfFileError,),
-        examples=120,
-    ),
-    FuzzTarget(
-        name="noise.json",
-        data=damaged_json(NOISE),
-        read=from_file(read_noise, "noise.json"),
-        documented=(NoiseFileError,),
-    ),
-    FuzzTarget(
+    replace(_json(PSF, "psf.json", use_psf, PsfFileError), examples=120),
+    _json(NOISE, "noise.json", read_noise, NoiseFileError),
+    replace(
+        _json(NOISE | {"maps": LISTED}, "noise.json", use_correction, NoiseFileError),
         name="noise.json with maps",
-        data=damaged_json(NOISE | {"maps": LISTED}),
-        read=from_file(use_correction, "noise.json"),
-        documented=(NoiseFileError,),
     ),
     FuzzTarget(
-        name="map of a noise.json",
-        data=damaged_bytes((MAPS["noise-dark.tif"],)),
-        read=damaged_map,
-        documented=(NoiseFileError,),
-        examples=150,
+        "map of a noise.json",
+        damaged_bytes((MAPS["noise-dark.tif"],)),
+        damaged_map,
+        (NoiseFileError,),
+        150,
     ),
+    _json(GEOMETRY, "geometry.json", read_geometry, GeometryFileError),
+    _json(HOMOGRAPHY, "H.json", read_homography, HomographyFileError),
+    _json(CURVES, "curves.json", read_curves, ResultsFileError),
+    _json(CHANGES, "changes.json", read_changes, ResultsFileError),
+    _json(TIME_LINE, "series.json", read_time_line, ResultsFileError),
+    _json(POSE, "pose.json", read_pose, ResultsFileError),
     FuzzTarget(
-        name="geometry.json",
-        data=damaged_json(GEOMETRY),
-        read=from_file(read_geometry, "geometry.json"),
-        documented=(GeometryFileError,),
+        "points.csv", damaged_bytes((POINTS,)), from_file(read_points, "points.csv"), (HintError,)
     ),
+    _json(VALIDATION, "validation.json", read_validation, ResultsFileError),
+    FuzzTarget("sums of a sweep", damaged_bytes((SUMS,)), from_file(read_sums, "one.sums"), ()),
+    # One that cannot be read is none: its pairs are made again.
     FuzzTarget(
-        name="H.json",
-        data=damaged_json(HOMOGRAPHY),
-        read=from_file(read_homography, "H.json"),
-        documented=(HomographyFileError,),
+        "record of a shard of training pairs",
+        damaged_json(SHARD),
+        from_file(ShardRecord.read, "0.json"),
+        (),
     ),
-    FuzzTarget(
-        name="curves.json",
-        data=damaged_json(CURVES),
-        read=from_file(read_curves, "curves.json"),
-        documented=(ResultsFileError,),
-    ),
-    FuzzTarget(
-        name="changes.json",
-        data=damaged_json(CHANGES),
-        read=from_file(read_changes, "changes.json"),
-        documented=(ResultsFileError,),
-    ),
-    FuzzTarget(
-        name="series.json",
-        data=damaged_json(TIME_LINE),
-        read=from_file(read_time_line, "series.json"),
-        documented=(ResultsFileError,),
-    ),
-    FuzzTarget(
-        name="pose.json",
-        data=damaged_json(POSE),
-        read=from_file(read_pose, "pose.json"),
-        documented=(ResultsFileError,),
-    ),
-    FuzzTarget(
-        name="points.csv",
-        data=damaged_bytes((POINTS,)),
-        read=from_file(read_points, "points.csv"),
-        documented=(HintError,),
-    ),
-    FuzzTarget(
-        name="validation.json",
-        data=damaged_json(VALIDATION),
-        read=from_file(read_validation, "validation.json"),
-        documented=(ResultsFileError,),
-    ),
-    FuzzTarget(
-        name="sums of a sweep",
-        data=damaged_bytes((SUMS,)),
-        read=from_file(read_sums, "one.sums"),
-        documented=(),
-    ),
-    FuzzTarget(
-        name="record of a shard of training pairs",
-        data=damaged_json(SHARD),
-        read=from_file(ShardRecord.read, "0.json"),
-        documented=(),  # one that cannot be read is none: its pairs are made again
-    ),
-    FuzzTarget(
-        name="cached kernel",
-        data=damaged_bytes((npy(np.full((13, 13), 1 / 169)),)),
-        read=read_kernel,
-        documented=(ResultsFileError,),
-    ),
+    FuzzTarget("cached kernel", damaged_bytes((_KERNEL,)), read_kernel, (ResultsFileError,)),
 )

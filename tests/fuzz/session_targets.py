@@ -1,5 +1,6 @@
 """Files of the bench and of a capture session: TOML, JSON, journal and capture TIFF."""
 
+from functools import partial
 from pathlib import Path
 
 from acquisition.bench import load_bench, parse_overrides
@@ -33,7 +34,6 @@ EVENTS = (
     JournalEvent(kind="exclude", utc=UTC_TEXT, uid="x", facts={"capture": "u7", "reason": "r"}),
     JournalEvent(kind="retake", utc=UTC_TEXT, uid="t", facts={"supersedes": "u7"}),
 )
-JOURNALS = chained_journal(EVENTS), unchained_journal(EVENTS)
 
 
 def read_plan(path: Path) -> object:
@@ -56,89 +56,54 @@ def parse_record(data: bytes) -> object:
     return CaptureRecord.from_json(event.facts.get("record", event.facts), source="record")
 
 
+def compare_session(data: bytes) -> object:
+    manifest = Manifest.from_bytes(data, source="session.json")
+    return manifest.differences(MANIFEST.plan, MANIFEST.bench, MANIFEST.devices)
+
+
 def parse_settings(data: bytes) -> object:
     return parse_overrides([data.decode("utf-8", "replace")])
 
 
+BENCH = damaged_toml((CONFIGS / "simulated.toml").read_bytes())
+STAGE = damaged_toml((CONFIGS / "zaber_stage.toml").read_bytes())
+SETTINGS = damaged_toml(b"camera.exposure_us=2000\nstage.limits_mm=[1, 2]")
+PLAN = damaged_toml((CONFIGS / "noise_plan.toml").read_bytes())
+SESSION = damaged_json(
+    {
+        "schema": "standoff.session/1",
+        "uid": "m",
+        "created_utc": UTC_TEXT,
+        "operator": "o",
+        "plan": MANIFEST.plan.to_json(),
+        "bench": dict(MANIFEST.bench),
+        "devices": DEVICES,
+        "software": dict(MANIFEST.software),
+    }
+)
+JOURNAL = damaged_bytes((chained_journal(EVENTS), unchained_journal(EVENTS)))
+EVENT = damaged_json({"event": "capture", "utc": "t", "uid": "u", "record": RECORD.to_json()})
+TIFF = damaged_bytes((capture_bytes(images(RECORD)),))
+
+read_bench = from_file(load_bench, "bench.toml")
+read_bench_set = from_file(lambda path: load_bench(path, {"camera.gain_db": 1.0}), "bench.toml")
+
 SESSION_TARGETS = (
+    FuzzTarget("bench TOML", BENCH, read_bench, (BenchConfigError,)),
+    FuzzTarget("bench TOML with --set", BENCH, read_bench_set, (BenchConfigError,)),
+    FuzzTarget("stage TOML", STAGE, read_bench, (BenchConfigError,)),
+    FuzzTarget("--set key=value", SETTINGS, parse_settings, (BenchConfigError,)),
+    FuzzTarget("plan TOML", PLAN, from_file(read_plan, "plan.toml"), (PlanError,)),
+    FuzzTarget("session.json", SESSION, compare_session, (SessionError,)),
+    FuzzTarget("journal", JOURNAL, replay, (SessionError,)),
     FuzzTarget(
-        name="bench TOML",
-        data=damaged_toml((CONFIGS / "simulated.toml").read_bytes()),
-        read=from_file(load_bench, "bench.toml"),
-        documented=(BenchConfigError,),
+        "journal opened for writing", JOURNAL, from_file(mend, "journal.jsonl"), (SessionError,)
+    ),
+    FuzzTarget("capture record", EVENT, parse_record, (SessionError, ValueError)),
+    FuzzTarget(
+        "capture TIFF", TIFF, partial(parse_capture, source="capture"), (SessionError,), 150
     ),
     FuzzTarget(
-        name="bench TOML with --set",
-        data=damaged_toml((CONFIGS / "simulated.toml").read_bytes()),
-        read=from_file(lambda path: load_bench(path, {"camera.gain_db": 1.0}), "bench.toml"),
-        documented=(BenchConfigError,),
-    ),
-    FuzzTarget(
-        name="stage TOML",
-        data=damaged_toml((CONFIGS / "zaber_stage.toml").read_bytes()),
-        read=from_file(load_bench, "bench.toml"),
-        documented=(BenchConfigError,),
-    ),
-    FuzzTarget(
-        name="--set key=value",
-        data=damaged_toml(b"camera.exposure_us=2000\nstage.limits_mm=[1, 2]"),
-        read=parse_settings,
-        documented=(BenchConfigError,),
-    ),
-    FuzzTarget(
-        name="plan TOML",
-        data=damaged_toml((CONFIGS / "noise_plan.toml").read_bytes()),
-        read=from_file(read_plan, "plan.toml"),
-        documented=(PlanError,),
-    ),
-    FuzzTarget(
-        name="session.json",
-        data=damaged_json(
-            {
-                "schema": "standoff.session/1",
-                "uid": "m",
-                "created_utc": UTC_TEXT,
-                "operator": "o",
-                "plan": MANIFEST.plan.to_json(),
-                "bench": dict(MANIFEST.bench),
-                "devices": DEVICES,
-                "software": dict(MANIFEST.software),
-            }
-        ),
-        read=lambda data: Manifest.from_bytes(data, source="session.json").differences(
-            MANIFEST.plan, MANIFEST.bench, MANIFEST.devices
-        ),
-        documented=(SessionError,),
-    ),
-    FuzzTarget(
-        name="journal",
-        data=damaged_bytes(JOURNALS),
-        read=replay,
-        documented=(SessionError,),
-    ),
-    FuzzTarget(
-        name="journal opened for writing",
-        data=damaged_bytes(JOURNALS),
-        read=from_file(mend, "journal.jsonl"),
-        documented=(SessionError,),
-    ),
-    FuzzTarget(
-        name="capture record",
-        data=damaged_json({"event": "capture", "utc": "t", "uid": "u", "record": RECORD.to_json()}),
-        read=parse_record,
-        documented=(SessionError, ValueError),
-    ),
-    FuzzTarget(
-        name="capture TIFF",
-        data=damaged_bytes((capture_bytes(images(RECORD)),)),
-        read=lambda data: parse_capture(data, source="capture"),
-        documented=(SessionError,),
-        examples=150,
-    ),
-    FuzzTarget(
-        name="capture TIFF by its path",
-        data=damaged_bytes((capture_bytes(images(RECORD)),)),
-        read=from_file(read_capture, "capture.tif"),
-        documented=(SessionError,),
+        "capture TIFF by its path", TIFF, from_file(read_capture, "capture.tif"), (SessionError,)
     ),
 )

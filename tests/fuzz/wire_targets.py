@@ -98,20 +98,15 @@ def control_camera(datagram: bytes) -> None:
 
 def disturbed(data: bytes) -> LineFaults:
     """Bytes as a fault of the line: the first says which, the others come over it."""
-    kind, rest = data[0] % 6, data[1:]
-    match kind:
-        case 0:
-            return LineFaults(before=rest)
-        case 1:
-            return LineFaults(inside=rest)
-        case 2:
-            return LineFaults(after=rest)
-        case 3:
-            return LineFaults(swap=rest[:2].ljust(2, b"0"), count=data[0])
-        case 4:
-            return LineFaults(cut=bool(data[0] & 8), merge=True, before=rest, count=3)
-        case _:
-            return LineFaults(chatter=rest + b"\n")
+    rest = data[1:]
+    return (
+        LineFaults(before=rest),
+        LineFaults(inside=rest),
+        LineFaults(after=rest),
+        LineFaults(swap=rest[:2].ljust(2, b"0"), count=data[0]),
+        LineFaults(cut=bool(data[0] & 8), merge=True, before=rest, count=3),
+        LineFaults(chatter=rest + b"\n"),
+    )[data[0] % 6]
 
 
 def drive(rig: GrblRig | ZaberRig, data: bytes) -> None:
@@ -139,15 +134,6 @@ def drive(rig: GrblRig | ZaberRig, data: bytes) -> None:
             failed = error
     if failed is not None:
         raise failed
-
-
-def drive_grbl(data: bytes) -> None:
-    rig = grbl_rig(connect=False, boots=False)
-    drive(rig, data)
-
-
-def drive_zaber(data: bytes) -> None:
-    drive(zaber_rig(connect=False), data)
 
 
 def into_emulator(firmware: GrblFirmware | ZaberFirmware, data: bytes) -> None:
@@ -198,59 +184,37 @@ def at_least_one_byte(samples: tuple[bytes, ...]) -> st.SearchStrategy[bytes]:
     )
 
 
+DESCRIPTIONS = damaged_bytes((simulated(), with_nodes(ODD_NODES)))
+PACKED = damaged_bytes((packed(simulated()),))
+PIXELS = at_least_one_byte((bytes(48),))
+GRBL, ZABER = damaged_bytes(GRBL_LINES), damaged_bytes(ZABER_LINES)
+
 WIRE_TARGETS = (
     FuzzTarget(
-        name="GVCP into the camera",
-        data=damaged_bytes(commands()),
-        read=control_camera,
-        documented=(GvcpError,),
-        examples=300,
+        "GVCP into the camera", damaged_bytes(commands()), control_camera, (GvcpError,), 300
     ),
     FuzzTarget(
-        name="description of a camera",
-        data=damaged_bytes((simulated(), with_nodes(ODD_NODES))),
-        read=lambda data: require_sound_description(data, "the camera"),
-        documented=(CameraDescriptionError,),
+        "description of a camera",
+        DESCRIPTIONS,
+        lambda data: require_sound_description(data, "the camera"),
+        (CameraDescriptionError,),
+    ),
+    FuzzTarget("packed description of a camera", PACKED, unpack, (DescriptionError,), 200),
+    FuzzTarget("pixels of a frame", PIXELS, decode_frame, (DeviceError, ValueError)),
+    FuzzTarget(
+        "serial line into the Grbl driver",
+        at_least_one_byte(GRBL_LINES),
+        lambda data: drive(grbl_rig(connect=False, boots=False), data),
+        (DeviceError,),
+        25,
     ),
     FuzzTarget(
-        name="packed description of a camera",
-        data=damaged_bytes((packed(simulated()),)),
-        read=unpack,
-        documented=(DescriptionError,),
-        examples=200,
+        "serial line into the Zaber driver",
+        at_least_one_byte(ZABER_LINES),
+        lambda data: drive(zaber_rig(connect=False), data),
+        (DeviceError,),
+        25,
     ),
-    FuzzTarget(
-        name="pixels of a frame",
-        data=at_least_one_byte((bytes(48),)),
-        read=decode_frame,
-        documented=(DeviceError, ValueError),
-    ),
-    FuzzTarget(
-        name="serial line into the Grbl driver",
-        data=at_least_one_byte(GRBL_LINES),
-        read=drive_grbl,
-        documented=(DeviceError,),
-        examples=25,
-    ),
-    FuzzTarget(
-        name="serial line into the Zaber driver",
-        data=at_least_one_byte(ZABER_LINES),
-        read=drive_zaber,
-        documented=(DeviceError,),
-        examples=25,
-    ),
-    FuzzTarget(
-        name="serial line into the Grbl emulator",
-        data=damaged_bytes(GRBL_LINES),
-        read=into_grbl,
-        documented=(),
-        examples=200,
-    ),
-    FuzzTarget(
-        name="serial line into the Zaber emulator",
-        data=damaged_bytes(ZABER_LINES),
-        read=into_zaber,
-        documented=(),
-        examples=200,
-    ),
+    FuzzTarget("serial line into the Grbl emulator", GRBL, into_grbl, (), 200),
+    FuzzTarget("serial line into the Zaber emulator", ZABER, into_zaber, (), 200),
 )

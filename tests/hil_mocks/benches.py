@@ -25,11 +25,14 @@ SMALL_BENCH: dict[str, dict[str, Any]] = {
 
 
 def bench_config(**keys: object) -> BenchConfig:
-    """The small bench with single keys replaced, such as ``camera__gain_db=6.0``."""
-    table = {section: dict(values) for section, values in SMALL_BENCH.items()}
+    """The small bench with single keys, as ``camera__gain_db=6.0``, or whole tables replaced."""
+    table: dict[str, Any] = {section: dict(values) for section, values in SMALL_BENCH.items()}
     for key, value in keys.items():
         section, _, name = key.partition("__")
-        table[section][name] = value
+        if name:
+            table[section][name] = value
+        else:
+            table[section] = value
     return BenchConfig.model_validate(table)
 
 

@@ -24,7 +24,7 @@ from analysis.detection_limits import level_text
 from analysis.errors import AnalysisError, OverlapError
 from analysis.reports import plot_changes
 from analysis.results_file import write_results
-from benchmarks.truth.change_roc import roc_of
+from benchmarks.scoring import roc_of
 from calibration.registration.distorted_pose import DistortedPose
 from simulation import GaussianPsf
 from simulation.arrays import BoolArray, FloatArray

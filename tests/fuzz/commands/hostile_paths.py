@@ -51,39 +51,20 @@ HOSTILE_PATHS = (
     HostilePath(kind="letters that hurt", path=lambda ending: f"file/{_ODD_LETTERS}{ending}"),
     HostilePath(kind="a loop of links", path=lambda _: "loop"),
     HostilePath(kind="a loop of links on the way", path=lambda ending: f"loop/x{ending}"),
-    HostilePath(
-        kind="a folder that may not be entered on the way",
-        path=lambda ending: f"shut/x{ending}",
-        needs_ordinary_user=True,
-    ),
-    HostilePath(
-        kind="a folder that may be listed and not entered on the way",
-        path=lambda ending: f"listed/x{ending}",
-        needs_ordinary_user=True,
-    ),
-    HostilePath(
-        kind="a folder that may not be entered",
-        path=lambda _: "shut",
-        statuses=_EITHER,
-        needs_ordinary_user=True,
-    ),
-    HostilePath(
-        kind="a folder that may be listed and not entered",
-        path=lambda _: "listed",
-        statuses=_EITHER,
-        needs_ordinary_user=True,
-    ),
-    HostilePath(
-        kind="a file that may not be read",
-        path=lambda ending: f"secret{ending}",
-        statuses=_EITHER,
-        needs_ordinary_user=True,
-    ),
-    HostilePath(
-        kind="nothing, in a folder that may not be written",
-        path=lambda ending: f"sealed/x{ending}",
-        statuses=_EITHER,
-        needs_ordinary_user=True,
+    *(
+        HostilePath(kind=kind, path=path, statuses=statuses, needs_ordinary_user=True)
+        for kind, path, statuses in (
+            ("a folder that may not be entered on the way", "shut/x{}".format, (DATA,)),
+            (
+                "a folder that may be listed and not entered on the way",
+                "listed/x{}".format,
+                (DATA,),
+            ),
+            ("a folder that may not be entered", "shut".format, _EITHER),
+            ("a folder that may be listed and not entered", "listed".format, _EITHER),
+            ("a file that may not be read", "secret{}".format, _EITHER),
+            ("nothing, in a folder that may not be written", "sealed/x{}".format, _EITHER),
+        )
     ),
 )
 

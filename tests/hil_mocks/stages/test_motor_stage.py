@@ -30,7 +30,7 @@ from tests.hil_mocks.stage_checks import (
     assert_works_again,
     clear_home_and_work,
 )
-from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, zaber_rig
+from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, homed_grbl, zaber_rig
 
 Rig = GrblRig | ZaberRig
 RIGS: dict[str, Callable[..., Rig]] = {
@@ -71,6 +71,21 @@ def plan_fault(rig: Rig, in_s: float = 2.0, **faults: Any) -> None:
 def test_it_shows_its_height_on_the_way(rig: Rig) -> None:
     assert isinstance(rig.stage, TravellingStage)
     assert rig.stage.travel_height_mm() == rig.stage.position_mm()
+
+
+def test_a_grbl_stage_tells_its_height_to_another_thread_without_sending_anything() -> None:
+    rig = homed_grbl("grblhal")
+    seen: list[tuple[float | None, float]] = []
+    rig.in_mid_move(
+        lambda: seen.append((rig.stage.travel_height_mm(), rig.plant.true_height_mm)), 3.0
+    )
+    before_mm = rig.stage.position_mm()
+    rig.stage.move_to(300.0, 120)
+    ((told_mm, true_mm),) = seen
+    assert told_mm is not None
+    assert before_mm < told_mm < 300.0
+    # The last report is at most 50 ms old, at 20 mm/s; a line takes some milliseconds.
+    assert told_mm == pytest.approx(true_mm, abs=20 * 0.08)
 
 
 class TestRefusals:

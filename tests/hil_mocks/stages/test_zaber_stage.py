@@ -1,99 +1,18 @@
-"""The Zaber driver on a bad line, with a controller or mechanics at fault."""
+"""The Zaber driver with a controller or mechanics at fault."""
 
 import pytest
 
 from acquisition.errors import (
-    DeviceDisconnectedError,
-    DeviceError,
-    DeviceProtocolError,
     DeviceRefusalError,
     DeviceSettingsError,
-    DeviceTimeoutError,
     StageAlarmError,
     StageLimitError,
     StageNotHomedError,
 )
 from hil_mocks.stages.plant import PlantFaults
-from hil_mocks.stages.serial_stage import LineFaults
 from hil_mocks.stages.zaber import ZaberFaults
 from tests.hil_mocks.stage_checks import TARGET_MM, assert_works_again
 from tests.hil_mocks.stage_rigs import homed_zaber, zaber_rig
-
-PASSING = {
-    "byte by byte": LineFaults(chunk_bytes=1),
-    "garbage before a line": LineFaults(before=b"\xf3\x80~", count=1),
-    "garbage inside a line": LineFaults(inside=b"\xf3\x80~", count=1),
-    "garbage after a line": LineFaults(after=b"\xf3\x80~", count=1),
-    "a partial line": LineFaults(cut=True, count=1),
-    "a merged line": LineFaults(merge=True, count=1),
-    "a reply lost": LineFaults(lose=True, count=1),
-    "every reply twice": LineFaults(duplicate=True),
-    "a reply late": LineFaults(delay_s=3.0, count=1),
-    "a corrupted digit": LineFaults(swap=b"07", count=1),
-    "a corrupted letter": LineFaults(swap=b"IX", count=2),
-}
-
-
-@pytest.mark.parametrize("faults", PASSING.values(), ids=PASSING)
-@pytest.mark.parametrize("in_s", [0.0, 0.02, 2.0], ids=["before", "at the start", "in mid-move"])
-def test_a_move_gets_over_what_can_be_asked_again(faults: LineFaults, in_s: float) -> None:
-    rig = homed_zaber()
-    rig.in_mid_move(lambda: setattr(rig.line, "faults", faults), in_s)
-    read_back_mm = rig.stage.move_to(TARGET_MM, 120)
-    assert read_back_mm == pytest.approx(TARGET_MM, abs=rig.config.tolerance_mm)
-    assert rig.plant.true_height_mm == pytest.approx(read_back_mm, abs=rig.round_mm)
-    rig.line.faults = LineFaults()
-    rig.wait(5.0)
-    assert_works_again(rig)
-
-
-NOISE = (DeviceTimeoutError, DeviceProtocolError)
-STOPPED: dict[str, tuple[LineFaults, type[DeviceError] | tuple[type[DeviceError], ...]]] = {
-    "mute": (LineFaults(mute=True), DeviceTimeoutError),
-    "deaf": (LineFaults(deaf=True), DeviceTimeoutError),
-    "bad checksums": (LineFaults(swap=b"07"), DeviceProtocolError),
-    "another baud rate": (LineFaults(garbled=True), NOISE),
-    "echo on": (LineFaults(echo=True), DeviceProtocolError),
-    "another device": (
-        LineFaults(chatter=b"ok\r\n", deaf=True),
-        DeviceProtocolError,
-    ),
-    "a blocked port": (LineFaults(blocked=True), DeviceTimeoutError),
-    "unplugged": (LineFaults(unplugged=True), DeviceDisconnectedError),
-    "unplugged in mid-reply": (
-        LineFaults(unplug_after_bytes=9),
-        DeviceDisconnectedError,
-    ),
-}
-
-
-@pytest.mark.parametrize(("faults", "error"), STOPPED.values(), ids=STOPPED)
-@pytest.mark.parametrize("in_s", [0.0, 2.0], ids=["before", "in mid-move"])
-def test_a_dead_line_is_an_error_and_the_stage_goes_nowhere_else(
-    faults: LineFaults, error: type[DeviceError] | tuple[type[DeviceError], ...], in_s: float
-) -> None:
-    rig = homed_zaber()
-    start_mm = rig.plant.true_height_mm
-    rig.in_mid_move(lambda: setattr(rig.line, "faults", faults), in_s)
-    with pytest.raises(error):
-        rig.stage.move_to(TARGET_MM, 120)
-    rig.wait(30.0)
-    if in_s == 0.0:
-        assert rig.plant.true_height_mm == start_mm
-    assert start_mm <= rig.plant.true_height_mm <= TARGET_MM + rig.round_mm
-    rig.line.faults = LineFaults()
-    rig.wait(2.0)
-    rig.reopen()
-    # The device was powered all the time and knows where it is.
-    assert rig.stage.is_homed
-    assert_works_again(rig)
-
-
-def test_an_echoing_line_at_opening_is_an_error() -> None:
-    rig = zaber_rig(connect=False)
-    rig.line.faults = LineFaults(garbled=True)
-    with pytest.raises((DeviceTimeoutError, DeviceProtocolError)):
-        rig.axis.connect()
 
 
 def test_alerts_and_info_lines_between_replies_are_passed_over() -> None:

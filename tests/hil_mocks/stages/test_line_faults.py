@@ -1,6 +1,8 @@
-"""The Grbl driver on a bad line: a clear error or the right height, and never a blind move."""
+"""Drivers on a bad line: a clear error or the right height, and never a blind move."""
 
 from collections.abc import Callable
+from itertools import product
+from typing import Any
 
 import pytest
 
@@ -15,42 +17,147 @@ from acquisition.errors import (
 )
 from hil_mocks.stages.serial_stage import LineFaults
 from tests.hil_mocks.stage_checks import TARGET_MM, assert_works_again
-from tests.hil_mocks.stage_rigs import GrblRig, grbl_rig, homed_grbl
+from tests.hil_mocks.stage_rigs import (
+    GrblRig,
+    ZaberRig,
+    grbl_rig,
+    homed_grbl,
+    homed_zaber,
+    zaber_rig,
+)
+
+Rig = GrblRig | ZaberRig
+Errors = type[DeviceError] | tuple[type[DeviceError], ...]
+FRESH: dict[str, Callable[..., Rig]] = {"grbl": grbl_rig, "zaber": zaber_rig}
+HOMED: dict[str, Callable[[], Rig]] = {"grbl": homed_grbl, "zaber": homed_zaber}
 
 PASSING = {
     "byte by byte": LineFaults(chunk_bytes=1),
-    "three bytes at a time": LineFaults(chunk_bytes=3),
     "garbage before a line": LineFaults(before=b"\xf3\x80~", count=1),
     "garbage inside a line": LineFaults(inside=b"\xf3\x80~", count=1),
     "garbage after a line": LineFaults(after=b"\xf3\x80~", count=1),
-    "garbage lines between": LineFaults(after=b"\xf3\x80~\n", count=2),
-    "NULs around lines": LineFaults(before=b"\0\0", after=b"\0\0"),
-    "a NUL inside a line": LineFaults(inside=b"\0", count=1),
     "a partial line": LineFaults(cut=True, count=1),
     "a merged line": LineFaults(merge=True, count=1),
-    "an ok lost": LineFaults(only=b"ok", lose=True, count=1),
-    "an ok twice": LineFaults(only=b"ok", duplicate=True, count=1),
-    "every ok twice": LineFaults(only=b"ok", duplicate=True),
-    "an ok late": LineFaults(only=b"ok", delay_s=3.0, count=1),
-    "an ok very late": LineFaults(only=b"ok", delay_s=7.0, count=1),
-    "an ok spoilt": LineFaults(only=b"ok", swap=b"kj", count=1),
-    "a report lost": LineFaults(only=b"<", lose=True, count=2),
-    "a report twice": LineFaults(only=b"<", duplicate=True, count=3),
-    "a digit that is none": LineFaults(only=b"<", swap=b"0O", count=1),
-    "a wrong digit": LineFaults(only=b"<", swap=b"05", count=1),
+}
+PASSING_OF = {
+    "grbl": {
+        "three bytes at a time": LineFaults(chunk_bytes=3),
+        "garbage lines between": LineFaults(after=b"\xf3\x80~\n", count=2),
+        "NULs around lines": LineFaults(before=b"\0\0", after=b"\0\0"),
+        "a NUL inside a line": LineFaults(inside=b"\0", count=1),
+        "an ok lost": LineFaults(only=b"ok", lose=True, count=1),
+        "an ok twice": LineFaults(only=b"ok", duplicate=True, count=1),
+        "every ok twice": LineFaults(only=b"ok", duplicate=True),
+        "an ok late": LineFaults(only=b"ok", delay_s=3.0, count=1),
+        "an ok very late": LineFaults(only=b"ok", delay_s=7.0, count=1),
+        "an ok spoilt": LineFaults(only=b"ok", swap=b"kj", count=1),
+        "a report lost": LineFaults(only=b"<", lose=True, count=2),
+        "a report twice": LineFaults(only=b"<", duplicate=True, count=3),
+        "a digit that is none": LineFaults(only=b"<", swap=b"0O", count=1),
+        "a wrong digit": LineFaults(only=b"<", swap=b"05", count=1),
+    },
+    "zaber": {
+        "a reply lost": LineFaults(lose=True, count=1),
+        "every reply twice": LineFaults(duplicate=True),
+        "a reply late": LineFaults(delay_s=3.0, count=1),
+        "a corrupted digit": LineFaults(swap=b"07", count=1),
+        "a corrupted letter": LineFaults(swap=b"IX", count=2),
+    },
+}
+NOISE = (DeviceTimeoutError, DeviceProtocolError)
+STOPPED: dict[str, tuple[LineFaults, Errors]] = {
+    "mute": (LineFaults(mute=True), DeviceTimeoutError),
+    "deaf": (LineFaults(deaf=True), DeviceTimeoutError),
+    "another baud rate": (LineFaults(garbled=True), NOISE),
+    "echo on": (LineFaults(echo=True), DeviceProtocolError),
+    "a blocked port": (LineFaults(blocked=True), DeviceTimeoutError),
+}
+STOPPED_OF: dict[str, dict[str, tuple[LineFaults, Errors]]] = {
+    "grbl": {
+        "garbage in every line": (LineFaults(inside=b"\x80\xff"), DeviceProtocolError),
+        "an over-long line": (LineFaults(after=b"x" * 4000, merge=True), DeviceProtocolError),
+        "another device": (
+            LineFaults(chatter=b"$GPGGA,1,2*6A\r\n", deaf=True),
+            DeviceProtocolError,
+        ),
+    },
+    "zaber": {
+        "bad checksums": (LineFaults(swap=b"07"), DeviceProtocolError),
+        "another device": (LineFaults(chatter=b"ok\r\n", deaf=True), DeviceProtocolError),
+        "unplugged": (LineFaults(unplugged=True), DeviceDisconnectedError),
+        "unplugged in mid-reply": (LineFaults(unplug_after_bytes=9), DeviceDisconnectedError),
+    },
 }
 
 
-@pytest.mark.parametrize("faults", PASSING.values(), ids=PASSING)
-@pytest.mark.parametrize("in_s", [0.0, 2.0], ids=["before the move", "in mid-move"])
-def test_a_move_gets_over_what_can_be_asked_again(faults: LineFaults, in_s: float) -> None:
-    rig = homed_grbl()
+def by_controller(
+    common: dict[str, Any], of: dict[str, dict[str, Any]], *moments_s: dict[str, tuple[float, ...]]
+) -> list[Any]:
+    """Every fault of each controller, at every moment of a move where some are given."""
+    return [
+        pytest.param(name, case, *at_s, id=" ".join(map(str, (name, kind, *at_s))))
+        for name in HOMED
+        for kind, case in (common | of[name]).items()
+        for at_s in product(*(moments[name] for moments in moments_s))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("controller", "faults", "in_s"),
+    # A reply of a Zaber at the start of a move is another one than in mid-move.
+    by_controller(PASSING, PASSING_OF, {"grbl": (0.0, 2.0), "zaber": (0.0, 0.02, 2.0)}),
+)
+def test_a_move_gets_over_what_can_be_asked_again(
+    controller: str, faults: LineFaults, in_s: float
+) -> None:
+    rig = HOMED[controller]()
     rig.in_mid_move(lambda: setattr(rig.line, "faults", faults), in_s)
     read_back_mm = rig.stage.move_to(TARGET_MM, 120)
     assert read_back_mm == pytest.approx(TARGET_MM, abs=rig.config.tolerance_mm)
     assert rig.plant.true_height_mm == pytest.approx(read_back_mm, abs=rig.round_mm)
     rig.line.faults = LineFaults()
     rig.wait(10.0)
+    assert_works_again(rig)
+
+
+@pytest.mark.parametrize(
+    ("controller", "fault", "in_s"),
+    by_controller(STOPPED, STOPPED_OF, {"grbl": (0.0, 2.0), "zaber": (0.0, 2.0)}),
+)
+def test_a_dead_line_is_an_error_and_the_stage_goes_nowhere_else(
+    controller: str, fault: tuple[LineFaults, Errors], in_s: float
+) -> None:
+    faults, error = fault
+    rig = HOMED[controller]()
+    start_mm = rig.plant.true_height_mm
+    if in_s == 0.0:
+        rig.line.faults = faults
+    else:
+        rig.in_mid_move(lambda: setattr(rig.line, "faults", faults), in_s)
+    with pytest.raises(error):
+        rig.stage.move_to(TARGET_MM, 120)
+    rig.wait(30.0)
+    assert (rig.plant.true_height_mm > start_mm) == (in_s > 0)
+    assert start_mm <= rig.plant.true_height_mm <= TARGET_MM + rig.round_mm
+    rig.line.faults = LineFaults()
+    rig.wait(5.0)
+    if isinstance(rig, ZaberRig):
+        # The device was powered all the time and knows where it is.
+        assert rig.reopen().is_homed
+    assert_works_again(rig)
+
+
+@pytest.mark.parametrize(("controller", "fault"), by_controller(STOPPED, STOPPED_OF))
+def test_a_dead_line_is_an_error_at_opening(
+    controller: str, fault: tuple[LineFaults, Errors]
+) -> None:
+    rig = FRESH[controller](connect=False)
+    rig.line.faults = fault[0]  # opening hears more of it than a single question does
+    with pytest.raises((*NOISE, DeviceDisconnectedError)):
+        rig.axis.connect()
+    assert not rig.stage.is_homed
+    rig.line.faults = LineFaults()
+    rig.reopen().home(120)
     assert_works_again(rig)
 
 
@@ -62,72 +169,6 @@ def test_a_jog_that_was_lost_is_sent_again_only_after_the_position_was_read() ->
     assert rig.stage.move_to(TARGET_MM, 120) == pytest.approx(TARGET_MM, abs=0.01)
     jogs = [line for line in rig.firmware.lines_received if line.startswith("$J")]
     assert len(jogs) == 1
-
-
-NOISE = (DeviceTimeoutError, DeviceProtocolError)
-STOPPED: dict[str, tuple[LineFaults, type[DeviceError] | tuple[type[DeviceError], ...]]] = {
-    "mute": (LineFaults(mute=True), DeviceTimeoutError),
-    "deaf": (LineFaults(deaf=True), DeviceTimeoutError),
-    "garbage in every line": (LineFaults(inside=b"\x80\xff"), DeviceProtocolError),
-    "another baud rate": (LineFaults(garbled=True), NOISE),
-    "an over-long line": (
-        LineFaults(after=b"x" * 4000, merge=True),
-        DeviceProtocolError,
-    ),
-    "echo on": (LineFaults(echo=True), DeviceProtocolError),
-    "another device": (
-        LineFaults(chatter=b"$GPGGA,1,2*6A\r\n", deaf=True),
-        DeviceProtocolError,
-    ),
-    "a blocked port": (LineFaults(blocked=True), DeviceTimeoutError),
-}
-
-
-@pytest.mark.parametrize(("faults", "error"), STOPPED.values(), ids=STOPPED)
-def test_a_dead_line_is_an_error_before_anything_moves(
-    faults: LineFaults, error: type[DeviceError] | tuple[type[DeviceError], ...]
-) -> None:
-    rig = homed_grbl()
-    before_mm = rig.plant.true_height_mm
-    rig.line.faults = faults
-    with pytest.raises(error):
-        rig.stage.move_to(TARGET_MM, 120)
-    rig.wait(30.0)
-    assert rig.plant.true_height_mm == before_mm
-    rig.line.faults = LineFaults()
-    rig.wait(5.0)
-    assert_works_again(rig)
-
-
-@pytest.mark.parametrize(("faults", "error"), STOPPED.values(), ids=STOPPED)
-def test_a_line_that_dies_in_mid_move_is_an_error_and_the_stage_ends_on_its_way(
-    faults: LineFaults, error: type[DeviceError] | tuple[type[DeviceError], ...]
-) -> None:
-    rig = homed_grbl()
-    start_mm = rig.plant.true_height_mm
-    rig.in_mid_move(lambda: setattr(rig.line, "faults", faults))
-    with pytest.raises(error):
-        rig.stage.move_to(TARGET_MM, 120)
-    rig.wait(30.0)
-    assert start_mm < rig.plant.true_height_mm <= TARGET_MM + rig.round_mm
-    rig.line.faults = LineFaults()
-    rig.wait(5.0)
-    assert_works_again(rig)
-
-
-@pytest.mark.parametrize(("faults", "error"), STOPPED.values(), ids=STOPPED)
-def test_a_dead_line_is_an_error_at_opening(
-    faults: LineFaults, error: type[DeviceError] | tuple[type[DeviceError], ...]
-) -> None:
-    del error  # opening hears more of the fault than a single question does
-    rig = grbl_rig(connect=False)
-    rig.line.faults = faults
-    with pytest.raises(NOISE):
-        rig.axis.connect()
-    assert not rig.stage.is_homed
-    rig.line.faults = LineFaults()
-    rig.reopen().home(120)
-    assert_works_again(rig)
 
 
 def _unplug(rig: GrblRig) -> Callable[[], None]:
