@@ -18,8 +18,9 @@ from pathlib import PurePath
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from acquisition.files import StoredModel
 from calibration.choices import TargetChoice
 from calibration.edges.detection import beside_target, find_edges
 from calibration.edges.esfr import (
@@ -59,13 +60,11 @@ TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
 """Frequencies at which the transfer is stored; beyond Nyquist for the aliased part."""
 
 
-class AxisTransfer(BaseModel):
+class AxisTransfer(StoredModel):
     """Contrast by frequency along one axis, lens and pixel together, from ``edges`` edges.
 
     ``mtf_err`` are standard errors at each frequency; None in files of before.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     freq_cy_per_px: tuple[float, ...] = Field(repr=False)
     mtf: tuple[float, ...] = Field(repr=False)
@@ -81,10 +80,8 @@ class AxisTransfer(BaseModel):
         return self
 
 
-class MeasuredTransfer(BaseModel):
+class MeasuredTransfer(StoredModel):
     """Transfer along x (from vertical edges) and y (horizontal ones); None without edges."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     x: AxisTransfer | None = None
     y: AxisTransfer | None = None
@@ -207,7 +204,7 @@ _MTF50_BY_SLOPE = 2.5
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
 
-class EdgeMeasurement(Shown, ByValue, BaseModel):
+class EdgeMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True):
     """One measured edge; values that could not be determined are null.
 
     ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down. ``snr`` is
@@ -222,8 +219,6 @@ class EdgeMeasurement(Shown, ByValue, BaseModel):
     ``clipped_fraction`` of the pixels of the fit. ``levels_dn`` (dark, bright), ``esfr`` and
     ``binned`` are not kept in a file.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore", arbitrary_types_allowed=True)
 
     image: str
     capture: int | None

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from acquisition.files import StoredModel
 from calibration.errors import NoiseError
 from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
@@ -212,15 +213,13 @@ _SAME_LEVEL = 0.02
 _ROUNDS = 5
 
 
-class LevelSample(BaseModel):
+class LevelSample(StoredModel):
     """One dark or flat capture, averaged over its pixels.
 
     ``variance_dn2`` is the mean over pixels of the unbiased temporal variance of one frame,
     ``is_fitted`` says whether the photon transfer line was fitted to it. ``time_s``, by any clock,
     is not stored in the file.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     kind: Literal["dark", "flat"]
     capture: str

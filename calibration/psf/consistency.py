@@ -11,9 +11,9 @@ from math import pi, sqrt
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 from scipy.special import chdtrc, fdtrc, stdtr
 
+from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement
 from calibration.psf.covariance import fit_variances
 from calibration.psf.repeatability import (
@@ -30,33 +30,29 @@ from simulation.arrays import BoolArray, FloatArray
 MisfitKind = Literal["soft_target", "stage", "focus_drift", "focus_scatter", "shape", "edges"]
 
 
-class HalvesCheck(BaseModel):
+class HalvesCheck(StoredModel):
     """How well one half of the edges predicts the widths of the other.
 
     ``chi2_reduced`` is near 1 where the errors of the edges explain what is left.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     chi2_reduced: float
     freedom: int
     p_value: float
 
 
-class Misfit(BaseModel):
+class Misfit(StoredModel):
     """One thing that does not fit, in words, and how strongly it shows.
 
     ``p_value`` is after Holm's correction for all tests that were made.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     kind: MisfitKind
     p_value: float
     sentence: str
 
 
-class CrossValidation(BaseModel):
+class CrossValidation(StoredModel):
     """Whether the edges agree with one PSF, and the name of what does not fit.
 
     Attributes
@@ -72,8 +68,6 @@ class CrossValidation(BaseModel):
     named
         What does not fit, empty where all tests together give no reason to doubt the model.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     edges: HalvesCheck | None
     heights: HalvesCheck | None
@@ -144,13 +138,11 @@ _DRIFT_LEAST = 0.01  # relative change over the range of heights
 _FEWEST_FREEDOM = 3
 
 
-class HeightGroup(BaseModel):
+class HeightGroup(StoredModel):
     """Width at one height, relative to the calibration as a whole in the same direction.
 
     ``sigma_x_px`` and ``sigma_y_px`` are medians over its vertical and horizontal edges.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     height_mm: float
     edges: int
@@ -162,15 +154,13 @@ class HeightGroup(BaseModel):
     sigma_y_err_px: float | None = None
 
 
-class HeightTrend(BaseModel):
+class HeightTrend(StoredModel):
     """Weighted straight line through the relative widths, and a test of any difference by height.
 
     ``p_value`` is that of the slope, two-sided; ``p_value_between`` is that of any difference
     between the heights, including a bend through best focus. ``is_drift`` says whether the
     change is significant (p below 0.01) and large enough to report (over 1 %).
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     slope_per_mm: float
     slope_err_per_mm: float

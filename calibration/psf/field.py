@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.special import fdtrc
 
+from acquisition.files import StoredModel
 from calibration.psf.covariance import VarianceFit, fit_variances
 from simulation.arrays import FloatArray
 from simulation.psf import MeasuredPsf, PsfField, field_monomials
@@ -43,15 +44,13 @@ class FieldEdges:
 Coefficients = tuple[tuple[float, ...], ...]
 
 
-class FieldFit(BaseModel):
+class FieldFit(StoredModel):
     """A PSF field, the standard errors of its coefficients, and the evidence for it.
 
     Coefficients are those that ``PsfField`` takes, rows xx, xy and yy; those without a prefix
     belong to the total covariance. ``p_value`` is from the F-test against one PSF for the whole
     frame, ``worst_err`` is the largest relative standard error of a width anywhere in the frame.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     width_px: int
     height_px: int

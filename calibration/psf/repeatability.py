@@ -22,9 +22,9 @@ from math import inf, sqrt
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 from scipy.special import chdtrc, fdtrc, stdtrit
 
+from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement
 from simulation.arrays import FloatArray, IntArray
 
@@ -482,7 +482,7 @@ class _CaptureModel:
         return again
 
 
-class FocusScatter(BaseModel):
+class FocusScatter(StoredModel):
     """How much the variance of the PSF, averaged over both axes, scatters between captures.
 
     Attributes
@@ -503,8 +503,6 @@ class FocusScatter(BaseModel):
     source
         What it was estimated from.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     scatter_px2: float
     scatter_err_px2: float

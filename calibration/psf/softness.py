@@ -12,9 +12,9 @@ from math import sqrt
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 from scipy.special import fdtrc, ndtr, stdtr
 
+from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement
 from calibration.psf.covariance import VarianceFit, fit_variances
 from calibration.psf.repeatability import SharedByCapture, capture_numbers, capture_of
@@ -155,7 +155,7 @@ _ROUNDS = 4
 _LEAST_ERR_PX = 1e-9
 
 
-class TargetSoftness(BaseModel):
+class TargetSoftness(StoredModel):
     """The blur of the edge target itself, over which the camera's PSF lies.
 
     Attributes
@@ -183,8 +183,6 @@ class TargetSoftness(BaseModel):
     is_removed
         Whether it was taken off: the PSF is then that of the camera.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     variance_px2: float
     variance_err_px2: float

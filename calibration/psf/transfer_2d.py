@@ -7,8 +7,9 @@ from math import log
 from typing import Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from acquisition.files import StoredModel
 from calibration.edges import BinnedEdge, orientation_of
 from calibration.psf.covariance import USUAL_RHO
 from calibration.psf.otf_fit import (
@@ -339,14 +340,12 @@ _DECIMALS = 6  # of the table, which is there to be read
 _DIGITS = 6  # of the covariance: with 8, bands are right to 1e-5 of themselves, with 6 to 1e-3
 
 
-class OtfTable(BaseModel):
+class OtfTable(StoredModel):
     """Samples of a transfer function of lens and pixel, and their standard errors.
 
     ``otf`` and ``otf_err`` have a row for each ``angle_deg`` of the frequency from +x, y down, and
     a column for each ``freq_cy_per_px``.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     angle_deg: tuple[float, ...]
     freq_cy_per_px: tuple[float, ...]
@@ -365,7 +364,7 @@ class OtfTable(BaseModel):
         return self
 
 
-class Transfer2d(BaseModel):
+class Transfer2d(StoredModel):
     """Transfer function of lens and pixel over both axes, from the pixels of all edges at once.
 
     ``form`` and ``parameters`` say it whole; ``table`` is for programs that read no formula.
@@ -395,8 +394,6 @@ class Transfer2d(BaseModel):
         Standard error of the correlation that ``otf_err`` holds where the directions of the edges
         leave it open and it is taken as 0; null where they tell it, and in files of before.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     form: FormName
     reason: str

@@ -14,9 +14,10 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 from scipy.special import ndtri
 
+from acquisition.files import StoredModel
 from acquisition.written_files import WrittenTable, read_toml, validate_written, validation_lines
 from calibration.edges import EdgeMeasurement
 from calibration.errors import LimitsFileError
@@ -265,15 +266,13 @@ def read_limits(path: Path) -> SharpnessLimits:
 Outcome = Literal["pass", "fail", "unsure"]
 
 
-class LimitVerdict(BaseModel):
+class LimitVerdict(StoredModel):
     """One limit: its key in the limits file, the figure measured, and the outcome.
 
     ``low`` and ``high`` are the ends of the figure's 95 % interval, ``where`` says which edge or
     part of the field it belongs to. A figure that could not be measured is null, and ``reason``
     says why.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     limit: str
     bound: float
@@ -291,10 +290,8 @@ class LimitVerdict(BaseModel):
         return "min" in self.limit.partition(".")[2].split("_")
 
 
-class SharpnessVerdict(BaseModel):
+class SharpnessVerdict(StoredModel):
     """All limits of a file together: fail if one fails, else unsure if one is."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     outcome: Outcome
     limits_file: str

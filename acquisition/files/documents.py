@@ -1,23 +1,27 @@
-"""Where a document comes from: program, time, command, and the files that were read."""
+"""The base of every document that is read and written, and where a document comes from."""
 
 from datetime import UTC, datetime
 
 from pydantic import BaseModel, ConfigDict
 
 
-class InputFile(BaseModel):
+class StoredModel(BaseModel):
+    """A document or part of one, not changed once made; what later versions add is ignored."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class InputFile(StoredModel):
     """A file that was read, with the SHA-256 of its bytes.
 
     Of a capture session it is the journal, which holds the hashes of all its captures.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
     path: str
     sha256: str
 
 
-class Provenance(BaseModel):
+class Provenance(StoredModel):
     """How a document was made.
 
     Parameters
@@ -34,8 +38,6 @@ class Provenance(BaseModel):
         How the levels of the photographs follow from light: ``linear``, ``srgb``, ``gamma:G`` or
         ``icc``; a list where they differ. Captures of a session are linear.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     version: str
     created: str
