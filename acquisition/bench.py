@@ -249,10 +249,7 @@ class BenchDevices:
 
 
 def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConfig:
-    """Read a bench file; ``overrides`` replace individual keys (``"camera.gain_db": 3``).
-
-    A `BenchConfigError` names the file and the key that is unknown, missing or out of range.
-    """
+    """Read a bench file; ``overrides`` replace individual keys (``"camera.gain_db": 3``)."""
     try:
         table = read_toml(path)
     except OSError as error:
@@ -311,8 +308,7 @@ def _key_fault(key: str, known: list[str]) -> str:
 def address_fault(text: str) -> str | None:
     """Say why ``text`` cannot name one camera; None where it can.
 
-    An IPv4 address of more than one host (broadcast, multicast, 0.0.0.0) is a fault: a GigE
-    Vision command sent there would reach every camera on the network.
+    A command sent to a broadcast, multicast or other many-host address would reach every camera.
     """
     try:
         address = ipaddress.ip_address(text)

@@ -52,9 +52,8 @@ def fit_noise_line(
 ) -> _NoiseLine:
     """Fit the line to all pixels of several exposures together.
 
-    Means and variances are averaged over pixels of like level first: a single variance of N
-    frames scatters by ``sqrt(2 / (N - 1))`` of itself, that of thousands of pixels does not. The
-    line never falls, and is at black at least the variance of rounding.
+    Means and variances are averaged over pixels of like level first. The line never falls, and is
+    at black at least the variance of rounding.
     """
     top_dn = black_level_dn + _USED_RANGE * (saturation_dn - black_level_dn)
     count, light, variance = np.zeros(_BINS), np.zeros(_BINS), np.zeros(_BINS)
@@ -117,11 +116,9 @@ _BLOCK_PIXELS = 2**18
 class BracketExposure:
     """One exposure of a bracket, for the record of its capture.
 
-    ``mean_dn`` and ``variance_dn2`` are over all its pixels: the level, and the temporal variance
-    of one frame. ``stale_frames`` were left out because they were, or may have been, exposed
-    before the exposure was changed. In ``used_pixels`` it counts; ``saturated_pixels`` reached the
-    largest level in any frame. ``light_ratio`` is the light that it shows over that of the next
-    shorter exposure, where both are well exposed; None where too few pixels are.
+    ``mean_dn`` and ``variance_dn2`` are over all its pixels; in ``used_pixels`` it counts.
+    ``light_ratio`` is the light that it shows over that of the next shorter exposure, None where
+    too few pixels are well exposed in both.
     """
 
     exposure_us: float
@@ -143,10 +140,9 @@ class BracketExposure:
 class MergedBracket:
     """A bracket as one capture, in DN of its shortest exposure.
 
-    ``averaged`` has the merged mean; its variance divided by all frames is that of the merged
-    mean, as in every capture. Pixels that are saturated in every exposure have the largest level.
-    ``exposures_used`` counts by pixel the exposures on which its level rests, float32 of shape
-    ``(rows, cols)``: 0 where the pixel is not valid.
+    Pixels that are saturated in every exposure have the largest level. ``exposures_used`` counts by
+    pixel the exposures on which its level rests, float32 of shape ``(rows, cols)``: 0 where it is
+    not valid.
     """
 
     averaged: AveragedFrames

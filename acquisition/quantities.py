@@ -65,10 +65,7 @@ _STATED = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\
 
 
 class UnknownUnitError(ValueError):
-    """A text states a unit that cannot be converted to that of its key.
-
-    The message follows the name of the key in a sentence.
-    """
+    """A text states a unit that cannot be converted to that of its key."""
 
     def __init__(self, text: str, *, unit: str, known: tuple[str, ...]) -> None:
         super().__init__(f'= "{text}": {unit!r} is not one of its units: {", ".join(known)}')
@@ -137,9 +134,8 @@ def _scale_of(unit: str) -> Mapping[str, int]:
 class ImplausibleQuantityError(ValueError):
     """A number is outside the range of its key, and its unit is not stated.
 
-    ``given`` is what was written and ``meant`` what was probably meant, both in the unit of the
-    key; ``meant`` is None if no slip explains the number. The message follows the name of the key
-    in a sentence.
+    ``given`` and ``meant``, None if no slip explains it, are in the unit of the key; the message
+    follows the key's name in a sentence.
     """
 
     def __init__(self, message: str, *, given: object, meant: object) -> None:
@@ -152,9 +148,8 @@ class ImplausibleQuantityError(ValueError):
 class PlausibleRange:
     """From ``low`` to ``high`` in the unit of the key; ``typical`` tells possible slips apart.
 
-    ``of`` says what must be in the range: each number of a value, the largest magnitude, or the
-    difference between the largest and the smallest. Where ``low`` is not negative, a negative
-    number is left to the key's own bounds.
+    ``of`` says what must be in the range: each number, the largest magnitude, or the difference of
+    the ends. Where ``low`` is not negative, the key's own bounds see to negative numbers.
     """
 
     low: float
@@ -234,9 +229,8 @@ class _Slip:
 def understood(name: str, value: object) -> object:
     """Return the value of a key, with the units that it states converted to that of the key.
 
-    ``name`` is without its section; the value is a number or text, or a list or table of them. What
-    is not a number stays as it is, and so does the value of a key without a unit. A number that
-    states no unit and is implausible is refused, and a unit that cannot be converted.
+    The value is a number or text, or a list or table of them. What is not a number, or has a key
+    without a unit, stays as it is. A number without a unit that is implausible is refused.
     """
     unit = unit_of(name)
     if unit is None:
@@ -258,10 +252,7 @@ def understood(name: str, value: object) -> object:
 
 
 def likely_slip(value: float, unit: str, plausible: PlausibleRange) -> _Slip | None:
-    """The slip that explains a number outside a range; None if none brings it inside.
-
-    Of several, it is the one that brings the number nearest to the typical value, as a ratio.
-    """
+    """The slip nearest to the typical value that explains a number; None if none does."""
     inside = [slip for slip in _slips(value, unit) if plausible.low <= slip.meant <= plausible.high]
     if value == 0 or not inside:
         return None
@@ -269,10 +260,7 @@ def likely_slip(value: float, unit: str, plausible: PlausibleRange) -> _Slip | N
 
 
 def slip_between(value: float, unit: str, low: float, high: float) -> str:
-    """End of a sentence on the slip that brings a value between two limits; empty if none does.
-
-    Only a factor of 1000 or more is a slip here: a smaller one may be another mistake.
-    """
+    """End of a sentence on the slip of 1000 or more that brings a value in range, or ""."""
     if not (math.isfinite(value) and low < high):
         return ""
     slip = likely_slip(value, unit, PlausibleRange(low, high, max(abs(low), abs(high)) / 2))
@@ -410,8 +398,8 @@ _LEAST_LIKENESS = 0.6
 def decimal_comma_remedy(text: str, name: str = "") -> str | None:
     """Say how to write a number that has a decimal comma; None if the text is not one.
 
-    A comma before three digits may instead separate thousands: the plausible range of the key
-    ``name`` decides if it can, otherwise both ways are named.
+    Where the comma may separate thousands, the plausible range of the key ``name`` decides if it
+    can.
     """
     found = _COMMA.fullmatch(text.rstrip())
     if found is None:
@@ -432,10 +420,9 @@ def decimals_meant(
 ) -> str | None:
     """Return a list of numbers with points for its decimal commas; None if nothing says it has any.
 
-    A list with a point in it is taken as it is. Signs of a decimal comma are another separator
-    beside it, a leading zero (``1,05``), a number out of the bounds that ``accepts`` knows, a
-    second of two numbers that is too large, ``pair_most`` or more, and pairs that ascend where the
-    numbers do not (``1,5,2,5``).
+    Signs of a decimal comma are another separator beside it, a leading zero (``1,05``), a number
+    that ``accepts`` does not, a second of two from ``pair_most`` on, and pairs that ascend where
+    the numbers do not (``1,5,2,5``).
     """
     parts = re.split(r"[;\s]+", text.strip())
     if "," in text and len(parts) > 1 and all(re.fullmatch(r"\d+(,\d+)?", one) for one in parts):
@@ -484,10 +471,7 @@ def toml_slip(text: str) -> str | None:
 
 
 def nearest_key(key: str, known: Iterable[str]) -> str | None:
-    """The known dotted key that an unknown one was probably meant to be, if any resembles it.
-
-    A similar name in the same section comes first, then the same and a similar one in another.
-    """
+    """The known dotted key that an unknown one was probably meant to be, if any resembles it."""
     section, _, name = key.rpartition(".")
     keys = list(known)
     here = [other for other in keys if other.rpartition(".")[0] == section]

@@ -26,11 +26,7 @@ _VERSION_KEYS = ("ETag", "etag", "LastModified", "mtime", "updated", "last_modif
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RemoteStatus:
-    """What is known of a file before it is read.
-
-    ``version`` is an integer that changes with the content, as far as its server tells; 0 where it
-    tells nothing.
-    """
+    """What is known of a file before it is read; its version is 0 where the server tells none."""
 
     size_bytes: int
     version: int

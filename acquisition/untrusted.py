@@ -51,12 +51,11 @@ class TiffPages:
 def parse_json(  # the reader checks what it needs
     text: str | bytes, *, has_single_keys: bool = False, has_file_names: bool = False
 ) -> Any:  # noqa: ANN401
-    """Read one JSON document; any fault in it is a ValueError.
+    """Read one JSON document, any fault in which is a ValueError.
 
-    With ``has_single_keys`` no object may repeat one, with ``has_file_names`` a text may hold bytes
-    that are no UTF-8, escaped as PEP 383 does. Refused is also what is nested deeper than the
-    parser goes, would fill the memory with empty lists, or escapes half a character, which no file
-    can be written with.
+    Refused is also what is nested too deep, would fill the memory with empty lists, or escapes half
+    a character; with ``has_single_keys`` a repeated key. With ``has_file_names`` a text may hold
+    bytes that are no UTF-8, escaped as PEP 383 does.
     """
     hook = _without_repeats if has_single_keys else None
     decoded = text if isinstance(text, str) else text.decode("utf-8")

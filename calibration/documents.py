@@ -59,10 +59,9 @@ def write_document(path: FilePath, document: BaseModel, failure: type[DocumentEr
 def read_document(
     path: FilePath, model: type[Document], failure: type[DocumentError], remedy: str
 ) -> Document:
-    """Read a JSON file into the model of its schema.
+    """Read a JSON file into a model whose ``schema_name`` has its schema as the default.
 
-    The model names its schema as the default of its field ``schema_name``; ``failure`` is raised,
-    with the ``remedy``, for a file of another schema.
+    ``failure`` is raised, with the ``remedy``, for a file of another schema.
     """
     path = path_of(path, "path")
     source = str(path)

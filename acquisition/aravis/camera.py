@@ -1,7 +1,4 @@
-"""A GenICam camera through Aravis: the `Camera` contract, with a watchdog and reconnection.
-
-Cameras are found on the network and on USB, which broadcasts, as opening a camera by its id does.
-"""
+"""A GenICam camera through Aravis: the `Camera` contract, with a watchdog and reconnection."""
 
 import math
 import time
@@ -44,11 +41,7 @@ def _connect_camera(config: CameraConfig) -> "AravisConnection":
 
 
 class AravisConnection:
-    """A camera under our control, configured, with a stream that can be started.
-
-    A lost connection is of no further use: close it and make a new one. It fails if another program
-    controls the camera, or it cannot be configured as asked.
-    """
+    """A camera under our control, configured, with a stream; of no further use once it is lost."""
 
     def __init__(self, opened: OpenedDevice, config: CameraConfig) -> None:
         self._opened = opened
@@ -70,11 +63,10 @@ class AravisConnection:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the control channel has ended: the camera is gone or another program has it.
+        """Whether the control channel has ended, as Aravis' heartbeat thread noticed.
 
-        Aravis' heartbeat thread notices. It is polled, because the signal ``control-lost`` holds
-        the device while a handler runs in that thread: if all other references are dropped
-        meanwhile, the thread drops the device, joins itself and ends the process.
+        Polled: in a handler of the signal ``control-lost`` that thread might drop the device, join
+        itself and end the process.
         """
         return not self._opened.is_controller
 
@@ -110,10 +102,7 @@ class AravisConnection:
         self._controls.features.execute("TriggerSoftware")
 
     def close(self) -> None:
-        """Drop stream, camera and device, and with them threads, sockets and control.
-
-        A camera that does not answer delays this by about 10 s.
-        """
+        """Drop stream, camera and device; 10 s later where the camera does not answer."""
         if self._stream is not None:
             self._stream.close()
         self._opened.close()
@@ -229,13 +218,8 @@ class AravisCamera:
 
     A stream that stalls, or whose control channel ends, raises `StreamInterruptedError`. The next
     `start` then drops every Aravis object, reopens the camera within ``reconnect_timeout_s``,
-    configures it again and compares all settings with those from before. Nothing is reopened
-    mid-stream, so no series mixes frames from before and after.
-
-    With a software trigger each `next_frame` takes one frame, no sooner than a frame period after
-    the last. With a line as the trigger a silent line is no stall: only the time limit ends.
-
-    ``connect`` makes a new connection from a configuration; ``clock`` is monotonic, in seconds.
+    configures it again and compares all settings: no series mixes frames from before and after.
+    With a software trigger each `next_frame` takes one frame; a silent trigger line is no stall.
     """
 
     def __init__(
@@ -313,9 +297,7 @@ class AravisCamera:
     def start(self) -> None:
         """See `Camera.start`; a lost camera is reopened first.
 
-        It fails if the camera did not come back within ``reconnect_timeout_s`` and one more attempt
-        of 2.5 s, or came back with other settings. It may take 15 s in any case: Aravis waits that
-        long for a camera to answer.
+        It may take 15 s more than ``reconnect_timeout_s``: Aravis waits that long for an answer.
         """
         if self._is_closed:
             raise DeviceDisconnectedError("the camera is closed")
@@ -509,10 +491,8 @@ class FoundCamera:
 class CameraProbe:
     """The present state of one camera; the limits are those at its present settings.
 
-    ``gain`` is its lowest and highest, as the camera states them. ``pixel_formats`` are those that
-    can be decoded, ``undecoded_formats`` the others. ``temperature_c`` is None where the camera has
-    no such feature, ``packet_size_bytes`` and ``resends_packets``, whether it sends lost packets
-    again, where it is not on a network.
+    ``temperature_c`` is None where the camera has no such feature, ``packet_size_bytes`` and
+    ``resends_packets`` where it is not on a network.
     """
 
     vendor: str

@@ -80,11 +80,7 @@ class Property:
 
 @dataclass(slots=True, kw_only=True)
 class Node:
-    """One node: its kind (``IntReg``, ``Enumeration`` ...) and what it consists of.
-
-    ``evaluated_with`` names nodes that lie inside it, or that it lies in, and that are evaluated
-    when it is.
-    """
+    """One node: its kind (``IntReg``, ``Enumeration`` ...), content, and the nodes inside it."""
 
     name: str
     kind: str
@@ -97,10 +93,7 @@ class Node:
 
 
 def parse_nodes(data: bytes) -> dict[str, Node]:
-    """Return the nodes of a description by their names, those without a name under one of ours.
-
-    Of two nodes with one name, both are kept in one: which of them Aravis takes does not matter.
-    """
+    """Return the nodes by their names; of two with one name, both are kept in one."""
     if len(data) > LARGEST_BYTES:
         raise DescriptionError(
             f"has {len(data) >> 20} MiB; no camera's is as large", fault="too large"
@@ -282,11 +275,7 @@ def _require_complete(nodes: Mapping[str, Node]) -> None:
 
 
 def _require_short_chains(nodes: Mapping[str, Node], order: tuple[str, ...]) -> None:
-    """Refuse chains of references that fill the stack, and values that take for ever.
-
-    ``order`` is that of `_evaluation_order`; the error's ``nodes`` are the one that a chain begins
-    at.
-    """
+    """Refuse chains of references, in evaluation order, that fill the stack or take for ever."""
     lengths: dict[str, int] = {}
     evaluations: dict[str, int] = {}
     for name in order:
@@ -348,9 +337,8 @@ _CHUNK_ID = "ChunkID"
 class SoundDescription:
     """What the driver asks of a description that was found sound.
 
-    ``needed`` names what each node is evaluated from. ``in_chunks`` are the registers that lie in
-    what a frame carries beside its picture, ``of_open_length`` those whose length another node
-    tells: how long they are, and where they lie, only the camera says.
+    ``in_chunks`` are the registers that lie in what a frame carries beside its picture,
+    ``of_open_length`` those whose length another node tells.
     """
 
     needed: Mapping[str, tuple[str, ...]]
@@ -370,10 +358,7 @@ class SoundDescription:
 
 
 def require_sound_description(data: bytes, camera: str) -> SoundDescription:
-    """Refuse an unpacked description that takes Aravis down; the error names the nodes at fault.
-
-    ``camera`` says which camera it is, for the error: "the camera at ...".
-    """
+    """Refuse an unpacked description that takes Aravis down; the error names the nodes at fault."""
     try:
         return _checked(data.partition(b"\0")[0])
     except DescriptionError as error:

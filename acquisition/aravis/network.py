@@ -154,10 +154,7 @@ def parse_reply(datagram: bytes) -> _Reply | None:
 
 
 class CameraMemory:
-    """Reads the memory of the camera at an address; a context manager.
-
-    ``own_address`` is that of the interface that leads to it; ``clock`` is monotonic, in seconds.
-    """
+    """Reads the memory of the camera at an address; a context manager."""
 
     def __init__(
         self, address: str, own_address: str, clock: Callable[[], float] = time.monotonic
@@ -321,10 +318,7 @@ class Place:
 
 
 def parse_url(url: str) -> Place | Path | None:
-    """Return where a URL register says that the description lies; None for the maker's website.
-
-    Aravis goes on to the second register then.
-    """
+    """Return where a URL register says that the description lies; None for the maker's website."""
     parts = _URL.match(url)
     scheme, path = (parts[1] or "", parts[2]) if parts else ("", "")
     if scheme.casefold() == "http":
@@ -347,10 +341,7 @@ def parse_url(url: str) -> Place | Path | None:
 
 
 def read_description(address: str, own_address: str) -> bytes:
-    """Return the description of the camera at an address, unpacked but not checked.
-
-    ``own_address`` is that of the interface that leads to the camera.
-    """
+    """Return the description of the camera at an address, unpacked but not checked."""
     try:
         with CameraMemory(address, own_address) as memory:
             return _read(memory)

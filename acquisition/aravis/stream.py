@@ -48,11 +48,10 @@ def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
 def decode_pixels(
     data: bytes | memoryview, pixel_format: str, shape: tuple[int, int]
 ) -> FrameImage:
-    """Decode ``data`` to levels in DN of the pixel format; colour mosaics stay mosaics.
+    """Decode ``data`` to levels in DN of a PFNC format; colour mosaics stay mosaics.
 
-    What follows the image in ``data`` is ignored. The format is a PFNC name: Mono or BayerXX with
-    8, 10, 12, 14, 16 or 12Packed. The result is uint8 or uint16 of ``shape``, read-only where it
-    shares the memory of ``data``, as all but the packed formats do.
+    The result is uint8 or uint16 of ``shape``, read-only where it shares the memory of ``data``, as
+    all but the packed formats do.
     """
     size = encoded_bytes(pixel_format, shape)
     if len(data) < size:
@@ -99,10 +98,8 @@ _BEYOND_BYTES = 4096
 class FrameMemory:
     """The buffers of one stream, of which ``buffers`` wait for frames at any time.
 
-    An image is read where it was received. Its buffer goes back to the stream when nothing refers
-    to the image any more; a program that keeps images gets copies once ``lent_most`` are in use.
-    ``buffer_bytes`` has room for image, chunks and padding, ``image_bytes`` is what an image of the
-    size that was set takes, at the buffer's begin.
+    An image is read where it was received; its buffer goes back when nothing refers to it. A
+    program that keeps images gets copies once ``lent_most`` are in use.
     """
 
     def __init__(
@@ -142,10 +139,7 @@ class FrameMemory:
             stream.push_buffer(buffer)
 
     def lend(self, buffer: AravisObject, image_bytes: int) -> memoryview | bytes | None:
-        """The bytes of a complete image, read-only, or None if they are too few.
-
-        The buffer goes back by itself: when the bytes are no longer used, or at once.
-        """
+        """The bytes of a complete image, or None; the buffer goes back once they are unused."""
         address = self._addresses[buffer]
         is_whole = image_bytes == self._image_bytes
         end = ctypes.string_at(address + self._end, len(self._sentinel))
@@ -193,10 +187,7 @@ class _FrameFacts:
 
 
 class FrameChunks:
-    """The chunks of one camera, named by vendor and model.
-
-    The opened camera's payload grows by the chunks that are switched on here.
-    """
+    """The chunks of one camera; the payload grows by those that are switched on here."""
 
     def __init__(self, opened: OpenedDevice, features: CameraFeatures, camera: str) -> None:
         self._opened = opened
@@ -307,10 +298,7 @@ _LENT_MOST = 6
 
 
 class FrameStream:
-    """A stream channel with its receive thread; it is dropped with its connection.
-
-    ``chunks`` are what the camera states with each frame; None if it is not asked to.
-    """
+    """A stream channel with its receive thread, and the chunks of each frame, if any."""
 
     def __init__(
         self, opened: OpenedDevice, settings: CameraSettings, chunks: FrameChunks | None = None
@@ -422,9 +410,8 @@ class FrameStream:
     def restart_if_deaf(self) -> bool:
         """Start the receive thread anew if it drops what comes; returns whether it did.
 
-        A late packet of an earlier series, such as the answer to a request for one, may be the
-        first that a new thread sees. It then takes the blocks of this series, which count from 1
-        again, for late ones, up to a hundred behind (Aravis 0.8.26). What it dropped is lost.
+        A late packet of an earlier series may be the first that a new thread sees: then it takes
+        the blocks of this series for late ones, up to a hundred behind (Aravis 0.8.26).
         """
         dropped, taken = (
             now - before for now, before in zip(self._packets(), self._packets_before, strict=True)
@@ -458,8 +445,8 @@ class FrameStream:
     def close(self) -> None:
         """End the receive thread and release the socket; closing twice is harmless.
 
-        This writes to the camera, so close the device only afterwards, and make no other stream
-        of the camera before: its port would be cleared (Aravis 0.8.26).
+        Close the device only afterwards, and make no other stream of the camera before: its port
+        would be cleared (Aravis 0.8.26).
         """
         if self._chunks is not None:
             self._chunks.close()

@@ -24,19 +24,9 @@ class InputFile(StoredModel):
 class Provenance(StoredModel):
     """How a document was made.
 
-    Parameters
-    ----------
-    version
-        Of standoff.
-    created
-        In UTC, as ISO 8601.
-    command
-        The command line, or the function of the library.
-    inputs
-        Every file that the result depends on.
-    encoding
-        How the levels of the photographs follow from light: ``linear``, ``srgb``, ``gamma:G`` or
-        ``icc``; a list where they differ. Captures of a session are linear.
+    ``version`` is of standoff, ``created`` in UTC, ``command`` a command line or a function.
+    ``encoding`` is how the levels of the photographs follow from light: ``linear``, ``srgb``,
+    ``gamma:G`` or ``icc``; a list where they differ.
     """
 
     version: str

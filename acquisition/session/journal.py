@@ -187,9 +187,8 @@ class JournalReading:
     """The events of a journal, one a line, and how much of it is sound.
 
     ``sound_bytes`` of the file hold them, ``torn_tail`` is the rest. ``chain`` is that of the last
-    line; of the lines' bytes where they are not chained. ``unchained`` is the number of lines, at
-    the beginning, of a version that did not chain them, ``head`` what the file beside the journal
-    says, if there is one.
+    line, ``unchained`` the number of first lines that an older version did not chain, ``head`` what
+    the file beside the journal says.
     """
 
     events: tuple[JournalEvent, ...]
@@ -233,11 +232,9 @@ def read_journal(
 ) -> JournalReading:
     r"""Read a journal as far as it is sound.
 
-    Every line was made durable before the next was begun, and the head only after it. A power cut
-    can thus affect only a last line that the head does not count: if that is no event, it was cut
-    short and is ignored, unless it is longer than any that is appended. No event's text is the
-    beginning of another's, so a last line that parses is complete even without its ``\n``.
-    Anything else is damage.
+    A power cut can only affect a last line that the head does not count: if that is no event, it
+    was cut short and is ignored. No event's text is the beginning of another's, so a last line that
+    parses is complete even without its ``\n``. Anything else is damage.
     """
     lines = io.BytesIO(data).readlines()
     sound, sound_bytes = _SoundLines(), 0
@@ -373,11 +370,10 @@ SYSTEM_STAMPS = Stamps()
 
 
 class JournalWriter:
-    """The one process that may append to a journal, for as long as it holds the lock.
+    """The one process that may append to a journal, for as long as it holds the ``flock``.
 
-    ``flock`` ends with the process, so that a killed one leaves no stale lock. Opening repairs a
-    torn tail: it is cut off and quoted in a ``note`` event. ``examine`` is called with the journal
-    as it was found, before it is repaired; what it raises leaves the journal so.
+    Opening cuts off a torn tail and quotes it in a ``note``, after ``examine`` was called with the
+    journal as it was found; what that raises leaves it so.
     """
 
     def __init__(
@@ -517,11 +513,9 @@ class JournalWriter:
         self._size = os.fstat(self._descriptor).st_size
 
     def _replace_head(self, head: JournalHead) -> None:
-        """Make the lines durable, and then replace the head, whole or not at all.
+        """Make the lines durable, and replace the head, at once.
 
-        The disk works at the lines and at the head's part at once. The head's name is durable with
-        the next line: a file system's journal keeps the order, and a head that lags behind is no
-        fault.
+        The head's name is durable with the next line; a head that lags behind is no fault.
         """
         path = self._path.with_name(HEAD_NAME)
         with open_part(path) as file:

@@ -1,7 +1,4 @@
-"""Read a capture session, and check that it is what was captured.
-
-What was planned and captured is in journal, plan and records; `verify` looks at every file's bytes.
-"""
+"""Read a capture session, and check every file's bytes against journal, plan and records."""
 
 import hashlib
 import math
@@ -387,11 +384,7 @@ class FileCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VerifyReport:
-    """Check of every file of a session that the journal names or that lies beside those.
-
-    ``faults`` are sentences on what is at odds within the session, each naming the journal's line;
-    ``remarks`` on what is odd but no fault.
-    """
+    """Check of every file of a session: ``faults``, and ``remarks`` on what is odd but none."""
 
     files: tuple[FileCheck, ...]
     faults: tuple[str, ...]
@@ -399,10 +392,7 @@ class VerifyReport:
 
     @property
     def is_ok(self) -> bool:
-        """Whether nothing is at odds, and every file is known, there and unchanged.
-
-        What is missing or changed of a superseded capture does not count: nothing uses it.
-        """
+        """Whether nothing is at odds, and every file that is in use is known and unchanged."""
         return not self.faults and not any(
             check.state in ("missing", "changed") and not check.is_superseded
             for check in self.files

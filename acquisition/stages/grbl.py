@@ -82,11 +82,10 @@ _UNLOCK_NEEDS_HOMING = (LIMIT_PRESSED, UNLOCKS_BY_HOMING)
 
 
 class GrblAxis:
-    """A `MotorAxis` that moves with jogs.
+    """A `MotorAxis` that moves with jogs; `connect` begins the dialogue.
 
-    A height is the controller's position, counted upwards, plus ``home_offset_mm``. `connect`
-    begins the dialogue; the constructor sends nothing. ``reference_error_mm`` is the true height
-    minus the height read, as found by the last homing; None if not measured.
+    A height is the controller's position, counted upwards, plus ``home_offset_mm``.
+    ``reference_error_mm`` is the true height minus the height read, as found by the last homing.
     """
 
     traits = AxisTraits(
@@ -257,8 +256,7 @@ class GrblAxis:
         """Synchronise with the controller and check its settings; moves nothing.
 
         A controller that gives evidence that it is homed is believed: grblHAL's ``H:`` field,
-        unless it keeps that through resets (``$22`` bit 7). Grbl 1.1 gives none. One that is in a
-        state in which it answers no queries is ``reset`` first.
+        unless it keeps that through resets (``$22`` bit 7). Grbl 1.1 gives none.
         """
         if reset:
             self.controller.reset()
@@ -350,11 +348,7 @@ class GrblAxis:
         self.reference_error_mm, self._found = None, ()
 
     def check_reference(self, deadline: float, stop: Event) -> None:
-        """See `MotorAxis.check_reference`.
-
-        A stage that believes it is homed creeps to where its switch should be; the error it
-        finds is `reference_error_mm`. One beyond the repeatability of a switch is a warning.
-        """
+        """See `MotorAxis.check_reference`: a homed stage creeps to where its switch should be."""
         if not self.is_position_known or self._home_mm is None or self._setup is None:
             return
         error_mm = reference_error_mm(
@@ -511,8 +505,7 @@ def open_grbl_stage(
     """Open the port of a bench file and begin the dialogue; moves nothing.
 
     ``first`` is sent before any query: ``stop`` cancels a jog that another program left running,
-    ``reset`` ends a state in which the controller answers no queries. ``stopped`` is called once
-    the stage stands, after ``stop``; what comes then may still fail.
+    ``reset`` ends a state without answers. ``stopped`` is called once the stage stands.
     """
     link = open_stage_link(config, name="the Grbl stage")
     controller = GrblController(link, clock=monotonic)

@@ -62,10 +62,7 @@ class GrblFirmware:
 
 @dataclass(slots=True)
 class Heard:
-    """What came besides answers while the dialogue was being synchronised.
-
-    Whether a greeting came, a line that is not Grbl's, and the version of a Grbl before 1.1.
-    """
+    """What came while synchronising: a greeting, lines not Grbl's, a version before 1.1."""
 
     booted: bool = False
     garbage: bytes = b""
@@ -163,8 +160,8 @@ class _GrblAnswer:
 class GrblController:
     """One controller on an open link: asks and listens, and decides nothing.
 
-    `is_position_known` is set by the code that homes, and reset here by a greeting or an alarm.
-    One exchange at a time; a stop may come from another thread.
+    `is_position_known` is set by the code that homes, and reset here by a greeting or an alarm. One
+    exchange at a time; a stop may come from another thread.
     """
 
     def __init__(self, link: SerialLink, *, clock: Callable[[], float]) -> None:
@@ -193,10 +190,7 @@ class GrblController:
         self._link.write(byte)
 
     def get_in_step(self, timeout_s: float = _BOOT_TIMEOUT_S, *, may_boot: bool = False) -> None:
-        """Synchronise the dialogue: silence, ``$I``, an answer with ``[VER:``.
-
-        ``may_boot`` is whether a greeting is expected: after opening and after our own reset.
-        """
+        """Synchronise the dialogue: silence, perhaps a greeting, ``$I``, the answer ``[VER:``."""
         with self._lock:
             self._is_in_step = False
             was_known = self.is_position_known

@@ -62,11 +62,7 @@ class _HeightAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrblSetup:
-    """The settings that homing depends on.
-
-    ``towards_switch`` is the sign of the machine direction towards the home switch; ``homing_s``
-    is the longest homing by travel and rates, 0 where they are not stated.
-    """
+    """The settings that homing depends on; ``homing_s`` is its longest time, 0 if not stated."""
 
     is_homing_enabled: bool
     keeps_homed_on_reset: bool
@@ -181,10 +177,7 @@ class _EnvelopeFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkEnvelope:
-    """Heights between which the controller moves the stage.
-
-    ``shortened_at`` names the ends at which it keeps off by the pull-off.
-    """
+    """Heights between which the controller moves, and the ends that the pull-off shortens."""
 
     low_mm: float
     high_mm: float
@@ -239,11 +232,10 @@ def work_envelope(
     family: Literal["Grbl", "grblHAL"],
     sets_origin: bool,
 ) -> WorkEnvelope | None:
-    """Return the work envelope that a controller's settings make; None if they state no travel.
+    """Return the work envelope that settings by number make; None if they state no travel.
 
-    ``settings`` are values by number, as the controller lists them; ``$27`` is needed. grblHAL
-    keeps off both ends where hard limits are on. ``sets_origin`` is whether homing sets the
-    position to 0 where it ends, instead of counting from the switch.
+    ``$27`` is needed. grblHAL keeps off both ends where hard limits are on. ``sets_origin`` is
+    whether homing sets the position to 0 where it ends.
     """
     scale = height_axis(config)
     number = _FIRST_TRAVEL + scale.index
@@ -275,11 +267,7 @@ def work_envelope(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ExpectedEnvelopes:
-    """What ``stage.expected_settings`` tells of the work envelope, without asking the controller.
-
-    What the controller reaches at most and at least, whatever is not named; None if not even travel
-    and pull-off are. ``unnamed`` settings would tell the rest.
-    """
+    """What ``stage.expected_settings`` tells of the most and least that the controller reaches."""
 
     largest: WorkEnvelope | None
     smallest: WorkEnvelope | None

@@ -29,10 +29,9 @@ def _now() -> datetime:
 
 
 class WireLog:
-    """Appends one line for every line sent (``>``) or received (``<``) and every remark (``#``).
+    """Appends a line for every line sent (``>``) or received (``<``) and every remark (``#``).
 
-    Bytes outside printable ASCII are escaped as in Python. At ``max_bytes`` the file becomes
-    ``<name>.1``, replacing an earlier one, and a new file is started.
+    At ``max_bytes`` the file becomes ``<name>.1``, replacing an earlier one.
     """
 
     def __init__(
@@ -120,10 +119,7 @@ class BytePort(Protocol):
 
 
 class SerialLink:
-    """One connection; it knows lines, not what they mean.
-
-    ``name`` is used in error messages; ``clock`` is the same as that of the port's reads.
-    """
+    """One connection to a named device; it knows lines, not what they mean."""
 
     def __init__(
         self,
@@ -300,10 +296,7 @@ def open_serial_port(
     read_slice_s: float = _READ_SLICE_S,
     write_timeout_s: float = _WRITE_TIMEOUT_S,
 ) -> SerialPort:
-    """Open a port exclusively, 8 data bits, no parity, 1 stop bit.
-
-    Opening resets Arduino boards (DTR).
-    """
+    """Open a port exclusively, 8 data bits, no parity, 1 stop bit; DTR resets Arduino boards."""
     try:
         return SerialPort(
             serial.Serial(

@@ -139,10 +139,7 @@ _CHECKSUM = re.compile(r"(.+):([0-9A-Fa-f]{2})", re.DOTALL)
 
 
 def checksum(text: str) -> int:
-    """Longitudinal redundancy check of the text between the first character and the colon.
-
-    ``1 1 07 move abs 40000`` gives 0xB6.
-    """
+    """Longitudinal redundancy check of a text: ``1 1 07 move abs 40000`` gives 0xB6."""
     return -sum(text.encode("ascii")) & 0xFF
 
 
@@ -261,10 +258,7 @@ _NOISE_TIMEOUT_S = 3.0
 
 
 class ZaberDevice:
-    """One axis on an open link; every command has its own id, so stale replies are ignored.
-
-    ``device`` is the address in the chain, ``axis`` the number of the axis.
-    """
+    """An axis of a device on an open link; commands have ids, so stale replies are ignored."""
 
     def __init__(
         self, link: SerialLink, *, device: int, axis: int, clock: Callable[[], float]
@@ -387,10 +381,9 @@ _DRIVER_OFF = ("FD", "FO", "FH")
 
 
 class ZaberAxis:
-    """A `MotorAxis` that moves to absolute positions in microsteps.
+    """A `MotorAxis` that moves to absolute positions in microsteps; `connect` begins the dialogue.
 
     A height is the position times ``microstep_um``, counted upwards, plus ``home_offset_mm``.
-    `connect` begins the dialogue; the constructor sends nothing.
     """
 
     def __init__(
@@ -420,8 +413,7 @@ class ZaberAxis:
     def connect(self) -> None:
         """Read its identity, compare its settings and set its speed; moves nothing.
 
-        Without the warnings ``WR`` and ``WH`` the device claims to know its position; that is
-        trusted.
+        Without the warnings ``WR`` and ``WH`` its claim to know its position is trusted.
         """
         self._device.connect()
         model = self._device.number("device.id", axis=0)
@@ -630,8 +622,8 @@ def open_zaber_stage(
 ) -> MotorStage:
     """Open the port of a bench file and begin the dialogue; moves nothing.
 
-    ``first`` as ``stop`` ends a move that another program left running before anything else is
-    sent. ``stopped`` is called once the stage stands, after that; what comes then may still fail.
+    ``stop`` as ``first`` ends a move that another program left; ``stopped`` is called once the
+    stage stands.
     """
     link = open_stage_link(config, name="the Zaber stage")
     device = ZaberDevice(

@@ -90,8 +90,7 @@ class MeasuredTransfer(StoredModel):
 def mean_transfer(edges: Sequence[EdgeSfr]) -> AxisTransfer | None:
     """Return the median over edges at each frequency; None where there is no edge.
 
-    The part in phase with the edge is taken: noise is positive and negative in it and cancels,
-    while a modulus would pile it up where little contrast is left.
+    The part in phase with the edge is taken, in which noise cancels; a modulus would pile it up.
     """
     if not edges:
         return None
@@ -288,21 +287,9 @@ class EdgeMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True)
 def edges_of_image(
     source: EdgeImage, region: Region | None = None, method: Method = "all-angles"
 ) -> list[EdgeMeasurement]:
-    """Find and fit every straight edge of one photograph.
+    """Find and fit every straight edge of one photograph, inside a region of it if asked.
 
-    Parameters
-    ----------
-    source
-        The photograph.
-    region
-        Only pixels inside it are used; positions are given in the whole image.
-    method
-        With ``paper``, the widths are those of Gaussians fitted to binned line spread functions.
-
-    Raises
-    ------
-    ValueError
-        If the region is not within the image.
+    With ``paper``, the widths are those of Gaussians fitted to binned line spread functions.
     """
     left = top = 0
     if region is not None:
@@ -517,8 +504,8 @@ def _flags(source: EdgeImage, fit: EdgeFit, differs: bool) -> tuple[str, ...]:
 class EdgeSelection:
     """Which edges of a photograph count.
 
-    ``region`` returns the part of it that is used, None for all. With the target ``auto``, edges
-    of the scene beside a target are flagged ``beside_target``; with ``all``, every edge counts.
+    ``region`` returns its part, None for all. With the target ``auto``, edges of the scene beside a
+    target are flagged ``beside_target``; with ``all``, every edge counts.
     """
 
     region: Callable[[EdgeImage], Region | None] = lambda _: None

@@ -79,10 +79,7 @@ def slopes_across(
     clearance_px: float,
     contrast_dn: float,
 ) -> Shading:
-    """Slopes and bends of the dark and of the bright side; 0 where absent or negligible.
-
-    The half width is that of the fitted band, the clearance the distance to the next edge.
-    """
+    """Slopes and bends of the dark and of the bright side; 0 where absent or negligible."""
     zones = _zones_px(image_dn, line, half_width_px, clearance_px)
     sums = _zone_sums(image_dn, line, half_width_px, zones)
     dark, bright = _sides(image_dn, line, half_width_px, zones, sums, contrast_dn)
@@ -103,8 +100,7 @@ def slope_left(
     """Slope across the edge that may be left in its pixels, both sides together, in DN/px.
 
     Of a side whose slope is taken off, that is its error. Elsewhere light that falls off shows in
-    the difference of both sides: the tail of a PSF is alike on either, light is in proportion to
-    the level. What noise explains counts as none.
+    the difference of both sides, a PSF's tail does not. What noise explains counts as none.
     """
     low, high = levels_dn
     contrast = high - low
@@ -194,8 +190,7 @@ def _sides(
 def _by_light(sums: FloatArray, least: float, zone_px: float, bend: float) -> tuple[_Side, _Side]:
     """Slopes and bends of light in proportion to the level, from the difference of both sides.
 
-    At the same distances d on either side ``level (1 + a d + b d^2)`` has slopes that differ by
-    ``a (H - L) + 2 b d (H + L)``. ``bend`` is b where one side has told it.
+    ``level (1 + a d + b d^2)`` has slopes at d that differ by ``a (H - L) + 2 b d (H + L)``.
     """
     none = _Side(0.0, 0.0, np.inf, False)
     dark, bright = _zone(sums[0, 2]), _zone(sums[1, 2])
@@ -285,8 +280,7 @@ class _Zone(NamedTuple):
 def _side_slope(sums: FloatArray, least: float, zone_px: float) -> _Side:
     """Slope at the edge and bend of one side, from the sums over its near and its far zone.
 
-    A tail rises towards the bright side, and the less the farther out; anything else that differs
-    between the zones is vignetting.
+    A tail rises towards the bright side, less the farther out; all else is vignetting.
     """
     if zone_px < _ZONE_LEAST_PX:
         return _Side(0.0, 0.0, np.inf, False)
@@ -320,7 +314,7 @@ def _zone_sums(
     """Products of the levels' terms, per side (dark, bright) and zone (near, far, both).
 
     The terms are 1, the distance, the position along the edge and its square, and the level; a last
-    row holds the mean level. ``zones`` are the widths of a zone on either side.
+    row holds the mean level.
     """
     sums = np.zeros((2, 3, _TERMS + 2, _TERMS + 1))
     rows, cols = image_dn.shape

@@ -38,19 +38,10 @@ _TILT_STEP = 1e-5
 class PlaneLens:
     """Lens and inclination: what stays the same when the stage moves.
 
-    Parameters
-    ----------
-    width_px, height_px
-        Size of the image.
-    focal_length_px
-        Focal length. If it is wrong, tilts come out wrong by the same factor.
-    k1, k2
-        Radial distortion: an ideal point at radius r from the principal point, 1 at the image
-        corner, appears at ``r (1 + k1 r^2 + k2 r^4)``. Negative is barrel distortion.
-    principal_x_px, principal_y_px
-        Offset of the principal point from the centre of the image.
-    tilt_x_rad, tilt_y_rad
-        Inclination that makes the optical axis meet the plane further along the image's +x, +y.
+    A wrong ``focal_length_px`` makes tilts wrong by the same factor. An ideal point at radius r
+    from the principal point, 1 at the image corner, appears at ``r (1 + k1 r^2 + k2 r^4)``; the
+    principal point counts from the centre of the image. The tilts make the optical axis meet the
+    plane further along the image's +x, +y.
     """
 
     width_px: int

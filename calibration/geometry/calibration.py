@@ -464,20 +464,8 @@ def geometry_of_captures(
 ) -> GeometryCalibration:
     """Measure pupil offset, scales, distortion, tilt and drift.
 
-    Parameters
-    ----------
-    captures
-        Captures of boards and textured targets, in any order, all of one image size.
-    options
-        What is known beforehand.
-    progress
-        Called with the number of captures matched.
-
-    Raises
-    ------
-    GeometryError
-        If the captures were made at one height, do not match, or contradict the stage; the message
-        is one line that names the capture or target and the remedy.
+    The captures, in any order, are of boards and textured targets, all of one image size. A
+    `GeometryError` names the capture or target at fault and the remedy.
     """
     given = options or GeometryOptions()
     _check(captures)

@@ -433,22 +433,8 @@ def noise_of_captures(
     """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.
 
     Every capture is loaded twice, or three times if the sensor has defects, which are left out. Of
-    a bracket every exposure is a sample, with its defects; the maps take what was merged.
-
-    Parameters
-    ----------
-    given
-        A session with dark and flat captures (see ``configs/noise_plan.toml``), or such captures of
-        frames of one's own.
-    progress
-        Called with the number of captures read, two for each.
-
-    Raises
-    ------
-    NoiseError
-        If the captures do not determine the noise; the message says what to capture.
-    SessionError
-        If a capture file is missing or changed.
+    a bracket every exposure is a sample, with its defects; the maps take what was merged. A
+    `NoiseError` says what to capture.
     """
     captures = NoiseCaptures.of_session(given) if isinstance(given, Session) else given
     listed = captures.captures

@@ -197,24 +197,10 @@ def psf_of_images(
     selection: EdgeSelection = _TARGET,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
-    """Measure the PSF from photographs of straight edges.
+    """Measure the PSF from photographs of straight edges, read one at a time.
 
-    Parameters
-    ----------
-    sources
-        The photographs, read one at a time.
-    method
-        ``paper`` is the method of the paper: Gaussians are fitted to binned line spread functions,
-        and their medians taken over vertical and horizontal edges.
-    selection
-        Which edges count; by default those of the target, wherever they are.
-    progress
-        Called with the number of photographs done.
-
-    Raises
-    ------
-    NoEdgeError
-        If no usable edge is found; the message says why.
+    ``paper`` fits Gaussians to binned line spread functions and takes their medians over vertical
+    and horizontal edges. Without ``selection`` the target's edges count, wherever they are.
     """
     edges: list[EdgeMeasurement] = []
     names: list[str] = []

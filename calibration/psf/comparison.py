@@ -126,12 +126,7 @@ class PsfChange:
 def psf_change(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
     """Compare two calibrations by a z-test of each parameter that both give with an error.
 
-    The remarks name the widths that are left out, and what only one of the two gives.
-
-    Raises
-    ------
-    CalibrationError
-        If they share no width with standard errors; the message names those that are missing.
+    The remarks name what is left out. Without a common width it is a `CalibrationError`.
     """
     pairs = [(name, _known(first, name), _known(second, name)) for name in PARAMETERS]
     known = [(name, a, b) for name, a, b in pairs if a is not None and b is not None]

@@ -55,18 +55,10 @@ class Misfit(StoredModel):
 class CrossValidation(StoredModel):
     """Whether the edges agree with one PSF, and the name of what does not fit.
 
-    Attributes
-    ----------
-    edges
-        Every other edge of each capture predicts the rest; null where a half does not determine
-        the widths.
-    heights
-        The nearer half of the captures predicts the further one; without heights, every other
-        capture the rest.
-    p_values
-        Of the tests by their kind, before the correction; a test that could not be made is absent.
-    named
-        What does not fit, empty where all tests together give no reason to doubt the model.
+    For ``edges`` every other edge of each capture predicts the rest, for ``heights`` the nearer
+    half of the captures the further one, or every other capture the rest; null where a half does
+    not determine the widths. ``p_values`` are before the correction; a test that could not be made
+    is absent.
     """
 
     edges: HalvesCheck | None

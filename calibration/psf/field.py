@@ -64,34 +64,16 @@ class FieldFit(StoredModel):
 
     @property
     def total(self) -> PsfField:
-        """The total PSF over the frame.
-
-        Raises
-        ------
-        ValueError
-            If the coefficients, in a damaged file, do not give a valid PSF.
-        """
+        """The total PSF over the frame; a ValueError for coefficients of a damaged file."""
         return self.total_of(None)
 
     def total_of(self, shape: MeasuredPsf | None) -> PsfField:
-        """Return the total PSF over the frame as a measured shape that is stretched to it.
-
-        Raises
-        ------
-        ValueError
-            If the coefficients, in a damaged file, do not give a valid PSF.
-        """
+        """Return the total PSF over the frame as a measured shape that is stretched to it."""
         return self._field(self.coefficients_px2, shape)
 
     @property
     def optical(self) -> PsfField | None:
-        """The PSF of the lens alone over the frame; None if the edges do not determine it.
-
-        Raises
-        ------
-        ValueError
-            If the coefficients, in a damaged file, do not give a valid PSF.
-        """
+        """The PSF of the lens alone over the frame; None if the edges do not determine it."""
         if self.optical_coefficients_px2 is None:
             return None
         return self._field(self.optical_coefficients_px2)

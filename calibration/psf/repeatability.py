@@ -174,34 +174,15 @@ class EdgeSquares:
 class CaptureFit:
     """Elements of a covariance from edges that share their capture's focus.
 
-    Attributes
-    ----------
-    values, covariance
-        The elements, without the further unknowns of the captures, and their covariance.
-    shared_values
-        The further unknowns of the captures.
-    by_focus
-        Derivative of ``covariance`` by the variance between captures; the same shape.
-    scatter2_px4, scatter2_err_px4
-        Variance between captures of the variance of the PSF, and its standard error; the best
-        estimate even where it is not significant, and then no part of ``covariance``.
-    p_value
-        Of so much difference between captures if they had none, whatever the widths do with the
-        direction of the edge.
-    offset_px2
-        What its focus adds to the squared widths of a capture, by its number: the best prediction,
-        0 where captures do not differ significantly.
-    scatter_px, trust
-        Scatter of widths within captures beyond their errors, and the edges' robust weights.
-    captures, between
-        Number of captures, and degrees of freedom between them.
-    shared_err_px2
-        Standard error that scatter and further unknowns leave in the variance averaged over both
-        axes, beyond what the edges' own errors leave.
-    is_single
-        Whether each capture has one edge: what differs then may be the edges, not the captures.
-    holds_scatter
-        Whether values and covariance allow for the scatter.
+    ``values`` are without the captures' further unknowns, ``shared_values``; ``by_focus`` is the
+    derivative of ``covariance`` by the variance between captures, ``scatter2_px4``, which is a part
+    of it only if ``holds_scatter``. ``p_value`` is of so much difference between captures that have
+    none, whatever the widths do with direction. ``offset_px2`` is what the focus of each capture
+    adds to its squared widths, 0 where captures do not differ significantly. ``scatter_px`` and
+    ``trust`` are the scatter within captures beyond their errors, and the edges' robust weights;
+    ``between`` are degrees of freedom. ``shared_err_px2`` is what scatter and further unknowns
+    leave in the variance averaged over both axes. ``is_single``: each capture has one edge, so that
+    what differs may be the edges.
     """
 
     values: FloatArray
@@ -485,23 +466,10 @@ class _CaptureModel:
 class FocusScatter(StoredModel):
     """How much the variance of the PSF, averaged over both axes, scatters between captures.
 
-    Attributes
-    ----------
-    scatter_px2, scatter_err_px2
-        Standard deviation between captures beyond what the edges' errors and their scatter within
-        captures explain, and its standard error.
-    mean_err_px2
-        What it leaves in the mean variance of this calibration, and its errors hold: the scatter
-        over the root of the number of captures, where these have as many edges each. 0 where the
-        captures do not differ significantly.
-    captures
-        Number of captures.
-    freedom
-        Student's degrees of freedom between captures, with which all of this is known.
-    p_value
-        Of so much difference between captures if their focus were the same.
-    source
-        What it was estimated from.
+    ``scatter_px2`` is beyond what the edges' errors and their scatter within captures explain;
+    ``mean_err_px2`` is what it leaves in the mean variance of this calibration, 0 where captures do
+    not differ significantly. ``freedom`` are Student's degrees of freedom between captures,
+    ``p_value`` is of so much difference if their focus were the same.
     """
 
     scatter_px2: float

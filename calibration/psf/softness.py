@@ -158,30 +158,12 @@ _LEAST_ERR_PX = 1e-9
 class TargetSoftness(StoredModel):
     """The blur of the edge target itself, over which the camera's PSF lies.
 
-    Attributes
-    ----------
-    variance_px2, variance_err_px2
-        Variance that the target adds across its edges in the nearest capture, and its standard
-        error; below 0 where the widths fall towards the target.
-    sigma_px
-        Its root, 0 where it is negative.
-    mean_variance_px2
-        The same, averaged over the edges.
-    sigma_mm, sigma_err_mm
-        Blur on the target, null where focal length, pixel pitch or heights are not known.
-    scale_from
-        What the scales of the captures are known from: their heights, or sides of squares.
-    nearest_height_mm
-        Height of the nearest capture, null where none is known.
-    pupil_offset_mm
-        Distance from the height's zero to the entrance pupil that fits best, null where the scales
-        are those of sides.
-    p_value
-        One-sided, of so much softness of a sharp target.
-    p_value_misfit
-        Of heights so far from this model.
-    is_removed
-        Whether it was taken off: the PSF is then that of the camera.
+    ``variance_px2`` is what it adds across edges in the nearest capture, below 0 where widths fall
+    towards the target, ``mean_variance_px2`` the average over the edges. ``sigma_mm`` is null where
+    focal length, pixel pitch or heights are not known, ``pupil_offset_mm`` where the scales are
+    those of sides. ``p_value`` is one-sided, of so much softness of a sharp target,
+    ``p_value_misfit`` of heights so far from this model. If it ``is_removed``, the PSF is that of
+    the camera.
     """
 
     variance_px2: float

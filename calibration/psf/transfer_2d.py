@@ -367,32 +367,15 @@ class OtfTable(StoredModel):
 class Transfer2d(StoredModel):
     """Transfer function of lens and pixel over both axes, from the pixels of all edges at once.
 
-    ``form`` and ``parameters`` say it whole; ``table`` is for programs that read no formula.
-
-    Attributes
-    ----------
-    form
-        ``gaussian``: a Gaussian lens. ``total-gaussian``: a Gaussian for lens and pixel in one, as
-        rendered edges have. ``round``: a circular pupil out of focus, and a Gaussian. ``elliptic``:
-        the same with the pupil's cut-off stretched to an ellipse. ``free``: with a correction by
-        radial splines and angular harmonics.
-    reason
-        Why this form: by how much the Bayesian information criterion of others is larger.
-    parameters
-        By name, the unit in it; ``defocus_waves2`` is the square of the defocus in waves.
-    covariance
-        Covariance matrix of the parameters, in their order: its lower triangle, row by row. It
-        holds the scatter from edge to edge and that of the focus between captures, whose part is
-        widened by Student's quantile over the normal one: 1.96 standard errors are 95 %.
-    angles_deg
-        Directions of the frequencies that edges measured: their normals, modulo 180 degrees.
-    edges, chi2_reduced
-        Number of edges, and chi-squared over its degrees of freedom for the noise within them.
-    scatter
-        Factor on the noise's covariance for what the edges scatter beyond it, at least 1.
-    rho_err_assumed
-        Standard error of the correlation that ``otf_err`` holds where the directions of the edges
-        leave it open and it is taken as 0; null where they tell it, and in files of before.
+    ``form`` and ``parameters`` say it whole; ``table`` is for programs that read no formula. A
+    ``gaussian`` is of the lens, ``total-gaussian`` of lens and pixel, as rendered edges have;
+    ``round`` is a circular pupil out of focus and a Gaussian, ``elliptic`` has its cut-off
+    stretched, ``free`` a correction by radial splines and angular harmonics. ``covariance`` is the
+    lower triangle, row by row, of the parameters' matrix, with the scatter from edge to edge and
+    that of the focus between captures, widened by Student's quantile over the normal one.
+    ``angles_deg`` are the edges' normals, modulo 180 degrees. ``scatter`` is a factor on the
+    noise's covariance, at least 1. ``rho_err_assumed`` is in ``otf_err`` where the edges leave the
+    correlation open and it is taken as 0.
     """
 
     form: FormName
