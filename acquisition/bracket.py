@@ -47,7 +47,7 @@ Sample = tuple[NDArray[np.float32], NDArray[np.float32]]
 """Mean level and unbiased temporal variance of one frame, by pixel."""
 
 
-def fit_noise_line(
+def _fit_noise_line(
     samples: Iterable[Sample], *, black_level_dn: float, saturation_dn: float
 ) -> _NoiseLine:
     """Fit the line to all pixels of several exposures together.
@@ -182,7 +182,7 @@ def merge_bracket(
     _require_ascending(exposures_us, averages)
     reference_us = exposures_us[0]
     top_dn = _saturation_dn(exposures_us, averages, black_level_dn, max_level_dn)
-    line = fit_noise_line(
+    line = _fit_noise_line(
         [(one.mean_dn, one.variance_dn2) for one in averages],
         black_level_dn=black_level_dn,
         saturation_dn=top_dn,

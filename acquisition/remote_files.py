@@ -25,7 +25,7 @@ _VERSION_KEYS = ("ETag", "etag", "LastModified", "mtime", "updated", "last_modif
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RemoteStatus:
+class _RemoteStatus:
     """What is known of a file before it is read; its version is 0 where the server tells none."""
 
     size_bytes: int
@@ -50,11 +50,11 @@ def url_of(path: PurePath) -> str:
     return _URL.sub(r"\1://", text, count=1) if is_url(path) else text
 
 
-def remote_status(path: Path) -> RemoteStatus:
+def remote_status(path: Path) -> _RemoteStatus:
     """Look at a file."""
     with _opened(path) as (system, name):
         info = system.info(name)
-    return RemoteStatus(
+    return _RemoteStatus(
         size_bytes=int(info.get("size") or 0),
         version=_version(info),
         is_folder=info["type"] == "directory",

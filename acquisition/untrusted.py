@@ -41,7 +41,7 @@ class TiffDamageError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TiffPages:
+class _TiffPages:
     """The images of a file in order, and ImageJ's Info where there is one."""
 
     images: tuple[NDArray[Any], ...]
@@ -92,7 +92,7 @@ def parse_toml(text: str | bytes) -> dict[str, Any]:
 
 def read_tiff(
     data: bytes, *, first_alone: bool = False, shape: tuple[int, int] | None = None
-) -> TiffPages:
+) -> _TiffPages:
     """Read the pages of a TIFF file, or the first one; with ``shape``, if they have that alone."""
     try:
         # The reader's objects refer to each other: without closing it, they would keep the file's
@@ -106,7 +106,7 @@ def read_tiff(
     except TIFF_DAMAGE as error:
         text = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise TiffDamageError(text) from error
-    return TiffPages(images=images, info=info if isinstance(info, str) else None)
+    return _TiffPages(images=images, info=info if isinstance(info, str) else None)
 
 
 def _pixels(

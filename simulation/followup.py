@@ -16,14 +16,14 @@ from simulation.sampling_grid import SamplingGrid
 from simulation.zoom import ZoomOperator, zoom_operator, zoom_out_image
 
 
-def exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) -> FloatImage:
+def _exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) -> FloatImage:
     """Image with ``factor`` times the light; levels are not clipped."""
     if not (factor >= 0 and np.isfinite(factor)):
         raise ValueError(f"an exposure factor must be finite and not negative, got {factor}")
     return _like(image_dn, (image_dn - black_level_dn) * factor + black_level_dn)
 
 
-def vignetted(
+def _vignetted(
     image_dn: FloatImage, corner_fall_off: float, black_level_dn: float = 0.0
 ) -> FloatImage:
     """Image with the natural vignetting of a lens.
@@ -45,7 +45,7 @@ def vignetted(
     return _like(image_dn, (image_dn - black_level_dn) * light + black_level_dn)
 
 
-def unsharp_masked(image_dn: FloatImage, amount: float, sigma_px: float) -> FloatImage:
+def _unsharp_masked(image_dn: FloatImage, amount: float, sigma_px: float) -> FloatImage:
     """Image after a camera's sharpening: plus ``amount`` times (image minus its blur).
 
     Phones use amounts of 0.3 to 1.5.
@@ -215,7 +215,7 @@ def captured(
         rng = np.random.default_rng(options.seed)
         image = with_capture_noise(image, light**2 * own_variance_dn2, noise, rng)
     if options.sharpening is not None:
-        image = unsharp_masked(image, *options.sharpening)
+        image = _unsharp_masked(image, *options.sharpening)
     return image
 
 
@@ -234,7 +234,7 @@ def _own_variance(reference: AnyArray, operator: ZoomOperator, noise: CaptureNoi
 
 def _lit(image: FloatImage, options: CaptureOptions, black_dn: float) -> FloatImage:
     if options.exposure != 1.0:
-        image = exposed(image, options.exposure, black_dn)
+        image = _exposed(image, options.exposure, black_dn)
     if options.vignetting != 0.0:
-        image = vignetted(image, options.vignetting, black_dn)
+        image = _vignetted(image, options.vignetting, black_dn)
     return image

@@ -265,7 +265,7 @@ def _psf(psf_of: Callable[[FloatArray], Psf], values: FloatArray) -> Psf | None:
         return None
 
 
-def second_derivatives(image: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _second_derivatives(image: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the derivatives xx, xy and yy per px^2, each of the shape of ``image``."""
     return (
         _twice(image, 1),
@@ -519,7 +519,7 @@ def _focus_variance(
     """Variance by the focus of the reference and, independent of it, of the follow-up."""
     if scatter_px2 is None:
         return None
-    xx, xy, yy = (view.rendered(part, psf) for part in second_derivatives(reference))
+    xx, xy, yy = (view.rendered(part, psf) for part in _second_derivatives(reference))
     stretch = view.survey()[..., 2:]
     if reference.ndim == 3:
         stretch = stretch[:, :, None, :]

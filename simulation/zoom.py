@@ -276,7 +276,7 @@ def _needed(psf: Psf | None, model: Model) -> Psf:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlurredSpline:
+class _BlurredSpline:
     """Coefficients of the quintic spline through a blurred image, shape ``(rows, cols)``."""
 
     coefficients: FloatArray = field(repr=False)
@@ -316,7 +316,7 @@ _OPERATORS = 128
 pairs 200 times slower."""
 
 
-class SrComputation(TypedDict, total=False):
+class _SrComputation(TypedDict, total=False):
     """How the partners are computed; what is not given has the default."""
 
     model: Model
@@ -347,7 +347,7 @@ class SrPair:
         )
 
 
-def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
+def _crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
     """First pixels of crops along one axis: every ``stride_px``, the last one at the border."""
     if crop_px < 1 or stride_px < 1:
         raise ValueError(f"crop and stride must be positive, got {crop_px} and {stride_px}")
@@ -366,7 +366,7 @@ def sr_pairs(
     *,
     crop_px: int,
     stride_px: int,
-    **how: Unpack[SrComputation],
+    **how: Unpack[_SrComputation],
 ) -> Iterator[SrPair]:
     """Cut an image into crops, row by row, each with its low-resolution partner.
 
@@ -387,8 +387,8 @@ def sr_pairs(
         raise ValueError(f"a crop of {crop_px} px leaves no pixel at zoom {zoom:g}")
     refuse_non_finite(image)
     centred = SamplingGrid.centred((crop_px, crop_px), zoom)
-    for top in crop_origins(rows, crop_px, stride_px):
-        for left in crop_origins(cols, crop_px, stride_px):
+    for top in _crop_origins(rows, crop_px, stride_px):
+        for left in _crop_origins(cols, crop_px, stride_px):
             own = _psf_at(psf, top + (crop_px - 1) / 2, left + (crop_px - 1) / 2)
             margin = _margin_px(zoom, own)
             # Crops away from the border have the same window and grid: one cached operator.

@@ -61,7 +61,7 @@ _TOLERANCE_OF_ALIASES = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageCovariance:
+class _ImageCovariance:
     """Covariance of the pixels along one axis of an image.
 
     ``values`` go by the distance in px from 0 up: 1 at distance 0, and the noise on it.
@@ -74,7 +74,7 @@ class ImageCovariance:
     @classmethod
     def seen_through(
         cls, transfer: Callable[[FloatArray], FloatArray], lags: int, noise_ratio: float = 0.0
-    ) -> "ImageCovariance":
+    ) -> "_ImageCovariance":
         """Covariance of a first-order scene seen through a transfer function, and of its noise."""
         count = max(_STEPS_PER_CYCLE, 2 * lags)
         freq = np.arange(-_ALIASES * count, _ALIASES * count) / count
@@ -87,8 +87,8 @@ class ImageCovariance:
         return cls(np.asarray(values), max(_TOLERANCE, _TOLERANCE_OF_ALIASES * aliased))
 
 
-def shortest(
-    rows: FloatArray, covariance: ImageCovariance, share: float, *, keeps_ramp: bool = True
+def _shortest(
+    rows: FloatArray, covariance: _ImageCovariance, share: float, *, keeps_ramp: bool = True
 ) -> FloatArray:
     """Fit rows by the fewest weights that change the images of a camera by next to nothing.
 
@@ -105,13 +105,13 @@ def shortest(
     return rows
 
 
-def largest_variance(rows: FloatArray, covariance: ImageCovariance) -> float:
+def _largest_variance(rows: FloatArray, covariance: _ImageCovariance) -> float:
     """Largest variance of what a row of weights makes of an image of variance 1."""
     return float(_variances(rows, covariance).max())
 
 
 def _fitted(
-    rows: FloatArray, taps: int, covariance: ImageCovariance, keeps_ramp: bool
+    rows: FloatArray, taps: int, covariance: _ImageCovariance, keeps_ramp: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return weights of the middle columns, and the variance of the difference, row by row."""
     count = rows.shape[1]
@@ -131,7 +131,7 @@ def _fitted(
     return weights, change + _variances(weights, covariance)
 
 
-def _variances(rows: FloatArray, covariance: ImageCovariance) -> FloatArray:
+def _variances(rows: FloatArray, covariance: _ImageCovariance) -> FloatArray:
     system = toeplitz(covariance.values[: rows.shape[1]])
     return np.asarray(np.einsum("ra,ra->r", rows @ system, rows))
 
@@ -231,12 +231,12 @@ def _row_weights(psf: Psf, zoom_y: float, zoom_x: float) -> Iterator[FloatArray]
     count = len(kernels)
     widest = max(len(taps) for kernel in kernels for taps in (kernel.along_y, kernel.along_x))
     lags = 2 * _reach_px(widest)
-    covariance_y = ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq), lags)
-    covariance_x = ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero), lags)
+    covariance_y = _ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq), lags)
+    covariance_x = _ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero), lags)
     for kernel in kernels:
         y, x = _long_rows(kernel.along_y), _long_rows(kernel.along_x)
-        yield shortest(y, covariance_y, count * largest_variance(x, covariance_x))
-        yield shortest(x, covariance_x, count * largest_variance(y, covariance_y))
+        yield _shortest(y, covariance_y, count * _largest_variance(x, covariance_x))
+        yield _shortest(x, covariance_x, count * _largest_variance(y, covariance_y))
 
 
 def _long_rows(kernel: FloatArray) -> FloatArray:
@@ -415,7 +415,7 @@ def _table_positions(positions_px: FloatArray) -> tuple[float, ...]:
 
 
 @lru_cache(maxsize=16)
-def kernel_solver(
+def _kernel_solver(
     psf: Psf, zoom_y: float, zoom_x: float, noise_ratio: float, scene_correlation_px: float
 ) -> _KernelSolver | None:
     """Solver of one PSF, zoom (at least 1) and noise; None if no window is large enough."""
@@ -506,7 +506,7 @@ def _shortened(
     seen_x = [_seen_through(rows, power, allowed / terms) for rows in along_y]
     matters = np.array(
         [
-            largest_variance(rows, seen) > seen.tolerance
+            _largest_variance(rows, seen) > seen.tolerance
             for rows, seen in zip(along_y, seen_y, strict=True)
         ]
     )
@@ -521,24 +521,24 @@ def _shortened(
     )
 
 
-def _seen_through(rows: FloatArray, power: FloatArray, tolerance: float) -> ImageCovariance:
+def _seen_through(rows: FloatArray, power: FloatArray, tolerance: float) -> _ImageCovariance:
     """Covariance along the columns of an image whose rows are combined by weights.
 
     ``power`` is the image's, by the frequencies along and across the rows; the mean of the rows'.
     """
     passed = np.mean(np.abs(np.fft.fft(rows, len(power))) ** 2, axis=0)
     values = np.fft.ifft(passed @ power).real / len(power)
-    return ImageCovariance(values, tolerance)
+    return _ImageCovariance(values, tolerance)
 
 
-def _ends_off(terms: FloatArray, seen: list[ImageCovariance]) -> FloatArray:
+def _ends_off(terms: FloatArray, seen: list[_ImageCovariance]) -> FloatArray:
     taps = terms.shape[2]
     if taps % 2:
         return terms  # of an image smaller than a window
     made = np.zeros_like(terms)
     for number, (rows, covariance) in enumerate(zip(terms, seen, strict=True)):
         # The first product alone acts on a ramp.
-        short = shortest(rows, covariance, 1.0, keeps_ramp=number == 0)
+        short = _shortest(rows, covariance, 1.0, keeps_ramp=number == 0)
         first = (taps - short.shape[1]) // 2
         made[number, :, first : first + short.shape[1]] = short
     return made
@@ -574,7 +574,7 @@ def lmmse_terms(
     if not (scene_correlation_px > 0 and np.isfinite(scene_correlation_px)):
         raise ValueError(f"scene_correlation_px must be positive, got {scene_correlation_px}")
     zooms = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
-    solver = kernel_solver(psf, *zooms, noise_ratio, scene_correlation_px)
+    solver = _kernel_solver(psf, *zooms, noise_ratio, scene_correlation_px)
     if solver is None:
         return None
     along_y = _Windows.along(grid.rows_px, solver.taps_y, shape[0])

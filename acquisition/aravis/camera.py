@@ -35,12 +35,12 @@ _FIRMWARE_NAMES = ("DeviceFirmwareVersion", "DeviceVersion")
 _SERIAL_NUMBER_NAMES = ("DeviceSerialNumber", "DeviceID")
 
 
-def _connect_camera(config: CameraConfig) -> "AravisConnection":
+def _connect_camera(config: CameraConfig) -> "_AravisConnection":
     """Open the camera of a bench file and configure it."""
-    return AravisConnection(open_camera(config), config)
+    return _AravisConnection(open_camera(config), config)
 
 
-class AravisConnection:
+class _AravisConnection:
     """A camera under our control, configured, with a stream; of no further use once it is lost."""
 
     def __init__(self, opened: OpenedDevice, config: CameraConfig) -> None:
@@ -166,7 +166,7 @@ _RELATIVE_ROUNDING = 1e-6
 _SOFTWARE = "software"
 
 
-def require_same_camera(
+def _require_same_camera(
     info: DeviceInfo,
     info_now: DeviceInfo,
     settings: CameraSettings,
@@ -224,14 +224,14 @@ class AravisCamera:
 
     def __init__(
         self,
-        connection: AravisConnection,
+        connection: _AravisConnection,
         config: CameraConfig,
         *,
-        connect: Callable[[CameraConfig], AravisConnection] = _connect_camera,
+        connect: Callable[[CameraConfig], _AravisConnection] = _connect_camera,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._connection: AravisConnection | None = connection
+        self._connection: _AravisConnection | None = connection
         self._config = config
         self._connect = connect
         self._clock = clock
@@ -389,7 +389,7 @@ class AravisCamera:
                 f"no frame from the camera within {timeout_s:g} s", timeout_s=timeout_s
             )
 
-    def _trigger(self, connection: AravisConnection) -> None:
+    def _trigger(self, connection: _AravisConnection) -> None:
         """Take one frame, unless one that was asked for has not come yet."""
         if self._is_triggered:
             return
@@ -406,7 +406,7 @@ class AravisCamera:
     def _period_s(self) -> float:
         return max(1 / self._settings.frame_rate_hz, 1e-6 * self._settings.exposure_us)
 
-    def _open_connection(self) -> AravisConnection:
+    def _open_connection(self) -> _AravisConnection:
         if self._connection is None:
             raise DeviceDisconnectedError(
                 "the camera is closed" if self._is_closed else "the camera is lost; start it again"
@@ -460,7 +460,7 @@ class AravisCamera:
                 break
             self._sleep(_RECONNECT_PAUSE_S)
         try:
-            require_same_camera(
+            _require_same_camera(
                 self._info, self._connection.info, self._settings, self._connection.settings
             )
         except DeviceError:

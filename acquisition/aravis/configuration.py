@@ -417,7 +417,7 @@ class CameraControls:
             gain_unit=gain.unit,
             features=features,
         )
-        require_usable(settings)
+        _require_usable(settings)
         return _with_black_level(settings, black_level)
 
     def _set_pixel_format(self, pixel_format: str) -> None:
@@ -502,7 +502,7 @@ class CameraControls:
         return self.features.first_of([row.name for row in names_for(purpose, self._name)])
 
 
-def require_usable(settings: CameraSettings) -> None:
+def _require_usable(settings: CameraSettings) -> None:
     """Refuse sizes and times that no frame can have, before anything is divided by them."""
     for feature, value in (
         ("Width", settings.width_px),

@@ -32,11 +32,11 @@ _FORMAT = re.compile(r"(?:Mono|Bayer(?:RG|GR|GB|BG))(8|10|12|14|16|12Packed)")
 
 
 def can_decode(pixel_format: str) -> bool:
-    """Whether `decode_pixels` supports the PFNC name."""
+    """Whether `_decode_pixels` supports the PFNC name."""
     return _FORMAT.fullmatch(pixel_format) is not None
 
 
-def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
+def _encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
     """Number of bytes that an image of ``(rows, cols)`` takes on the wire."""
     pixels = shape[0] * shape[1]
     depth = _depth(pixel_format)
@@ -45,7 +45,7 @@ def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
     return pixels if depth == "8" else 2 * pixels
 
 
-def decode_pixels(
+def _decode_pixels(
     data: bytes | memoryview, pixel_format: str, shape: tuple[int, int]
 ) -> FrameImage:
     """Decode ``data`` to levels in DN of a PFNC format; colour mosaics stay mosaics.
@@ -53,7 +53,7 @@ def decode_pixels(
     The result is uint8 or uint16 of ``shape``, read-only where it shares the memory of ``data``, as
     all but the packed formats do.
     """
-    size = encoded_bytes(pixel_format, shape)
+    size = _encoded_bytes(pixel_format, shape)
     if len(data) < size:
         raise ValueError(
             f"a {pixel_format} image of {shape[1]}x{shape[0]} takes {size} bytes, got {len(data)}"
@@ -95,7 +95,7 @@ _BEYOND_BYTES = 4096
 0.8.26 reads it there all the same."""
 
 
-class FrameMemory:
+class _FrameMemory:
     """The buffers of one stream, of which ``buffers`` wait for frames at any time.
 
     An image is read where it was received; its buffer goes back when nothing refers to it. A
@@ -315,7 +315,7 @@ class FrameStream:
         self._newest_facts = _FrameFacts()
         self._packets_before = (0, 0)
         # Compiled before the stream runs: the first time takes a second, and no frame waits.
-        decode_pixels(bytes(encoded_bytes(self._format_name, (1, 2))), self._format_name, (1, 2))
+        _decode_pixels(bytes(_encoded_bytes(self._format_name, (1, 2))), self._format_name, (1, 2))
         self._success = library.api.BufferStatus.SUCCESS
         payloads = library.api.BufferPayloadType
         self._image_payload = payloads.IMAGE
@@ -323,7 +323,7 @@ class FrameStream:
         with translated_errors(library, "the stream channel"):
             self._format_code = int(opened.camera.get_pixel_format())
             payload_bytes = int(opened.camera.get_payload())
-            image_bytes = encoded_bytes(self._format_name, self._shape)
+            image_bytes = _encoded_bytes(self._format_name, self._shape)
             _require_plausible(payload_bytes, image_bytes)
             if opened.is_gige:
                 # As root, Aravis reads a packet socket: that hides a small receive buffer.
@@ -336,7 +336,7 @@ class FrameStream:
             self._stream.set_property("socket-buffer", library.api.GvStreamSocketBuffer.FIXED)
             self._stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
         wanted = math.ceil(_BUFFERED_S * settings.frame_rate_hz)
-        self._memory = FrameMemory(
+        self._memory = _FrameMemory(
             library,
             self._made,
             buffers=min(max(wanted, _MIN_BUFFERS), _MAX_BUFFERS),
@@ -390,11 +390,11 @@ class FrameStream:
             self._memory.push(buffer)
         else:
             shape, facts = picture
-            data = self._memory.lend(buffer, encoded_bytes(self._format_name, shape))
+            data = self._memory.lend(buffer, _encoded_bytes(self._format_name, shape))
             if data is not None:
                 self._newest_ns, self._newest_facts = timestamp_ns, facts
                 return Frame(
-                    image_dn=decode_pixels(data, self._format_name, shape),
+                    image_dn=_decode_pixels(data, self._format_name, shape),
                     frame_id=frame_id,
                     timestamp_ns=timestamp_ns,
                     exposure_us=facts.exposure_us,

@@ -111,7 +111,7 @@ def bracket_remarks(record: CaptureRecord) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def estimate_motion(
+def _estimate_motion(
     mean_dn: NDArray[np.floating],
     variance_dn2: NDArray[np.floating],
     frames_used: int,
@@ -209,7 +209,7 @@ def _under_exposure(images: CaptureImages) -> QualityFinding | None:
 def _motion(images: CaptureImages) -> QualityFinding | None:
     if images.variance_dn2 is None:
         return None
-    moved_px = estimate_motion(
+    moved_px = _estimate_motion(
         images.mean_dn,
         images.variance_dn2,
         images.record.frames_used,

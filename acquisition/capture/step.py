@@ -47,7 +47,7 @@ class _ExposureStep:
     limited_by: tuple[ExposureLimit, ...] = ()
 
 
-def next_exposure(
+def _next_exposure(
     exposure_us: float,
     bright_dn: float,
     *,
@@ -115,7 +115,7 @@ def find_exposure(
         taken = exposures.average(_TRIAL_FRAMES, exposure_us)
         settings = camera.settings
         bright_dn = float(np.percentile(taken.averaged.mean_dn, _BRIGHT_PERCENTILE))
-        step = next_exposure(
+        step = _next_exposure(
             settings.exposure_us,
             bright_dn,
             black_level_dn=settings.black_level_dn,
@@ -148,7 +148,7 @@ def without_flicker(exposure_us: float, mains_hz: float) -> float:
     return periods * period_us if periods else exposure_us
 
 
-def bracket_exposures_us(
+def _bracket_exposures_us(
     shortest_us: float, ratios: Sequence[float], mains_hz: float
 ) -> tuple[float, ...]:
     """Exposures of a bracket, ascending; longer ones in whole periods of the flicker."""
@@ -279,7 +279,7 @@ class CaptureStep:
                 started=started,
                 finished=self._utc_now(),
             )
-        asked_us = bracket_exposures_us(
+        asked_us = _bracket_exposures_us(
             self._exposure_us, entry.bracket.ratios(), self._bench.capture.mains_hz
         )
         each = self._exposures.bracket(frames, asked_us, keep_frames=keep)

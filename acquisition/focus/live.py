@@ -195,7 +195,7 @@ class FocusPoint:
     """Whether there was anything to focus on."""
 
 
-class LiveFocus(NamedTuple):
+class _LiveFocus(NamedTuple):
     """Focus value of one frame, and whether there is anything in it to focus on."""
 
     value: float
@@ -238,7 +238,7 @@ class FocusMeter:
             self._previous = view
             return None
         else:
-            self._variances.append(variance_between(self._previous, view, black_level_dn))
+            self._variances.append(_variance_between(self._previous, view, black_level_dn))
             variance = min(self._variances)
         self._previous = view
         self.has_detail = not shows_nothing(view)
@@ -263,7 +263,7 @@ def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
         camera.stop()
 
 
-def focus_values(camera: Camera, options: FocusOptions) -> Generator[LiveFocus, None, None]:
+def focus_values(camera: Camera, options: FocusOptions) -> Generator[_LiveFocus, None, None]:
     """Stream, and yield the focus value of every complete frame until closed."""
     timeout_s = _frame_timeout_s(camera)
     black_level_dn = camera.settings.black_level_dn
@@ -276,7 +276,7 @@ def focus_values(camera: Camera, options: FocusOptions) -> Generator[LiveFocus, 
                 continue
             value = meter.add(frame.image_dn, black_level_dn)
             if value is not None:
-                yield LiveFocus(value, meter.has_detail)
+                yield _LiveFocus(value, meter.has_detail)
     finally:
         camera.stop()
 
@@ -322,7 +322,7 @@ def sweep_focus(
     return tuple(points)
 
 
-def variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float) -> float:
+def _variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float) -> float:
     """Temporal variance of one frame, in DN^2, from two frames of a scene, brought to one light.
 
     What moved between the frames adds: over several pairs, the smallest value is the noise.

@@ -73,7 +73,7 @@ class Encoding:
 
     def _decoders(self) -> list[_Curve]:
         if self.name == "srgb":
-            return [srgb_to_linear]
+            return [_srgb_to_linear]
         gamma = self.gamma
         if gamma is not None:
             return [lambda encoded: np.asarray(encoded**gamma)]
@@ -103,7 +103,7 @@ LINEAR = Encoding(name="linear")
 SRGB = Encoding(name="srgb")
 
 
-def srgb_to_linear(encoded: FloatArray) -> FloatArray:
+def _srgb_to_linear(encoded: FloatArray) -> FloatArray:
     """IEC 61966-2-1:1999, section 5.2, from 0 to 1."""
     power = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
     return np.where(encoded <= 0.04045, encoded / 12.92, power)
@@ -305,7 +305,7 @@ def _encoding(curves: list[FloatArray]) -> Encoding:
         (curve,) = curves
         if np.abs(curve - encoded).max() <= _SAME_CURVE:
             return LINEAR
-        if np.abs(curve - srgb_to_linear(encoded)).max() <= _SAME_CURVE:
+        if np.abs(curve - _srgb_to_linear(encoded)).max() <= _SAME_CURVE:
             return SRGB
         middle = np.interp(0.5, encoded, curve)
         gamma = round(float(np.log(max(middle, 1e-6)) / np.log(0.5)), 3)

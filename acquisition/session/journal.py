@@ -17,7 +17,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self, get_args
 
 from acquisition.errors import SessionError
@@ -227,7 +226,7 @@ class JournalReading:
         return self.head is None and len(self.events) > self.unchained
 
 
-def read_journal(
+def _read_journal(
     data: bytes, *, head: JournalHead | None = None, source: str = "journal.jsonl"
 ) -> JournalReading:
     r"""Read a journal as far as it is sound.
@@ -274,7 +273,7 @@ def read_journal_file(path: Path) -> JournalReading:
         data = read_regular_file(path, LARGEST_JOURNAL_BYTES)
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}; {_REPAIR}", path=path) from error
-    return read_journal(data, head=head, source=str(path))
+    return _read_journal(data, head=head, source=str(path))
 
 
 def _may_be_torn(line: bytes) -> bool:
@@ -434,12 +433,7 @@ class JournalWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _lock(self) -> None:

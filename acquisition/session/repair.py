@@ -30,14 +30,14 @@ from acquisition.session.record import CaptureRecord, Manifest, utc_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LostLine:
+class _LostLine:
     """A line that was not taken over; its text is empty if it is gone."""
 
     number: int
     text: str = ""
 
 
-def _vouched_lines(data: bytes, counted: int) -> tuple[list[JournalEvent], list[LostLine]]:
+def _vouched_lines(data: bytes, counted: int) -> tuple[list[JournalEvent], list[_LostLine]]:
     """Take a damaged journal apart: events that can be vouched for, in order, and what is lost.
 
     A chained line is vouched for by its chain; where the line before it is gone, its text alone
@@ -74,7 +74,7 @@ def _vouched_lines(data: bytes, counted: int) -> tuple[list[JournalEvent], list[
     for number in range(1, max([counted, *links.by_number, 0]) + 1):
         if number not in seen:
             lost.setdefault(number, "")
-    return kept, [LostLine(number=number, text=lost[number]) for number in sorted(lost)]
+    return kept, [_LostLine(number=number, text=lost[number]) for number in sorted(lost)]
 
 
 class _Links:
@@ -139,7 +139,7 @@ class RepairReport:
 
     kept_as: Path | None = None
     lines: int = 0
-    lost: tuple[LostLine, ...] = ()
+    lost: tuple[_LostLine, ...] = ()
     recovered: tuple[FoundCapture, ...] = ()
     left_out: tuple[FoundCapture, ...] = ()
 
@@ -344,16 +344,16 @@ def _with_start(
 
 def _without_orphans(
     events: Iterable[JournalEvent],
-) -> tuple[list[JournalEvent], list[LostLine]]:
+) -> tuple[list[JournalEvent], list[_LostLine]]:
     """Leave out decisions about captures that are gone, and captures that come twice."""
     kept: list[JournalEvent] = []
-    orphans: list[LostLine] = []
+    orphans: list[_LostLine] = []
     captured: set[str] = set()
     for number, event in enumerate(events, start=1):
         about = event.facts.get("supersedes" if event.kind == "retake" else "capture")
         is_decision = event.kind in ("retake", "exclude", "include", "height")
         if (is_decision and about not in captured) or event.uid in captured:
-            orphans.append(LostLine(number=number, text=event.to_text(number).decode()))
+            orphans.append(_LostLine(number=number, text=event.to_text(number).decode()))
             continue
         if event.kind == "capture":
             captured.add(event.uid)

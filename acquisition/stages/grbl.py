@@ -81,7 +81,7 @@ _UNLOCK_NEEDS_HOMING = (LIMIT_PRESSED, UNLOCKS_BY_HOMING)
 """grblHAL refuses to unlock where homing is the only way out."""
 
 
-class GrblAxis:
+class _GrblAxis:
     """A `MotorAxis` that moves with jogs; `connect` begins the dialogue.
 
     A height is the controller's position, counted upwards, plus ``home_offset_mm``.
@@ -418,7 +418,7 @@ class GrblAxis:
 
 
 def reference_error_mm(
-    axis: GrblAxis, setup: GrblSetup, *, home_mm: float, deadline: float, stop: Event
+    axis: _GrblAxis, setup: GrblSetup, *, home_mm: float, deadline: float, stop: Event
 ) -> float | None:
     """Height error of a homed stage: true height minus the height it reads.
 
@@ -452,7 +452,7 @@ def reference_error_mm(
 
 
 def _seek(
-    axis: GrblAxis, target_mm: float, feed_mm_per_min: float, deadline: float
+    axis: _GrblAxis, target_mm: float, feed_mm_per_min: float, deadline: float
 ) -> float | None:
     """Height at which the switch triggers on the way; None if it does not."""
     axis.jog(target_mm, feed_mm_per_min)
@@ -477,7 +477,7 @@ def _seek(
     raise DeviceTimeoutError(f"{axis.name}: the check of the home switch did not end")
 
 
-def _leave_switch(axis: GrblAxis, pull_off_mm: float, deadline: float, stop: Event) -> None:
+def _leave_switch(axis: _GrblAxis, pull_off_mm: float, deadline: float, stop: Event) -> None:
     """Go back in steps of the pull-off until the switch is released."""
     for _ in range(_LEAVE_STEPS):
         report = axis.controller.status()
@@ -509,7 +509,7 @@ def open_grbl_stage(
     """
     link = open_stage_link(config, name="the Grbl stage")
     controller = GrblController(link, clock=monotonic)
-    axis = GrblAxis(config, controller, clock=monotonic, sleep=sleep)
+    axis = _GrblAxis(config, controller, clock=monotonic, sleep=sleep)
     stage = MotorStage(config, axis, clock=monotonic, sleep=sleep)
     try:
         if first == "stop":

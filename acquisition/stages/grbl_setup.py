@@ -176,7 +176,7 @@ class _EnvelopeFault:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WorkEnvelope:
+class _WorkEnvelope:
     """Heights between which the controller moves, and the ends that the pull-off shortens."""
 
     low_mm: float
@@ -231,7 +231,7 @@ def work_envelope(
     *,
     family: Literal["Grbl", "grblHAL"],
     sets_origin: bool,
-) -> WorkEnvelope | None:
+) -> _WorkEnvelope | None:
     """Return the work envelope that settings by number make; None if they state no travel.
 
     ``$27`` is needed. grblHAL keeps off both ends where hard limits are on. ``sets_origin`` is
@@ -255,7 +255,7 @@ def work_envelope(
             far_mm -= inwards * pull_off_mm
             shortened_at.append("far")
     low_mm, high_mm = sorted((scale.height_mm(home_mm), scale.height_mm(far_mm)))
-    return WorkEnvelope(
+    return _WorkEnvelope(
         low_mm=low_mm,
         high_mm=high_mm,
         travel_mm=travel_mm,
@@ -269,8 +269,8 @@ def work_envelope(
 class _ExpectedEnvelopes:
     """What ``stage.expected_settings`` tells of the most and least that the controller reaches."""
 
-    largest: WorkEnvelope | None
-    smallest: WorkEnvelope | None
+    largest: _WorkEnvelope | None
+    smallest: _WorkEnvelope | None
     unnamed: tuple[str, ...]
 
 

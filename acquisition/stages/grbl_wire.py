@@ -241,7 +241,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class StoredLine:
+class _StoredLine:
     """One line of ``$N``, such as ``$N0=G54``: what the controller runs after a start."""
 
     number: int
@@ -257,7 +257,7 @@ class Feedback:
 
 
 @dataclass(frozen=True, slots=True)
-class StartupLine:
+class _StartupLine:
     """``>G54:ok``: the controller ran a stored line; its ok answers nothing of ours."""
 
     text: str
@@ -295,7 +295,15 @@ class StatusReport:
 
 
 GrblMessage = (
-    Ok | ErrorReply | Alarm | Banner | Setting | StoredLine | Feedback | StartupLine | StatusReport
+    Ok
+    | ErrorReply
+    | Alarm
+    | Banner
+    | Setting
+    | _StoredLine
+    | Feedback
+    | _StartupLine
+    | StatusReport
 )
 
 _BANNER = re.compile(r"Grbl(HAL)? \d", re.IGNORECASE)
@@ -392,11 +400,11 @@ def _pushed(text: str) -> GrblMessage | None:
     if not text.isprintable():
         return None
     if text.startswith(">"):
-        return StartupLine(text[1:])
+        return _StartupLine(text[1:])
     if found := _SETTING.fullmatch(text):
         return Setting(int(found[1]), found[2])
     if found := _STORED_LINE.fullmatch(text):
-        return StoredLine(int(found[1]), found[2])
+        return _StoredLine(int(found[1]), found[2])
     if found := _FEEDBACK.fullmatch(text):
         return Feedback(found[1], found[2])
     return None

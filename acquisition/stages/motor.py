@@ -48,7 +48,7 @@ class AxisTraits:
     may_move_after: tuple[type[DeviceError], ...]
 
 
-class MovableAxis(Protocol):
+class _MovableAxis(Protocol):
     """What `travel` and `halt` need of an axis."""
 
     @property
@@ -77,7 +77,7 @@ class MovableAxis(Protocol):
         ...
 
 
-class _MotorAxis(MovableAxis, Protocol):
+class _MotorAxis(_MovableAxis, Protocol):
     """One axis of a controller, in heights; it obeys and reports, and decides nothing.
 
     Every call may raise the errors of a line. One that learns of an alarm or a reset sets
@@ -222,7 +222,7 @@ def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> No
         )
 
 
-def approach_heights_mm(
+def _approach_heights_mm(
     config: StageConfig, *, start_mm: float, target_mm: float, is_flank_taken: bool
 ) -> list[float]:
     """One or two heights to visit in turn: the target is approached from the configured side.
@@ -357,7 +357,7 @@ class MotorStage:
         self._stop.clear()
         self._refuse_emergency()
         deadline = self._clock() + timeout_s
-        stops_mm = approach_heights_mm(
+        stops_mm = _approach_heights_mm(
             self._config,
             start_mm=self._axis.ready_height_mm(),
             target_mm=height_mm,
@@ -505,7 +505,7 @@ class MotorStage:
 
 
 def travel(
-    axis: MovableAxis, height_mm: float, *, tolerance_mm: float, deadline: float, stop: Event
+    axis: _MovableAxis, height_mm: float, *, tolerance_mm: float, deadline: float, stop: Event
 ) -> None:
     """Move to a height and wait for arrival; the move is repeated once after a lost answer.
 
@@ -537,7 +537,7 @@ def travel(
             )
 
 
-def halt(axis: MovableAxis, *, clock: Callable[[], float], sleep: Callable[[float], None]) -> None:
+def halt(axis: _MovableAxis, *, clock: Callable[[], float], sleep: Callable[[float], None]) -> None:
     """Stop under control and wait for rest; if it does not stop, abort and lose the position."""
     axis.cancel()
     deadline = clock() + STOP_TIMEOUT_S
@@ -552,7 +552,7 @@ def halt(axis: MovableAxis, *, clock: Callable[[], float], sleep: Callable[[floa
         sleep(POLL_S)
 
 
-def _told_to_stop(axis: MovableAxis) -> StageStoppedError:
+def _told_to_stop(axis: _MovableAxis) -> StageStoppedError:
     return StageStoppedError(
         f"{axis.name} was told to stop; nothing more was sent", is_asked=True, height_mm=None
     )

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from time import monotonic
-from types import TracebackType
 from typing import Protocol, Self
 
 import serial
@@ -28,7 +27,7 @@ def _now() -> datetime:
     return datetime.now(UTC)
 
 
-class WireLog:
+class _WireLog:
     """Appends a line for every line sent (``>``) or received (``<``) and every remark (``#``).
 
     At ``max_bytes`` the file becomes ``<name>.1``, replacing an earlier one.
@@ -65,12 +64,7 @@ class WireLog:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _write(self, direction: str, text: str) -> None:
@@ -98,7 +92,7 @@ _MAX_LINE_BYTES = 1024
 """No message of the supported protocols is longer."""
 
 
-class BytePort(Protocol):
+class _BytePort(Protocol):
     """An open port; it raises the errors of `acquisition.errors`."""
 
     def read(self) -> bytes:
@@ -123,11 +117,11 @@ class SerialLink:
 
     def __init__(
         self,
-        port: BytePort,
+        port: _BytePort,
         *,
         name: str,
         clock: Callable[[], float],
-        log: WireLog | None = None,
+        log: _WireLog | None = None,
     ) -> None:
         self.name = name
         self._port = port
@@ -228,7 +222,7 @@ class SerialLink:
             raise DeviceDisconnectedError(f"{self.name} is closed")
 
 
-class SerialPort:
+class _SerialPort:
     """An open port; translates pyserial's errors into ours."""
 
     def __init__(self, port: serial.Serial) -> None:
@@ -275,7 +269,7 @@ class SerialPort:
 def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
     """Open the port and the wire log."""
     try:
-        log = WireLog(Path(config.wire_log)) if config.wire_log else None
+        log = _WireLog(Path(config.wire_log)) if config.wire_log else None
     except OSError as error:
         raise BenchConfigError(
             f"stage.wire_log {config.wire_log}: {error.strerror}", keys=("stage.wire_log",)
@@ -295,10 +289,10 @@ def open_serial_port(
     *,
     read_slice_s: float = _READ_SLICE_S,
     write_timeout_s: float = _WRITE_TIMEOUT_S,
-) -> SerialPort:
+) -> _SerialPort:
     """Open a port exclusively, 8 data bits, no parity, 1 stop bit; DTR resets Arduino boards."""
     try:
-        return SerialPort(
+        return _SerialPort(
             serial.Serial(
                 path,
                 baud_rate,

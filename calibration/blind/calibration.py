@@ -60,7 +60,7 @@ class _SharpestWidths:
     edges_used: int
 
 
-def fit_sharpest_widths(
+def _fit_sharpest_widths(
     angles_deg: FloatArray, sigma_px: FloatArray, sigma_err_px: FloatArray
 ) -> _SharpestWidths:
     """Fit the PSF to widths of edges, some of which are soft in the scene itself.
@@ -198,7 +198,7 @@ def calibrate_from_scene(
         progress(done)
     clear = [edge for edge in edges if "saturated" not in edge.flags and is_clear(edge)]
     try:
-        widths = fit_sharpest_widths(
+        widths = _fit_sharpest_widths(
             np.array([edge.angle_deg for edge in clear]),
             np.array([edge.sigma_px for edge in clear]),
             np.array([edge.sigma_err_px for edge in clear]),

@@ -207,14 +207,7 @@ def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
     if gap > _widest_gap_px(line):
         return None
     first, last = min(-half, *positions), max(half, *positions)
-    middle = 0.5 * (first + last)
-    return replace(
-        line,
-        x_px=line.x_px - s * middle,
-        y_px=line.y_px + c * middle,
-        length_px=last - first,
-        found_length_px=last - first,
-    )
+    return _part(line, 0.5 * (first + last), last - first)
 
 
 def _sized(pixels: RidgePixels, line: EdgeSegment) -> EdgeSegment:
@@ -244,13 +237,8 @@ def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
         0.0 if _to_frame_px(end, outwards, rows, cols) < _LEAVES_PX else corner
         for end, outwards in ((first, -along), (last, along))
     ]
-    middle = 0.5 * (cuts[0] - cuts[1])
-    return replace(
-        line,
-        x_px=line.x_px - middle * sin(line.normal_rad),
-        y_px=line.y_px + middle * cos(line.normal_rad),
-        length_px=max(line.length_px - cuts[0] - cuts[1], 4.0),
-    )
+    middle, length = 0.5 * (cuts[0] - cuts[1]), max(line.length_px - cuts[0] - cuts[1], 4.0)
+    return replace(_part(line, middle, length), found_length_px=line.found_length_px)
 
 
 def _whole_corner_px(sigma_px: float) -> float:

@@ -160,11 +160,11 @@ def in_sensor_pixels(fit: EdgeFit, pitch_px: int) -> EdgeFit:
     The optical width is the one that has this total width over the square of a sensor pixel.
     """
     sigma, err = fit.sigma_px * pitch_px, fit.sigma_err_px * pitch_px
-    optical = optical_of_total(sigma, fit.normal_rad)
+    optical = _optical_of_total(sigma, fit.normal_rad)
     optical_err = None
     if optical is not None:
         step = 1e-3 * sigma
-        above = optical_of_total(sigma + step, fit.normal_rad)
+        above = _optical_of_total(sigma + step, fit.normal_rad)
         optical_err = err * ((above or optical) - optical) / step
     return replace(
         fit,
@@ -179,7 +179,7 @@ def in_sensor_pixels(fit: EdgeFit, pitch_px: int) -> EdgeFit:
     )
 
 
-def optical_of_total(sigma_px: float, normal_rad: float) -> float | None:
+def _optical_of_total(sigma_px: float, normal_rad: float) -> float | None:
     """Optical width behind a unit pixel of a total width; None where it is the pixel's alone."""
     # The square is the same every 90 degrees and mirrored at 45.
     turn = abs((np.rad2deg(normal_rad) + 45.0) % 90.0 - 45.0)

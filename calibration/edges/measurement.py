@@ -148,7 +148,7 @@ def _line_spread(samples: EdgeSamples) -> _LineSpread:
     return _LineSpread(place_px=position, value_per_px=np.gradient(filled, BIN_PX))
 
 
-def lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
+def _lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
     """Return the edge with the width of a Gaussian fitted to its line spread function.
 
     There is no optical width; None where no Gaussian can be fitted.
@@ -344,7 +344,7 @@ def _measured_edge(
         contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor)).widened(fit, compression)
     rough_px = roughness_px(samples, fit.sigma_px)
     if method == "paper":
-        widened = lsf_fit(edge_samples(image, segment, fit, near_px), fit)
+        widened = _lsf_fit(edge_samples(image, segment, fit, near_px), fit)
         if widened is None:
             return None
         fit, binned = widened, None
@@ -514,10 +514,10 @@ class EdgeSelection:
     def measured_in(self, source: EdgeImage, method: Method) -> list[EdgeMeasurement]:
         """Measure the edges of a photograph."""
         edges = edges_of_image(source, self.region(source), method)
-        return told_apart(edges, source.pitch_px) if self.target == "auto" else edges
+        return _told_apart(edges, source.pitch_px) if self.target == "auto" else edges
 
 
-def told_apart(edges: Sequence[EdgeMeasurement], pitch_px: int = 1) -> list[EdgeMeasurement]:
+def _told_apart(edges: Sequence[EdgeMeasurement], pitch_px: int = 1) -> list[EdgeMeasurement]:
     """Flag edges of one photograph as ``beside_target`` that belong to the scene.
 
     They are all edges of the photograph, measured on every ``pitch_px``-th pixel of the sensor.

@@ -167,7 +167,7 @@ def _between(values: FloatArray, edges: FloatArray, least: float, below: float) 
 
 
 @compiled_part()
-def outlier_weights(
+def _outlier_weights(
     noise: FloatArray, is_clipped: BoolArray, spread: FloatArray, contrast: float, step_dn: float
 ) -> tuple[bool, FloatArray]:
     """Whether single pixels stand out in the ``noise_part``, and Tukey biweights.
@@ -353,7 +353,7 @@ def pixel_weights(
     spread = np.empty(len(weights))
     for i in range(len(weights)):
         spread[i] = 1.0 / sqrt(weights[i])
-    found, outliers = outlier_weights(scatter, is_clipped, spread, contrast, step_dn)
+    found, outliers = _outlier_weights(scatter, is_clipped, spread, contrast, step_dn)
     return PixelWeights(weights * outliers if found else weights, outliers, found)
 
 

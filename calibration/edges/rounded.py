@@ -229,7 +229,7 @@ def _mills_ratio(x: float) -> float:
 
 
 @compiled_part()
-def interval_terms(
+def _interval_terms(
     below: float, above: float, s: float
 ) -> tuple[float, float, float, float, float, float]:
     """Log P of an interval ``below`` to ``above`` the level, and its first and second derivatives.
@@ -280,7 +280,7 @@ def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equ
         all2 = s2 + least2 + data.extra_variance[i]
         s = sqrt(all2)
         level = model.levels[i]
-        term, by_level, by_s, by_levels, by_ss, mixed = interval_terms(
+        term, by_level, by_s, by_levels, by_ss, mixed = _interval_terms(
             data.lower[i] - level, data.upper[i] - level, s
         )
         total += w * term
@@ -430,7 +430,7 @@ def expected_residuals(data: Intervals, fit: LikelyParameters, is_square: bool) 
     for i in range(len(out)):
         s = np.exp((1 - model.edges[i]) * dark + model.edges[i] * bright)
         level = model.levels[i]
-        out[i] = s * s * interval_terms(data.lower[i] - level, data.upper[i] - level, s)[1]
+        out[i] = s * s * _interval_terms(data.lower[i] - level, data.upper[i] - level, s)[1]
     return out
 
 

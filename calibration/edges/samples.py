@@ -171,7 +171,7 @@ _SINGLE_SIGMAS, _SINGLE_LEAST = 4.0, 0.03  # larger ones are dust, or something 
 _FEWEST_PAIRS = 20
 
 
-class Deviations(NamedTuple):
+class _Deviations(NamedTuple):
     """How the pixels along an edge deviate from their mean profile across it, of the contrast.
 
     ``shared`` is the covariance of ``pairs`` of neighbours, ``slope2`` sums squared slopes, px^-2.
@@ -204,7 +204,7 @@ class Deviations(NamedTuple):
 def border_flags(samples: EdgeSamples, fit: EdgeFit, *, is_jpeg: bool) -> tuple[str, ...]:
     """Flags ``uneven`` and ``curved`` of what is no straight edge between two even levels."""
     noise = fit.noise_dn / (samples.high_dn - samples.low_dn)
-    found = Deviations(
+    found = _Deviations(
         *_deviations(
             samples.distance_px,
             samples.along_px,
@@ -234,7 +234,7 @@ def _deviations(
     sine: float,
     largest: float,
 ) -> tuple[float, float, int, float]:
-    """Compare neighbouring pixels near an edge: the fields of ``Deviations``."""
+    """Compare neighbouring pixels near an edge: the fields of ``_Deviations``."""
     reach = _REACH_SIGMAS * sigma_px + _REACH_EXTRA_PX
     n = distance.size
     bins = int(2 * reach / _BIN_PX) + 2

@@ -44,7 +44,7 @@ _LEFT_ERRORS = 2.0
 _SLOPE_LEAST = 5e-4  # of the contrast over half the band: less does not move sigma by 0.1 %
 
 
-class Shading(NamedTuple):
+class _Shading(NamedTuple):
     """How the levels of the dark and of the bright side go on from the edge.
 
     Slopes across it, at the edge, in DN/px; bends (halves of second derivatives) across it and
@@ -78,7 +78,7 @@ def slopes_across(
     half_width_px: float,
     clearance_px: float,
     contrast_dn: float,
-) -> Shading:
+) -> _Shading:
     """Slopes and bends of the dark and of the bright side; 0 where absent or negligible."""
     zones = _zones_px(image_dn, line, half_width_px, clearance_px)
     sums = _zone_sums(image_dn, line, half_width_px, zones)
@@ -86,7 +86,7 @@ def slopes_across(
     least = _ALONG_LEAST * contrast_dn
     dark_along = _bend_along(sums[0], least) / line.half_length_px**2
     bright_along = _bend_along(sums[1], least) / line.half_length_px**2
-    return Shading(dark.slope, bright.slope, dark.bend, bright.bend, dark_along, bright_along)
+    return _Shading(dark.slope, bright.slope, dark.bend, bright.bend, dark_along, bright_along)
 
 
 @compiled()
@@ -218,11 +218,11 @@ def _by_light(sums: FloatArray, least: float, zone_px: float, bend: float) -> tu
 
 
 @compiled_part()
-def unclipped_slopes(shading: Shading, clipped_distances_px: FloatArray) -> Shading:
+def unclipped_slopes(shading: _Shading, clipped_distances_px: FloatArray) -> _Shading:
     """The shading of those sides of the edge that have no clipped pixels."""
     dark = 0.0 if np.any(clipped_distances_px < 0) else 1.0
     bright = 0.0 if np.any(clipped_distances_px > 0) else 1.0
-    return Shading(
+    return _Shading(
         dark * shading.dark,
         bright * shading.bright,
         dark * shading.dark_bend,
@@ -233,7 +233,7 @@ def unclipped_slopes(shading: Shading, clipped_distances_px: FloatArray) -> Shad
 
 
 @compiled_part()
-def is_even(shading: Shading) -> bool:
+def is_even(shading: _Shading) -> bool:
     """Whether there is no shading."""
     for value in shading:  # noqa: SIM110 - numba compiles no generator
         if value != 0.0:
@@ -243,7 +243,7 @@ def is_even(shading: Shading) -> bool:
 
 @compiled()
 def shading_levels(
-    shading: Shading, distances: FloatArray, along: FloatArray, sigma_px: float
+    shading: _Shading, distances: FloatArray, along: FloatArray, sigma_px: float
 ) -> FloatArray:
     """What shading adds to pixels at signed distances and positions along the edge, in DN."""
     levels = np.empty(len(distances))

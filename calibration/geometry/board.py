@@ -39,7 +39,7 @@ _PIXEL_NODES = tuple(
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FittedCorners:
+class _FittedCorners:
     """Positions (x, y) of corners, shape (n, 2), errors of a coordinate, and which are good.
 
     A corner is good if its fit converged near the starting point.
@@ -50,9 +50,9 @@ class FittedCorners:
     is_good: BoolArray
 
 
-def fit_corners(
+def _fit_corners(
     image: FloatArray, points_px: FloatArray, axes_px: FloatArray, clear: float
-) -> FittedCorners:
+) -> _FittedCorners:
     """Fit every corner.
 
     Positions, shape ``(n, 2)``, are right to a pixel; axes are the sides of a square in px, as
@@ -64,7 +64,7 @@ def fit_corners(
         found = _fit_corner(image, point, axes, clear)
         if found is not None:
             fitted[number], errors[number] = found
-    return FittedCorners(points_px=fitted, err_px=errors, is_good=np.isfinite(errors))
+    return _FittedCorners(points_px=fitted, err_px=errors, is_good=np.isfinite(errors))
 
 
 def _fit_corner(
@@ -250,7 +250,7 @@ def find_board(image: AnyArray, board: CharucoBoard) -> BoardCorners:
     seen_px = np.asarray(found_px, dtype=np.float64).reshape(-1, 2)
     corners_mm = np.asarray(layout.getChessboardCorners(), dtype=np.float64)[:, :2]
     plane_mm = corners_mm[np.asarray(found_ids).ravel()]
-    fitted = fit_corners(
+    fitted = _fit_corners(
         values,
         seen_px,
         _square_axes_px(seen_px, plane_mm, board.square_mm),

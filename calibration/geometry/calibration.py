@@ -43,7 +43,7 @@ class _StageAxis:
     sideways: FloatArray
 
 
-def stage_axis(adjustment: Adjustment, number: int) -> _StageAxis:
+def _stage_axis(adjustment: Adjustment, number: int) -> _StageAxis:
     """Fit a straight line of travel to the positions of one series.
 
     The series has captures at two distances or more.
@@ -318,7 +318,7 @@ def _tilt(adjustment: Adjustment, focal: _FocalLength | None) -> tuple[Fields, l
 def _axes(adjustment: Adjustment) -> dict[int, _StageAxis]:
     """Lines of travel of the series with two heights, by number of the series."""
     return {
-        number: stage_axis(adjustment, number)
+        number: _stage_axis(adjustment, number)
         for number, series in enumerate(adjustment.series)
         if len(set(series.heights_mm)) >= 2
     }

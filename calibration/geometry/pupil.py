@@ -121,7 +121,7 @@ class SeriesDistances:
         return len(self.heights_mm) - 2 - int(self.series.max())
 
 
-def fit_pupil(distances: SeriesDistances) -> PupilFit:
+def _fit_pupil(distances: SeriesDistances) -> PupilFit:
     """Fit the offset and units to the distances of all captures.
 
     References
@@ -162,7 +162,7 @@ def _counts_downwards(distances: SeriesDistances) -> bool:
     return bool(np.mean(np.sign(rise_mm[told] * growth[told])) <= _REVERSED)
 
 
-def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
+def _height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
     """Find the capture whose height does not fit its image, while all others agree.
 
     Its index, and the height in mm that fits its image; None if no single capture stands out, or if
@@ -177,7 +177,7 @@ def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
         if len(set(distances.heights_mm[rest & (distances.series == series)])) < 3:
             continue
         try:
-            fit = fit_pupil(distances.only(rest))
+            fit = _fit_pupil(distances.only(rest))
         except ValueError:
             continue
         distance_mm = float(np.exp(distances.log_distances[capture] - fit.log_units[series]))
@@ -316,7 +316,7 @@ def _pupil(adjustment: Adjustment) -> PupilFit:
             subject=name,
         )
     try:
-        return fit_pupil(SeriesDistances.of(adjustment))
+        return _fit_pupil(SeriesDistances.of(adjustment))
     except ValueError as error:
         target = adjustment.series[0].target
         raise GeometryError(
@@ -328,7 +328,7 @@ def _pupil(adjustment: Adjustment) -> PupilFit:
 
 def _slipped(adjustment: Adjustment) -> _Contradiction | None:
     """Find the capture whose height does not fit its image."""
-    found = height_outlier(SeriesDistances.of(adjustment))
+    found = _height_outlier(SeriesDistances.of(adjustment))
     if found is None:
         return None
     capture, fits_mm = adjustment.captures[found[0]].capture, found[1]
@@ -413,7 +413,7 @@ def _own_pupils(adjustment: Adjustment) -> list[tuple[Series, PupilFit]]:
         if len(set(series.heights_mm)) < 2:
             continue
         try:
-            fits.append((series, fit_pupil(distances.only(distances.series == number))))
+            fits.append((series, _fit_pupil(distances.only(distances.series == number))))
         except ValueError:
             continue
     return fits

@@ -83,7 +83,7 @@ class NoiseCaptures:
     @classmethod
     def of_session(cls, session: Session) -> "NoiseCaptures":
         """Return the dark and flat captures of a session, which are read when they are needed."""
-        records = noise_records(session)
+        records = _noise_records(session)
         camera: Mapping[str, Any] = session.devices.get("camera", {})
         wanted = session.bench.get("camera", {}).get("exposure_us")
         return cls(
@@ -105,7 +105,7 @@ class NoiseCaptures:
         return sum(one.kind == kind for one in self.captures)
 
 
-def noise_records(session: Session) -> list[CaptureRecord]:
+def _noise_records(session: Session) -> list[CaptureRecord]:
     """Return the records of the dark and flat captures of a session."""
     records = [
         record for record in session.records if record.kind in _KINDS and record.frames_used > 1
@@ -338,7 +338,7 @@ _FEWEST_IN_BIN = 30
 _COLLAPSED = 0.3  # of the largest variance: read noise only, or none at all
 
 
-class VarianceByLevel:
+class _VarianceByLevel:
     """Temporal variance of pixels by their mean level, summed over flats.
 
     Because it works by pixel and not by capture, uneven light does not smear the level at which
@@ -438,7 +438,7 @@ def noise_of_captures(
     """
     captures = NoiseCaptures.of_session(given) if isinstance(given, Session) else given
     listed = captures.captures
-    levels = VarianceByLevel(captures.max_level_dn)
+    levels = _VarianceByLevel(captures.max_level_dn)
     samples: list[LevelSample] = []
     for done, capture in enumerate(listed, start=1):
         mean, variance = capture.load()

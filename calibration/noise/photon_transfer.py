@@ -156,7 +156,7 @@ class Linearity:
     light_drift_per_s: float | None
 
 
-def measure_linearity(
+def _measure_linearity(
     levels: Sequence[tuple[float, float, float]], *, range_dn: float
 ) -> Linearity | None:
     """Fit a line to level over exposure, with relative weights.
@@ -477,7 +477,7 @@ def _linearity(
         for flat in flats
         if flat.exposure_us is not None and flat.clipped_fraction <= MOST_CLIPPED
     ]
-    return measure_linearity(levels, range_dn=saturation.level_dn - dark.black_level_dn)
+    return _measure_linearity(levels, range_dn=saturation.level_dn - dark.black_level_dn)
 
 
 def _fit(

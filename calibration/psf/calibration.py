@@ -44,6 +44,7 @@ from calibration.psf.covariance import (
 from calibration.psf.document import CameraIdentity, ColourPsf, PsfCalibration, PsfOrigin
 from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
 from calibration.psf.repeatability import (
+    LEAST_ERR_PX,
     FocusScatter,
     SharedByCapture,
     capture_numbers,
@@ -183,7 +184,6 @@ def _text(snapshot: Mapping[str, object], key: str) -> str | None:
 
 _TARGET = EdgeSelection()
 _TRUSTED = 0.5  # robust weight from which an edge counts
-_LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 # What JPEG takes from all edges alike, over the error of one of them: the mean error of boards of
 # some 80 edges was 0.1 to 0.35 of it, at sigma 0.6 to 1.4 px and qualities of 50 to 90.
 _JPEG_SHARED = 0.25
@@ -214,10 +214,10 @@ def psf_of_images(
     used = [edge for edge in edges if edge.is_used]
     if not used:
         raise _no_edge_error(names, edges)
-    return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
+    return _psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
 
 
-def psf_of_edges(
+def _psf_of_edges(
     edges: Sequence[EdgeMeasurement],
     method: Method = "all-angles",
     frame: tuple[int, int] | None = None,
@@ -277,7 +277,7 @@ def _widths(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> tuple[Floa
         for edge in edges
     ]
     sigma, err = np.array(pairs).T
-    return sigma, np.maximum(err, _LEAST_ERR_PX)
+    return sigma, np.maximum(err, LEAST_ERR_PX)
 
 
 def _angles(edges: Sequence[EdgeMeasurement]) -> FloatArray:
@@ -382,7 +382,7 @@ def _transfer_2d(
     keys = [capture_of(edge) for edge in edges]
     focus = total.by_capture
     offsets = {} if focus is None else focus.offset_px2
-    numbers = capture_numbers(keys).tolist()
+    numbers = capture_numbers(edges).tolist()
     trusted = [
         replace(edge.binned, blur_px2=softness_px2.get(key, 0.0) + offsets.get(number, 0.0))
         for edge, key, number, weight in zip(
@@ -411,7 +411,7 @@ def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> Hei
             continue
         heights.append(edge.height_mm)
         widths.append(edge.sigma_px / expected)
-        errs.append(max(edge.sigma_err_px, _LEAST_ERR_PX) / expected)
+        errs.append(max(edge.sigma_err_px, LEAST_ERR_PX) / expected)
     trend = fit_height_trend(np.array(heights), np.array(widths), np.array(errs))
     if trend is None:
         return None
@@ -528,7 +528,7 @@ def calibrate_mosaic(
         raise _no_edge_error([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
     frame = frames.pop() if len(frames) == 1 else None
     channels = {
-        colour: psf_of_edges(found, method, frame if colour == channel else None)
+        colour: _psf_of_edges(found, method, frame if colour == channel else None)
         for colour, found in edges.items()
         if any(edge.is_used for edge in found)
     }

@@ -19,9 +19,11 @@ from calibration.psf.covariance import fit_variances
 from calibration.psf.repeatability import (
     CaptureFit,
     SharedByCapture,
+    by_capture,
     capture_numbers,
     capture_of,
     excess_variance,
+    widths_of,
     without_blur,
 )
 from calibration.psf.softness import SoftnessFit, direction_columns, side_px
@@ -67,10 +69,7 @@ class CrossValidation(StoredModel):
     named: tuple[Misfit, ...]
 
 
-_LEAST_ERR_PX = 1e-9
-
-
-def check_edges(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
+def _check_edges(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
     """Predict every other edge of a capture from the rest; None where they do not determine it."""
     seen: dict[tuple[Hashable, str], int] = {}
     first = []
@@ -81,7 +80,7 @@ def check_edges(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
     return _check(edges, np.array(first, dtype=np.bool_))
 
 
-def check_heights(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
+def _check_heights(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
     """Predict the edges of the further captures from those of the nearer ones."""
     keys = [capture_of(edge) for edge in edges]
     height = {key: edge.height_mm for key, edge in zip(keys, edges, strict=True)}
@@ -104,8 +103,7 @@ def _check(edges: Sequence[EdgeMeasurement], first: BoolArray) -> HalvesCheck | 
     for half in (design[first], design[~first]):
         if np.linalg.matrix_rank(half, tol=1e-3) < design.shape[1]:
             return None
-    sigma = np.array([edge.sigma_px for edge in edges])
-    err = np.maximum([edge.sigma_err_px for edge in edges], _LEAST_ERR_PX)
+    sigma, err = widths_of(edges)
     spread2 = (2 * sigma * err) ** 2
     values, covariance = _solved(design[first], sigma[first] ** 2, spread2[first])
     left = sigma[~first] ** 2 - design[~first] @ values
@@ -255,12 +253,10 @@ def _soft_target(softness: SoftnessFit | None) -> _Evidence | None:
 
 def _stage(edges: Sequence[EdgeMeasurement]) -> _Evidence | None:
     """Test whether the heights that were read agree with the sizes of squares in the captures."""
-    captures: dict[object, list[EdgeMeasurement]] = {}
-    for edge in edges:
-        captures.setdefault(capture_of(edge), []).append(edge)
+    captures = list(by_capture(edges).values())
     known = [
         (some[0].height_mm, side)
-        for some in captures.values()
+        for some in captures
         if some[0].height_mm is not None and (side := side_px(some)) is not None
     ]
     if len(known) < 4 or len({height for height, _ in known}) < 3:
@@ -272,7 +268,7 @@ def _stage(edges: Sequence[EdgeMeasurement]) -> _Evidence | None:
     left = design @ values * side - 1
     freedom = height.size - 2
     relative = sqrt(float(left @ left) / freedom)
-    err = _side_err(list(captures.values()))
+    err = _side_err(captures)
     p_value = float(fdtrc(freedom, _SIDE_FREEDOM, (relative / err) ** 2))
     away_mm = relative * float(np.mean(height + values[1] / values[0]))
     return _Evidence(
@@ -306,7 +302,7 @@ def _focus_drift(edges: Sequence[EdgeMeasurement], shared: SharedByCapture) -> _
     height = _height_column(edges)
     if height is None:
         return None
-    sigma, err = _widths(edges)
+    sigma, err = widths_of(edges)
     design = np.column_stack([direction_columns(edges), height])
     if np.linalg.matrix_rank(design, tol=1e-6) < design.shape[1]:
         return None
@@ -395,23 +391,16 @@ def _height_column(edges: Sequence[EdgeMeasurement]) -> FloatArray | None:
 
 def shared_of(edges: Sequence[EdgeMeasurement], softness: SoftnessFit | None) -> SharedByCapture:
     """Return what the captures of these edges share."""
-    if softness is not None:
-        return softness.shared(edges)
-    numbers = capture_numbers([capture_of(edge) for edge in edges])
-    return SharedByCapture.focus_alone(numbers, np.array([edge.normal_rad for edge in edges]))
-
-
-def _widths(edges: Sequence[EdgeMeasurement]) -> tuple[FloatArray, FloatArray]:
-    sigma = np.array([edge.sigma_px for edge in edges])
-    err = np.maximum([edge.sigma_err_px for edge in edges], _LEAST_ERR_PX)
-    return sigma, np.asarray(err)
+    if softness is None:
+        return SharedByCapture.of(edges)
+    return SharedByCapture.of(edges, softness.columns, softness.precision)
 
 
 def _scatter_beside(
     edges: Sequence[EdgeMeasurement], columns: FloatArray | None, shared: SharedByCapture
 ) -> CaptureFit | None:
     """Fit the scatter between captures beside further columns of the model."""
-    sigma, err = _widths(edges)
+    sigma, err = widths_of(edges)
     design = direction_columns(edges)
     if columns is not None:
         design = np.column_stack([design, columns])
@@ -435,7 +424,7 @@ def cross_validate(
     ``scatter_px`` is that of widths within captures beyond their errors.
     """
     width_px = float(np.sqrt(np.mean([edge.sigma_px**2 for edge in adjusted])))
-    edges, heights = check_edges(_levelled(adjusted, focus)), check_heights(adjusted)
+    edges, heights = _check_edges(_levelled(adjusted, focus)), _check_heights(adjusted)
     found: list[_Evidence | None] = [_soft_target(softness), _stage(seen), _shape(seen)]
     shared = shared_of(adjusted, softness)
     drift = _focus_drift(adjusted, shared)
@@ -457,7 +446,7 @@ def cross_validate(
 def _levelled(edges: Sequence[EdgeMeasurement], focus: CaptureFit | None) -> list[EdgeMeasurement]:
     """The edges at one focus: what is left is within captures."""
     offsets = {} if focus is None else focus.offset_px2
-    numbers = capture_numbers([capture_of(edge) for edge in edges]).tolist()
+    numbers = capture_numbers(edges).tolist()
     return [
         without_blur(edge, offsets.get(number, 0.0))
         for edge, number in zip(edges, numbers, strict=True)

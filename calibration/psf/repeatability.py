@@ -45,10 +45,19 @@ class SharedByCapture:
     precision: FloatArray
 
     @classmethod
-    def focus_alone(cls, group: IntArray, normal_rad: FloatArray) -> "SharedByCapture":
-        """Return captures that share nothing but their focus."""
-        none = np.empty((group.size, 0))
-        return cls(group=group, normal_rad=normal_rad, columns=none, precision=np.empty(0))
+    def of(
+        cls,
+        edges: Sequence[EdgeMeasurement],
+        columns: FloatArray | None = None,
+        precision: FloatArray | None = None,
+    ) -> "SharedByCapture":
+        """Return the captures of these edges, which share nothing but their focus if not told."""
+        return cls(
+            group=capture_numbers(edges),
+            normal_rad=np.array([edge.normal_rad for edge in edges]),
+            columns=np.empty((len(edges), 0)) if columns is None else columns,
+            precision=np.empty(0) if precision is None else precision,
+        )
 
     def some(self, chosen: IntArray) -> "SharedByCapture":
         """Return those of some edges."""
@@ -75,18 +84,33 @@ class SharedByCapture:
         return int(np.unique(self.group).size)
 
 
-def capture_numbers(keys: Sequence[Hashable]) -> IntArray:
-    """Number equal keys alike, from 0 in the order of their first appearance."""
-    numbers: dict[Hashable, int] = {}
-    return np.array([numbers.setdefault(key, len(numbers)) for key in keys], dtype=np.int64)
-
-
 _LEAST_SHARE = 0.01  # of its variance; nothing that is taken off an edge leaves it less
+LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 
 
 def capture_of(edge: EdgeMeasurement) -> Hashable:
     """What tells the capture of an edge from others: its number, or the name of its image."""
     return edge.image if edge.capture is None else edge.capture
+
+
+def by_capture(edges: Sequence[EdgeMeasurement]) -> dict[Hashable, list[EdgeMeasurement]]:
+    """Group edges by their captures, in the order of their first appearance."""
+    captures: dict[Hashable, list[EdgeMeasurement]] = {}
+    for edge in edges:
+        captures.setdefault(capture_of(edge), []).append(edge)
+    return captures
+
+
+def capture_numbers(edges: Sequence[EdgeMeasurement]) -> IntArray:
+    """Number the captures of edges, from 0 in the order of their first appearance."""
+    numbers = {key: number for number, key in enumerate(by_capture(edges))}
+    return np.array([numbers[capture_of(edge)] for edge in edges], dtype=np.int64)
+
+
+def widths_of(edges: Sequence[EdgeMeasurement]) -> tuple[FloatArray, FloatArray]:
+    """Return the total widths of edges, and their errors, none of which is 0."""
+    sigma = np.array([edge.sigma_px for edge in edges])
+    return sigma, np.maximum([edge.sigma_err_px for edge in edges], LEAST_ERR_PX)
 
 
 def without_blur(edge: EdgeMeasurement, blur_px2: float) -> EdgeMeasurement:

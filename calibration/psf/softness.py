@@ -7,7 +7,7 @@ which a focus that drifts would give. Then it is no property of the camera, and 
 """
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Literal
 
@@ -17,8 +17,8 @@ from scipy.special import fdtrc, ndtr, stdtr
 from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement
 from calibration.psf.covariance import VarianceFit, fit_variances
-from calibration.psf.repeatability import SharedByCapture, capture_numbers, capture_of
-from simulation.arrays import FloatArray, IntArray
+from calibration.psf.repeatability import SharedByCapture, by_capture, capture_of, widths_of
+from simulation.arrays import FloatArray
 from simulation.compiled import compiled
 
 ScaleSource = Literal["heights", "sides"]
@@ -76,7 +76,7 @@ class _CaptureScales:
         return 1 + int(np.count_nonzero(np.diff(np.unique(scales)) > _SAME_SCALE))
 
 
-def capture_scales(edges: Sequence[EdgeMeasurement]) -> _CaptureScales | None:
+def _capture_scales(edges: Sequence[EdgeMeasurement]) -> _CaptureScales | None:
     """Return the scales of the captures: by the squares they show, or by their heights.
 
     Sides tell a scale without the distance of the entrance pupil; where heights are known as well,
@@ -104,10 +104,7 @@ def _is_pinhole(height_mm: FloatArray, sides_px: FloatArray) -> bool:
 
 
 def _sides_px(edges: Sequence[EdgeMeasurement]) -> FloatArray | None:
-    captures: dict[Hashable, list[EdgeMeasurement]] = {}
-    for edge in edges:
-        captures.setdefault(capture_of(edge), []).append(edge)
-    sides = {key: side_px(some) for key, some in captures.items()}
+    sides = {key: side_px(some) for key, some in by_capture(edges).items()}
     known = [sides[capture_of(edge)] for edge in edges]
     if any(side is None for side in known):
         return None
@@ -152,7 +149,6 @@ _MISFIT_P = 0.01
 _AS_WELL = 2.0  # of chi-squared
 _FEWEST_SCALES = 3
 _ROUNDS = 4
-_LEAST_ERR_PX = 1e-9
 
 
 class TargetSoftness(StoredModel):
@@ -204,23 +200,13 @@ class SoftnessFit:
     columns: FloatArray
     precision: FloatArray
 
-    def shared(self, edges: Sequence[EdgeMeasurement]) -> SharedByCapture:
-        """Return what the captures of these edges, those of the fit, share."""
-        numbers = capture_numbers([capture_of(edge) for edge in edges])
-        return SharedByCapture(
-            group=numbers,
-            normal_rad=np.array([edge.normal_rad for edge in edges]),
-            columns=self.columns,
-            precision=self.precision,
-        )
-
 
 def measure_softness(edges: Sequence[EdgeMeasurement]) -> SoftnessFit | None:
     """Tell the softness of the target from the widths at several scales.
 
     None with fewer than three scales, or where the edges do not tell it.
     """
-    scales = capture_scales(edges) if edges else None
+    scales = _capture_scales(edges) if edges else None
     if scales is None or scales.distinct < _FEWEST_SCALES:
         return None
     series = _Series.of(edges, scales)
@@ -281,18 +267,17 @@ class _Series:
     directions: FloatArray
     sigma_px: FloatArray
     err_px: FloatArray
-    group: IntArray
-    normal_rad: FloatArray
+    shared: SharedByCapture
     scales: _CaptureScales
 
     @classmethod
     def of(cls, edges: Sequence[EdgeMeasurement], scales: _CaptureScales) -> "_Series":
+        sigma_px, err_px = widths_of(edges)
         return cls(
             directions=direction_columns(edges),
-            sigma_px=np.array([edge.sigma_px for edge in edges]),
-            err_px=np.maximum([edge.sigma_err_px for edge in edges], _LEAST_ERR_PX),
-            group=capture_numbers([capture_of(edge) for edge in edges]),
-            normal_rad=np.array([edge.normal_rad for edge in edges]),
+            sigma_px=sigma_px,
+            err_px=err_px,
+            shared=SharedByCapture.of(edges),
             scales=scales,
         )
 
@@ -355,18 +340,10 @@ class _Series:
         squares = np.maximum(self.sigma_px**2 + pupil_mm * column, 0.01 * self.sigma_px**2)
         sigma = np.sqrt(squares)
         err = self.err_px * self.sigma_px / sigma
-        if not column.any():
-            return self._plain(design, sigma, err)
-        shared = SharedByCapture(
-            group=self.group,
-            normal_rad=self.normal_rad,
-            columns=column[:, None],
-            precision=np.array([self.scales.pupil_precision]),
-        )
-        return fit_variances(design, sigma, err, shared=shared, is_resampled=False)
-
-    def _plain(self, design: FloatArray, sigma: FloatArray, err: FloatArray) -> VarianceFit:
-        shared = SharedByCapture.focus_alone(self.group, self.normal_rad)
+        shared = self.shared
+        if column.any():
+            precision = np.array([self.scales.pupil_precision])
+            shared = replace(shared, columns=column[:, None], precision=precision)
         return fit_variances(design, sigma, err, shared=shared, is_resampled=False)
 
     def _p_misfit(self, left: float, weight: FloatArray, between_px4: float) -> float:
@@ -385,7 +362,7 @@ class _Series:
 
     def _chi2(self, design: FloatArray, weight: FloatArray, between_px4: float) -> float:
         """Chi-squared with the scatter between captures in the weights."""
-        group = self.group
+        group = self.shared.group
         sums = np.bincount(group, weight)
         shrunk = between_px4 / (1 + between_px4 * sums)
         one = np.eye(sums.size)[group]

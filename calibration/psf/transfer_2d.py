@@ -81,7 +81,9 @@ class _OtfChoice:
     knows_turn: bool
 
 
-def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -> _OtfChoice | None:
+def _choose_otf(
+    edges: Sequence[BinnedEdge], *, knows_correlation: bool = True
+) -> _OtfChoice | None:
     """Fit the forms that the directions of the edges allow, and take the one they ask for.
 
     Forms without a correction are compared by the Bayesian information criterion (Schwarz,
@@ -93,10 +95,10 @@ def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -
     changes over its field as well. None where the edges are none, or all of one direction, or two
     directions that are not those of vertical and horizontal edges.
     """
-    directions = distinct_directions_deg([edge.normal_rad for edge in edges])
+    directions = _distinct_directions_deg([edge.normal_rad for edge in edges])
     if directions.size < 2:
         return None
-    has_third = directions.size > 2 and widest_gap_deg(directions) <= _WIDEST_GAP_DEG
+    has_third = directions.size > 2 and _widest_gap_deg(directions) <= _WIDEST_GAP_DEG
     is_spread = has_third and knows_correlation
     named = {orientation_of(angle + 90.0) for angle in directions.tolist()}
     if not is_spread and not {"vertical", "horizontal"} <= named:
@@ -118,7 +120,7 @@ def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -
     return replace(choice, reason=choice.reason + limits, knows_turn=is_spread)
 
 
-def distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
+def _distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
     """Directions in [0, 180) that are further apart than a few degrees, in order."""
     distinct: list[float] = []
     for angle in np.sort(np.rad2deg(normal_rad) % 180.0).tolist():
@@ -129,7 +131,7 @@ def distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
     return np.array(distinct)
 
 
-def widest_gap_deg(directions_deg: FloatArray) -> float:
+def _widest_gap_deg(directions_deg: FloatArray) -> float:
     """Largest angle between neighbouring directions."""
     return float(np.max(np.diff(np.append(directions_deg, directions_deg[0] + 180.0))))
 
@@ -417,7 +419,7 @@ class Transfer2d(StoredModel):
             reason=choice.reason,
             parameters=dict(zip(fit.form.names, fit.parameters.tolist(), strict=True)),
             covariance=_lower_triangle(covariance),
-            angles_deg=tuple(np.round(distinct_directions_deg(normal_rad), 2).tolist()),
+            angles_deg=tuple(np.round(_distinct_directions_deg(normal_rad), 2).tolist()),
             edges=len(normal_rad),
             chi2_reduced=choice.chi2_reduced,
             scatter=choice.scale,
@@ -533,7 +535,7 @@ def measure_transfer_2d(
     %. Where rho is undetermined every form is upright. None where the edges have one direction
     alone, or two that are not those of vertical and horizontal edges.
     """
-    choice = choose_otf(edges, knows_correlation=knows_correlation)
+    choice = _choose_otf(edges, knows_correlation=knows_correlation)
     if choice is None:
         return None
     return Transfer2d.of(choice, [edge.normal_rad for edge in edges], shared_err_px2)

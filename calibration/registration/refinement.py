@@ -178,14 +178,14 @@ _LEAST_SLOPE = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlaceErrors:
+class _PlaceErrors:
     """Standard errors: of a position in the source, rms over the overlap, and of the distortion."""
 
     place_err_px: float
     k1_err: float
 
 
-def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> PlaceErrors:
+def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _PlaceErrors:
     """Standard errors of a pose of least cost."""
     covariance = _covariance(pair, motions, found)
     chosen = np.flatnonzero(found.inside)
@@ -194,7 +194,7 @@ def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> Pl
         float(np.mean(np.sum((along[chosen] @ covariance) * along[chosen], axis=1)))
         for along in motions.flows(found.pose)
     )
-    return PlaceErrors(
+    return _PlaceErrors(
         place_err_px=found.pose.zoom * sqrt(max(variance, 0.0)),
         k1_err=sqrt(max(covariance[-1, -1], 0.0)) if motions.fits_distortion else 0.0,
     )
@@ -296,7 +296,7 @@ class RefinedPose:
     """
 
     pose: DistortedPose
-    errors: PlaceErrors
+    errors: _PlaceErrors
     correlation: float
     residual_rms: float
 

@@ -29,7 +29,7 @@ _FARTHEST_PX = 3.0  # beyond it is another edge
 _WIDTH_FACTOR_MOST = 4.0
 
 
-def with_colour_shifts(
+def _with_colour_shifts(
     edges: Sequence[EdgeMeasurement], source: EdgeImage
 ) -> list[EdgeMeasurement]:
     """Return the edges with the shifts of red and blue from green; without colours, as they are.
@@ -47,7 +47,7 @@ def _with_shifts(edge: EdgeMeasurement, source: EdgeImage) -> EdgeMeasurement:
     if len(pixels) < len(_COLOURS) or _is_grey(pixels):
         return edge
     for colour, (distance, levels) in zip(_COLOURS, pixels, strict=True):
-        place = edge_place(distance, levels, edge.sigma_px)
+        place = _edge_place(distance, levels, edge.sigma_px)
         if place is None:
             return edge
         found[colour] = place
@@ -109,7 +109,7 @@ def _has_colour(colour: str, source: EdgeImage, x: FloatArray, y: FloatArray) ->
     return here
 
 
-def edge_place(
+def _edge_place(
     distance_px: FloatArray, levels_dn: FloatArray, sigma_px: float
 ) -> tuple[float, float] | None:
     """Fit where an edge lies along the distance, with its standard error.
@@ -188,7 +188,7 @@ def reported_mtf50(edge: EdgeMeasurement) -> _Mtf50:
     known = edge.mtf50_err_cy_per_px
     return _Mtf50(
         cy_per_px=edge.mtf50_cy_per_px,
-        err_cy_per_px=gaussian_mtf50_err(edge) if known is None else known,
+        err_cy_per_px=_gaussian_mtf50_err(edge) if known is None else known,
         is_model_free=False,
     )
 
@@ -210,7 +210,7 @@ def picture_height_px(edge: EdgeMeasurement) -> float | None:
     return edge.mtf50_lw_per_ph / lw_per_ph(edge.mtf50_cy_per_px, 1.0)
 
 
-def gaussian_mtf50_err(edge: EdgeMeasurement) -> float:
+def _gaussian_mtf50_err(edge: EdgeMeasurement) -> float:
     """Standard error of the fitted Gaussian's MTF50, from that of its width.
 
     The frequency is inversely proportional to a total width. With the pixel apart from the lens,
@@ -240,7 +240,7 @@ def with_sharpness(edges: Sequence[EdgeMeasurement], source: EdgeImage) -> list[
     for edge in edges:
         esfr = edge.esfr_mtf50_cy_per_px
         values: dict[str, float | None] = {
-            "mtf50_err_cy_per_px": gaussian_mtf50_err(edge),
+            "mtf50_err_cy_per_px": _gaussian_mtf50_err(edge),
             "mtf50_lw_per_ph": lw_per_ph(edge.mtf50_cy_per_px, height_px),
             "esfr_mtf50_lw_per_ph": None if esfr is None else lw_per_ph(esfr, height_px),
         }
@@ -248,4 +248,4 @@ def with_sharpness(edges: Sequence[EdgeMeasurement], source: EdgeImage) -> list[
             values["mtf50_lp_per_mm"] = lp_per_mm(edge.mtf50_cy_per_px, pitch_um)
             values["esfr_mtf50_lp_per_mm"] = None if esfr is None else lp_per_mm(esfr, pitch_um)
         found.append(edge.model_copy(update=values))
-    return with_colour_shifts(found, source)
+    return _with_colour_shifts(found, source)

@@ -82,7 +82,7 @@ _HOLDS = ("__array__", "__array_interface__", "to_numpy")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GivenArray:
+class _GivenArray:
     """The numbers of an array, and which of them are masked, of its shape; None if none is."""
 
     values: NDArray[Any]
@@ -94,7 +94,7 @@ def is_array_like(value: object) -> bool:
     return any(hasattr(value, name) for name in _HOLDS) and not isinstance(value, type)
 
 
-def given_array(value: object, name: str) -> GivenArray:
+def given_array(value: object, name: str) -> _GivenArray:
     """The numbers of anything that holds an array, with its mask; ``name`` is the argument's.
 
     Whatever has ``__array__`` is taken, as of PyTorch, Dask, xarray, astropy, pandas and polars,
@@ -121,7 +121,7 @@ def given_array(value: object, name: str) -> GivenArray:
     values = _numbers(held, value, name)
     is_mask = isinstance(mask, np.ndarray) and mask.dtype == np.bool_
     is_masked = is_mask and mask.shape == values.shape and bool(mask.any())
-    return GivenArray(values, mask if is_masked else None)
+    return _GivenArray(values, mask if is_masked else None)
 
 
 def whole_array(value: object, name: str) -> NDArray[Any]:

@@ -34,7 +34,7 @@ kernel of 13 px, and the same at other zooms."""
 _REMEDY = "use a larger image or a smaller zoom"
 
 
-def nearest_positions(count: int, zoom: float) -> IntArray:
+def _nearest_positions(count: int, zoom: float) -> IntArray:
     """Return the pixels ``floor((i + 0.5) zoom)`` that nearest-neighbour sampling takes."""
     return np.array([floor((i + 0.5) * zoom) for i in range(count)], dtype=np.int64)
 
@@ -55,7 +55,7 @@ class CropPicker:
     @classmethod
     def of_image(cls, image: FloatArray, zoom: float, kernel_size: int) -> Self:
         """Weight every position by the mean gradient magnitude of the crop that starts there."""
-        taps = nearest_positions(OUTPUT_SIDE_PX, zoom)
+        taps = _nearest_positions(OUTPUT_SIDE_PX, zoom)
         taps -= taps[0]
         side_px = int(taps[-1]) + kernel_size
         if min(image.shape) < side_px:

@@ -255,7 +255,7 @@ def _distortion_slopes(k1: float, x: float, y: float) -> tuple[float, float, flo
 
 
 @compiled_part()
-def warp(
+def _warp(
     matrix: FloatArray, lens: FloatArray, col: float, row: float
 ) -> tuple[float, float, float, float, float, float]:
     """Reference coordinates (x, y) of a follow-up point, and the derivative (a, b; c, d) there."""
@@ -370,7 +370,7 @@ def _missing_blur(
     row: float,
 ) -> tuple[float, float, float, float, float, float, float]:
     """Position (x, y), its derivative along the row, and the blur (xx, xy, yy) missing there."""
-    x, y, a, b, c, d = warp(matrix, lens, col, row)
+    x, y, a, b, c, d = _warp(matrix, lens, col, row)
     xx, xy, yy = _covariance(psf, frame, col + frame[3], row + frame[4])
     own_xx, own_xy, own_yy = _covariance(psf, frame, x, y)
     return (
@@ -419,7 +419,7 @@ def derivatives(
     """Images ``(n, 2)`` of points ``(n, 2)``, order (x, y), and the warp's derivatives there."""
     images, slopes = np.empty_like(points_px), np.empty((len(points_px), 2, 2))
     for i in range(len(points_px)):
-        x, y, a, b, c, d = warp(matrix, lens, points_px[i, 0], points_px[i, 1])
+        x, y, a, b, c, d = _warp(matrix, lens, points_px[i, 0], points_px[i, 1])
         images[i, 0], images[i, 1] = x, y
         slopes[i, 0, 0], slopes[i, 0, 1], slopes[i, 1, 0], slopes[i, 1, 1] = a, b, c, d
     return images, slopes

@@ -166,7 +166,7 @@ class LensOtf:
         xx, xy, yy = self.cut_off_period_px
         if not xx == xy == yy == 0:
             relative = np.hypot(xx * fx + xy * fy, xy * fx + yy * fy)
-            transfer = transfer * pupil_otf(relative, self._defocus_waves(fx, fy))
+            transfer = transfer * _pupil_otf(relative, self._defocus_waves(fx, fy))
         return np.asarray(
             transfer if self.correction is None else transfer + self.correction(fx, fy)
         )
@@ -181,7 +181,7 @@ class LensOtf:
         return np.asarray(np.sqrt(np.maximum(along, 0.0)))
 
 
-def pupil_otf(relative_freq: FloatArray, defocus_waves: float | FloatArray) -> FloatArray:
+def _pupil_otf(relative_freq: FloatArray, defocus_waves: float | FloatArray) -> FloatArray:
     """Transfer of a circular pupil out of focus, at frequencies over the cut-off frequency.
 
     From a table over ``acos``, in which the curve is smooth up to its end; right to 1e-9 up to a
@@ -230,7 +230,7 @@ class _PupilSlopes(NamedTuple):
 
 
 def pupil_slopes(relative_freq: FloatArray, defocus_waves2: FloatArray) -> _PupilSlopes:
-    """Return ``pupil_otf`` with its derivatives, for whoever fits it; right to 3e-6.
+    """Return ``_pupil_otf`` with its derivatives, for whoever fits it; right to 3e-6.
 
     The transfer depends on the square of the defocus, in which it is smooth at 0. There is one for
     each entry of the frequencies' last axis, or one for all.

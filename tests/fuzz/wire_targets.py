@@ -6,8 +6,8 @@ from functools import cache
 from hypothesis import strategies as st
 
 from acquisition.aravis.description import DescriptionError, require_sound_description
-from acquisition.aravis.network import unpack
-from acquisition.aravis.stream import decode_pixels
+from acquisition.aravis.network import _unpack
+from acquisition.aravis.stream import _decode_pixels
 from acquisition.errors import CameraDescriptionError, DeviceError
 from hil_mocks.gige.device import ControlChannel
 from hil_mocks.gige.features import features_of
@@ -168,7 +168,7 @@ def into_zaber(data: bytes) -> None:
 
 
 def decode_frame(data: bytes) -> None:
-    decode_pixels(data[1:], ("Mono8", "Mono12", "Mono12Packed")[data[0] % 3], (4, 6))
+    _decode_pixels(data[1:], ("Mono8", "Mono12", "Mono12Packed")[data[0] % 3], (4, 6))
 
 
 ODD_NODES = (
@@ -215,7 +215,7 @@ WIRE_TARGETS = (
     FuzzTarget(
         name="packed description of a camera",
         data=damaged_bytes((packed(simulated()),)),
-        read=unpack,
+        read=_unpack,
         documented=(DescriptionError,),
         examples=200,
     ),
