@@ -88,18 +88,18 @@ def _smallest(figures: Sequence[_Figure]) -> _Figure:
     Each of n figures gets the interval of 1 - 0.05 / n (Bonferroni): where all n hold, the smallest
     true value lies between the smallest of the lower and the smallest of the upper ends.
     """
-    return _extreme("_smallest", figures)
+    return _extreme("smallest", figures)
 
 
 def _largest(figures: Sequence[_Figure]) -> _Figure:
     """Return the largest of several true values, with a simultaneous 95 % interval."""
-    return _extreme("_largest", figures)
+    return _extreme("largest", figures)
 
 
-def _extreme(which: Literal["_smallest", "_largest"], figures: Sequence[_Figure]) -> _Figure:
+def _extreme(which: Literal["smallest", "largest"], figures: Sequence[_Figure]) -> _Figure:
     if not figures:
         raise ValueError(f"the {which} of no figures")
-    choose = min if which == "_smallest" else max
+    choose = min if which == "smallest" else max
     reach = _reach(len(figures))
     found = choose(figures, key=lambda figure: figure.value)
     return replace(
