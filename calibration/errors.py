@@ -31,11 +31,7 @@ class CalibrationError(KeepsFacts, Exception):
 
 
 class DocumentError(CalibrationError):
-    """A file cannot be read or written, or lacks something that is needed.
-
-    ``source`` names the file, ``key`` the value at fault in dotted form (``edges.0.snr``); ``key``
-    is None if the fault is not in a single value.
-    """
+    """A file cannot be read or written, or lacks what is needed at ``key`` (``edges.0.snr``)."""
 
     def __init__(self, message: str, *, source: str | None = None, key: str | None = None) -> None:
         super().__init__(message)
@@ -84,10 +80,7 @@ NoiseReason = Literal["no_dark", "no_flat", "settings", "levels", "no_gain"]
 
 
 class NoiseError(CalibrationError):
-    """Dark and flat captures do not determine a camera's noise.
-
-    ``saturated`` is the number of flats that could not be used because they are clipped.
-    """
+    """Dark and flat captures, ``saturated`` ones left out, do not determine a camera's noise."""
 
     def __init__(self, message: str, *, reason: NoiseReason, saturated: int = 0) -> None:
         super().__init__(message)

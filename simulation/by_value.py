@@ -9,10 +9,7 @@ import numpy as np
 
 
 class ByValue:
-    """Equal to what is of the same type and holds the same, arrays and NaN included.
-
-    What a document keeps out of its file, marked ``exclude``, does not count.
-    """
+    """Equal to what is of the same type and holds the same, but for fields marked ``exclude``."""
 
     __slots__ = ()
 

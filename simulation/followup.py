@@ -26,11 +26,7 @@ def _exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) -
 def _vignetted(
     image_dn: FloatImage, corner_fall_off: float, black_level_dn: float = 0.0
 ) -> FloatImage:
-    """Image with the natural vignetting of a lens.
-
-    ``corner_fall_off`` is the relative loss of light at the corner pixel, below 1; towards the
-    centre it follows the fourth power of the cosine of the field angle.
-    """
+    """Image with a lens's natural vignetting: ``cos^4``, losing a share at the corner pixel."""
     if not 0 <= corner_fall_off < 1:
         raise ValueError(f"a corner fall-off must be in [0, 1), got {corner_fall_off}")
     rows, cols = image_dn.shape[:2]
@@ -46,10 +42,7 @@ def _vignetted(
 
 
 def _unsharp_masked(image_dn: FloatImage, amount: float, sigma_px: float) -> FloatImage:
-    """Image after a camera's sharpening: plus ``amount`` times (image minus its blur).
-
-    Phones use amounts of 0.3 to 1.5.
-    """
+    """Image after a camera's sharpening by its blur; phones use amounts of 0.3 to 1.5."""
     if not (amount >= 0 and np.isfinite(amount)):
         raise ValueError(f"the sharpening amount must be finite and not negative, got {amount}")
     if not (sigma_px > 0 and np.isfinite(sigma_px)):
@@ -181,10 +174,7 @@ def from_pose(
     options: PoseOptions,
     noise: CaptureNoise | None = None,
 ) -> FollowUp:
-    """Follow-up from any pose, with ``matrix`` and ``size`` as for ``simulate_pose_of_image``.
-
-    ``noise`` is what the reference is assumed to have.
-    """
+    """Follow-up from any pose, as of ``simulate_pose_of_image``, of a reference with this noise."""
     simulated = simulate_pose_of_image(reference, matrix, size, psf, options)
     own = None
     if noise is not None:

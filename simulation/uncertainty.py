@@ -138,11 +138,7 @@ class SimulatedView:
         return np.stack([propagated_variance(operator, plane) for plane in planes], axis=-1)
 
     def survey(self) -> FloatArray:
-        """Place and stretch of each pixel, shape ``(height, width, 5)``.
-
-        Position x, y in the reference, and the elements xx, xy, yy of ``A A^T``, A being the
-        derivative of the warp.
-        """
+        """Place x, y of each pixel and ``A A^T`` of the warp, shape ``(height, width, 5)``."""
         return self._survey(np.arange(float(self.size[1])), np.arange(float(self.size[0])))
 
     def pose_view(self, psf: Psf | PsfField) -> PoseView:
@@ -484,11 +480,7 @@ def pixel_uncertainty(
     errors: KnownErrors,
     outside: BoolArray | None = None,
 ) -> PixelUncertainty:
-    """Propagate the errors of a simulation's inputs to each pixel of it.
-
-    The reference, shape ``(rows, cols)`` or ``(rows, cols, channels)``, is linear in light, the PSF
-    as calibrated; pixels of the follow-up that are ``outside`` show nothing of the reference.
-    """
+    """Propagate the errors of a simulation's inputs to each pixel of it but those ``outside``."""
     exact = np.asarray(reference, dtype=np.float64)
     noise = errors.noise_dn2
     return PixelUncertainty(

@@ -144,8 +144,7 @@ def zoom_out_on_grid(
 ) -> FloatImage:
     """Like ``zoom_out_image``, on the pixels of a follow-up: any zoom, offset, size per axis.
 
-    A zoom just below 1 (scatter of a registration) blurs as zoom 1 does: not at all. A grid outside
-    the reference by more than half a pixel is refused.
+    A zoom just below 1 blurs as 1 does; the grid may leave the reference by half a pixel.
     """
     operator = zoom_operator(reference_shape(image), grid, psf, model, gaussian=gaussian)
     refuse_non_finite(image)

@@ -62,11 +62,7 @@ _TOLERANCE_OF_ALIASES = 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ImageCovariance:
-    """Covariance of the pixels along one axis of an image.
-
-    ``values`` go by the distance in px from 0 up: 1 at distance 0, and the noise on it.
-    ``tolerance`` is a variance that next to nobody would miss.
-    """
+    """Covariance of the pixels along one axis of an image, by distance in px, with a tolerance."""
 
     values: FloatArray
     tolerance: float
@@ -148,10 +144,7 @@ _SIZE_MIN, _SIZE_ZOOMS = 128, 32
 
 @lru_cache(maxsize=32)
 def spline_prefilter(psf: Psf, zoom_y: float, zoom_x: float) -> tuple[SeparableTerm, ...]:
-    """Kernels from pixels to coefficients, whose products sum to the prefilter.
-
-    One product for a Gaussian without correlation, a few for a round lens.
-    """
+    """Kernels from pixels to coefficients, whose products sum to the prefilter."""
     if isinstance(psf, GaussianPsf):
         (xx, xy), (_, yy) = psf.covariance_px2.tolist()
         return matched_terms(
@@ -288,11 +281,7 @@ _TABLE_POSITIONS_PX: FloatArray = np.arange(-5, 6) / 8
 
 @dataclass(frozen=True, slots=True)
 class _KernelSolver:
-    """What all grids of one PSF, zoom and noise share; the taps are those of a window.
-
-    The zooms are the distances of the far pixels in reference pixels, at least 1; ``noise_ratio``
-    is the variance of a reference pixel's noise over that of the scene.
-    """
+    """What all grids of one PSF, zoom and noise share; the taps are those of a window."""
 
     psf: Psf
     zoom_y: float
@@ -325,10 +314,7 @@ class _KernelSolver:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Border:
-    """Kernels along one axis of windows shifted towards its start, and towards its end.
-
-    Such windows do not lie around their pixel.
-    """
+    """Kernels along one axis of windows shifted towards its start, and towards its end."""
 
     before: AxisKernels
     after: AxisKernels
@@ -470,10 +456,7 @@ def _tables(
     y_px: tuple[float, ...],
     x_px: tuple[float, ...],
 ) -> tuple[KernelTable, KernelTable]:
-    """Kernels of windows around their pixel, by positions from the windows' centre.
-
-    The second table has 0 for pixels far off, as far as nobody would miss them.
-    """
+    """Kernels of windows around their pixel, by position, and with 0 for pixels far off."""
     y, x = np.array(y_px), np.array(x_px)
 
     def design() -> tuple[FloatArray, ...]:
@@ -492,10 +475,7 @@ def _tables(
 def _shortened(
     solver: _KernelSolver, along_y: FloatArray, along_x: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Leave out what would hardly be missed: products, then the far ends of those that stay.
-
-    Another estimate than the best linear one is worse by the variance of their difference.
-    """
+    """Leave out what would hardly be missed: products, then the far ends of those that stay."""
     scene, terms = solver.scene, len(along_y)
     noise_ratio = max(solver.noise_ratio, _RIDGE_SHORT)
     reckoned = max(solver.noise_ratio, _RIDGE_REACH) * scene.variance
@@ -522,10 +502,7 @@ def _shortened(
 
 
 def _seen_through(rows: FloatArray, power: FloatArray, tolerance: float) -> _ImageCovariance:
-    """Covariance along the columns of an image whose rows are combined by weights.
-
-    ``power`` is the image's, by the frequencies along and across the rows; the mean of the rows'.
-    """
+    """Covariance along the columns of an image whose rows are combined by weights, on average."""
     passed = np.mean(np.abs(np.fft.fft(rows, len(power))) ** 2, axis=0)
     values = np.fft.ifft(passed @ power).real / len(power)
     return _ImageCovariance(values, tolerance)
@@ -592,11 +569,7 @@ def lmmse_terms(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Windows:
-    """The windows of the outputs along one axis.
-
-    ``position_px`` counts from the window's centre; ``is_around`` says where the window lies
-    around its output, and was not shifted to stay inside the image.
-    """
+    """The windows of the outputs along one axis, and whether they lie around them unshifted."""
 
     starts: IntArray
     position_px: FloatArray

@@ -61,10 +61,7 @@ class ClippedPixels:
         return cls(near=np.zeros(near_shape, dtype=bool), far=np.zeros(far_shape, dtype=bool))
 
     def away(self, y_px: FloatArray, x_px: FloatArray, reach_px: float, zoom: float) -> BoolArray:
-        """Far pixels with no clipped one within reach, in far pixels, in either photograph.
-
-        ``y_px`` and ``x_px`` are their near coordinates.
-        """
+        """Far pixels with no clipped one within reach in either photograph; near coordinates."""
         beside = _within(self.near, reach_px * zoom)
         rows, cols = (
             np.clip(np.rint(at), 0, most - 1).astype(np.intp)
@@ -396,10 +393,7 @@ _CONVERGED = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairPsf:
-    """Total PSF covariance from two photographs, px^2, and its error.
-
-    ``covariance_err_px2`` is the covariance matrix, shape (3, 3), of the elements (xx, xy, yy).
-    """
+    """Total PSF covariance from two photographs, px^2; its error is of (xx, xy, yy)."""
 
     zoom: float
     covariance_px2: FloatArray
@@ -465,10 +459,7 @@ def pair_psf(
 
 
 def combined(pairs: Sequence[PairPsf]) -> tuple[FloatArray, FloatArray]:
-    """Weighted mean of the covariances' elements (xx, xy, yy), and its covariance matrix.
-
-    If the pairs disagree by more than their errors, the errors grow by that factor.
-    """
+    """Weighted mean of the elements (xx, xy, yy), with errors that hold how they disagree."""
     if not pairs:
         raise ValueError("there is no pair of photographs")
     elements = [pair.covariance_px2[[0, 0, 1], [0, 1, 1]] for pair in pairs]

@@ -466,10 +466,7 @@ def _measurement(
 
 
 def _clipping_flag(likely: LikelyEdge, saturation_dn: float) -> str | None:
-    """``saturated`` where the pixels that are not clipped do not tell the width, else ``clipped``.
-
-    The width is that of a Gaussian through the part of the rise that is seen.
-    """
+    """``saturated`` where the unclipped pixels do not tell the width, else ``clipped``."""
     if likely.clipped_fraction <= CLIPPED_FRACTION:
         return None
     total = likely.total

@@ -149,10 +149,7 @@ def _line_spread(samples: EdgeSamples) -> _LineSpread:
 
 
 def _lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
-    """Return the edge with the width of a Gaussian fitted to its line spread function.
-
-    There is no optical width; None where no Gaussian can be fitted.
-    """
+    """Return the edge with the width of a Gaussian fitted to its line spread function, or None."""
     from scipy.optimize import OptimizeWarning, curve_fit  # .1 s, which no other method needs
 
     spread = _line_spread(samples)
@@ -518,10 +515,7 @@ class EdgeSelection:
 
 
 def _told_apart(edges: Sequence[EdgeMeasurement], pitch_px: int = 1) -> list[EdgeMeasurement]:
-    """Flag edges of one photograph as ``beside_target`` that belong to the scene.
-
-    They are all edges of the photograph, measured on every ``pitch_px``-th pixel of the sensor.
-    """
+    """Flag as ``beside_target`` the edges of the scene, of all that a photograph has."""
     known = [edge for edge in edges if edge.levels_dn is not None]
     segments = [_segment(edge, pitch_px) for edge in known]
     levels_dn = np.array([edge.levels_dn for edge in known]).reshape(-1, 2)

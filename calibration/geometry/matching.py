@@ -208,10 +208,7 @@ class _MatchedCaptures:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _MatchedSeries:
-    """The connected captures of one placement, their matches, and the captures left over.
-
-    ``series`` is None if no two are connected.
-    """
+    """The connected captures of one placement, if any, their matches, and those left over."""
 
     series: Series | None
     matches: tuple[PlaneMatches, ...] = ()
@@ -227,8 +224,7 @@ def adjust_captures(
 ) -> _MatchedCaptures:
     """Match the captures of each placement and adjust them all together.
 
-    They are grouped by placement, heights ascending; the lens keeps its image size and focal
-    length. ``progress`` is called with the number of captures done.
+    They are grouped by placement, heights ascending; the lens keeps size and focal length.
     """
     found = []
     done = 0
@@ -330,10 +326,7 @@ def _pose_over_board(corners: BoardCorners, lens: PlaneLens) -> CapturePose:
 
 
 def _match_textures(captures: Sequence[GeometryCapture], lens: PlaneLens) -> _MatchedSeries:
-    """Match the captures of one textured target by their features.
-
-    They go from the nearest to the furthest; a rough focal length will do.
-    """
+    """Match the captures of one textured target by their features, nearest first."""
     if len(captures) < 2:
         reason = "it is the only capture of its target; capture it at two heights or more"
         alone = tuple(Exclusion(capture=one, reason=reason) for one in captures)

@@ -35,9 +35,8 @@ _REVERSED = -0.5
 class PupilFit:
     """The pupil offset and the unit of each series, its distance per mm, with residuals.
 
-    The offset is the distance of the pupil from the plane at height zero; the covariance is of the
-    offset and the log units, in this order. ``scatter_mm`` is the error of a height beyond that
-    explained by the images. With no degrees of freedom, nothing was checked.
+    The covariance is of the offset and the log units. ``scatter_mm`` is the error of a height
+    beyond that explained by the images. With no degrees of freedom, nothing was checked.
     """
 
     pupil_offset_mm: float
@@ -76,8 +75,7 @@ class PupilFit:
 class SeriesDistances:
     """Heights of captures, and the distances of the camera according to the images.
 
-    Series are numbered from 0 without gaps, and at least one has two different heights; log
-    distances and their covariance are in each series' own unit.
+    Log distances and their covariance are in each series' own unit; series count from 0.
     """
 
     heights_mm: FloatArray
@@ -148,8 +146,7 @@ def _fit_pupil(distances: SeriesDistances) -> PupilFit:
 def _counts_downwards(distances: SeriesDistances) -> bool:
     """Whether the heights of one series fall as the camera rises, according to the images.
 
-    Judged by Kendall's rank correlation, which one wrong height does not turn round: by pairs of
-    captures whose heights and distances both differ by more than their errors.
+    By Kendall's rank correlation of what differs beyond errors: one wrong height does not turn it.
     """
     first, second = np.triu_indices(len(distances.heights_mm), k=1)
     rise_mm = distances.heights_mm[second] - distances.heights_mm[first]
@@ -248,10 +245,7 @@ _UPWARDS = (
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ConsistentSeries:
-    """Series whose captures agree, their pupil offset, and the captures left out.
-
-    ``notes`` are remarks on series that were left out completely.
-    """
+    """Series whose captures agree, their pupil offset, captures left out, and remarks."""
 
     adjustment: Adjustment
     pupil: PupilFit

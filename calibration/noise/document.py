@@ -106,8 +106,7 @@ class CorrectionMaps(ByValue):
 class Nonuniformity:
     """How much the pixels differ, without temporal noise.
 
-    ``dsnu_dn`` and ``prnu`` are standard deviations between pixels after large-scale structure was
-    removed; ``shading`` is the range of what was removed, relative to its mean.
+    ``shading`` is the range of the large-scale structure over its mean, the rest is without it.
     """
 
     dsnu_dn: float

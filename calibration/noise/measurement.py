@@ -48,9 +48,8 @@ _KINDS = ("dark", "flat")
 class _NoiseCapture:
     """Frames of one dark or flat level: what is known of them, and how their statistics are had.
 
-    ``load`` returns the mean and the unbiased temporal variance of one frame, both of shape
-    ``(rows, cols)``. ``time_s`` is by any clock. ``saturated_pixels`` reached the largest level in
-    any of the ``frames``. ``bracket`` has the exposures of a bracket.
+    ``load`` returns mean and unbiased temporal variance of one frame, ``(rows, cols)`` both.
+    ``saturated_pixels`` reached the largest level in any frame.
     """
 
     kind: NoiseKind
@@ -67,9 +66,8 @@ class _NoiseCapture:
 class NoiseCaptures:
     """Dark and flat captures of one camera at one gain, at least one of each.
 
-    ``frames_averaged`` and ``usual_exposure_us`` are those of ordinary captures: with a dark
-    current the dark map is of the darks nearest to it. ``quantisation_dn2`` is the variance of the
-    rounding to whole levels, ``facts`` are further fields of noise.json by name.
+    With a dark current the dark map is of the darks nearest to ``usual_exposure_us``.
+    ``quantisation_dn2`` is that of the rounding, ``facts`` are further fields of noise.json.
     """
 
     captures: tuple[_NoiseCapture, ...]
@@ -272,10 +270,7 @@ def noise_captures(
     camera: str | None = None,
     notes: tuple[str, ...] = (),
 ) -> NoiseCaptures:
-    """Return groups of frames as the captures of a noise measurement.
-
-    The groups are finished and have names of their own; frames are clipped at ``max_level_dn``.
-    """
+    """Return finished groups of frames, with names of their own, as captures of a measurement."""
     step_dn = _step_dn(groups)
     max_level_dn = max_level_dn // step_dn * step_dn
     first = groups[0]
@@ -371,10 +366,7 @@ class _VarianceByLevel:
         )
 
     def saturation(self) -> Saturation:
-        """The level at which pixels clip: the most frequent one among those of collapsed variance.
-
-        It is that of the pixel format if no capture reached it.
-        """
+        """The level at which pixels clip: the usual one of collapsed variance, or the format's."""
         unseen = Saturation(level_dn=self._max_level_dn, err_dn=None)
         used = self._count >= _FEWEST_IN_BIN
         if not used.any():

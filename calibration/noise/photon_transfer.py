@@ -87,8 +87,7 @@ class _DarkSignal:
 def _dark_signal(darks: Sequence[_DarkSample]) -> _DarkSignal:
     """Measure the black level, and the dark current if exposures differ.
 
-    The standard error is the larger of those from the temporal noise and from the scatter of the
-    captures: a black level that drifts from capture to capture is known no better.
+    The error is the larger of those from the temporal noise and from the captures' scatter.
     """
     level = np.array([sample.mean_dn for sample in darks])
     temporal = np.array(
@@ -543,10 +542,9 @@ _QUANTISATION_DN2 = 1.0 / 12.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelNoise:
-    """Variance of one pixel value: read noise plus shot noise growing with the level.
+    """Variance of one pixel value: ``offset_dn2 + slope_dn * level``, at least ``floor_dn2``.
 
-    ``variance = offset_dn2 + slope_dn * level``, never below ``floor_dn2``
-    (EMVA 1288 release 4.0, section 2.4: the photon transfer line).
+    EMVA 1288 release 4.0, section 2.4: the photon transfer line.
     """
 
     offset_dn2: float
@@ -586,8 +584,8 @@ def fit_level_noise(
 ) -> LevelNoise:
     """Fit the photon transfer line to the temporal variance of single frames.
 
-    Means and unbiased temporal variances are of pixels, of any shape. Pixels above 98 % of the
-    saturation are left out, as their variance is clipped; 100 must be left.
+    Pixels above 98 % of the saturation are left out, as their variance is clipped; 100 must be
+    left.
     """
     mean = np.asarray(mean_dn, dtype=np.float64).ravel()
     variance = np.asarray(variance_dn2, dtype=np.float64).ravel()

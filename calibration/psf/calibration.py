@@ -110,11 +110,9 @@ def capture_images(
     correction: CorrectionMaps | None = None,
     frame_noise: LevelNoise | None = None,
 ) -> Iterator[EdgeImage]:
-    """Load captures one by one, each with its own noise.
+    """Load captures one by one, corrected if asked, each with the noise of its temporal variance.
 
-    The noise is fitted to the temporal variance stored with the capture. A single frame has no
-    variance: its noise is ``frame_noise``, or, without that, what the edge fit estimates from its
-    residuals. The maps of ``correction`` apply to every capture and its variance.
+    A single frame has none: its noise is ``frame_noise``, or what the edge fit estimates.
     """
     for record in records:
         images = session.load(record)
@@ -224,8 +222,7 @@ def _psf_of_edges(
 ) -> PsfCalibration:
     """Compute the PSF from measured edges, at least one of which is usable.
 
-    Rejected edges are kept in the list. Without a ``frame``, as where photographs differ in size,
-    no field is fitted.
+    Without a ``frame``, as where photographs differ in size, no field is fitted.
     """
     seen = [edge for edge in edges if edge.is_used]
     softness = measure_softness(seen)
@@ -297,9 +294,8 @@ def _lost_alike(
 ) -> float:
     """Relative error of all widths from what compression does to all edges of a photograph alike.
 
-    Behind JPEG, the relative error of an edge is mostly what its blocks have lost. Some of that is
-    chance from edge to edge; the rest is the same for all, as their details are equally fine, and
-    no number of edges averages it out. Each edge brings its own into the weighted mean.
+    Some of what blocks have lost is chance from edge to edge; the rest no number of edges averages
+    out. Each edge brings its own into the weighted mean.
     """
     is_jpeg = np.array(["jpeg" in edge.flags for edge in edges])
     counted = (weights if weights.any() else 1.0) / relative**2
@@ -376,8 +372,7 @@ def _transfer_2d(
 ) -> Transfer2d | None:
     """The transfer function over both axes, without edges whose width the others contradict.
 
-    Each edge is compared at its own focus and softness of the target, so that the transfer is that
-    of the camera at its mean focus; what these leave unknown is in its errors.
+    Each edge is compared at its own focus and softness of the target.
     """
     keys = [capture_of(edge) for edge in edges]
     focus = total.by_capture
@@ -505,10 +500,9 @@ def calibrate_mosaic(
     selection: EdgeSelection = _TARGET,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
-    """Measure the PSF of every colour of a mosaic, in pixels of the sensor.
+    """Measure the PSF of every colour of mosaics, read one at a time, in pixels of the sensor.
 
-    Mosaics are read one at a time; the values are those of ``channel``, and the others are in
-    ``channels``.
+    The values are those of ``channel``; the others are in ``channels``.
     """
     edges: dict[str, list[EdgeMeasurement]] = {colour: [] for colour in COLOURS}
     names: list[str] = []

@@ -90,8 +90,7 @@ class ParameterChange:
 class PsfChange:
     """All parameters that both calibrations give, and why the two may not be comparable.
 
-    ``shared_inputs`` are the photographs, or the journals of sessions, that both were measured on.
-    The test takes errors for independent, so that with any of them it tells nothing.
+    With ``shared_inputs``, measured on by both, errors are not independent: no test tells.
     """
 
     parameters: tuple[ParameterChange, ...]
@@ -181,9 +180,8 @@ class _FocusRepeatability:
 def focus_repeatability(psfs: Sequence[PsfCalibration]) -> _FocusRepeatability | None:
     """Return how well the focus of a camera repeats from calibration to calibration.
 
-    Calibrations of the same captures count once, the first of them, and of several methods, colours
-    or parts of the frame those that there are most of. None with fewer than two calibrations that
-    give both widths with errors.
+    Calibrations of the same captures count once, and of several methods, colours or parts of the
+    frame those that there are most of. None with fewer than two that give both widths.
     """
     chosen: list[PsfCalibration] = []
     kinds = Counter((psf.method, psf.channel, psf.region) for psf in psfs)
@@ -323,10 +321,9 @@ def psf_steps(
 ) -> tuple[PsfStep, ...] | None:
     """Return independent steps of one standard error from the PSF that was taken.
 
-    None where the calibration does not state the error of this PSF: files of before, and PSFs
-    measured along the two axes alone. The zoom need only be about right. Of a field the errors of
-    the coefficients are known, and not how they go together: they are taken as independent, which
-    is too large away from the middle of the frame.
+    None where the calibration does not state the error of this PSF. The zoom need only be about
+    right. Errors of a field's coefficients are taken as independent, which is too large at the
+    border.
     """
     if isinstance(psf, PsfField):
         return None if calibration.field is None else _of_field(calibration.field, psf)

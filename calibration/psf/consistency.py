@@ -169,11 +169,7 @@ class HeightTrend(StoredModel):
 def fit_height_trend(
     height_mm: FloatArray, relative_width: FloatArray, relative_width_err: FloatArray
 ) -> HeightTrend | None:
-    """Fit a line to widths over heights.
-
-    Widths are relative to those that the calibration predicts. None with fewer than two heights, or
-    too few edges to estimate their scatter.
-    """
+    """Fit a line to widths, relative to those expected, over heights; None for too few."""
     heights = np.unique(height_mm)
     freedom = height_mm.size - heights.size
     if heights.size < 2 or freedom < _FEWEST_FREEDOM:
@@ -284,10 +280,7 @@ _SIDE_FREEDOM = 30.0
 
 
 def _side_err(captures: Sequence[Sequence[EdgeMeasurement]]) -> float:
-    """Relative error of the side of a square, from the errors of the widths of its edges.
-
-    Place and width of an edge are about as exact as each other; twice that is allowed for.
-    """
+    """Relative error of the side of a square, twice that of the widths of its edges."""
     errs = []
     for some in captures:
         side = side_px(some)
@@ -420,8 +413,8 @@ def cross_validate(
 ) -> CrossValidation:
     """Test the model of the camera on its own edges, and name what does not fit.
 
-    ``seen`` are the edges as measured, ``adjusted`` those without the softness of the target;
-    ``scatter_px`` is that of widths within captures beyond their errors.
+    ``adjusted`` are the edges without the softness of the target; ``scatter_px`` is that of widths
+    within captures beyond their errors.
     """
     width_px = float(np.sqrt(np.mean([edge.sigma_px**2 for edge in adjusted])))
     edges, heights = _check_edges(_levelled(adjusted, focus)), _check_heights(adjusted)

@@ -113,10 +113,7 @@ def fit_psf_field(
 def field_or_reason(
     edges: FieldEdges, width_px: int, height_px: int, *, is_asked: bool = True
 ) -> FieldFit | str:
-    """Fit the covariance over the frame, or say in a clause why there is no field.
-
-    The parameters are those of ``fit_psf_field``.
-    """
+    """Fit the covariance over the frame, or say in a clause why there is no field."""
     count = edges.sigma_px.size
     if count < FEWEST_FIELD_EDGES:
         return f"too few edges: {count} of at least {FEWEST_FIELD_EDGES}"

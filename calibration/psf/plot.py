@@ -102,10 +102,7 @@ def draw_transfer_2d(axes: Axes, transfer: "Transfer2d") -> None:
 
 
 def draw_mtf(axes: Axes, psf: "PsfCalibration") -> bool:
-    """Draw contrast against frequency along x and y: as measured, and of the fitted Gaussian.
-
-    Returns False and draws nothing if neither is known.
-    """
+    """Draw contrast along x and y, measured and of the Gaussian; False if neither is known."""
     freq = np.linspace(0, 1, 501)
     for axis, orientation in _AXES:
         colour = ORIENTATION_COLOURS[orientation]

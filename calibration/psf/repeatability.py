@@ -114,10 +114,7 @@ def widths_of(edges: Sequence[EdgeMeasurement]) -> tuple[FloatArray, FloatArray]
 
 
 def without_blur(edge: EdgeMeasurement, blur_px2: float) -> EdgeMeasurement:
-    """Return the edge with less variance, of the total and the optical width alike.
-
-    The variance stays positive: at least a hundredth of it is left.
-    """
+    """Return the edge with less variance, of total and optical width; a hundredth is left."""
     if blur_px2 == 0:
         return edge
     sigma_px, err_px = _narrowed(edge.sigma_px, edge.sigma_err_px, blur_px2)
@@ -244,10 +241,7 @@ class CaptureFit:
 
 
 def shared_reach_px2(fit: CaptureFit | None) -> float:
-    """Return the error of the variance that captures share, of which 1.96 are 95 %.
-
-    Student's quantile for few captures is in it; 0 where captures share nothing.
-    """
+    """Return the error of the variance that captures share, with Student's quantile in it."""
     if fit is None:
         return 0.0
     freedom = float(fit.between) if fit.holds_scatter else inf

@@ -202,10 +202,7 @@ class SoftnessFit:
 
 
 def measure_softness(edges: Sequence[EdgeMeasurement]) -> SoftnessFit | None:
-    """Tell the softness of the target from the widths at several scales.
-
-    None with fewer than three scales, or where the edges do not tell it.
-    """
+    """Tell the softness of the target from the widths at three or more scales, if they tell it."""
     scales = _capture_scales(edges) if edges else None
     if scales is None or scales.distinct < _FEWEST_SCALES:
         return None
@@ -241,10 +238,7 @@ def measure_softness(edges: Sequence[EdgeMeasurement]) -> SoftnessFit | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Softness:
-    """The softness of the nearest capture with its tests.
-
-    ``left`` is chi-squared with these weights of the edges and this scatter between captures.
-    """
+    """The softness of the nearest capture with its tests, chi-squared and weights."""
 
     variance_px2: float
     err_px2: float

@@ -70,8 +70,7 @@ _START_DEFOCUS_WAVES2 = (0.0, 0.25, 1.0, 6.0)
 class _OtfChoice:
     """The form chosen and why; ``scale`` multiplies the inverse to give the covariance.
 
-    ``chi2_reduced`` is over the bins of all edges. Without ``knows_turn`` the directions of the
-    edges leave open how the lens is turned, and every form is upright.
+    Without ``knows_turn`` the edges leave open how the lens is turned: all forms are upright.
     """
 
     fit: OtfFit
@@ -405,11 +404,7 @@ class Transfer2d(StoredModel):
     def of(
         cls, choice: _OtfChoice, normal_rad: Sequence[float], shared_err_px2: float = 0.0
     ) -> Self:
-        """Return the document of a fit to edges with these normals.
-
-        ``shared_err_px2`` is the error of the variance, of both axes alike, that edges of one
-        capture share.
-        """
+        """Return the document of a fit to edges with these normals and an error that they share."""
         fit = choice.fit
         by_variance = fit.form.by_variance
         shared = shared_err_px2**2 * np.outer(by_variance, by_variance)
@@ -453,10 +448,7 @@ class Transfer2d(StoredModel):
         return np.asarray(self.lens(fx, fy) * self._pixel(fx, fy))
 
     def otf_err(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
-        """Return the standard error of the transfer at frequencies; the two broadcast.
-
-        1.96 of them to either side are the pointwise 95 % band.
-        """
+        """Return the pointwise standard error of the transfer at frequencies; the two broadcast."""
         fx, fy = np.broadcast_arrays(fx_cy_per_px, fy_cy_per_px)
         slopes = self._form.otf_slopes(self._values, fx.ravel(), fy.ravel())
         variance = np.sum((slopes @ self.covariance_matrix) * slopes, axis=1)

@@ -48,10 +48,7 @@ from simulation.notebook import Shown
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegistrationReference:
-    """A photograph prepared for alignment: its features are looked for once, and no sooner.
-
-    `register_images` takes it in place of the array, which may not change meanwhile.
-    """
+    """A photograph, not changed meanwhile, whose features are looked for once, and no sooner."""
 
     photograph: AlignedPhotograph
     _features: dict[bool, ImageFeatures] = field(default_factory=dict, repr=False)

@@ -289,11 +289,7 @@ _STEPS_BETWEEN = 4
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RefinedPose:
-    """A pose from the coarser photograph to the finer one, with its errors.
-
-    ``correlation`` and ``residual_rms`` are of the coarser photograph with its prediction, after
-    fitting the light, without outliers; in units of the photograph's prepared levels.
-    """
+    """A pose from the coarser photograph to the finer one, with its errors, light fitted."""
 
     pose: DistortedPose
     errors: _PlaceErrors
@@ -362,10 +358,7 @@ def _may_be_unmoved(
     pose: DistortedPose,
     psf: GaussianPsf | None,
 ) -> bool:
-    """Whether drawings in two levels agree no better at a pose than unmoved.
-
-    A pose is fitted to either pair of opposite quarters of the frame and judged by the others.
-    """
+    """Whether drawings agree no better than unmoved: fitted to two quarters, judged by others."""
     source, target = photographs
     if not target.is_drawing:
         return False
@@ -405,10 +398,7 @@ def _is_worse(
     start: DistortedPose,
     factor: int,
 ) -> bool:
-    """Whether the photographs agree less at a pose than where its refinement started.
-
-    In finer detail than it was refined by, as far as that costs little.
-    """
+    """Whether the photographs agree less, in finer detail, than where refinement started."""
     rows, cols = photographs[1].shape
     seen_at = max(factor // 2, 1)
     seen_at *= max(round(sqrt(rows * cols / seen_at**2 / _JUDGED_PX)), 1)

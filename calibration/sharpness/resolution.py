@@ -112,10 +112,9 @@ def _has_colour(colour: str, source: EdgeImage, x: FloatArray, y: FloatArray) ->
 def _edge_place(
     distance_px: FloatArray, levels_dn: FloatArray, sigma_px: float
 ) -> tuple[float, float] | None:
-    """Fit where an edge lies along the distance, with its standard error.
+    """Fit where an edge lies along the distance, with its standard error; None if not near 0.
 
-    Least squares of ``low + (high - low) Phi((d - place) / sigma)`` with all four free, by Gauss
-    and Newton. None where it does not settle near 0.
+    Least squares of ``low + (high - low) Phi((d - place) / sigma)`` by Gauss and Newton.
     """
     if distance_px.size < _FEWEST_PIXELS:
         return None
@@ -159,11 +158,7 @@ _SERIES_BELOW = 1e-4  # where sinc'/sinc is -pi^2 f / 3 to 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Mtf50:
-    """Frequency of half contrast across an edge, in cy/px, and half its 95 % interval.
-
-    ``is_model_free`` tells the e-SFR from the fitted Gaussian. ``reach_95`` is None where the
-    error is not known.
-    """
+    """Frequency of half contrast in cy/px, its error if known, and whether it is of the e-SFR."""
 
     cy_per_px: float
     err_cy_per_px: float | None
@@ -211,11 +206,7 @@ def picture_height_px(edge: EdgeMeasurement) -> float | None:
 
 
 def _gaussian_mtf50_err(edge: EdgeMeasurement) -> float:
-    """Standard error of the fitted Gaussian's MTF50, from that of its width.
-
-    The frequency is inversely proportional to a total width. With the pixel apart from the lens,
-    it follows from ``T(f, sigma) = 1/2`` by implicit differentiation.
-    """
+    """Standard error of the fitted Gaussian's MTF50, from that of its width."""
     if edge.optical_sigma_px is None or edge.optical_sigma_err_px is None:
         return edge.mtf50_cy_per_px * edge.sigma_err_px / edge.sigma_px
     freq, sigma = edge.mtf50_cy_per_px, edge.optical_sigma_px

@@ -118,10 +118,7 @@ def _least(figure: _Figure, reach: float) -> float:
 
 
 def _median_of(figures: Sequence[_Figure], where: str) -> _Figure:
-    """Return the median, with an error from the scatter or their own errors if those are more.
-
-    The scatter of fewer than four is no measure: their own errors count alone.
-    """
+    """Return the median, with the larger of its scatter's error, from four on, and their own."""
     if not figures:
         raise ValueError("the median of no figures")
     values = np.array([figure.value for figure in figures])
@@ -136,10 +133,9 @@ def _median_of(figures: Sequence[_Figure], where: str) -> _Figure:
 
 
 def ratio(above: _Figure, below: _Figure) -> _Figure:
-    """Return the ratio of two positive figures; its interval holds if both of theirs do.
+    """Return the ratio of two positive figures, with the extreme quotients as its interval.
 
-    The ends are the extreme quotients, so 95 % becomes at least 90 % for the pair; each interval
-    is therefore widened to 97.5 % (Bonferroni).
+    Each interval is widened to 97.5 % for that (Bonferroni).
     """
     widen = _reach(2) / _reach(1)
     low_above = max(above.value - widen * (above.value - above.low), 0.0)
@@ -324,10 +320,7 @@ def judge_sharpness(
     picture: Picture,
     limits_file: str,
 ) -> SharpnessVerdict:
-    """Compare the edges that are used with the limits.
-
-    Rejected edges do not count; units and positions follow from the picture.
-    """
+    """Compare the edges that are used with the limits, in units that follow from the picture."""
     used = [edge for edge in edges if edge.is_used]
     verdicts = tuple(
         _judged(key, bound, _Measured(used, picture, limits.zones)) for key, bound in limits.given()

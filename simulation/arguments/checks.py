@@ -1,7 +1,4 @@
-"""Checks arguments by their annotations, which say the types and words, and by `RANGES`.
-
-Arrays and numbers may come from other libraries, with masks and units.
-"""
+"""Checks arguments by their annotations, which say the types and words, and by `RANGES`."""
 
 import inspect
 import warnings
@@ -97,9 +94,8 @@ def is_array_like(value: object) -> bool:
 def given_array(value: object, name: str) -> _GivenArray:
     """The numbers of anything that holds an array, with its mask; ``name`` is the argument's.
 
-    Whatever has ``__array__`` is taken, as of PyTorch, Dask, xarray, astropy, pandas and polars,
-    and so are lists of numbers. Refused is what holds no numbers, or is in a unit that levels do
-    not have.
+    Whatever has ``__array__`` is taken, and lists of numbers; refused is what holds none, or is in
+    a unit that levels do not have.
     """
     held: Any = value
     if not (is_array_like(value) or isinstance(value, list | tuple | memoryview)):
@@ -206,11 +202,7 @@ def check_fields(document: Any) -> None:  # noqa: ANN401 - a dataclass
 
 
 def accepted(name: str, value: object, hint: object) -> Any:  # noqa: ANN401 - of the hint's type
-    """The value of an argument as its annotation ``hint`` says, a number in the argument's unit.
-
-    An `ArgumentTypeError` if it has another type; else an `ArgumentError` if it is no such word, or
-    a number out of its range.
-    """
+    """The value of an argument as its annotation ``hint`` says, a number in the argument's unit."""
     members = _members(hint)
     if members is None:
         return value

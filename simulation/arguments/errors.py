@@ -1,7 +1,4 @@
-"""Arguments that cannot be: their error, paths as callers give them, and ranges of numbers by name.
-
-Imports no library.
-"""
+"""Arguments that cannot be: their error, paths as callers give them, and ranges by name."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

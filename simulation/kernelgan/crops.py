@@ -41,11 +41,7 @@ def _nearest_positions(count: int, zoom: float) -> IntArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CropPicker:
-    """Draws the crops of one image.
-
-    ``image`` holds levels from 0 to 1, ``side_px`` is the side of the generator's crop, ``taps``
-    the positions of the kernel's first tap in it, along either axis.
-    """
+    """Draws the crops of one image of levels from 0 to 1, by where the kernel's taps fall."""
 
     image: FloatArray = field(repr=False)
     side_px: int
@@ -87,10 +83,7 @@ class CropPicker:
         return self.image[top : top + self.side_px, left : left + self.side_px]
 
     def real_crop(self, rng: np.random.Generator) -> FloatArray:
-        """Return a crop of the size of the generator's output.
-
-        It is anywhere in a window drawn like the generator's, so that both show similar content.
-        """
+        """Return a crop of the generator's size from a window drawn like its own."""
         window = self.generator_crop(rng)
         top, left = rng.integers(0, self.side_px - OUTPUT_SIDE_PX + 1, size=2)
         return window[top : top + OUTPUT_SIDE_PX, left : left + OUTPUT_SIDE_PX]

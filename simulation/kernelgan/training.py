@@ -1,7 +1,6 @@
 """The training of KernelGAN: discriminator and generator alternately, on crops of one image.
 
-All that the generator learns from the image is one kernel. The discriminator rates how much each
-7 x 7 px patch looks like the image's own.
+All that is learnt is one kernel; the discriminator rates each patch of 7 x 7 px.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -278,8 +277,7 @@ _MARGIN_MEMORY = 0.02
 class KernelGanTraining:
     """One training; ``step`` updates both networks once.
 
-    With ``is_gaussian``, a Gaussian of three parameters is trained, without the regularisers,
-    instead of the free kernel. The zoom sets the width of the initial kernel.
+    With ``is_gaussian`` it is of a Gaussian of three parameters, without the regularisers.
     """
 
     def __init__(self, picker: CropPicker, *, is_gaussian: bool, zoom: float, seed: int) -> None:
@@ -391,11 +389,7 @@ def train(
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Let torch use one thread inside the block, then as many as before.
-
-    The sums are then the same for any number of cores, and the matrices are so small that threads
-    would wait for each other longer than they work.
-    """
+    """Let torch use one thread inside the block: the same sums on any machine, and no slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -166,10 +166,7 @@ class _CoefficientWindow(NamedTuple):
 
 
 class _Canvas(NamedTuple):
-    """One plane of the follow-up to write to, and its masks, all of one shape.
-
-    Where the follow-up looks past the reference, its image is left as it was; it is not nearer.
-    """
+    """One plane of the follow-up to write to, and its masks; what is past the reference stays."""
 
     image: FloatImage
     nearer: BoolArray
@@ -312,11 +309,7 @@ def _sample_row(
     outside: BoolArray,
     out: FloatImage,
 ) -> None:
-    """Write the image at reference positions, except where they are outside.
-
-    ``places`` are x and y, each with the origin of the coefficients; ``scratch`` has room for 8
-    numbers and an index for every position, and the table of weights.
-    """
+    """Write the image at reference positions x and y, except where they are outside."""
     x, left, y, top = places
     room, corners, table = scratch
     stride, pixels = coefficients.shape[1], coefficients.reshape(-1)

@@ -1,7 +1,4 @@
-"""The transfer function of a lens: a circular pupil out of focus, stretched, and a Gaussian.
-
-What edges show of a lens beyond that is a correction by radial splines and angular harmonics.
-"""
+"""The transfer function of a lens: a circular pupil out of focus, stretched, and a Gaussian."""
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -200,10 +197,7 @@ def _pupil_otf(relative_freq: FloatArray, defocus_waves: float | FloatArray) -> 
 
 
 def _between_tables(angle_rad: FloatArray, defocus_waves2: FloatArray) -> FloatArray:
-    """Transfer at angles ``acos(nu)``, each with its squared defocus: a polynomial in the latter.
-
-    Shape ``(n,)`` each.
-    """
+    """Transfer at angles ``acos(nu)`` and squared defocus, shape ``(n,)``, a polynomial in that."""
     if not angle_rad.size:
         return np.zeros(0)
     low, high = float(defocus_waves2.min()), float(defocus_waves2.max())
@@ -321,11 +315,7 @@ def _pupil_curves(defocus_waves2: float, steps: int, nodes: int) -> _Table:
 
 @lru_cache(maxsize=4)
 def _pupil_slices(steps: int, nodes: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Per angle, the areas of slices of the common part of the pupil and its shifted copy.
-
-    Also the phase between the two in each slice, in radians per wave of defocus, and the
-    derivatives of both by the angle.
-    """
+    """Per angle, slices of the pupil's overlap, phases per wave in them, and the derivatives."""
     angle = np.linspace(0.0, pi / 2, steps + 1)[:, None]
     nu, fall = np.cos(angle), np.sin(angle)
     node, weight = np.polynomial.legendre.leggauss(nodes)
