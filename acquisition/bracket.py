@@ -204,7 +204,7 @@ def merge_bracket(
     used = is_used.sum(axis=0)
     # Dark in every exposure, below the lowest level: what the longest one says, not valid.
     dark_dn = (averages[-1].mean_dn - black_level_dn) * (reference_us / exposures_us[-1])
-    is_bright = (used == 0) & ~_is_dark(averages[0].mean_dn, black_level_dn, top_dn)
+    is_bright = (used == 0) & ~(averages[0].mean_dn < (black_level_dn + top_dn) / 2)
     light = np.where(used > 0, light, np.where(is_bright, max_level_dn - black_level_dn, dark_dn))
     frames = sum(one.frames_used for one in averages)
     last_dn2 = averages[-1].variance_dn2 * (reference_us / exposures_us[-1]) ** 2
@@ -303,12 +303,6 @@ def _require_ascending(exposures_us: Sequence[float], averages: Sequence[Average
 def _row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
     rows = max(1, _BLOCK_PIXELS // shape[1])
     return (slice(first, first + rows) for first in range(0, shape[0], rows))
-
-
-def _is_dark(
-    mean_dn: NDArray[np.float32], black_level_dn: float, top_dn: float
-) -> NDArray[np.bool_]:
-    return np.asarray(mean_dn < (black_level_dn + top_dn) / 2)
 
 
 def _saturation_dn(

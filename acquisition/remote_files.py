@@ -103,7 +103,9 @@ def _opened(path: Path) -> Iterator[tuple[Any, str]]:
     try:
         yield fsspec.core.url_to_fs(url)
     except ImportError as error:
-        package = f"'standoff[{_EXTRAS[protocol]}]'" if protocol in _EXTRAS else _package(error)
+        package = f"what it needs ({' '.join(str(error).split())})"  # in fsspec's words
+        if protocol in _EXTRAS:
+            package = f"'standoff[{_EXTRAS[protocol]}]'"
         text = f"{protocol}:// is not installed: pip install {package}"
         raise OSError(errno.ENOSYS, text, url) from error
     except FileNotFoundError as error:
@@ -115,11 +117,6 @@ def _opened(path: Path) -> Iterator[tuple[Any, str]]:
             said = getattr(error, "strerror", None) or str(error) or type(error).__name__
             text = " ".join(said.split())
         raise OSError(errno.EIO, text, url) from error
-
-
-def _package(error: ImportError) -> str:
-    """What fsspec says is missing, in its words."""
-    return f"what it needs ({' '.join(str(error).split())})"
 
 
 def _version(info: dict[str, Any]) -> int:

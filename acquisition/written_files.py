@@ -109,7 +109,8 @@ def _line(fault: ErrorDetails, known: list[str]) -> str:
         if remedy is not None:
             return f'{key} = "{fault["input"]}": {remedy}'
     what = fault["msg"]
-    if fault["type"] == "too_long" and _has_twice_as_many(fault.get("ctx", {})):
+    sizes = fault.get("ctx", {})
+    if fault["type"] == "too_long" and sizes.get("actual_length") == 2 * sizes["max_length"]:
         what += "; write decimals with a point, as commas separate the numbers"
     return f"{key}: {what}" if key else what
 
@@ -118,10 +119,6 @@ def _holds_boolean(value: object) -> bool:
     if isinstance(value, list | tuple):
         return any(map(_holds_boolean, value))
     return isinstance(value, bool)
-
-
-def _has_twice_as_many(sizes: dict[str, Any]) -> bool:
-    return bool(sizes.get("actual_length") == 2 * sizes["max_length"])
 
 
 def _nearest(loc: tuple[int | str, ...], known: list[str]) -> str | None:

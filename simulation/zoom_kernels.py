@@ -346,7 +346,8 @@ def _borders(solver: _KernelSolver, table: KernelTable) -> tuple[_Border, _Borde
 
 def _border(solver: _KernelSolver, table: KernelTable, is_along_x: bool) -> _Border:
     own, zoom = (table.turned(), solver.zoom_x) if is_along_x else (table, solver.zoom_y)
-    sampled = _sampled(own.along_x)
+    # Up to three positions tell as much as all.
+    sampled = np.unique(np.linspace(0, len(own.along_x.positions_px) - 1, 3).astype(np.int64))
     other_px = tuple(own.along_x.positions_px[sampled].tolist())
     # The same kernels serve both axes if their exchange changes nothing.
     is_along_x &= not (solver.is_diagonal and own.taps[0] == own.taps[1])
@@ -383,11 +384,6 @@ def _border_positions(taps: int, zoom: float) -> tuple[tuple[float, ...], tuple[
     count = max(ceil((last - 0.5) / zoom * _BORDER_STEPS), 3) + 1
     after = np.linspace(0.5, last, count)
     return tuple((-after[::-1]).tolist()), tuple(after.tolist())
-
-
-def _sampled(axis: AxisKernels) -> IntArray:
-    """Up to three positions that tell as much as all."""
-    return np.unique(np.linspace(0, len(axis.positions_px) - 1, 3).astype(np.int64))
 
 
 def _table_positions(positions_px: FloatArray) -> tuple[float, ...]:

@@ -266,7 +266,8 @@ def _require_complete(nodes: Mapping[str, _Node]) -> None:
                 f"has a node {node.name}, which is Aravis' own", fault="node", nodes=(node.name,)
             )
         for tag, name in _needed(node):
-            if name not in nodes and not _is_added(name):
+            is_added = name in _ADDED_BY_ARAVIS or name.startswith(_PREFIX_OF_ARAVIS)
+            if name not in nodes and not is_added:
                 raise DescriptionError(
                     f"refers to a node that it does not have ({node.name}: {tag} {name[:60]!r})",
                     fault="missing node",
@@ -302,10 +303,6 @@ def _needed(node: _Node) -> Iterator[tuple[str, str]]:
             yield item.tag, item.text
         if _OFFSET in item.attributes:
             yield _OFFSET, item.attributes[_OFFSET].strip()
-
-
-def _is_added(name: str) -> bool:
-    return name in _ADDED_BY_ARAVIS or name.startswith(_PREFIX_OF_ARAVIS)
 
 
 def _shown(names: tuple[str, ...]) -> str:

@@ -166,14 +166,11 @@ def has_record(data: bytes, document: Mapping[str, Any], *, source: str) -> bool
 
 def read_capture(path: Path) -> CaptureImages:
     """Read one capture file on its own, unverified; a session's ``load`` checks the hash too."""
-    return parse_capture(_read(path), source=f"capture file {path}")
-
-
-def _read(path: Path) -> bytes:
     try:
-        return read_regular_file(path, LARGEST_IMAGE_BYTES)
+        data = read_regular_file(path, LARGEST_IMAGE_BYTES)
     except OSError as error:
         raise SessionError(f"capture file {path}: {error.strerror}", path=path) from error
+    return parse_capture(data, source=f"capture file {path}")
 
 
 def _imagej_parts(

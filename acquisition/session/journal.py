@@ -304,7 +304,11 @@ class _SoundLines:
             chain = self._unchained_bytes.hexdigest()
         else:
             if chain_after(self.chains[-1], link.text) != link.chain:
-                raise ValueError(_why_at_odds(link, number))
+                if link.number in (None, number):
+                    raise ValueError("it was altered after it was written")
+                raise ValueError(
+                    f"it was written as line {link.number}: lines were removed, added or moved"
+                )
             event, chain = JournalEvent.from_line(link.text), link.chain
         self.events.append(event)
         self.chains.append(chain)
@@ -317,12 +321,6 @@ def _unchained_event(line: bytes) -> JournalEvent:
     if not keys.isdisjoint(_CHAIN_KEYS):
         raise ValueError("its chain is damaged")
     return event
-
-
-def _why_at_odds(link: ChainedLine, number: int) -> str:
-    if link.number not in (None, number):
-        return f"it was written as line {link.number}: lines were removed, added or moved"
-    return "it was altered after it was written"
 
 
 def _check_head(head: JournalHead, sound: _SoundLines, source: str) -> None:
@@ -349,20 +347,12 @@ except ModuleNotFoundError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 
-def _utc_now() -> datetime:
-    return datetime.now(UTC)
-
-
-def _new_uid() -> str:
-    return uuid.uuid4().hex
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stamps:
     """Source of time stamps and identities: the computer's clock and random numbers."""
 
-    utc_now: Callable[[], datetime] = _utc_now
-    new_uid: Callable[[], str] = _new_uid
+    utc_now: Callable[[], datetime] = lambda: datetime.now(UTC)
+    new_uid: Callable[[], str] = lambda: uuid.uuid4().hex
 
 
 SYSTEM_STAMPS = Stamps()
@@ -469,7 +459,9 @@ class JournalWriter:
             self.append("note", {"text": reading.remarks[0], "cut_short": text})
         if reading.is_head_missing:
             self.append("note", {"text": f"{HEAD_NAME} was missing; lines may be, at the end"})
-        elif len(mended.events) > mended.unchained and not _is_counted(mended):
+        elif len(mended.events) > mended.unchained and (
+            mended.head is None or mended.head.lines != len(mended.events)
+        ):
             self._replace_head(JournalHead(lines=len(mended.events), chain=mended.chain))
 
     def _refusal(self, error: OSError) -> SessionError:
@@ -521,10 +513,6 @@ class JournalWriter:
             finally:
                 lines.result()
         path.with_name(path.name + PART_SUFFIX).replace(path)
-
-
-def _is_counted(reading: JournalReading) -> bool:
-    return reading.head is not None and reading.head.lines == len(reading.events)
 
 
 def lock_exclusively(descriptor: int) -> None:

@@ -23,10 +23,6 @@ _MAX_BYTES = 5_000_000
 """About 80 000 lines: some hours of a capture session."""
 
 
-def _now() -> datetime:
-    return datetime.now(UTC)
-
-
 class _WireLog:
     """Appends a line for every line sent (``>``) or received (``<``) and every remark (``#``).
 
@@ -38,7 +34,7 @@ class _WireLog:
         path: Path,
         *,
         max_bytes: int = _MAX_BYTES,
-        utc_now: Callable[[], datetime] = _now,
+        utc_now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         self._path = path
         self._max_bytes = max_bytes

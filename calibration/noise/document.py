@@ -426,13 +426,10 @@ def _as_text(name: str) -> str:
     return os.fsencode(name).decode("utf-8")
 
 
-def _is_name(text: str) -> bool:
-    return Path(text).name == text and "\0" not in text
-
-
 def _plane(path: Path, name: str, entry: MapFile | None) -> NDArray[Any]:
     key = f"maps.{name}"
-    if entry is None or entry.file in ("", ".", "..") or not _is_name(entry.file):
+    file = "" if entry is None else entry.file
+    if entry is None or file in ("", ".", "..") or Path(file).name != file or "\0" in file:
         raise NoiseFileError(
             f"{path}: {key} does not name a file beside it", source=str(path), key=key
         )

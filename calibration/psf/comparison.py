@@ -139,6 +139,7 @@ def psf_change(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
         for name, a, b in pairs
         if (a is None) != (b is None) or (a is None and name in _WIDTHS)
     ]
+    not_compared = [f"not compared: {_lacking(first, second, left_out)}"] if left_out else []
     p_values = [_two_sided((b.value - a.value) / hypot(a.err, b.err)) for _, a, b in known]
     return PsfChange(
         parameters=tuple(
@@ -152,7 +153,7 @@ def psf_change(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
             )
             for (name, a, b), p_holm in zip(known, _holm(p_values), strict=True)
         ),
-        remarks=(*_remarks(first, second), *_left_out(first, second, left_out)),
+        remarks=(*_remarks(first, second), *not_compared),
         shared_inputs=_shared_inputs(first, second),
     )
 
@@ -279,12 +280,6 @@ def _known(psf: PsfCalibration, name: str) -> Estimate | None:
     """A parameter that can be compared: one with a standard error."""
     found = psf.estimate(name)
     return found if found is not None and found.err > 0 else None
-
-
-def _left_out(
-    first: PsfCalibration, second: PsfCalibration, names: Sequence[str]
-) -> tuple[str, ...]:
-    return (f"not compared: {_lacking(first, second, names)}",) if names else ()
 
 
 def _lacking(first: PsfCalibration, second: PsfCalibration, names: Sequence[str]) -> str:

@@ -349,7 +349,8 @@ def _judged(compared: _Compared, factor: int) -> Agreement:
     )
     # A slope of the pose's own peak is no rival.
     highest = cv2.dilate(elsewhere, np.ones((5, 5), dtype=np.uint8)) <= np.where(is_own, -1, found)
-    peaks = np.where(highest & ~_grown(is_own), elsewhere, 0.0)
+    grown = cv2.dilate(is_own.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)).astype(np.bool_)
+    peaks = np.where(highest & ~grown, elsewhere, 0.0)
     row, col = divmod(int(np.argmax(peaks)), found.shape[1])
     shift_y, shift_x = (
         at if at < size // 2 else at - size
@@ -381,10 +382,6 @@ def _own_peak(found: FloatArray, least: float) -> BoolArray:
     own = labels == labels[middle]
     own[middle[0] - 2 : middle[0] + 3, middle[1] - 2 : middle[1] + 3] = True
     return np.asarray(np.fft.ifftshift(own))
-
-
-def _grown(mask: BoolArray) -> BoolArray:
-    return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)).astype(np.bool_)
 
 
 _VOTING_SIDE_PX = 400

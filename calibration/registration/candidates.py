@@ -406,15 +406,13 @@ class MirrorImage:
 
     def is_searched_better(self, best: Candidate | None) -> bool:
         """Whether it agrees far better where features tell nothing."""
-        if best is not None and best.is_significant and _is_beyond_doubt(best):
+        if (best is not None and best.is_significant) and (
+            best.is_well_matched or best.agreement.evidence >= _BEYOND_DOUBT
+        ):
             return False
         pair = self._pair
         found = best_of(pair, searched_poses(pair.reference, pair.followup, self._zoom))
         return _is_better(found, best)
-
-
-def _is_beyond_doubt(best: Candidate) -> bool:
-    return best.is_well_matched or best.agreement.evidence >= _BEYOND_DOUBT
 
 
 def _is_better(found: Candidate | None, best: Candidate | None) -> bool:
@@ -463,10 +461,8 @@ class _SecondLook:
         """Median distance in px of the target of the matches beyond chance; None for too few."""
         if not self._tells:
             return None
-        return float(np.median(np.sort(self._apart_px(found))[: self._count]))
-
-    def _apart_px(self, found: DistortedPose) -> FloatArray:
-        return found.inverse().distances_px(self.matches.swapped())
+        apart_px = found.inverse().distances_px(self.matches.swapped())
+        return float(np.median(np.sort(apart_px)[: self._count]))
 
     @property
     def _count(self) -> int:

@@ -263,7 +263,10 @@ def parse_points(text: str) -> FeatureMatches:
                 f"no column {missing[0]}; the first line must be {','.join(POINT_COLUMNS)}"
             )
         table.fieldnames = present
-        rows = [_numbers(row, f"line {table.line_num}") for row in _few(table)]
+        rows = [
+            [_number(row[column], column, f"line {table.line_num}") for column in POINT_COLUMNS]
+            for row in _few(table)
+        ]
     except csv.Error as error:
         raise ValueError(f"not a table of values with commas: {error}") from error
     points = np.array(rows, dtype=np.float64).reshape(-1, len(POINT_COLUMNS))
@@ -284,10 +287,6 @@ def _few(table: "csv.DictReader[str]") -> list[dict[str, str | None]]:
             raise ValueError(f"more than {_MOST_POINTS} pairs of points")
         rows.append(row)
     return rows
-
-
-def _numbers(row: dict[str, str | None], where: str) -> list[float]:
-    return [_number(row[column], column, where) for column in POINT_COLUMNS]
 
 
 def _number(text: str | None, column: str, where: str) -> float:

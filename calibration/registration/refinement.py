@@ -475,10 +475,6 @@ def _with_errors(level: LevelPair, motions: PoseMotions, found: Residuals) -> Re
     return RefinedPose(
         pose=found.pose,
         errors=_place_errors(level, motions, found),
-        correlation=_correlation(measured - residual - offset, measured - offset),
+        correlation=float(np.corrcoef(measured - residual - offset, measured - offset)[0, 1]),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )
-
-
-def _correlation(ours: FloatArray, theirs: FloatArray) -> float:
-    return float(np.corrcoef(ours, theirs)[0, 1])

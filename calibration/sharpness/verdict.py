@@ -369,7 +369,10 @@ class _Measured:
             return ratio(_smallest(corners), self._centre() if is_to_centre else _largest(corners))
         if table == "lateral_colour":
             return _largest(self._shifts())
-        return _largest(self._optical_widths() if name == "optical_max_px" else self._widths())
+        if name == "optical_max_px":
+            return _largest(self._optical_widths())
+        widths = ((e.sigma_px, e.sigma_err_px, _place(e)) for e in self.used)
+        return _largest([_Figure(value=px, err=err, where=where) for px, err, where in widths])
 
     def _mtf50(self, name: str) -> _Figure:
         if name.startswith("centre_"):
@@ -377,9 +380,6 @@ class _Measured:
         if name.startswith("corner_"):
             return _smallest(self._corners())
         return _smallest([_mtf50(edge) for edge in self.used])
-
-    def _widths(self) -> list[_Figure]:
-        return [_Figure(value=e.sigma_px, err=e.sigma_err_px, where=_place(e)) for e in self.used]
 
     def _optical_widths(self) -> list[_Figure]:
         widths = [
