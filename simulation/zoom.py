@@ -23,13 +23,12 @@ scene.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import ceil, floor, sqrt
-from typing import Self, TypedDict, Unpack, cast
+from typing import TypedDict, Unpack, cast
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from simulation.arrays import AnyArray, FloatArray, FloatImage
 from simulation.choices import DEFAULT_MODEL, MODELS, GaussianForm, Model
@@ -44,7 +43,7 @@ from simulation.resampling import (
 )
 from simulation.sampling_grid import SamplingGrid, reference_shape, refuse_non_finite
 from simulation.seen_scene import SCENE_CORRELATION_PX
-from simulation.zoom_kernels import lmmse_terms, spline_prefilter, spline_terms
+from simulation.zoom_kernels import lmmse_terms, spline_terms
 
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
@@ -272,31 +271,6 @@ def _needed(psf: Psf | None, model: Model) -> Psf:
     if psf is None:
         raise ValueError(f"model {model!r} needs a PSF")
     return psf
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _BlurredSpline:
-    """Coefficients of the quintic spline through a blurred image, shape ``(rows, cols)``."""
-
-    coefficients: FloatArray = field(repr=False)
-
-    @classmethod
-    def of(cls, image: AnyArray, psf: Psf, zoom: float) -> Self:
-        """Blur a grey image to its PSF ``zoom`` times further away; 1 or less does not blur."""
-        rows, cols = image.shape
-        kernels = spline_prefilter(psf, max(zoom, 1.0), max(zoom, 1.0))
-        prefilter = SeparableSum(
-            tuple((blur(k.along_y, rows), blur(k.along_x, cols)) for k in kernels)
-        )
-        return cls(np.asarray(prefilter.apply(np.asarray(image, dtype=np.float64))))
-
-    def at(self, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
-        """Levels at positions in the image, in their shape; mirrored beyond the border."""
-        return np.asarray(
-            map_coordinates(
-                self.coefficients, [y_px, x_px], order=5, mode="reflect", prefilter=False
-            )
-        )
 
 
 _WHOLE_PIXEL_SLACK = 1e-9

@@ -82,7 +82,6 @@ class _SmoothAlignment:
     x_px: FloatArray
     gain: FloatArray
     jacobian: FloatArray
-    residual_rms_dn: float
     correlation: float
 
 
@@ -107,7 +106,7 @@ def align_smoothly(
     zoom = sqrt(abs(float(np.linalg.det(_mean_jacobian(start_y, start_x, inside)))))
     move_x, move_y = np.zeros(len(moves)), np.zeros(len(moves))
     gain = np.zeros(len(gains))
-    residual_rms = correlation = 0.0
+    correlation = 0.0
     for blur in _BLURS_PX:
         x = start_x + np.tensordot(move_x, moves, axes=1)
         y = start_y + np.tensordot(move_y, moves, axes=1)
@@ -137,7 +136,6 @@ def align_smoothly(
         move_x, move_y = move_x + solution[:count], move_y + solution[count : 2 * count]
         gain = solution[2 * count : -1]
         residual = solution @ design - target
-        residual_rms = float(np.sqrt(np.mean(residual**2)))
         if blur <= _FINE_PX:
             correlation = max(correlation, _correlation(blurred, residual, used))
     x = start_x + np.tensordot(move_x, moves, axes=1)
@@ -148,7 +146,6 @@ def align_smoothly(
         x_px=x,
         gain=np.tensordot(gain, gains, axes=1),
         jacobian=_mean_jacobian(y, x, seen_by_both),
-        residual_rms_dn=residual_rms,
         correlation=correlation,
     )
 

@@ -158,7 +158,6 @@ def _reach(count: int) -> float:
 
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
-FrequencyUnit = Literal["cy/px", "LW/PH", "lp/mm"]
 
 
 class Mtf50Limits(WrittenTable):
