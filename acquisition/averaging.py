@@ -1,8 +1,4 @@
-"""Average frames into one capture: exact mean, temporal variance and stream faults.
-
-Frames are summed exactly. Work is begun anew when its stream breaks off, as long as a lost camera
-is waited for.
-"""
+"""Average frames into one capture: exact mean, temporal variance and stream faults."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -32,11 +28,9 @@ def restarted(
 ) -> T:
     """Do some work, from its beginning again each time its stream breaks off.
 
-    A busy computer, or a network that is full for a moment, breaks a stream off for a second at a
-    time and more than once: that ends nothing. The start of a stream reopens a camera. ``work``
-    streams from a start of its own; what it had until an interruption is dropped. ``timeout_s`` is
-    the time after the first interruption in which another one begins the work anew once more; it is
-    begun anew once in any case. ``interrupted`` is called with each interruption before that.
+    A busy computer or network breaks a stream off for a second at a time and more than once. It is
+    begun anew once in any case, and again within ``timeout_s`` of the first interruption;
+    ``interrupted`` is called with each that is survived.
     """
     first_s: float | None = None
     restarts = 0
@@ -100,12 +94,9 @@ class AveragedFrames:
     """The mean and temporal variance of N frames at one pose, and how the stream behaved.
 
     ``mean_dn`` and ``variance_dn2`` are float32 of shape ``(rows, cols)``; the variance is the
-    unbiased one (N - 1) of a *single* frame, so that the mean has ``variance_dn2 / frames_used``.
-    ``saturated_pixels`` counts the pixels that reached the largest level in any frame used:
-    each biases the mean. ``min_dn`` and ``max_dn`` are over all pixels of all frames used, and
-    the time stamps are the camera's own, of the first and last frame used. ``stale_frames`` were
-    left out as exposed, or perhaps exposed, before the exposure was changed. ``is_saturated`` marks
-    the pixels that ``saturated_pixels`` counts, shape ``(rows, cols)``; None stands for none.
+    unbiased one (N - 1) of a *single* frame. ``is_saturated`` marks the pixels that reached the
+    largest level in any frame, each of which biases the mean; None stands for none.
+    ``stale_frames`` were left out as exposed, or perhaps exposed, before the exposure was changed.
     """
 
     mean_dn: NDArray[np.float32]
@@ -132,18 +123,14 @@ def average_frames(
 ) -> AveragedFrames:
     """Stream until ``frames_asked`` good frames are averaged, 2 to 10 000, never fewer.
 
-    The first frame after the start is skipped (its exposure may have begun before). Incomplete
-    frames, repeated frame ids, frames of the wrong shape and those for which the camera states
-    another exposure are replaced as long as good ones come: what counts is progress, not the frame
-    rate. A capture fails that gets no good frame for 3 s (or 10 frame periods), that after this
-    time has refused more than two frames for each one asked for, or that takes 60 s and 20 frame
-    periods for each frame. The stream is stopped whatever happens; the camera must not be streaming
-    before.
+    The first frame is skipped (its exposure may have begun before). Incomplete and repeated frames,
+    those of the wrong shape or of another stated exposure are replaced as long as good ones come. A
+    capture fails that gets no good frame for 3 s (or 10 frame periods), that after this time has
+    refused more than two frames for each one asked for, or that takes 60 s and 20 frame periods for
+    each.
 
-    ``keep_frame`` is called with every frame that goes into the average, in order; those frames
-    must be discarded if the average fails. ``is_stale`` is called with every good frame; those of
-    which it says that they were exposed before the exposure was changed are left out. What it
-    raises ends the average.
+    ``keep_frame`` is called with every frame that goes into the average, ``is_stale`` with every
+    good one, to leave out what was exposed before a change; what it raises ends the average.
     """
     if not 2 <= frames_asked <= _MAX_FRAMES:
         raise ValueError(f"frames_asked must be from 2 to {_MAX_FRAMES}, got {frames_asked}")
@@ -281,11 +268,7 @@ class _Tally:
 
 
 class _Progress:
-    """Whether a capture advances; nothing is judged before a frame that waits was fetched.
-
-    Time alone ends nothing but the ceiling: a process that was not scheduled for seconds finds
-    its frames in the driver's queue.
-    """
+    """Whether a capture advances; nothing is judged before a frame that waits was fetched."""
 
     def __init__(self, settings: CameraSettings, tally: _Tally, clock: Callable[[], float]) -> None:
         period_s = max(1 / settings.frame_rate_hz, 1e-6 * settings.exposure_us)

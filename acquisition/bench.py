@@ -88,7 +88,7 @@ class CameraConfig(WrittenTable):
                 f"camera.gain_counts and camera.gain_db {self.gain_db:g} are both given; with "
                 "gain_counts, gain_db must be 0"
             )
-        fault = None if self.address is None else address_fault(self.address)
+        fault = None if self.address is None else _address_fault(self.address)
         if fault is not None:
             raise ValueError(f"camera.address: {fault}")
         return self
@@ -249,10 +249,7 @@ class BenchDevices:
 
 
 def load_bench(path: Path, overrides: dict[str, Any] | None = None) -> BenchConfig:
-    """Read a bench file; ``overrides`` replace individual keys (``"camera.gain_db": 3``).
-
-    A `BenchConfigError` names the file and the key that is unknown, missing or out of range.
-    """
+    """Read a bench file; ``overrides`` replace individual keys (``"camera.gain_db": 3``)."""
     try:
         table = read_toml(path)
     except OSError as error:
@@ -308,11 +305,10 @@ def _key_fault(key: str, known: list[str]) -> str:
     return "expected section.key=value of a bench file"
 
 
-def address_fault(text: str) -> str | None:
+def _address_fault(text: str) -> str | None:
     """Say why ``text`` cannot name one camera; None where it can.
 
-    An IPv4 address of more than one host (broadcast, multicast, 0.0.0.0) is a fault: a GigE
-    Vision command sent there would reach every camera on the network.
+    A command sent to a broadcast, multicast or other many-host address would reach every camera.
     """
     try:
         address = ipaddress.ip_address(text)
@@ -329,7 +325,7 @@ def address_fault(text: str) -> str | None:
 
 def resolve_address(address: str) -> str:
     """Return the IPv4 address of a camera given by address or host name."""
-    fault = address_fault(address)
+    fault = _address_fault(address)
     if fault is not None:
         raise DeviceError(f"camera.address: {fault}")
     try:
@@ -340,7 +336,7 @@ def resolve_address(address: str) -> str:
             "give the camera's IP address"
         ) from error
     resolved = str(found[0][4][0])
-    fault = address_fault(resolved)
+    fault = _address_fault(resolved)
     if fault is not None:
         raise DeviceError(f"camera.address: the host name {address!r} cannot be used: {fault}")
     return resolved

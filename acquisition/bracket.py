@@ -47,14 +47,13 @@ Sample = tuple[NDArray[np.float32], NDArray[np.float32]]
 """Mean level and unbiased temporal variance of one frame, by pixel."""
 
 
-def fit_noise_line(
+def _fit_noise_line(
     samples: Iterable[Sample], *, black_level_dn: float, saturation_dn: float
 ) -> _NoiseLine:
     """Fit the line to all pixels of several exposures together.
 
-    Means and variances are averaged over pixels of like level first: a single variance of N
-    frames scatters by ``sqrt(2 / (N - 1))`` of itself, that of thousands of pixels does not. The
-    line never falls, and is at black at least the variance of rounding.
+    Means and variances are averaged over pixels of like level first. The line never falls, and is
+    at black at least the variance of rounding.
     """
     top_dn = black_level_dn + _USED_RANGE * (saturation_dn - black_level_dn)
     count, light, variance = np.zeros(_BINS), np.zeros(_BINS), np.zeros(_BINS)
@@ -117,11 +116,9 @@ _BLOCK_PIXELS = 2**18
 class BracketExposure:
     """One exposure of a bracket, for the record of its capture.
 
-    ``mean_dn`` and ``variance_dn2`` are over all its pixels: the level, and the temporal variance
-    of one frame. ``stale_frames`` were left out because they were, or may have been, exposed
-    before the exposure was changed. In ``used_pixels`` it counts; ``saturated_pixels`` reached the
-    largest level in any frame. ``light_ratio`` is the light that it shows over that of the next
-    shorter exposure, where both are well exposed; None where too few pixels are.
+    ``mean_dn`` and ``variance_dn2`` are over all its pixels; in ``used_pixels`` it counts.
+    ``light_ratio`` is the light that it shows over that of the next shorter exposure, None where
+    too few pixels are well exposed in both.
     """
 
     exposure_us: float
@@ -143,10 +140,9 @@ class BracketExposure:
 class MergedBracket:
     """A bracket as one capture, in DN of its shortest exposure.
 
-    ``averaged`` has the merged mean; its variance divided by all frames is that of the merged
-    mean, as in every capture. Pixels that are saturated in every exposure have the largest level.
-    ``exposures_used`` counts by pixel the exposures on which its level rests, float32 of shape
-    ``(rows, cols)``: 0 where the pixel is not valid.
+    Pixels that are saturated in every exposure have the largest level. ``exposures_used`` counts by
+    pixel the exposures on which its level rests, float32 of shape ``(rows, cols)``: 0 where it is
+    not valid.
     """
 
     averaged: AveragedFrames
@@ -186,7 +182,7 @@ def merge_bracket(
     _require_ascending(exposures_us, averages)
     reference_us = exposures_us[0]
     top_dn = _saturation_dn(exposures_us, averages, black_level_dn, max_level_dn)
-    line = fit_noise_line(
+    line = _fit_noise_line(
         [(one.mean_dn, one.variance_dn2) for one in averages],
         black_level_dn=black_level_dn,
         saturation_dn=top_dn,
@@ -208,7 +204,7 @@ def merge_bracket(
     used = is_used.sum(axis=0)
     # Dark in every exposure, below the lowest level: what the longest one says, not valid.
     dark_dn = (averages[-1].mean_dn - black_level_dn) * (reference_us / exposures_us[-1])
-    is_bright = (used == 0) & ~_is_dark(averages[0].mean_dn, black_level_dn, top_dn)
+    is_bright = (used == 0) & ~(averages[0].mean_dn < (black_level_dn + top_dn) / 2)
     light = np.where(used > 0, light, np.where(is_bright, max_level_dn - black_level_dn, dark_dn))
     frames = sum(one.frames_used for one in averages)
     last_dn2 = averages[-1].variance_dn2 * (reference_us / exposures_us[-1]) ** 2
@@ -307,12 +303,6 @@ def _require_ascending(exposures_us: Sequence[float], averages: Sequence[Average
 def _row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
     rows = max(1, _BLOCK_PIXELS // shape[1])
     return (slice(first, first + rows) for first in range(0, shape[0], rows))
-
-
-def _is_dark(
-    mean_dn: NDArray[np.float32], black_level_dn: float, top_dn: float
-) -> NDArray[np.bool_]:
-    return np.asarray(mean_dn < (black_level_dn + top_dn) / 2)
 
 
 def _saturation_dn(

@@ -12,10 +12,10 @@ class PandasMissingError(ImportError):
 
 
 def dataframe(rows: Iterable[Mapping[str, object]]) -> "DataFrame":
-    """Return a table with a line for each mapping; columns are the keys, in their order.
+    """Return a table with a line for each mapping, and a column for each of their keys.
 
     A list of words is one cell, the words separated by spaces; a mapping becomes columns
-    ``key.name``; any other list stays as it is.
+    ``key.name``.
     """
     try:
         import pandas as pd

@@ -28,11 +28,9 @@ class DeviceInfo:
 class CameraSettings:
     """The settings a camera runs with, as read back from it.
 
-    ``gain`` and ``black_level`` are as the camera states them, in ``gain_unit`` (dB, factor or
-    counts) and ``black_level_unit`` (DN of 12 bits, % or counts); None where it states nothing.
-    Counts have no known scale: ``gain_db`` is then None, ``black_level_dn`` 0. ``features`` holds
-    what else was read, under the camera's own names (``Gamma``, ``BinningHorizontal``,
-    ``DeviceTemperature`` ...).
+    ``gain`` is in dB, a factor or counts, ``black_level`` in DN of 12 bits, % or counts; None where
+    the camera states nothing. Counts have no known scale: ``gain_db`` is then None,
+    ``black_level_dn`` 0. ``features`` holds what else was read, under the camera's own names.
     """
 
     width_px: int

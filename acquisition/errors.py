@@ -37,10 +37,7 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 
 class StageStalledError(DeviceTimeoutError):
-    """A stage came no nearer to its target, or to rest, for ``timeout_s``; it was stopped first.
-
-    ``state`` is what its controller reports, and ``height_mm`` where it was.
-    """
+    """A stage came no nearer to its target, or to rest, for ``timeout_s``; it was stopped first."""
 
     def __init__(self, message: str, *, timeout_s: float, state: str, height_mm: float) -> None:
         super().__init__(message, timeout_s=timeout_s)
@@ -130,10 +127,7 @@ DescriptionFault = Literal[
 
 
 class CameraDescriptionError(DeviceProtocolError):
-    """What a camera says of its own features cannot be used; nothing was evaluated.
-
-    ``nodes`` names those at fault; around a circle the first one stands at the end again.
-    """
+    """What a camera says of its own features cannot be used; ``nodes`` names those at fault."""
 
     def __init__(
         self, message: str, *, fault: DescriptionFault, nodes: tuple[str, ...] = ()
@@ -166,9 +160,8 @@ class DeviceResetError(DeviceError):
 class CaptureError(DeviceError):
     """A capture could not be completed; nothing of it is kept.
 
-    ``frames_refused`` counts the rejected frames by what was wrong with them. ``packets_resent``
-    came meanwhile when they were asked for again; ``resends_packets`` is whether the camera sends
-    any again, None where it does not say.
+    ``frames_refused`` counts the rejected frames by what was wrong with them; ``packets_resent``
+    came meanwhile.
     """
 
     def __init__(
@@ -198,10 +191,7 @@ class StageAlarmError(DeviceError):
 
 
 class StageLimitError(DeviceError, ValueError):
-    """A move outside the travel was requested; nothing moved.
-
-    ``limits_mm`` is None where the controller refused what the bench file allows.
-    """
+    """A move outside the travel was requested; nothing moved."""
 
     def __init__(
         self, message: str, *, height_mm: float, limits_mm: tuple[float, float] | None
@@ -216,10 +206,7 @@ class StageNotHomedError(DeviceError):
 
 
 class StageStoppedError(DeviceError):
-    """The stage has stopped, but not where it was sent.
-
-    ``is_asked`` says whether the stop was requested; ``height_mm`` is None if it never moved.
-    """
+    """The stage has stopped, asked to or not, but not where it was sent."""
 
     def __init__(self, message: str, *, is_asked: bool, height_mm: float | None) -> None:
         super().__init__(message)

@@ -33,9 +33,8 @@ _Blocks = NDArray[np.float64]
 class _ExposureChange:
     """A change to a longer exposure of the same scene, by the average before it and the ratio.
 
-    The mean of the frames before it predicts what a frame shows after it, saturation included, and
-    what a stale frame shows: the same as before. The projection of a frame on the difference is 1
-    for the one and 0 for the other.
+    The projection of a frame on the predicted difference is 1 of a fresh frame and 0 of a stale
+    one.
     """
 
     def __init__(
@@ -69,10 +68,7 @@ class _ExposureChange:
 
 
 class _SteadyLight:
-    """Whether frames have the exposure of the first of them, of a scene that nobody knows yet.
-
-    ``ratio`` is by how much the exposure was changed before.
-    """
+    """Whether frames have the exposure of the first of them, of a scene that nobody knows yet."""
 
     def __init__(self, ratio: float, *, black_level_dn: float, max_level_dn: float) -> None:
         self._limit = float(np.clip(np.sqrt(max(ratio, 1 / ratio)), 1.1, 1.4))
@@ -284,11 +280,7 @@ class ExposureControl:
         )
 
     def _set(self, exposure_us: float) -> float:
-        """Set the exposure and read it back; return by how much it changed since the last average.
-
-        1 means not at all, infinite that nobody knows. An average that was interrupted shows
-        nothing of a change before it.
-        """
+        """Set the exposure; return its ratio to that of the last average, infinite if unknown."""
         before_us = self._camera.settings.exposure_us
         is_known = before_us == self._set_us
         # Cameras round: what was asked last and is still set is not another exposure.

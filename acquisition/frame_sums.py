@@ -15,9 +15,8 @@ _AT_ONCE = 4
 class FrameSums:
     """Exact integer sums over frames ``(rows, cols)``, so that their order cannot matter.
 
-    It is written for speed (``benchmarks/speed/aravis.py``): what takes time is to fetch the sums
-    from memory and to store them, so that frames are added by fours. Squares are summed in 32 bits
-    as long as they cannot overflow, then carried over into 64.
+    For speed (``benchmarks/speed/aravis.py``) frames are added by fours, and squares summed in 32
+    bits as long as they cannot overflow, then carried over into 64.
     """
 
     def __init__(self, shape: tuple[int, int], max_level_dn: int) -> None:

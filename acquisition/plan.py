@@ -253,11 +253,10 @@ def _plan_error(error: ValidationError, source: str) -> PlanError:
 def plan_entries(plan: CapturePlan) -> tuple[PlanEntry, ...]:
     """Captures of the plan, numbered from 0 in working order.
 
-    For each target and orientation the heights ascend, or descend if the plan says so, in
-    whatever order they are written, so that a stage with backlash always approaches from one
-    side. At one height the exposures follow each other as they are written, and the whole list
-    is repeated. With a drift check, the first height is captured once more at the end, as one
-    more repeat.
+    For each target and orientation the heights ascend, or descend if the plan says so, so that a
+    stage with backlash approaches from one side. At one height the exposures follow as they are
+    written, and the whole list is repeated. With a drift check, the first height is captured once
+    more at the end.
     """
     poses = (
         (target, orientation_deg, *each)
@@ -293,10 +292,7 @@ def estimate_plan(
     bench: BenchConfig,
     frame_shape: tuple[int, int] | None,
 ) -> PlanEstimate:
-    """Estimate the cost of capturing entries of a plan, from the middle of the travel.
-
-    ``frame_shape`` is ``(rows, cols)`` of a frame, if known.
-    """
+    """Estimate the cost of capturing entries of a plan, from the middle of the travel."""
     frames = plan.frames_per_capture or bench.capture.frames_per_capture
     stage = bench.stage
     height_mm = math.fsum(stage.limits_mm) / 2

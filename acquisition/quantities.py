@@ -65,10 +65,7 @@ _STATED = re.compile(r"\s*([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\
 
 
 class UnknownUnitError(ValueError):
-    """A text states a unit that cannot be converted to that of its key.
-
-    The message follows the name of the key in a sentence.
-    """
+    """A text states a unit that cannot be converted to that of its key."""
 
     def __init__(self, text: str, *, unit: str, known: tuple[str, ...]) -> None:
         super().__init__(f'= "{text}": {unit!r} is not one of its units: {", ".join(known)}')
@@ -77,14 +74,14 @@ class UnknownUnitError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StatedNumber:
+class _StatedNumber:
     """A number that was given as text; ``unit`` is the one it states, None if it states none."""
 
     value: float
     unit: str | None
 
 
-def unit_of(name: str) -> str | None:
+def _unit_of(name: str) -> str | None:
     """The unit that a key ends in, such as ``us`` for ``exposure_us``; None if it has none."""
     for suffix, unit in _UNIT_OF_SUFFIX.items():
         stem = name.removesuffix(f"_{suffix}")
@@ -93,15 +90,15 @@ def unit_of(name: str) -> str | None:
     return None
 
 
-def stated_number(text: str) -> StatedNumber | None:
+def _stated_number(text: str) -> _StatedNumber | None:
     """The number in a text, with its unit; None if the text is not a number."""
     found = _STATED.fullmatch(text)
     if found is None:
         return None
-    return StatedNumber(value=float(found[1]), unit=found[2].strip() if found[2] else None)
+    return _StatedNumber(value=float(found[1]), unit=found[2].strip() if found[2] else None)
 
 
-def converted(value: float, given: str, wanted: str) -> float:
+def _converted(value: float, given: str, wanted: str) -> float:
     """A value in unit ``given``, in unit ``wanted`` of the same kind, to 12 digits."""
     scale = _scale_of(wanted)
     return float(f"{value * scale[given] / scale[wanted]:.12g}")
@@ -116,9 +113,9 @@ def _known_unit(spelt: str, wanted: str) -> str | None:
     return next((one for one in scale if one.casefold() == name.casefold()), None)
 
 
-def in_unit(text: str, wanted: str) -> int | float | None:
+def _in_unit(text: str, wanted: str) -> int | float | None:
     """The number in a text, converted to ``wanted`` if it states a unit; None if it is none."""
-    stated = stated_number(text)
+    stated = _stated_number(text)
     if stated is None:
         return None
     value = stated.value
@@ -126,7 +123,7 @@ def in_unit(text: str, wanted: str) -> int | float | None:
         given = _known_unit(stated.unit, wanted)
         if given is None:
             raise UnknownUnitError(text, unit=stated.unit, known=tuple(_scale_of(wanted)))
-        value = converted(value, given, wanted)
+        value = _converted(value, given, wanted)
     return int(value) if value.is_integer() and abs(value) < 2**53 else value
 
 
@@ -137,9 +134,8 @@ def _scale_of(unit: str) -> Mapping[str, int]:
 class ImplausibleQuantityError(ValueError):
     """A number is outside the range of its key, and its unit is not stated.
 
-    ``given`` is what was written and ``meant`` what was probably meant, both in the unit of the
-    key; ``meant`` is None if no slip explains the number. The message follows the name of the key
-    in a sentence.
+    ``given`` and ``meant``, None if no slip explains it, are in the unit of the key; the message
+    follows the key's name in a sentence.
     """
 
     def __init__(self, message: str, *, given: object, meant: object) -> None:
@@ -149,12 +145,11 @@ class ImplausibleQuantityError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class PlausibleRange:
+class _PlausibleRange:
     """From ``low`` to ``high`` in the unit of the key; ``typical`` tells possible slips apart.
 
-    ``of`` says what must be in the range: each number of a value, the largest magnitude, or the
-    difference between the largest and the smallest. Where ``low`` is not negative, a negative
-    number is left to the key's own bounds.
+    ``of`` says what must be in the range: each number, the largest magnitude, or the difference of
+    the ends. Where ``low`` is not negative, the key's own bounds see to negative numbers.
     """
 
     low: float
@@ -168,27 +163,27 @@ class PlausibleRange:
         return self.low <= value <= self.high or value < 0 <= self.low
 
 
-PLAUSIBLE: Mapping[str, PlausibleRange] = {
+PLAUSIBLE: Mapping[str, _PlausibleRange] = {
     # The Manta G-046 has 21 us to 60 s. Some sensors expose for 1 us, which is rarely meant.
-    "exposure_us": PlausibleRange(20, 6e7, 1e4),
-    "gain_db": PlausibleRange(0, 60, 10, remark="raw gains and percentages are not in dB"),
-    "frame_rate_hz": PlausibleRange(0.1, 2000, 60),
-    "bandwidth_limit_bytes_per_s": PlausibleRange(1e5, 2e10, 1.15e8),
-    "reconnect_timeout_s": PlausibleRange(0, 1800, 30),
-    "limits_mm": PlausibleRange(2, 1e4, 400, of="span"),
-    "feed_mm_per_min": PlausibleRange(10, 6e4, 600),
-    "settle_s": PlausibleRange(0, 60, 0.5),
-    "tolerance_mm": PlausibleRange(5e-4, 5, 0.05),
-    "backlash_mm": PlausibleRange(0, 20, 0.5),
-    "home_offset_mm": PlausibleRange(-1e4, 1e4, 300),
-    "microstep_um": PlausibleRange(5e-3, 50, 0.5),
+    "exposure_us": _PlausibleRange(20, 6e7, 1e4),
+    "gain_db": _PlausibleRange(0, 60, 10, remark="raw gains and percentages are not in dB"),
+    "frame_rate_hz": _PlausibleRange(0.1, 2000, 60),
+    "bandwidth_limit_bytes_per_s": _PlausibleRange(1e5, 2e10, 1.15e8),
+    "reconnect_timeout_s": _PlausibleRange(0, 1800, 30),
+    "limits_mm": _PlausibleRange(2, 1e4, 400, of="span"),
+    "feed_mm_per_min": _PlausibleRange(10, 6e4, 600),
+    "settle_s": _PlausibleRange(0, 60, 0.5),
+    "tolerance_mm": _PlausibleRange(5e-4, 5, 0.05),
+    "backlash_mm": _PlausibleRange(0, 20, 0.5),
+    "home_offset_mm": _PlausibleRange(-1e4, 1e4, 300),
+    "microstep_um": _PlausibleRange(5e-3, 50, 0.5),
     # Fisheyes have 1.2 mm, telescopes 3 m; the Kowa LMVZ4411 has 4.4 to 11 mm.
-    "focal_length_mm": PlausibleRange(1, 3000, 12),
+    "focal_length_mm": _PlausibleRange(1, 3000, 12),
     # Telephones have 0.5 um, cooled infrared sensors 50 um.
-    "pixel_pitch_um": PlausibleRange(0.4, 100, 5),
-    "focus_distance_mm": PlausibleRange(5, 1e5, 300),
-    "heights_mm": PlausibleRange(1, 1e4, 300, of="largest"),
-    "focal_length_px": PlausibleRange(
+    "pixel_pitch_um": _PlausibleRange(0.4, 100, 5),
+    "focus_distance_mm": _PlausibleRange(5, 1e5, 300),
+    "heights_mm": _PlausibleRange(1, 1e4, 300, of="largest"),
+    "focal_length_px": _PlausibleRange(
         20, 1e7, 1000, remark="it is the focal length in mm, divided by the pixel pitch in mm"
     ),
 }
@@ -234,11 +229,10 @@ class _Slip:
 def understood(name: str, value: object) -> object:
     """Return the value of a key, with the units that it states converted to that of the key.
 
-    ``name`` is without its section; the value is a number or text, or a list or table of them. What
-    is not a number stays as it is, and so does the value of a key without a unit. A number that
-    states no unit and is implausible is refused, and a unit that cannot be converted.
+    The value is a number or text, or a list or table of them. What is not a number, or has a key
+    without a unit, stays as it is. A number without a unit that is implausible is refused.
     """
-    unit = unit_of(name)
+    unit = _unit_of(name)
     if unit is None:
         return value
     read = _mapped(value, lambda one: _read(one, unit))
@@ -257,11 +251,8 @@ def understood(name: str, value: object) -> object:
     return read
 
 
-def likely_slip(value: float, unit: str, plausible: PlausibleRange) -> _Slip | None:
-    """The slip that explains a number outside a range; None if none brings it inside.
-
-    Of several, it is the one that brings the number nearest to the typical value, as a ratio.
-    """
+def _likely_slip(value: float, unit: str, plausible: _PlausibleRange) -> _Slip | None:
+    """The slip nearest to the typical value that explains a number; None if none does."""
     inside = [slip for slip in _slips(value, unit) if plausible.low <= slip.meant <= plausible.high]
     if value == 0 or not inside:
         return None
@@ -269,13 +260,10 @@ def likely_slip(value: float, unit: str, plausible: PlausibleRange) -> _Slip | N
 
 
 def slip_between(value: float, unit: str, low: float, high: float) -> str:
-    """End of a sentence on the slip that brings a value between two limits; empty if none does.
-
-    Only a factor of 1000 or more is a slip here: a smaller one may be another mistake.
-    """
+    """End of a sentence on the slip of 1000 or more that brings a value in range, or ""."""
     if not (math.isfinite(value) and low < high):
         return ""
-    slip = likely_slip(value, unit, PlausibleRange(low, high, max(abs(low), abs(high)) / 2))
+    slip = _likely_slip(value, unit, _PlausibleRange(low, high, max(abs(low), abs(high)) / 2))
     if slip is None or 1 / 1000 < slip.meant / value < 1000:
         return ""
     return f"; {slip.what} probably meant: {number_text(slip.meant)} {unit}"
@@ -288,11 +276,11 @@ def number_text(value: float) -> str:
 
 
 def _question_on_one(
-    number: float, unit: str, plausible: PlausibleRange, *, is_listed: bool
+    number: float, unit: str, plausible: _PlausibleRange, *, is_listed: bool
 ) -> ImplausibleQuantityError:
     shown = number_text(number)
     said = f"has {shown}, which is" if is_listed else f"= {shown} is"
-    slip = likely_slip(number, unit, plausible)
+    slip = _likely_slip(number, unit, plausible)
     return ImplausibleQuantityError(
         _question(
             f"{said} {shown} {_NAMES[unit]}",
@@ -306,7 +294,7 @@ def _question_on_one(
     )
 
 
-def _check_together(value: object, unit: str, plausible: PlausibleRange) -> None:
+def _check_together(value: object, unit: str, plausible: _PlausibleRange) -> None:
     """Refuse a list or table if its largest magnitude or its span is out of range."""
     numbers = [number for one in _leaves(value) if (number := _finite(one)) is not None]
     if not numbers:
@@ -315,7 +303,7 @@ def _check_together(value: object, unit: str, plausible: PlausibleRange) -> None
     measure = max(numbers) - min(numbers) if is_span else max(map(abs, numbers))
     if measure == 0 or plausible.holds(measure):
         return
-    slip = likely_slip(measure, unit, plausible)
+    slip = _likely_slip(measure, unit, plausible)
     meant = None
     if slip is not None:
         ratio = slip.meant / measure
@@ -335,7 +323,7 @@ def _check_together(value: object, unit: str, plausible: PlausibleRange) -> None
 
 
 def _question(
-    said: str, plausible: PlausibleRange, slip: _Slip | None, *, meant: str | None, confirmed: str
+    said: str, plausible: _PlausibleRange, slip: _Slip | None, *, meant: str | None, confirmed: str
 ) -> str:
     if slip is not None:
         return f"{said}; {slip.what} probably meant: write {meant}, or {confirmed} if it is right"
@@ -347,21 +335,21 @@ def _question(
 
 def _slips(value: float, unit: str) -> Iterator[_Slip]:
     for other, name in MISTAKEN_FOR.get(unit, {}).items():
-        yield _Slip(what=f"{name} were", meant=converted(value, other, unit))
+        yield _Slip(what=f"{name} were", meant=_converted(value, other, unit))
     if unit == "Hz" and value > 0:
         for other, name in (("s", "seconds"), *MISTAKEN_FOR["s"].items()):
-            period_s = converted(value, other, "s")
+            period_s = _converted(value, other, "s")
             if period_s > 0:
                 yield _Slip(what=f"the period in {name} was", meant=1 / period_s)
 
 
 def _read(value: object, unit: str) -> object:
-    number = in_unit(value, unit) if isinstance(value, str) else None
+    number = _in_unit(value, unit) if isinstance(value, str) else None
     return value if number is None else number
 
 
 def _states_unit(value: object) -> bool:
-    stated = stated_number(value) if isinstance(value, str) else None
+    stated = _stated_number(value) if isinstance(value, str) else None
     return stated is not None and stated.unit is not None
 
 
@@ -410,8 +398,8 @@ _LEAST_LIKENESS = 0.6
 def decimal_comma_remedy(text: str, name: str = "") -> str | None:
     """Say how to write a number that has a decimal comma; None if the text is not one.
 
-    A comma before three digits may instead separate thousands: the plausible range of the key
-    ``name`` decides if it can, otherwise both ways are named.
+    Where the comma may separate thousands, the plausible range of the key ``name`` decides if it
+    can.
     """
     found = _COMMA.fullmatch(text.rstrip())
     if found is None:
@@ -432,10 +420,9 @@ def decimals_meant(
 ) -> str | None:
     """Return a list of numbers with points for its decimal commas; None if nothing says it has any.
 
-    A list with a point in it is taken as it is. Signs of a decimal comma are another separator
-    beside it, a leading zero (``1,05``), a number out of the bounds that ``accepts`` knows, a
-    second of two numbers that is too large, ``pair_most`` or more, and pairs that ascend where the
-    numbers do not (``1,5,2,5``).
+    Signs of a decimal comma are another separator beside it, a leading zero (``1,05``), a number
+    that ``accepts`` does not, a second of two from ``pair_most`` on, and pairs that ascend where
+    the numbers do not (``1,5,2,5``).
     """
     parts = re.split(r"[;\s]+", text.strip())
     if "," in text and len(parts) > 1 and all(re.fullmatch(r"\d+(,\d+)?", one) for one in parts):
@@ -475,7 +462,7 @@ def toml_slip(text: str) -> str | None:
         key, value = found[1], found[2].strip()
         name = key.rpartition(".")[2]
         remedy = decimal_comma_remedy(value, name)
-        unit, stated = unit_of(name), stated_number(value)
+        unit, stated = _unit_of(name), _stated_number(value)
         if unit is not None and stated is not None and stated.unit is not None:
             remedy = f'write "{value}" in quotes' if _known_unit(stated.unit, unit) else None
         if remedy is not None:
@@ -484,10 +471,7 @@ def toml_slip(text: str) -> str | None:
 
 
 def nearest_key(key: str, known: Iterable[str]) -> str | None:
-    """The known dotted key that an unknown one was probably meant to be, if any resembles it.
-
-    A similar name in the same section comes first, then the same and a similar one in another.
-    """
+    """The known dotted key that an unknown one was probably meant to be, if any resembles it."""
     section, _, name = key.rpartition(".")
     keys = list(known)
     here = [other for other in keys if other.rpartition(".")[0] == section]

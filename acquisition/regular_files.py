@@ -24,11 +24,7 @@ _KINDS = (
 
 
 def read_regular_file(path: Path, most_bytes: int = LARGEST_DOCUMENT_BYTES) -> bytes:
-    """Read a regular file, or that of a URL, of at most ``most_bytes``.
-
-    Opening a device may set it going, opening a pipe waits for its writer, and some devices never
-    end.
-    """
+    """Read a regular file, or that of a URL, of at most ``most_bytes``; no device and no pipe."""
     if is_url(path):
         return read_remote(path, most_bytes)
     status = path.stat()

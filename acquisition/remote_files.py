@@ -25,12 +25,8 @@ _VERSION_KEYS = ("ETag", "etag", "LastModified", "mtime", "updated", "last_modif
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RemoteStatus:
-    """What is known of a file before it is read.
-
-    ``version`` is an integer that changes with the content, as far as its server tells; 0 where it
-    tells nothing.
-    """
+class _RemoteStatus:
+    """What is known of a file before it is read; its version is 0 where the server tells none."""
 
     size_bytes: int
     version: int
@@ -54,11 +50,11 @@ def url_of(path: PurePath) -> str:
     return _URL.sub(r"\1://", text, count=1) if is_url(path) else text
 
 
-def remote_status(path: Path) -> RemoteStatus:
+def remote_status(path: Path) -> _RemoteStatus:
     """Look at a file."""
     with _opened(path) as (system, name):
         info = system.info(name)
-    return RemoteStatus(
+    return _RemoteStatus(
         size_bytes=int(info.get("size") or 0),
         version=_version(info),
         is_folder=info["type"] == "directory",
@@ -107,7 +103,9 @@ def _opened(path: Path) -> Iterator[tuple[Any, str]]:
     try:
         yield fsspec.core.url_to_fs(url)
     except ImportError as error:
-        package = f"'standoff[{_EXTRAS[protocol]}]'" if protocol in _EXTRAS else _package(error)
+        package = f"what it needs ({' '.join(str(error).split())})"  # in fsspec's words
+        if protocol in _EXTRAS:
+            package = f"'standoff[{_EXTRAS[protocol]}]'"
         text = f"{protocol}:// is not installed: pip install {package}"
         raise OSError(errno.ENOSYS, text, url) from error
     except FileNotFoundError as error:
@@ -119,11 +117,6 @@ def _opened(path: Path) -> Iterator[tuple[Any, str]]:
             said = getattr(error, "strerror", None) or str(error) or type(error).__name__
             text = " ".join(said.split())
         raise OSError(errno.EIO, text, url) from error
-
-
-def _package(error: ImportError) -> str:
-    """What fsspec says is missing, in its words."""
-    return f"what it needs ({' '.join(str(error).split())})"
 
 
 def _version(info: dict[str, Any]) -> int:

@@ -41,7 +41,7 @@ class TiffDamageError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TiffPages:
+class _TiffPages:
     """The images of a file in order, and ImageJ's Info where there is one."""
 
     images: tuple[NDArray[Any], ...]
@@ -51,12 +51,11 @@ class TiffPages:
 def parse_json(  # the reader checks what it needs
     text: str | bytes, *, has_single_keys: bool = False, has_file_names: bool = False
 ) -> Any:  # noqa: ANN401
-    """Read one JSON document; any fault in it is a ValueError.
+    """Read one JSON document, any fault in which is a ValueError.
 
-    With ``has_single_keys`` no object may repeat one, with ``has_file_names`` a text may hold bytes
-    that are no UTF-8, escaped as PEP 383 does. Refused is also what is nested deeper than the
-    parser goes, would fill the memory with empty lists, or escapes half a character, which no file
-    can be written with.
+    Refused is also what is nested too deep, would fill the memory with empty lists, or escapes half
+    a character; with ``has_single_keys`` a repeated key. With ``has_file_names`` a text may hold
+    bytes that are no UTF-8, escaped as PEP 383 does.
     """
     hook = _without_repeats if has_single_keys else None
     decoded = text if isinstance(text, str) else text.decode("utf-8")
@@ -93,7 +92,7 @@ def parse_toml(text: str | bytes) -> dict[str, Any]:
 
 def read_tiff(
     data: bytes, *, first_alone: bool = False, shape: tuple[int, int] | None = None
-) -> TiffPages:
+) -> _TiffPages:
     """Read the pages of a TIFF file, or the first one; with ``shape``, if they have that alone."""
     try:
         # The reader's objects refer to each other: without closing it, they would keep the file's
@@ -107,7 +106,7 @@ def read_tiff(
     except TIFF_DAMAGE as error:
         text = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise TiffDamageError(text) from error
-    return TiffPages(images=images, info=info if isinstance(info, str) else None)
+    return _TiffPages(images=images, info=info if isinstance(info, str) else None)
 
 
 def _pixels(

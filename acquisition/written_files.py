@@ -28,8 +28,7 @@ class WrittenTable(BaseModel):
     """A table of a file that a person writes.
 
     Read by `validate_written`, its numbers may state their units (``"9 ms"``), and one that is
-    implausible without is refused. Otherwise, as in a session's records, numbers are taken as
-    they are. A boolean is no number.
+    implausible without is refused. A boolean is no number.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
@@ -66,10 +65,7 @@ def validate_written(model: type[Written], table: dict[str, Any]) -> Written:
 
 
 def validation_lines(error: ValidationError, model: type[BaseModel] | None = None) -> str:
-    """One line that names each key at fault, or the first of many, and what is wrong with it.
-
-    An unknown key is compared with those of ``model``, if given.
-    """
+    """One line that names each key at fault, or the first of many; unknown ones by ``model``'s."""
     known = [] if model is None else list(dotted_keys(model))
     faults = error.errors()
     lines = [_line(fault, known) for fault in faults[:_MOST_FAULTS]]
@@ -113,7 +109,8 @@ def _line(fault: ErrorDetails, known: list[str]) -> str:
         if remedy is not None:
             return f'{key} = "{fault["input"]}": {remedy}'
     what = fault["msg"]
-    if fault["type"] == "too_long" and _has_twice_as_many(fault.get("ctx", {})):
+    sizes = fault.get("ctx", {})
+    if fault["type"] == "too_long" and sizes.get("actual_length") == 2 * sizes["max_length"]:
         what += "; write decimals with a point, as commas separate the numbers"
     return f"{key}: {what}" if key else what
 
@@ -122,10 +119,6 @@ def _holds_boolean(value: object) -> bool:
     if isinstance(value, list | tuple):
         return any(map(_holds_boolean, value))
     return isinstance(value, bool)
-
-
-def _has_twice_as_many(sizes: dict[str, Any]) -> bool:
-    return bool(sizes.get("actual_length") == 2 * sizes["max_length"])
 
 
 def _nearest(loc: tuple[int | str, ...], known: list[str]) -> str | None:

@@ -10,7 +10,6 @@ import hashlib
 import logging
 import os
 import platform
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -21,6 +20,7 @@ import numpy as np
 
 import simulation
 from acquisition.regular_files import read_regular_file
+from acquisition.session import PART_SUFFIX, whole_file
 from simulation.kept_kernels import Arrays, Design, keep_kernels
 
 FOLDER_VARIABLE = "STANDOFF_DESIGN_CACHE"
@@ -29,7 +29,7 @@ LIMIT_VARIABLE = "STANDOFF_DESIGN_CACHE_MB"
 DEFAULT_LIMIT_MB = 256.0
 """A design takes 2 kB to 2 MB."""
 
-_SUFFIX, _PART_SUFFIX = ".kernels", ".part"
+_SUFFIX = ".kernels"
 _KEY_DIGITS = 40
 _ROOMS = ("psf", "resampling", "zoom_kernels")
 """Where the code is that decides a design's numbers."""
@@ -80,7 +80,8 @@ class DesignCache:
             return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            _replace(path, data)
+            with whole_file(path) as file:  # what a power cut cuts short is designed anew
+                file.write(data)
             self._drop_least_used()
         except FileNotFoundError:
             return  # somebody empties the folder at this moment
@@ -96,7 +97,7 @@ class DesignCache:
         held: list[tuple[float, int, Path]] = []
         for path in self.folder.iterdir():
             # Parts are those of runs that were killed, or of another process at this moment.
-            if path.suffix in (_SUFFIX, _PART_SUFFIX):
+            if path.suffix in (_SUFFIX, PART_SUFFIX):
                 with suppress(FileNotFoundError):
                     status = path.stat()
                     held.append((status.st_mtime, status.st_size, path))
@@ -155,22 +156,6 @@ def _read(path: Path, key: bytes) -> Arrays | None:
         os.utime(path)
     with np.load(BytesIO(content), allow_pickle=False) as held:
         return tuple(held[f"arr_{number}"] for number in range(len(held.files)))
-
-
-def _replace(path: Path, data: bytes) -> None:
-    """Write a file as a whole or not at all, whoever else writes it.
-
-    It need not survive a power cut: what is not whole then is made anew.
-    """
-    descriptor, name = tempfile.mkstemp(_PART_SUFFIX, dir=path.parent)
-    part = Path(name)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
 
 
 @cache

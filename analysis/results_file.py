@@ -3,9 +3,9 @@
 from math import inf, isfinite
 from typing import Annotated
 
-from pydantic import AllowInfNan, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer
+from pydantic import AllowInfNan, BeforeValidator, Field, PlainSerializer
 
-from acquisition.files import Provenance
+from acquisition.files import Provenance, StoredModel
 from analysis.errors import ResultsFileError
 from calibration.documents import write_document
 from simulation.arguments import FilePath, output_path
@@ -21,10 +21,8 @@ InfiniteAsNull = Annotated[
 """A number that may be infinite; JSON has no infinity and stores null."""
 
 
-class StoredValues(ByValue, BaseModel):
+class StoredValues(ByValue, StoredModel, allow_inf_nan=False):
     """Part of a document; fields added by later versions are ignored."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
     def __str__(self) -> str:
         return repr(self)

@@ -27,10 +27,7 @@ _Kinds = frozenset[object]
 
 
 def json_object(document: BaseModel) -> dict[str, Any]:
-    """Return the content of a document's file as plain lists, numbers and text.
-
-    The provenance comes last: people look for the figures first.
-    """
+    """Return the content of a document's file as plain values, with the provenance last."""
     content = document.model_dump(mode="json", by_alias=True)
     if "provenance" in content:
         content["provenance"] = content.pop("provenance")
@@ -38,10 +35,7 @@ def json_object(document: BaseModel) -> dict[str, Any]:
 
 
 def write_document(path: FilePath, document: BaseModel, failure: type[DocumentError]) -> None:
-    """Write a document as JSON, whole or not at all.
-
-    Raises ``failure`` where the file cannot be written or holds a text that is no UTF-8.
-    """
+    """Write a document as JSON, whole or not at all; raise ``failure`` if that cannot be."""
     path, content = path_of(path, "path"), json_object(document)
     json.dumps(content, allow_nan=False)  # refuses numbers that are none; indented, it is slow
     try:
@@ -59,10 +53,9 @@ def write_document(path: FilePath, document: BaseModel, failure: type[DocumentEr
 def read_document(
     path: FilePath, model: type[Document], failure: type[DocumentError], remedy: str
 ) -> Document:
-    """Read a JSON file into the model of its schema.
+    """Read a JSON file into a model whose ``schema_name`` has its schema as the default.
 
-    The model names its schema as the default of its field ``schema_name``; ``failure`` is raised,
-    with the ``remedy``, for a file of another schema.
+    ``failure`` is raised, with the ``remedy``, for a file of another schema.
     """
     path = path_of(path, "path")
     source = str(path)
@@ -112,10 +105,7 @@ def _parts(value: _Nested) -> Iterator[tuple[object, object]]:
 def fitted(
     document: object, model: type[Document], failure: type[DocumentError], source: str
 ) -> Document:
-    """Return plain lists, numbers and text as a model.
-
-    Raises ``failure``, which names ``source`` and the value at fault, if they do not fit.
-    """
+    """Return plain lists, numbers and text as a model; ``failure`` names what does not fit."""
     keys = _boolean_for_number(document, frozenset({model}))
     if keys is not None:
         place = _dotted(keys)

@@ -31,11 +31,7 @@ class CalibrationError(KeepsFacts, Exception):
 
 
 class DocumentError(CalibrationError):
-    """A file cannot be read or written, or lacks something that is needed.
-
-    ``source`` names the file, ``key`` the value at fault in dotted form (``edges.0.snr``); ``key``
-    is None if the fault is not in a single value.
-    """
+    """A file cannot be read or written, or lacks what is needed at ``key`` (``edges.0.snr``)."""
 
     def __init__(self, message: str, *, source: str | None = None, key: str | None = None) -> None:
         super().__init__(message)
@@ -44,11 +40,7 @@ class DocumentError(CalibrationError):
 
 
 class GeometryError(CalibrationError):
-    """The captures do not determine the geometry of camera and stage.
-
-    ``reason`` says what is wrong; ``subject`` names the capture or target, if a single one is at
-    fault.
-    """
+    """The captures do not determine the geometry of camera and stage, for a reason."""
 
     def __init__(
         self, message: str, *, reason: GeometryReason | None = None, subject: str | None = None
@@ -67,11 +59,7 @@ class HomographyFileError(DocumentError):
 
 
 class NoEdgeError(CalibrationError):
-    """No usable edge was found.
-
-    ``subject`` names the photograph, or says how many there are; ``found`` is the number of edges
-    found, ``flags`` the flags for which they were rejected.
-    """
+    """No usable edge was found; ``flags`` are those for which edges were rejected."""
 
     def __init__(
         self,
@@ -92,10 +80,7 @@ NoiseReason = Literal["no_dark", "no_flat", "settings", "levels", "no_gain"]
 
 
 class NoiseError(CalibrationError):
-    """Dark and flat captures do not determine a camera's noise.
-
-    ``saturated`` is the number of flats that could not be used because they are clipped.
-    """
+    """Dark and flat captures, ``saturated`` ones left out, do not determine a camera's noise."""
 
     def __init__(self, message: str, *, reason: NoiseReason, saturated: int = 0) -> None:
         super().__init__(message)
@@ -118,10 +103,7 @@ PairReason = Literal[
 
 
 class PairError(CalibrationError):
-    """Photographs of a scene from two distances do not determine the PSF.
-
-    ``photographs`` names the photographs at fault, if they are known.
-    """
+    """Photographs of a scene from two distances, named if known, do not determine the PSF."""
 
     def __init__(
         self, message: str, *, reason: PairReason, photographs: tuple[str, ...] = ()
@@ -138,9 +120,8 @@ class PsfFileError(DocumentError):
 class RegistrationError(CalibrationError):
     """Two images could not be aligned well enough to be compared.
 
-    ``reason`` says which requirement failed, ``at_fault`` which image if only one is to blame. The
-    figure that failed is a ``count`` of features, matches or corners, a ``correlation`` or an
-    ``error_px``; those that do not apply to the reason are None.
+    ``reason`` says which requirement failed, ``at_fault`` which image if only one is to blame; the
+    figure that failed is a ``count``, a ``correlation`` or an ``error_px``, the others None.
     """
 
     def __init__(

@@ -233,10 +233,10 @@ def write_noise(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
     """
     out = output_path(path, "path", {".json"})
     with written_together(out) as folder:
-        return write_noise_files(folder / out.name, noise)
+        return _write_noise_files(folder / out.name, noise)
 
 
-def write_noise_files(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
+def _write_noise_files(path: FilePath, noise: NoiseMeasurement) -> NoiseCalibration:
     """Write the maps, then noise.json, each whole or not at all; return the document."""
     written = noise.calibration.model_copy(
         update={"maps": write_map_files(path_of(path, "path"), noise.maps)}

@@ -9,22 +9,19 @@ import numpy as np
 
 
 class ByValue:
-    """Equal to what is of the same type and holds the same, arrays and NaN included.
-
-    What a document keeps out of its file, marked ``exclude``, does not count.
-    """
+    """Equal to what is of the same type and holds the same, but for fields marked ``exclude``."""
 
     __slots__ = ()
 
     def __eq__(self, other: object) -> bool:
-        return is_same(self, other) if type(other) is type(self) else NotImplemented
+        return _is_same(self, other) if type(other) is type(self) else NotImplemented
 
     def __hash__(self) -> int:
         told = (getattr(self, name) for name in _compared(type(self)))  # type: ignore[arg-type]  # a class has a hash
         return hash((type(self), *(one for one in told if isinstance(one, str | PurePath))))
 
 
-def is_same(first: object, second: object) -> bool:
+def _is_same(first: object, second: object) -> bool:
     """Whether two values say the same: arrays by their numbers, NaN as itself."""
     if first is second:
         return True
@@ -32,13 +29,13 @@ def is_same(first: object, second: object) -> bool:
         return _is_same_array(first, second)
     if isinstance(first, list | tuple) and type(first) is type(second):
         assert isinstance(second, list | tuple), "of the same type"
-        return len(first) == len(second) and all(map(is_same, first, second))
+        return len(first) == len(second) and all(map(_is_same, first, second))
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         return first.keys() == second.keys() and all(
-            is_same(value, second[key]) for key, value in first.items()
+            _is_same(value, second[key]) for key, value in first.items()
         )
     if type(first) is type(second) and (names := _compared(type(first))):  # type: ignore[arg-type]  # as above
-        return all(is_same(getattr(first, name), getattr(second, name)) for name in names)
+        return all(_is_same(getattr(first, name), getattr(second, name)) for name in names)
     return bool(first == second) or (_is_nan(first) and _is_nan(second))
 
 

@@ -62,11 +62,7 @@ class CaptureNoise:
 
 
 def propagated_variance(operator: ZoomOperator, variance_dn2: NDArray[np.floating]) -> FloatArray:
-    """Variance of a simulated image of a reference whose pixels have independent noise.
-
-    Of the follow-up's shape: the sum of squared weights times variances, exact also across the
-    operator's stages.
-    """
+    """Variance of a simulated image of a reference whose pixels have independent noise, exactly."""
     variance = np.asarray(variance_dn2, dtype=np.float64)
     if not (np.all(np.isfinite(variance)) and np.all(variance >= 0)):
         raise ValueError("variances must be finite and not negative")
@@ -83,8 +79,7 @@ def with_capture_noise(
 ) -> FloatImage:
     """Follow-up with the noise of a captured one, in its dtype.
 
-    ``own_variance_dn2`` is what the reference's noise left in it, by `propagated_variance`. Where
-    the simulated image is noisier than the capture would be, nothing is added.
+    ``own_variance_dn2`` is what the reference's noise left in it; a noisier image gets no more.
     """
     if own_variance_dn2.shape != followup_dn.shape:
         raise ValueError(

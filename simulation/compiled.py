@@ -34,11 +34,7 @@ def compiled(**options: Any) -> Callable[[Function], Function]:  # noqa: ANN401 
 
 
 class _KeptCode(FunctionCache):
-    """What numba keeps, loaded without what only compiling needs.
-
-    Before it looks, numba readies its implementations of all that a function may call, which takes
-    .1 s. What is found needs none of them, and the compiler readies them itself.
-    """
+    """What numba keeps, loaded without what only compiling needs, which takes .1 s."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401
         rtsys.initialize(target_context)  # counts references to arrays

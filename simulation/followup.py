@@ -16,21 +16,17 @@ from simulation.sampling_grid import SamplingGrid
 from simulation.zoom import ZoomOperator, zoom_operator, zoom_out_image
 
 
-def exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) -> FloatImage:
+def _exposed(image_dn: FloatImage, factor: float, black_level_dn: float = 0.0) -> FloatImage:
     """Image with ``factor`` times the light; levels are not clipped."""
     if not (factor >= 0 and np.isfinite(factor)):
         raise ValueError(f"an exposure factor must be finite and not negative, got {factor}")
     return _like(image_dn, (image_dn - black_level_dn) * factor + black_level_dn)
 
 
-def vignetted(
+def _vignetted(
     image_dn: FloatImage, corner_fall_off: float, black_level_dn: float = 0.0
 ) -> FloatImage:
-    """Image with the natural vignetting of a lens.
-
-    ``corner_fall_off`` is the relative loss of light at the corner pixel, below 1; towards the
-    centre it follows the fourth power of the cosine of the field angle.
-    """
+    """Image with a lens's natural vignetting: ``cos^4``, losing a share at the corner pixel."""
     if not 0 <= corner_fall_off < 1:
         raise ValueError(f"a corner fall-off must be in [0, 1), got {corner_fall_off}")
     rows, cols = image_dn.shape[:2]
@@ -45,11 +41,8 @@ def vignetted(
     return _like(image_dn, (image_dn - black_level_dn) * light + black_level_dn)
 
 
-def unsharp_masked(image_dn: FloatImage, amount: float, sigma_px: float) -> FloatImage:
-    """Image after a camera's sharpening: plus ``amount`` times (image minus its blur).
-
-    Phones use amounts of 0.3 to 1.5.
-    """
+def _unsharp_masked(image_dn: FloatImage, amount: float, sigma_px: float) -> FloatImage:
+    """Image after a camera's sharpening by its blur; phones use amounts of 0.3 to 1.5."""
     if not (amount >= 0 and np.isfinite(amount)):
         raise ValueError(f"the sharpening amount must be finite and not negative, got {amount}")
     if not (sigma_px > 0 and np.isfinite(sigma_px)):
@@ -181,10 +174,7 @@ def from_pose(
     options: PoseOptions,
     noise: CaptureNoise | None = None,
 ) -> FollowUp:
-    """Follow-up from any pose, with ``matrix`` and ``size`` as for ``simulate_pose_of_image``.
-
-    ``noise`` is what the reference is assumed to have.
-    """
+    """Follow-up from any pose, as of ``simulate_pose_of_image``, of a reference with this noise."""
     simulated = simulate_pose_of_image(reference, matrix, size, psf, options)
     own = None
     if noise is not None:
@@ -215,7 +205,7 @@ def captured(
         rng = np.random.default_rng(options.seed)
         image = with_capture_noise(image, light**2 * own_variance_dn2, noise, rng)
     if options.sharpening is not None:
-        image = unsharp_masked(image, *options.sharpening)
+        image = _unsharp_masked(image, *options.sharpening)
     return image
 
 
@@ -234,7 +224,7 @@ def _own_variance(reference: AnyArray, operator: ZoomOperator, noise: CaptureNoi
 
 def _lit(image: FloatImage, options: CaptureOptions, black_dn: float) -> FloatImage:
     if options.exposure != 1.0:
-        image = exposed(image, options.exposure, black_dn)
+        image = _exposed(image, options.exposure, black_dn)
     if options.vignetting != 0.0:
-        image = vignetted(image, options.vignetting, black_dn)
+        image = _vignetted(image, options.vignetting, black_dn)
     return image

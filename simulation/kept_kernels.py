@@ -31,9 +31,8 @@ def keep_kernels(keeper: Keeper | None) -> None:
 def kept(what: str, decided_by: tuple[object, ...], design: Design) -> Arrays:
     """Arrays of a design, as they were kept or else new; the same to the bit.
 
-    ``what`` names the kind of design, ``decided_by`` is everything that it depends on: numbers,
-    strings, arrays, and tuples and our own dataclasses of them. With anything else, such as a PSF
-    of another package, nothing is kept. A design returns float64 arrays of at least one dimension.
+    ``decided_by`` is all that it depends on: numbers, strings, arrays, tuples, dataclasses of ours;
+    with anything else nothing is kept. Arrays are float64 of at least one dimension.
     """
     keeper = _keeper
     try:

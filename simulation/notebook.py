@@ -24,10 +24,7 @@ def html_table(caption: str, columns: Sequence[str], rows: Iterable[Sequence[str
 
 
 class Shown:
-    """A result that is read at a glance: in a line, and in a notebook as a table of its fields.
-
-    A dataclass leaves its line to this with ``repr=False``; what is None is left out.
-    """
+    """A result that is read at a glance: in a line, and in a notebook as a table of its fields."""
 
     __slots__ = ()
 

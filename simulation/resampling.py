@@ -78,10 +78,7 @@ def _paired(starts: IntArray, weights: FloatArray, columns: int) -> _RowPairs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BandedMatrix:
-    """A matrix whose row i is ``weights[i]`` at columns ``starts[i]`` and following.
-
-    ``starts`` has the shape ``(n,)``, ``weights`` ``(n, band)``; ``columns`` is their number.
-    """
+    """A matrix whose row i is ``weights[i]``, of ``(n, band)``, from column ``starts[i]`` on."""
 
     starts: IntArray
     weights: FloatArray
@@ -325,11 +322,7 @@ def _add_one(first: FloatImage, second: FloatImage, row: FloatImage, weights: Fl
 def _combine_rows(
     image: FloatImage, pairs: tuple[IntArray, IntArray, FloatImage], out: FloatImage, adds: bool
 ) -> None:
-    """Write pairs of combined rows of ``image`` to ``out``, which has an even number of rows.
-
-    ``pairs`` are the starts, bands and weights of `_RowPairs`; with ``adds`` the sums are added to
-    what ``out`` holds.
-    """
+    """Write, or add, pairs of combined rows of ``image`` to ``out``, of an even number of rows."""
     starts, bands, weights = pairs
     stride = image.shape[1]
     pixels = image.reshape(-1)

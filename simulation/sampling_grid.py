@@ -89,11 +89,7 @@ class SamplingGrid:
 
 
 def reference_shape(image: AnyArray) -> tuple[int, int]:
-    """Rows and columns of an image that a model accepts.
-
-    It is ``(rows, cols)`` or ``(rows, cols, channels)``, not empty, of uint8, uint16, float32 or
-    float64.
-    """
+    """Rows and columns of an image that a model accepts: its shape, type and size are checked."""
     if image.ndim not in (2, 3) or image.size == 0:
         raise ValueError(
             f"an image must be (rows, cols) or (rows, cols, channels), got {image.shape}"

@@ -337,10 +337,7 @@ def window_kernels(
 def _apart(
     kernels: FloatArray, y_px: FloatArray, x_px: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Split into the kernels for what varies along y alone, along x alone, and the rest.
-
-    How much the former differ between the positions along the other axis is 1e-5 of the scene.
-    """
+    """Split into the kernels for what varies along y alone, along x alone, and the rest."""
     sums_y = _exact(kernels.sum(axis=3).mean(axis=1), y_px)
     sums_x = _exact(kernels.sum(axis=2).mean(axis=0), x_px)
     rest = kernels - sums_y[:, None, :, None] * sums_x[None, :, None, :]
@@ -409,10 +406,7 @@ _Windows = Callable[[int, int], FiniteWindow]
 def window_radius_px(
     scene: SeenScene, zoom: float, windows: _Windows, noise_variance: float
 ) -> int | None:
-    """Half the side of the smallest window that loses little.
-
-    None if even the largest window would lose too much.
-    """
+    """Half the side of the smallest window that loses little; None if the largest loses more."""
     far = scene.across(zoom, zoom)
     ideal = ideal_error(scene, far, noise_variance)
     allowed = _ALLOWED_OF_IDEAL * ideal + _ALLOWED_LEAST

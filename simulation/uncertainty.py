@@ -138,11 +138,7 @@ class SimulatedView:
         return np.stack([propagated_variance(operator, plane) for plane in planes], axis=-1)
 
     def survey(self) -> FloatArray:
-        """Place and stretch of each pixel, shape ``(height, width, 5)``.
-
-        Position x, y in the reference, and the elements xx, xy, yy of ``A A^T``, A being the
-        derivative of the warp.
-        """
+        """Place x, y of each pixel and ``A A^T`` of the warp, shape ``(height, width, 5)``."""
         return self._survey(np.arange(float(self.size[1])), np.arange(float(self.size[0])))
 
     def pose_view(self, psf: Psf | PsfField) -> PoseView:
@@ -265,7 +261,7 @@ def _psf(psf_of: Callable[[FloatArray], Psf], values: FloatArray) -> Psf | None:
         return None
 
 
-def second_derivatives(image: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _second_derivatives(image: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the derivatives xx, xy and yy per px^2, each of the shape of ``image``."""
     return (
         _twice(image, 1),
@@ -484,11 +480,7 @@ def pixel_uncertainty(
     errors: KnownErrors,
     outside: BoolArray | None = None,
 ) -> PixelUncertainty:
-    """Propagate the errors of a simulation's inputs to each pixel of it.
-
-    The reference, shape ``(rows, cols)`` or ``(rows, cols, channels)``, is linear in light, the PSF
-    as calibrated; pixels of the follow-up that are ``outside`` show nothing of the reference.
-    """
+    """Propagate the errors of a simulation's inputs to each pixel of it but those ``outside``."""
     exact = np.asarray(reference, dtype=np.float64)
     noise = errors.noise_dn2
     return PixelUncertainty(
@@ -519,7 +511,7 @@ def _focus_variance(
     """Variance by the focus of the reference and, independent of it, of the follow-up."""
     if scatter_px2 is None:
         return None
-    xx, xy, yy = (view.rendered(part, psf) for part in second_derivatives(reference))
+    xx, xy, yy = (view.rendered(part, psf) for part in _second_derivatives(reference))
     stretch = view.survey()[..., 2:]
     if reference.ndim == 3:
         stretch = stretch[:, :, None, :]

@@ -23,13 +23,12 @@ scene.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import ceil, floor, sqrt
-from typing import Self, TypedDict, Unpack, cast
+from typing import TypedDict, Unpack, cast
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from simulation.arrays import AnyArray, FloatArray, FloatImage
 from simulation.choices import DEFAULT_MODEL, MODELS, GaussianForm, Model
@@ -44,7 +43,7 @@ from simulation.resampling import (
 )
 from simulation.sampling_grid import SamplingGrid, reference_shape, refuse_non_finite
 from simulation.seen_scene import SCENE_CORRELATION_PX
-from simulation.zoom_kernels import lmmse_terms, spline_prefilter, spline_terms
+from simulation.zoom_kernels import lmmse_terms, spline_terms
 
 _PAPER_TAIL_TOLERANCE = 2.2e-4
 """Largest kernel weight cut off: photographs stay within 0.05 of 255 of the exact filter."""
@@ -144,8 +143,7 @@ def zoom_out_on_grid(
 ) -> FloatImage:
     """Like ``zoom_out_image``, on the pixels of a follow-up: any zoom, offset, size per axis.
 
-    A zoom just below 1 (scatter of a registration) blurs as zoom 1 does: not at all. A grid outside
-    the reference by more than half a pixel is refused.
+    A zoom just below 1 blurs as 1 does; the grid may leave the reference by half a pixel.
     """
     operator = zoom_operator(reference_shape(image), grid, psf, model, gaussian=gaussian)
     refuse_non_finite(image)
@@ -275,31 +273,6 @@ def _needed(psf: Psf | None, model: Model) -> Psf:
     return psf
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BlurredSpline:
-    """Coefficients of the quintic spline through a blurred image, shape ``(rows, cols)``."""
-
-    coefficients: FloatArray = field(repr=False)
-
-    @classmethod
-    def of(cls, image: AnyArray, psf: Psf, zoom: float) -> Self:
-        """Blur a grey image to its PSF ``zoom`` times further away; 1 or less does not blur."""
-        rows, cols = image.shape
-        kernels = spline_prefilter(psf, max(zoom, 1.0), max(zoom, 1.0))
-        prefilter = SeparableSum(
-            tuple((blur(k.along_y, rows), blur(k.along_x, cols)) for k in kernels)
-        )
-        return cls(np.asarray(prefilter.apply(np.asarray(image, dtype=np.float64))))
-
-    def at(self, y_px: FloatArray, x_px: FloatArray) -> FloatArray:
-        """Levels at positions in the image, in their shape; mirrored beyond the border."""
-        return np.asarray(
-            map_coordinates(
-                self.coefficients, [y_px, x_px], order=5, mode="reflect", prefilter=False
-            )
-        )
-
-
 _WHOLE_PIXEL_SLACK = 1e-9
 _MARGIN_PX = 24.0  # the spline's own reach at the reference's resolution
 _MARGIN_ZOOMS = 24.0  # the antialiasing cubic and the blur's tail, in follow-up pixels
@@ -316,7 +289,7 @@ _OPERATORS = 128
 pairs 200 times slower."""
 
 
-class SrComputation(TypedDict, total=False):
+class _SrComputation(TypedDict, total=False):
     """How the partners are computed; what is not given has the default."""
 
     model: Model
@@ -347,7 +320,7 @@ class SrPair:
         )
 
 
-def crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
+def _crop_origins(size_px: int, crop_px: int, stride_px: int) -> list[int]:
     """First pixels of crops along one axis: every ``stride_px``, the last one at the border."""
     if crop_px < 1 or stride_px < 1:
         raise ValueError(f"crop and stride must be positive, got {crop_px} and {stride_px}")
@@ -366,7 +339,7 @@ def sr_pairs(
     *,
     crop_px: int,
     stride_px: int,
-    **how: Unpack[SrComputation],
+    **how: Unpack[_SrComputation],
 ) -> Iterator[SrPair]:
     """Cut an image into crops, row by row, each with its low-resolution partner.
 
@@ -387,8 +360,8 @@ def sr_pairs(
         raise ValueError(f"a crop of {crop_px} px leaves no pixel at zoom {zoom:g}")
     refuse_non_finite(image)
     centred = SamplingGrid.centred((crop_px, crop_px), zoom)
-    for top in crop_origins(rows, crop_px, stride_px):
-        for left in crop_origins(cols, crop_px, stride_px):
+    for top in _crop_origins(rows, crop_px, stride_px):
+        for left in _crop_origins(cols, crop_px, stride_px):
             own = _psf_at(psf, top + (crop_px - 1) / 2, left + (crop_px - 1) / 2)
             margin = _margin_px(zoom, own)
             # Crops away from the border have the same window and grid: one cached operator.

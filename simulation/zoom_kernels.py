@@ -61,12 +61,8 @@ _TOLERANCE_OF_ALIASES = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageCovariance:
-    """Covariance of the pixels along one axis of an image.
-
-    ``values`` go by the distance in px from 0 up: 1 at distance 0, and the noise on it.
-    ``tolerance`` is a variance that next to nobody would miss.
-    """
+class _ImageCovariance:
+    """Covariance of the pixels along one axis of an image, by distance in px, with a tolerance."""
 
     values: FloatArray
     tolerance: float
@@ -74,7 +70,7 @@ class ImageCovariance:
     @classmethod
     def seen_through(
         cls, transfer: Callable[[FloatArray], FloatArray], lags: int, noise_ratio: float = 0.0
-    ) -> "ImageCovariance":
+    ) -> "_ImageCovariance":
         """Covariance of a first-order scene seen through a transfer function, and of its noise."""
         count = max(_STEPS_PER_CYCLE, 2 * lags)
         freq = np.arange(-_ALIASES * count, _ALIASES * count) / count
@@ -87,8 +83,8 @@ class ImageCovariance:
         return cls(np.asarray(values), max(_TOLERANCE, _TOLERANCE_OF_ALIASES * aliased))
 
 
-def shortest(
-    rows: FloatArray, covariance: ImageCovariance, share: float, *, keeps_ramp: bool = True
+def _shortest(
+    rows: FloatArray, covariance: _ImageCovariance, share: float, *, keeps_ramp: bool = True
 ) -> FloatArray:
     """Fit rows by the fewest weights that change the images of a camera by next to nothing.
 
@@ -105,13 +101,13 @@ def shortest(
     return rows
 
 
-def largest_variance(rows: FloatArray, covariance: ImageCovariance) -> float:
+def _largest_variance(rows: FloatArray, covariance: _ImageCovariance) -> float:
     """Largest variance of what a row of weights makes of an image of variance 1."""
     return float(_variances(rows, covariance).max())
 
 
 def _fitted(
-    rows: FloatArray, taps: int, covariance: ImageCovariance, keeps_ramp: bool
+    rows: FloatArray, taps: int, covariance: _ImageCovariance, keeps_ramp: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return weights of the middle columns, and the variance of the difference, row by row."""
     count = rows.shape[1]
@@ -131,7 +127,7 @@ def _fitted(
     return weights, change + _variances(weights, covariance)
 
 
-def _variances(rows: FloatArray, covariance: ImageCovariance) -> FloatArray:
+def _variances(rows: FloatArray, covariance: _ImageCovariance) -> FloatArray:
     system = toeplitz(covariance.values[: rows.shape[1]])
     return np.asarray(np.einsum("ra,ra->r", rows @ system, rows))
 
@@ -148,10 +144,7 @@ _SIZE_MIN, _SIZE_ZOOMS = 128, 32
 
 @lru_cache(maxsize=32)
 def spline_prefilter(psf: Psf, zoom_y: float, zoom_x: float) -> tuple[SeparableTerm, ...]:
-    """Kernels from pixels to coefficients, whose products sum to the prefilter.
-
-    One product for a Gaussian without correlation, a few for a round lens.
-    """
+    """Kernels from pixels to coefficients, whose products sum to the prefilter."""
     if isinstance(psf, GaussianPsf):
         (xx, xy), (_, yy) = psf.covariance_px2.tolist()
         return matched_terms(
@@ -231,12 +224,12 @@ def _row_weights(psf: Psf, zoom_y: float, zoom_x: float) -> Iterator[FloatArray]
     count = len(kernels)
     widest = max(len(taps) for kernel in kernels for taps in (kernel.along_y, kernel.along_x))
     lags = 2 * _reach_px(widest)
-    covariance_y = ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq), lags)
-    covariance_x = ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero), lags)
+    covariance_y = _ImageCovariance.seen_through(lambda freq: psf.otf(zero, freq), lags)
+    covariance_x = _ImageCovariance.seen_through(lambda freq: psf.otf(freq, zero), lags)
     for kernel in kernels:
         y, x = _long_rows(kernel.along_y), _long_rows(kernel.along_x)
-        yield shortest(y, covariance_y, count * largest_variance(x, covariance_x))
-        yield shortest(x, covariance_x, count * largest_variance(y, covariance_y))
+        yield _shortest(y, covariance_y, count * _largest_variance(x, covariance_x))
+        yield _shortest(x, covariance_x, count * _largest_variance(y, covariance_y))
 
 
 def _long_rows(kernel: FloatArray) -> FloatArray:
@@ -288,11 +281,7 @@ _TABLE_POSITIONS_PX: FloatArray = np.arange(-5, 6) / 8
 
 @dataclass(frozen=True, slots=True)
 class _KernelSolver:
-    """What all grids of one PSF, zoom and noise share; the taps are those of a window.
-
-    The zooms are the distances of the far pixels in reference pixels, at least 1; ``noise_ratio``
-    is the variance of a reference pixel's noise over that of the scene.
-    """
+    """What all grids of one PSF, zoom and noise share; the taps are those of a window."""
 
     psf: Psf
     zoom_y: float
@@ -325,10 +314,7 @@ class _KernelSolver:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Border:
-    """Kernels along one axis of windows shifted towards its start, and towards its end.
-
-    Such windows do not lie around their pixel.
-    """
+    """Kernels along one axis of windows shifted towards its start, and towards its end."""
 
     before: AxisKernels
     after: AxisKernels
@@ -360,7 +346,8 @@ def _borders(solver: _KernelSolver, table: KernelTable) -> tuple[_Border, _Borde
 
 def _border(solver: _KernelSolver, table: KernelTable, is_along_x: bool) -> _Border:
     own, zoom = (table.turned(), solver.zoom_x) if is_along_x else (table, solver.zoom_y)
-    sampled = _sampled(own.along_x)
+    # Up to three positions tell as much as all.
+    sampled = np.unique(np.linspace(0, len(own.along_x.positions_px) - 1, 3).astype(np.int64))
     other_px = tuple(own.along_x.positions_px[sampled].tolist())
     # The same kernels serve both axes if their exchange changes nothing.
     is_along_x &= not (solver.is_diagonal and own.taps[0] == own.taps[1])
@@ -399,11 +386,6 @@ def _border_positions(taps: int, zoom: float) -> tuple[tuple[float, ...], tuple[
     return tuple((-after[::-1]).tolist()), tuple(after.tolist())
 
 
-def _sampled(axis: AxisKernels) -> IntArray:
-    """Up to three positions that tell as much as all."""
-    return np.unique(np.linspace(0, len(axis.positions_px) - 1, 3).astype(np.int64))
-
-
 def _table_positions(positions_px: FloatArray) -> tuple[float, ...]:
     """Positions to interpolate between: the fewest that need no other image size's factors.
 
@@ -415,7 +397,7 @@ def _table_positions(positions_px: FloatArray) -> tuple[float, ...]:
 
 
 @lru_cache(maxsize=16)
-def kernel_solver(
+def _kernel_solver(
     psf: Psf, zoom_y: float, zoom_x: float, noise_ratio: float, scene_correlation_px: float
 ) -> _KernelSolver | None:
     """Solver of one PSF, zoom (at least 1) and noise; None if no window is large enough."""
@@ -470,10 +452,7 @@ def _tables(
     y_px: tuple[float, ...],
     x_px: tuple[float, ...],
 ) -> tuple[KernelTable, KernelTable]:
-    """Kernels of windows around their pixel, by positions from the windows' centre.
-
-    The second table has 0 for pixels far off, as far as nobody would miss them.
-    """
+    """Kernels of windows around their pixel, by position, and with 0 for pixels far off."""
     y, x = np.array(y_px), np.array(x_px)
 
     def design() -> tuple[FloatArray, ...]:
@@ -492,10 +471,7 @@ def _tables(
 def _shortened(
     solver: _KernelSolver, along_y: FloatArray, along_x: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Leave out what would hardly be missed: products, then the far ends of those that stay.
-
-    Another estimate than the best linear one is worse by the variance of their difference.
-    """
+    """Leave out what would hardly be missed: products, then the far ends of those that stay."""
     scene, terms = solver.scene, len(along_y)
     noise_ratio = max(solver.noise_ratio, _RIDGE_SHORT)
     reckoned = max(solver.noise_ratio, _RIDGE_REACH) * scene.variance
@@ -506,7 +482,7 @@ def _shortened(
     seen_x = [_seen_through(rows, power, allowed / terms) for rows in along_y]
     matters = np.array(
         [
-            largest_variance(rows, seen) > seen.tolerance
+            _largest_variance(rows, seen) > seen.tolerance
             for rows, seen in zip(along_y, seen_y, strict=True)
         ]
     )
@@ -521,24 +497,21 @@ def _shortened(
     )
 
 
-def _seen_through(rows: FloatArray, power: FloatArray, tolerance: float) -> ImageCovariance:
-    """Covariance along the columns of an image whose rows are combined by weights.
-
-    ``power`` is the image's, by the frequencies along and across the rows; the mean of the rows'.
-    """
+def _seen_through(rows: FloatArray, power: FloatArray, tolerance: float) -> _ImageCovariance:
+    """Covariance along the columns of an image whose rows are combined by weights, on average."""
     passed = np.mean(np.abs(np.fft.fft(rows, len(power))) ** 2, axis=0)
     values = np.fft.ifft(passed @ power).real / len(power)
-    return ImageCovariance(values, tolerance)
+    return _ImageCovariance(values, tolerance)
 
 
-def _ends_off(terms: FloatArray, seen: list[ImageCovariance]) -> FloatArray:
+def _ends_off(terms: FloatArray, seen: list[_ImageCovariance]) -> FloatArray:
     taps = terms.shape[2]
     if taps % 2:
         return terms  # of an image smaller than a window
     made = np.zeros_like(terms)
     for number, (rows, covariance) in enumerate(zip(terms, seen, strict=True)):
         # The first product alone acts on a ramp.
-        short = shortest(rows, covariance, 1.0, keeps_ramp=number == 0)
+        short = _shortest(rows, covariance, 1.0, keeps_ramp=number == 0)
         first = (taps - short.shape[1]) // 2
         made[number, :, first : first + short.shape[1]] = short
     return made
@@ -574,7 +547,7 @@ def lmmse_terms(
     if not (scene_correlation_px > 0 and np.isfinite(scene_correlation_px)):
         raise ValueError(f"scene_correlation_px must be positive, got {scene_correlation_px}")
     zooms = max(grid.zoom_y, 1.0), max(grid.zoom_x, 1.0)
-    solver = kernel_solver(psf, *zooms, noise_ratio, scene_correlation_px)
+    solver = _kernel_solver(psf, *zooms, noise_ratio, scene_correlation_px)
     if solver is None:
         return None
     along_y = _Windows.along(grid.rows_px, solver.taps_y, shape[0])
@@ -592,11 +565,7 @@ def lmmse_terms(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Windows:
-    """The windows of the outputs along one axis.
-
-    ``position_px`` counts from the window's centre; ``is_around`` says where the window lies
-    around its output, and was not shifted to stay inside the image.
-    """
+    """The windows of the outputs along one axis, and whether they lie around them unshifted."""
 
     starts: IntArray
     position_px: FloatArray

@@ -1,7 +1,4 @@
-"""A GenICam camera through Aravis: the `Camera` contract, with a watchdog and reconnection.
-
-Cameras are found on the network and on USB, which broadcasts, as opening a camera by its id does.
-"""
+"""A GenICam camera through Aravis: the `Camera` contract, with a watchdog and reconnection."""
 
 import math
 import time
@@ -38,17 +35,13 @@ _FIRMWARE_NAMES = ("DeviceFirmwareVersion", "DeviceVersion")
 _SERIAL_NUMBER_NAMES = ("DeviceSerialNumber", "DeviceID")
 
 
-def _connect_camera(config: CameraConfig) -> "AravisConnection":
+def _connect_camera(config: CameraConfig) -> "_AravisConnection":
     """Open the camera of a bench file and configure it."""
-    return AravisConnection(open_camera(config), config)
+    return _AravisConnection(open_camera(config), config)
 
 
-class AravisConnection:
-    """A camera under our control, configured, with a stream that can be started.
-
-    A lost connection is of no further use: close it and make a new one. It fails if another program
-    controls the camera, or it cannot be configured as asked.
-    """
+class _AravisConnection:
+    """A camera under our control, configured, with a stream; of no further use once it is lost."""
 
     def __init__(self, opened: OpenedDevice, config: CameraConfig) -> None:
         self._opened = opened
@@ -70,11 +63,10 @@ class AravisConnection:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the control channel has ended: the camera is gone or another program has it.
+        """Whether the control channel has ended, as Aravis' heartbeat thread noticed.
 
-        Aravis' heartbeat thread notices. It is polled, because the signal ``control-lost`` holds
-        the device while a handler runs in that thread: if all other references are dropped
-        meanwhile, the thread drops the device, joins itself and ends the process.
+        Polled: in a handler of the signal ``control-lost`` that thread might drop the device, join
+        itself and end the process.
         """
         return not self._opened.is_controller
 
@@ -110,10 +102,7 @@ class AravisConnection:
         self._controls.features.execute("TriggerSoftware")
 
     def close(self) -> None:
-        """Drop stream, camera and device, and with them threads, sockets and control.
-
-        A camera that does not answer delays this by about 10 s.
-        """
+        """Drop stream, camera and device; 10 s later where the camera does not answer."""
         if self._stream is not None:
             self._stream.close()
         self._opened.close()
@@ -177,7 +166,7 @@ _RELATIVE_ROUNDING = 1e-6
 _SOFTWARE = "software"
 
 
-def require_same_camera(
+def _require_same_camera(
     info: DeviceInfo,
     info_now: DeviceInfo,
     settings: CameraSettings,
@@ -229,25 +218,20 @@ class AravisCamera:
 
     A stream that stalls, or whose control channel ends, raises `StreamInterruptedError`. The next
     `start` then drops every Aravis object, reopens the camera within ``reconnect_timeout_s``,
-    configures it again and compares all settings with those from before. Nothing is reopened
-    mid-stream, so no series mixes frames from before and after.
-
-    With a software trigger each `next_frame` takes one frame, no sooner than a frame period after
-    the last. With a line as the trigger a silent line is no stall: only the time limit ends.
-
-    ``connect`` makes a new connection from a configuration; ``clock`` is monotonic, in seconds.
+    configures it again and compares all settings: no series mixes frames from before and after.
+    With a software trigger each `next_frame` takes one frame; a silent trigger line is no stall.
     """
 
     def __init__(
         self,
-        connection: AravisConnection,
+        connection: _AravisConnection,
         config: CameraConfig,
         *,
-        connect: Callable[[CameraConfig], AravisConnection] = _connect_camera,
+        connect: Callable[[CameraConfig], _AravisConnection] = _connect_camera,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._connection: AravisConnection | None = connection
+        self._connection: _AravisConnection | None = connection
         self._config = config
         self._connect = connect
         self._clock = clock
@@ -313,9 +297,7 @@ class AravisCamera:
     def start(self) -> None:
         """See `Camera.start`; a lost camera is reopened first.
 
-        It fails if the camera did not come back within ``reconnect_timeout_s`` and one more attempt
-        of 2.5 s, or came back with other settings. It may take 15 s in any case: Aravis waits that
-        long for a camera to answer.
+        It may take 15 s more than ``reconnect_timeout_s``: Aravis waits that long for an answer.
         """
         if self._is_closed:
             raise DeviceDisconnectedError("the camera is closed")
@@ -407,7 +389,7 @@ class AravisCamera:
                 f"no frame from the camera within {timeout_s:g} s", timeout_s=timeout_s
             )
 
-    def _trigger(self, connection: AravisConnection) -> None:
+    def _trigger(self, connection: _AravisConnection) -> None:
         """Take one frame, unless one that was asked for has not come yet."""
         if self._is_triggered:
             return
@@ -424,7 +406,7 @@ class AravisCamera:
     def _period_s(self) -> float:
         return max(1 / self._settings.frame_rate_hz, 1e-6 * self._settings.exposure_us)
 
-    def _open_connection(self) -> AravisConnection:
+    def _open_connection(self) -> _AravisConnection:
         if self._connection is None:
             raise DeviceDisconnectedError(
                 "the camera is closed" if self._is_closed else "the camera is lost; start it again"
@@ -478,7 +460,7 @@ class AravisCamera:
                 break
             self._sleep(_RECONNECT_PAUSE_S)
         try:
-            require_same_camera(
+            _require_same_camera(
                 self._info, self._connection.info, self._settings, self._connection.settings
             )
         except DeviceError:
@@ -509,10 +491,8 @@ class FoundCamera:
 class CameraProbe:
     """The present state of one camera; the limits are those at its present settings.
 
-    ``gain`` is its lowest and highest, as the camera states them. ``pixel_formats`` are those that
-    can be decoded, ``undecoded_formats`` the others. ``temperature_c`` is None where the camera has
-    no such feature, ``packet_size_bytes`` and ``resends_packets``, whether it sends lost packets
-    again, where it is not on a network.
+    ``temperature_c`` is None where the camera has no such feature, ``packet_size_bytes`` and
+    ``resends_packets`` where it is not on a network.
     """
 
     vendor: str

@@ -95,11 +95,9 @@ def _set_packet_size(
 def _largest_packet(
     opened: OpenedDevice, *, own_address: str, mtu_bytes: int, low: int, high: int, step: int
 ) -> int | None:
-    """Return the largest packet size that arrives whole, or None if no test packet does.
+    """Return the largest packet size, in the camera's steps, that arrives; None if none does.
 
-    ``own_address`` is that of the interface that leads to the camera, ``mtu_bytes`` the largest
-    packet that it carries; ``low``, ``high`` and ``step`` are sizes that the camera accepts, in
-    bytes. The camera's own packet size is restored afterwards.
+    The camera's own packet size is restored afterwards.
     """
     most = min(mtu_bytes, high)
     sizes = {low + (size - low) // step * step for size in (most, *_USUAL_SIZES) if low <= size}
@@ -155,9 +153,7 @@ class _NeutralFeatures:
 def _neutralise(features: CameraFeatures, camera: str) -> _NeutralFeatures:
     """Give every feature of the table that the camera has its neutral value.
 
-    ``camera`` is vendor and model, as the camera names them. A feature behind a selector gets the
-    value for each entry; ``NAME[ENTRY]`` is then its key. It fails if the camera keeps a value that
-    would falsify levels.
+    It fails if the camera keeps a value that would falsify levels.
     """
     result = _NeutralFeatures()
     switched_off: set[str] = set()
@@ -235,10 +231,7 @@ _EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
 
 
 class _FrameRate:
-    """The frame rate of one camera, named by vendor and model.
-
-    ``asked_hz`` is that of the bench file: what is reported of a camera that has no such feature.
-    """
+    """The frame rate of one camera; ``asked_hz`` is reported where it has no such feature."""
 
     def __init__(self, features: CameraFeatures, camera: str, asked_hz: float) -> None:
         self._features = features
@@ -301,11 +294,7 @@ class _FrameRate:
 
 
 def _set_trigger(features: CameraFeatures, source: str, edge: str) -> dict[str, FeatureValue]:
-    """Let each frame wait for a trigger, and return what was set, as read back.
-
-    ``source`` is ``software``, or the name of a line, such as ``Line1``; ``edge`` is ``rising`` or
-    ``falling``, of a line. The camera's triggers are off before.
-    """
+    """Let each frame wait for ``software`` or a line like ``Line1``; return what was read back."""
     for name in ("TriggerMode", "TriggerSource"):
         if not features.has(name):
             raise CameraFeatureError(
@@ -350,10 +339,7 @@ class _AppliedConfiguration:
 
 
 class CameraControls:
-    """Exposure, gain and all other settings of one open camera.
-
-    Everything but the bounds needs control of it. The frame rate is that of the bench file.
-    """
+    """Exposure, gain and all other settings of one open camera."""
 
     def __init__(self, opened: OpenedDevice, frame_rate_asked_hz: float) -> None:
         self._opened = opened
@@ -431,7 +417,7 @@ class CameraControls:
             gain_unit=gain.unit,
             features=features,
         )
-        require_usable(settings)
+        _require_usable(settings)
         return _with_black_level(settings, black_level)
 
     def _set_pixel_format(self, pixel_format: str) -> None:
@@ -516,7 +502,7 @@ class CameraControls:
         return self.features.first_of([row.name for row in names_for(purpose, self._name)])
 
 
-def require_usable(settings: CameraSettings) -> None:
+def _require_usable(settings: CameraSettings) -> None:
     """Refuse sizes and times that no frame can have, before anything is divided by them."""
     for feature, value in (
         ("Width", settings.width_px),

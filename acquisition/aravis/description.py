@@ -70,7 +70,7 @@ class DescriptionError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Property:
+class _Property:
     """An element of a node that has no node below it: its tag, attributes and text."""
 
     tag: str
@@ -79,16 +79,12 @@ class Property:
 
 
 @dataclass(slots=True, kw_only=True)
-class Node:
-    """One node: its kind (``IntReg``, ``Enumeration`` ...) and what it consists of.
-
-    ``evaluated_with`` names nodes that lie inside it, or that it lies in, and that are evaluated
-    when it is.
-    """
+class _Node:
+    """One node: its kind (``IntReg``, ``Enumeration`` ...), content, and the nodes inside it."""
 
     name: str
     kind: str
-    properties: list[Property] = field(default_factory=list)
+    properties: list[_Property] = field(default_factory=list)
     evaluated_with: list[str] = field(default_factory=list)
 
     def texts(self, *tags: str) -> Iterator[str]:
@@ -96,11 +92,8 @@ class Node:
         return (item.text for item in self.properties if item.tag in tags)
 
 
-def parse_nodes(data: bytes) -> dict[str, Node]:
-    """Return the nodes of a description by their names, those without a name under one of ours.
-
-    Of two nodes with one name, both are kept in one: which of them Aravis takes does not matter.
-    """
+def _parse_nodes(data: bytes) -> dict[str, _Node]:
+    """Return the nodes by their names; of two with one name, both are kept in one."""
     if len(data) > LARGEST_BYTES:
         raise DescriptionError(
             f"has {len(data) >> 20} MiB; no camera's is as large", fault="too large"
@@ -112,13 +105,13 @@ class _Parser:
     """Builds nodes from what expat reports; a property is an element without a node in it."""
 
     def __init__(self) -> None:
-        self.nodes: dict[str, Node] = {}
+        self.nodes: dict[str, _Node] = {}
         self._elements = 0
         self._texts: list[list[str]] = []
-        self._open: list[Node | Property | None] = []
+        self._open: list[_Node | _Property | None] = []
         self._skipped_from: int | None = None
 
-    def parse(self, data: bytes) -> dict[str, Node]:
+    def parse(self, data: bytes) -> dict[str, _Node]:
         parser = expat.ParserCreate()
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
@@ -155,20 +148,20 @@ class _Parser:
             self._skipped_from = depth
         self._open.append(self._opened(tag, attributes))
 
-    def _opened(self, tag: str, attributes: dict[str, str]) -> Node | Property | None:
+    def _opened(self, tag: str, attributes: dict[str, str]) -> _Node | _Property | None:
         if self._skipped_from is not None or tag in _CONTAINERS:
             return None
         name = attributes.get("Name", "").strip()
         if len(name) > _LONGEST_NAME:
             raise DescriptionError(f"has a name of {len(name)} letters", fault="too large")
         around = self._open[-1] if self._open else None
-        parent = around if isinstance(around, Node) else None
+        parent = around if isinstance(around, _Node) else None
         is_node = (name and tag not in _NOT_REGISTERED) or tag in _FORMULAS
         if not is_node:
-            return Property(tag=tag, attributes=attributes, text="")
+            return _Property(tag=tag, attributes=attributes, text="")
         if tag == "EnumEntry" or not name:
             name = f"{parent.name if parent else ''}.{name or self._elements}"
-        node = self.nodes.setdefault(name, Node(name=name, kind=tag))
+        node = self.nodes.setdefault(name, _Node(name=name, kind=tag))
         if node.kind != tag:
             raise DescriptionError(
                 f"has two nodes named {name}, of different kinds", fault="node", nodes=(name,)
@@ -184,11 +177,11 @@ class _Parser:
         item, text = self._open.pop(), "".join(self._texts.pop())
         if self._skipped_from == len(self._open):
             self._skipped_from = None
-        if isinstance(item, Property) and self._open:
+        if isinstance(item, _Property) and self._open:
             owner = self._open[-1]
-            if isinstance(owner, Node):
+            if isinstance(owner, _Node):
                 owner.properties.append(
-                    Property(tag=item.tag, attributes=item.attributes, text=text.strip())
+                    _Property(tag=item.tag, attributes=item.attributes, text=text.strip())
                 )
 
     def _characters(self, text: str) -> None:
@@ -240,7 +233,7 @@ _PREFIX_OF_ARAVIS = "ArvGev"
 _NAMES_SHOWN = 6
 
 
-def _evaluated_names(node: Node) -> Iterator[str]:
+def _evaluated_names(node: _Node) -> Iterator[str]:
     """Names of the nodes that are evaluated for the value of this one."""
     yield from node.evaluated_with
     for item in node.properties:
@@ -250,7 +243,7 @@ def _evaluated_names(node: Node) -> Iterator[str]:
             yield item.attributes[_OFFSET].strip()
 
 
-def _evaluation_order(nodes: Mapping[str, Node]) -> tuple[str, ...]:
+def _evaluation_order(nodes: Mapping[str, _Node]) -> tuple[str, ...]:
     """Names of all nodes, each after those that it is evaluated from."""
     graph = {
         name: [needed for needed in _evaluated_names(node) if needed in nodes]
@@ -265,7 +258,7 @@ def _evaluation_order(nodes: Mapping[str, Node]) -> tuple[str, ...]:
         ) from error
 
 
-def _require_complete(nodes: Mapping[str, Node]) -> None:
+def _require_complete(nodes: Mapping[str, _Node]) -> None:
     """Refuse references to nodes that do not exist, and nodes in place of Aravis' own."""
     for node in nodes.values():
         if node.name.startswith(_PREFIX_OF_ARAVIS):
@@ -273,7 +266,8 @@ def _require_complete(nodes: Mapping[str, Node]) -> None:
                 f"has a node {node.name}, which is Aravis' own", fault="node", nodes=(node.name,)
             )
         for tag, name in _needed(node):
-            if name not in nodes and not _is_added(name):
+            is_added = name in _ADDED_BY_ARAVIS or name.startswith(_PREFIX_OF_ARAVIS)
+            if name not in nodes and not is_added:
                 raise DescriptionError(
                     f"refers to a node that it does not have ({node.name}: {tag} {name[:60]!r})",
                     fault="missing node",
@@ -281,12 +275,8 @@ def _require_complete(nodes: Mapping[str, Node]) -> None:
                 )
 
 
-def _require_short_chains(nodes: Mapping[str, Node], order: tuple[str, ...]) -> None:
-    """Refuse chains of references that fill the stack, and values that take for ever.
-
-    ``order`` is that of `_evaluation_order`; the error's ``nodes`` are the one that a chain begins
-    at.
-    """
+def _require_short_chains(nodes: Mapping[str, _Node], order: tuple[str, ...]) -> None:
+    """Refuse chains of references, in evaluation order, that fill the stack or take for ever."""
     lengths: dict[str, int] = {}
     evaluations: dict[str, int] = {}
     for name in order:
@@ -307,16 +297,12 @@ def _require_short_chains(nodes: Mapping[str, Node], order: tuple[str, ...]) -> 
             )
 
 
-def _needed(node: Node) -> Iterator[tuple[str, str]]:
+def _needed(node: _Node) -> Iterator[tuple[str, str]]:
     for item in node.properties:
         if item.tag in _NEEDED:
             yield item.tag, item.text
         if _OFFSET in item.attributes:
             yield _OFFSET, item.attributes[_OFFSET].strip()
-
-
-def _is_added(name: str) -> bool:
-    return name in _ADDED_BY_ARAVIS or name.startswith(_PREFIX_OF_ARAVIS)
 
 
 def _shown(names: tuple[str, ...]) -> str:
@@ -348,9 +334,8 @@ _CHUNK_ID = "ChunkID"
 class SoundDescription:
     """What the driver asks of a description that was found sound.
 
-    ``needed`` names what each node is evaluated from. ``in_chunks`` are the registers that lie in
-    what a frame carries beside its picture, ``of_open_length`` those whose length another node
-    tells: how long they are, and where they lie, only the camera says.
+    ``in_chunks`` are the registers that lie in what a frame carries beside its picture,
+    ``of_open_length`` those whose length another node tells.
     """
 
     needed: Mapping[str, tuple[str, ...]]
@@ -370,10 +355,7 @@ class SoundDescription:
 
 
 def require_sound_description(data: bytes, camera: str) -> SoundDescription:
-    """Refuse an unpacked description that takes Aravis down; the error names the nodes at fault.
-
-    ``camera`` says which camera it is, for the error: "the camera at ...".
-    """
+    """Refuse an unpacked description that takes Aravis down; the error names the nodes at fault."""
     try:
         return _checked(data.partition(b"\0")[0])
     except DescriptionError as error:
@@ -392,7 +374,7 @@ def description_error(error: DescriptionError, camera: str) -> CameraDescription
 @lru_cache(maxsize=2)
 def _checked(data: bytes) -> SoundDescription:
     """Check a description; that of a camera that is opened again is not checked again."""
-    nodes = parse_nodes(data)
+    nodes = _parse_nodes(data)
     order = _evaluation_order(nodes)
     _require_short_chains(nodes, order)
     _require_complete(nodes)
@@ -411,7 +393,7 @@ def _checked(data: bytes) -> SoundDescription:
     )
 
 
-def _require_bounded_register(node: Node) -> None:
+def _require_bounded_register(node: _Node) -> None:
     if node.kind not in _REGISTERS:
         return
     if node.kind in _NUMBERS and any(node.texts("pLength")):
@@ -430,7 +412,7 @@ def _require_bounded_register(node: Node) -> None:
             )
 
 
-def _require_safe_formulas(nodes: Mapping[str, Node], order: tuple[str, ...]) -> None:
+def _require_safe_formulas(nodes: Mapping[str, _Node], order: tuple[str, ...]) -> None:
     extents: dict[str, Extent] = {}
     for name in order:
         node = nodes[name]
@@ -442,7 +424,7 @@ def _require_safe_formulas(nodes: Mapping[str, Node], order: tuple[str, ...]) ->
             ) from error
 
 
-def _extent_of(node: Node, nodes: Mapping[str, Node], extents: Mapping[str, Extent]) -> Extent:
+def _extent_of(node: _Node, nodes: Mapping[str, _Node], extents: Mapping[str, Extent]) -> Extent:
     """How large the value of a node can be, from those that it is evaluated from."""
     if node.kind in ("IntReg", "MaskedIntReg"):
         return _register_extent(node)
@@ -464,7 +446,7 @@ def _extent_of(node: Node, nodes: Mapping[str, Node], extents: Mapping[str, Exte
     return ANYTHING
 
 
-def _register_extent(node: Node, *around: Node) -> Extent:
+def _register_extent(node: _Node, *around: _Node) -> Extent:
     """Extent of a register; what tells its length may be the structure around it."""
     texts = [text for one in (node, *around) for text in one.texts("Length")]
     lengths = [extent_of_number(text).literal or 0 for text in texts] or [4]
@@ -474,7 +456,7 @@ def _register_extent(node: Node, *around: Node) -> Extent:
     return Extent(bits=bits, is_signed="Signed" in node.texts("Sign"))
 
 
-def _formulas_extent(node: Node, extents: Mapping[str, Extent]) -> Extent:
+def _formulas_extent(node: _Node, extents: Mapping[str, Extent]) -> Extent:
     variables = {
         "PI": Extent(bits=2),
         "E": Extent(bits=2),

@@ -1,8 +1,4 @@
-"""Opening and releasing a camera: a GigE Vision device at an address, or any camera by its id.
-
-The Aravis library is imported only when a bench asks for it, and its errors are translated into
-ours.
-"""
+"""Opening and releasing a camera: a GigE Vision device at an address, or any camera by its id."""
 
 import ctypes
 import re
@@ -80,10 +76,7 @@ def load_aravis() -> AravisLibrary:
 
 
 def text_of(read: Callable[..., object], *arguments: object) -> str:
-    """The text that a function of Aravis returns; bytes that are no UTF-8 show as question marks.
-
-    Texts lie in a camera's registers, where anything can be.
-    """
+    """The text that a function of Aravis returns; what is no UTF-8 shows as question marks."""
     try:
         return str(read(*arguments))
     except UnicodeDecodeError as error:
@@ -93,8 +86,7 @@ def text_of(read: Callable[..., object], *arguments: object) -> str:
 def _description_of(device: AravisObject) -> bytes:
     """The description that an ``Aravis.Device`` has of its camera.
 
-    The bindings take it for a text that ends with a zero byte, which it does not: they read on
-    behind its end (PyGObject 3.50 with Aravis 0.8.26). So the function is called directly.
+    Called directly: the bindings (PyGObject 3.50, Aravis 0.8.26) read on behind its end.
     """
     read = ctypes.CDLL(_LIBRARY_NAME).arv_device_get_genicam_xml
     read.restype = ctypes.c_void_p
@@ -161,9 +153,8 @@ _IDENTITY = ("DeviceVendorName", "DeviceModelName")
 class OpenedDevice:
     """The sole owner of the Aravis objects of a camera: closing it releases the camera.
 
-    Everything else reaches the objects through this and keeps none in a variable of its own: the
-    traceback of an error would keep thread, sockets and control alive. ``name`` is the camera's IP
-    address, or the id of a camera that is not on the network.
+    Nothing else keeps one in a variable: the traceback of an error would keep thread, sockets and
+    control alive. ``name`` is an IP address, or the id of a camera not on the network.
     """
 
     def __init__(
@@ -198,10 +189,7 @@ class OpenedDevice:
 
     @property
     def is_controller(self) -> bool:
-        """Whether we control the camera; otherwise another program does.
-
-        Only GigE Vision tells: whoever has opened another camera has it alone.
-        """
+        """Whether we control the camera; only GigE Vision tells that another program does."""
         return bool(self.device.is_controller()) if self.is_gige else True
 
     @property
@@ -276,10 +264,7 @@ def _open_by_id(camera_id: str) -> OpenedDevice:
 
 
 def require_bounded(opened: OpenedDevice, feature: str) -> None:
-    """Refuse a feature in a register that is longer than any.
-
-    Aravis takes as much memory as the camera says that a register is long.
-    """
+    """Refuse a feature in a register so long that Aravis would fill the memory with it."""
     _require_bounded(_open_lengths(opened.description, opened.device, feature), feature)
 
 

@@ -1,12 +1,10 @@
 """GenICam features of an open Aravis camera, by name; every error names its feature.
 
-``feature_names.csv`` beside this module says what makers call the features of their cameras, in
-which units, and what makes levels linear: by purpose and in the order in which names are tried;
-``docs/camera-features.md`` names its sources. A row with a maker comes before the same name for all
-makers. ``neutral`` is the value that leaves levels and pixels as the converter made them, one for
-each type that the feature can have; ``if_kept`` says whether a camera that keeps another value is
-refused, or the value recorded with a warning. Exposure, gain and black level of any camera are in
-units of ours beside the camera's own.
+``feature_names.csv`` beside this module says what makers call their features, in which units, and
+what makes levels linear, in the order in which names are tried; ``docs/camera-features.md`` names
+its sources. ``neutral`` is the value that leaves levels and pixels as the converter made them, one
+for each type; ``if_kept`` says whether a camera that keeps another value is refused, or the value
+recorded with a warning.
 """
 
 import csv
@@ -215,10 +213,7 @@ class CameraFeatures:
             ) from error
 
     def write(self, feature: str, value: FeatureValue) -> None:
-        """Set a feature to exactly ``value``, unless it already has that value.
-
-        A read-only feature that already has the wanted value is therefore no error.
-        """
+        """Set a feature to exactly ``value``, unless it has it already: a read-only one may."""
         if self._is(feature, value):
             return
         self.send(feature, value)

@@ -64,11 +64,7 @@ def either(one: Extent, other: Extent) -> Extent:
 
 
 def formula_extent(formula: str, variables: Mapping[str, Extent], *, is_integer: bool) -> Extent:
-    """Return the extent of a formula's value; refused if it may divide -2^63 by -1.
-
-    Of variables that are missing nothing is known. With ``is_integer`` Aravis calculates in 64-bit
-    integers throughout.
-    """
+    """Return the extent of a formula's value; refused if it may divide -2^63 by -1."""
     stack: list[Extent] = []
     for symbol in _reverse_polish(formula):
         operation = _OPERATIONS.get(symbol)

@@ -21,7 +21,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from acquisition.aravis.description import LARGEST_BYTES, DescriptionError, description_error
@@ -135,14 +134,14 @@ class _Reply:
     payload: bytes
 
 
-def encode_read(address: int, length: int, request_id: int) -> bytes:
+def _encode_read(address: int, length: int, request_id: int) -> bytes:
     """Return the datagram that asks for ``length`` bytes, a multiple of 4."""
     return struct.pack(
         ">BBHHHIHH", _KEY, _WANTS_REPLY, _READ_MEMORY, 8, request_id, address, 0, length
     )
 
 
-def parse_reply(datagram: bytes) -> _Reply | None:
+def _parse_reply(datagram: bytes) -> _Reply | None:
     """Return the acknowledge in a datagram, or None if it is none."""
     if len(datagram) < _HEADER_BYTES:
         return None
@@ -153,11 +152,8 @@ def parse_reply(datagram: bytes) -> _Reply | None:
     return _Reply(status=status, code=code, request_id=request_id, payload=payload[:length])
 
 
-class CameraMemory:
-    """Reads the memory of the camera at an address; a context manager.
-
-    ``own_address`` is that of the interface that leads to it; ``clock`` is monotonic, in seconds.
-    """
+class _CameraMemory:
+    """Reads the memory of the camera at an address; a context manager."""
 
     def __init__(
         self, address: str, own_address: str, clock: Callable[[], float] = time.monotonic
@@ -176,12 +172,7 @@ class CameraMemory:
             raise DeviceDisconnectedError(self._silent(error.strerror or str(error))) from error
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._port.close()
 
     def read(self, address: int, length: int) -> bytes:
@@ -201,7 +192,7 @@ class CameraMemory:
             request_id = next(self._request_ids) % 0xFFFF + 1
             try:
                 self._port.sendto(
-                    encode_read(address, length, request_id), (self.address, GVCP_PORT)
+                    _encode_read(address, length, request_id), (self.address, GVCP_PORT)
                 )
                 reply = self._reply(request_id)
             except OSError as error:
@@ -237,7 +228,7 @@ class CameraMemory:
                 datagram, sender = self._port.recvfrom(_LARGEST_DATAGRAM)
             except TimeoutError:
                 return None
-            reply = parse_reply(datagram)
+            reply = _parse_reply(datagram)
             if sender[0] != self.address or reply is None or reply.request_id != request_id:
                 continue
             if reply.code == MEMORY:
@@ -255,7 +246,7 @@ _END, _ENTRY, _FILE = b"PK\x05\x06", b"PK\x01\x02", b"PK\x03\x04"
 _END_BYTES, _ENTRY_BYTES, _FILE_BYTES = 22, 46, 30
 
 
-def unpack(data: bytes) -> bytes:
+def _unpack(data: bytes) -> bytes:
     """Return the last file of an archive."""
     try:
         return _last_file(data)
@@ -312,7 +303,7 @@ _PLACE = re.compile(r"\s*(.+);\s*(?:0x)?([0-9a-f]+);\s*(?:0x)?([0-9a-f]+)", re.I
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class _Place:
     """Where a description lies in the camera's memory, and the name of its file."""
 
     name: str
@@ -320,11 +311,8 @@ class Place:
     length: int
 
 
-def parse_url(url: str) -> Place | Path | None:
-    """Return where a URL register says that the description lies; None for the maker's website.
-
-    Aravis goes on to the second register then.
-    """
+def _parse_url(url: str) -> _Place | Path | None:
+    """Return where a URL register says that the description lies; None for the maker's website."""
     parts = _URL.match(url)
     scheme, path = (parts[1] or "", parts[2]) if parts else ("", "")
     if scheme.casefold() == "http":
@@ -336,7 +324,7 @@ def parse_url(url: str) -> Place | Path | None:
         raise DescriptionError(
             f"is not in the camera: its register says {url[:80]!r}", fault="nowhere"
         )
-    place = Place(name=found[1], address=int(found[2], 16), length=int(found[3], 16))
+    place = _Place(name=found[1], address=int(found[2], 16), length=int(found[3], 16))
     if place.length > LARGEST_BYTES or place.address + place.length > _ADDRESSES:
         raise DescriptionError(
             f"is said to have {place.length} bytes at {place.address:#x}; at most "
@@ -347,27 +335,24 @@ def parse_url(url: str) -> Place | Path | None:
 
 
 def read_description(address: str, own_address: str) -> bytes:
-    """Return the description of the camera at an address, unpacked but not checked.
-
-    ``own_address`` is that of the interface that leads to the camera.
-    """
+    """Return the description of the camera at an address, unpacked but not checked."""
     try:
-        with CameraMemory(address, own_address) as memory:
+        with _CameraMemory(address, own_address) as memory:
             return _read(memory)
     except DescriptionError as error:
         raise description_error(error, f"the camera at {address}") from error
 
 
-def _read(memory: CameraMemory) -> bytes:
+def _read(memory: _CameraMemory) -> bytes:
     for register in _URL_REGISTERS:
         url = memory.read(register, _URL_BYTES).partition(b"\0")[0].decode("utf-8", "replace")
-        place = parse_url(url)
+        place = _parse_url(url)
         if isinstance(place, Path):
             return _in_file(place)
         if place is not None and place.length > 0:
             data = memory.read(place.address, place.length)
             # Aravis itself knows only the small letters.
-            return unpack(data) if place.name.casefold().endswith(".zip") else data
+            return _unpack(data) if place.name.casefold().endswith(".zip") else data
     raise DescriptionError("is nowhere: neither of its registers names a place", fault="nowhere")
 
 

@@ -32,11 +32,11 @@ _FORMAT = re.compile(r"(?:Mono|Bayer(?:RG|GR|GB|BG))(8|10|12|14|16|12Packed)")
 
 
 def can_decode(pixel_format: str) -> bool:
-    """Whether `decode_pixels` supports the PFNC name."""
+    """Whether `_decode_pixels` supports the PFNC name."""
     return _FORMAT.fullmatch(pixel_format) is not None
 
 
-def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
+def _encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
     """Number of bytes that an image of ``(rows, cols)`` takes on the wire."""
     pixels = shape[0] * shape[1]
     depth = _depth(pixel_format)
@@ -45,16 +45,15 @@ def encoded_bytes(pixel_format: str, shape: tuple[int, int]) -> int:
     return pixels if depth == "8" else 2 * pixels
 
 
-def decode_pixels(
+def _decode_pixels(
     data: bytes | memoryview, pixel_format: str, shape: tuple[int, int]
 ) -> FrameImage:
-    """Decode ``data`` to levels in DN of the pixel format; colour mosaics stay mosaics.
+    """Decode ``data`` to levels in DN of a PFNC format; colour mosaics stay mosaics.
 
-    What follows the image in ``data`` is ignored. The format is a PFNC name: Mono or BayerXX with
-    8, 10, 12, 14, 16 or 12Packed. The result is uint8 or uint16 of ``shape``, read-only where it
-    shares the memory of ``data``, as all but the packed formats do.
+    The result is uint8 or uint16 of ``shape``, read-only where it shares the memory of ``data``, as
+    all but the packed formats do.
     """
-    size = encoded_bytes(pixel_format, shape)
+    size = _encoded_bytes(pixel_format, shape)
     if len(data) < size:
         raise ValueError(
             f"a {pixel_format} image of {shape[1]}x{shape[0]} takes {size} bytes, got {len(data)}"
@@ -96,13 +95,11 @@ _BEYOND_BYTES = 4096
 0.8.26 reads it there all the same."""
 
 
-class FrameMemory:
+class _FrameMemory:
     """The buffers of one stream, of which ``buffers`` wait for frames at any time.
 
-    An image is read where it was received. Its buffer goes back to the stream when nothing refers
-    to the image any more; a program that keeps images gets copies once ``lent_most`` are in use.
-    ``buffer_bytes`` has room for image, chunks and padding, ``image_bytes`` is what an image of the
-    size that was set takes, at the buffer's begin.
+    An image is read where it was received; its buffer goes back when nothing refers to it. A
+    program that keeps images gets copies once ``lent_most`` are in use.
     """
 
     def __init__(
@@ -142,10 +139,7 @@ class FrameMemory:
             stream.push_buffer(buffer)
 
     def lend(self, buffer: AravisObject, image_bytes: int) -> memoryview | bytes | None:
-        """The bytes of a complete image, read-only, or None if they are too few.
-
-        The buffer goes back by itself: when the bytes are no longer used, or at once.
-        """
+        """The bytes of a complete image, or None; the buffer goes back once they are unused."""
         address = self._addresses[buffer]
         is_whole = image_bytes == self._image_bytes
         end = ctypes.string_at(address + self._end, len(self._sentinel))
@@ -193,10 +187,7 @@ class _FrameFacts:
 
 
 class FrameChunks:
-    """The chunks of one camera, named by vendor and model.
-
-    The opened camera's payload grows by the chunks that are switched on here.
-    """
+    """The chunks of one camera; the payload grows by those that are switched on here."""
 
     def __init__(self, opened: OpenedDevice, features: CameraFeatures, camera: str) -> None:
         self._opened = opened
@@ -307,10 +298,7 @@ _LENT_MOST = 6
 
 
 class FrameStream:
-    """A stream channel with its receive thread; it is dropped with its connection.
-
-    ``chunks`` are what the camera states with each frame; None if it is not asked to.
-    """
+    """A stream channel with its receive thread, and the chunks of each frame, if any."""
 
     def __init__(
         self, opened: OpenedDevice, settings: CameraSettings, chunks: FrameChunks | None = None
@@ -327,7 +315,7 @@ class FrameStream:
         self._newest_facts = _FrameFacts()
         self._packets_before = (0, 0)
         # Compiled before the stream runs: the first time takes a second, and no frame waits.
-        decode_pixels(bytes(encoded_bytes(self._format_name, (1, 2))), self._format_name, (1, 2))
+        _decode_pixels(bytes(_encoded_bytes(self._format_name, (1, 2))), self._format_name, (1, 2))
         self._success = library.api.BufferStatus.SUCCESS
         payloads = library.api.BufferPayloadType
         self._image_payload = payloads.IMAGE
@@ -335,7 +323,7 @@ class FrameStream:
         with translated_errors(library, "the stream channel"):
             self._format_code = int(opened.camera.get_pixel_format())
             payload_bytes = int(opened.camera.get_payload())
-            image_bytes = encoded_bytes(self._format_name, self._shape)
+            image_bytes = _encoded_bytes(self._format_name, self._shape)
             _require_plausible(payload_bytes, image_bytes)
             if opened.is_gige:
                 # As root, Aravis reads a packet socket: that hides a small receive buffer.
@@ -348,7 +336,7 @@ class FrameStream:
             self._stream.set_property("socket-buffer", library.api.GvStreamSocketBuffer.FIXED)
             self._stream.set_property("socket-buffer-size", SOCKET_BUFFER_BYTES)
         wanted = math.ceil(_BUFFERED_S * settings.frame_rate_hz)
-        self._memory = FrameMemory(
+        self._memory = _FrameMemory(
             library,
             self._made,
             buffers=min(max(wanted, _MIN_BUFFERS), _MAX_BUFFERS),
@@ -402,11 +390,11 @@ class FrameStream:
             self._memory.push(buffer)
         else:
             shape, facts = picture
-            data = self._memory.lend(buffer, encoded_bytes(self._format_name, shape))
+            data = self._memory.lend(buffer, _encoded_bytes(self._format_name, shape))
             if data is not None:
                 self._newest_ns, self._newest_facts = timestamp_ns, facts
                 return Frame(
-                    image_dn=decode_pixels(data, self._format_name, shape),
+                    image_dn=_decode_pixels(data, self._format_name, shape),
                     frame_id=frame_id,
                     timestamp_ns=timestamp_ns,
                     exposure_us=facts.exposure_us,
@@ -422,9 +410,8 @@ class FrameStream:
     def restart_if_deaf(self) -> bool:
         """Start the receive thread anew if it drops what comes; returns whether it did.
 
-        A late packet of an earlier series, such as the answer to a request for one, may be the
-        first that a new thread sees. It then takes the blocks of this series, which count from 1
-        again, for late ones, up to a hundred behind (Aravis 0.8.26). What it dropped is lost.
+        A late packet of an earlier series may be the first that a new thread sees: then it takes
+        the blocks of this series for late ones, up to a hundred behind (Aravis 0.8.26).
         """
         dropped, taken = (
             now - before for now, before in zip(self._packets(), self._packets_before, strict=True)
@@ -458,8 +445,8 @@ class FrameStream:
     def close(self) -> None:
         """End the receive thread and release the socket; closing twice is harmless.
 
-        This writes to the camera, so close the device only afterwards, and make no other stream
-        of the camera before: its port would be cleared (Aravis 0.8.26).
+        Close the device only afterwards, and make no other stream of the camera before: its port
+        would be cleared (Aravis 0.8.26).
         """
         if self._chunks is not None:
             self._chunks.close()

@@ -86,11 +86,9 @@ class _Drift:
 def check_capture(
     images: CaptureImages, series: Sequence[CaptureRecord]
 ) -> tuple[QualityFinding, ...]:
-    """Return what is wrong with a capture; nothing if it is good.
+    """Return what is wrong with a capture of a series; nothing if it is good.
 
-    Flat and dark captures always pass: their exposures are meant to be extreme, and nothing in them
-    could be sharp. ``series`` are records of other captures; those of the same target and
-    orientation show what focus value to expect.
+    Flat and dark captures always pass: their exposures are meant to be extreme.
     """
     if images.record.kind in ("flat", "dark"):
         return ()
@@ -99,11 +97,7 @@ def check_capture(
 
 
 def bracket_remarks(record: CaptureRecord) -> tuple[str, ...]:
-    """Say where the exposures of a bracket disagree on the light by more than 1 %.
-
-    They should not: what does is the lamp, an exposure that is not what the camera states, a black
-    level that is off, or levels that are not linear.
-    """
+    """Say where the exposures of a bracket disagree on the light by more than 1 %."""
     shorter_us = None
     remarks = []
     for one in record.bracket or ():
@@ -117,7 +111,7 @@ def bracket_remarks(record: CaptureRecord) -> tuple[str, ...]:
     return tuple(remarks)
 
 
-def estimate_motion(
+def _estimate_motion(
     mean_dn: NDArray[np.floating],
     variance_dn2: NDArray[np.floating],
     frames_used: int,
@@ -164,11 +158,10 @@ def estimate_motion(
 def drift_between(
     first_dn: NDArray[np.floating], last_dn: NDArray[np.floating], *, black_level_dn: float
 ) -> _Drift:
-    """Measure the drift from one mean image to another of the same pose.
+    """Measure the drift from one mean image to another of the same pose, after the change of light.
 
-    The shift is the least-squares solution of ``last = first - g . d`` after the change of light
-    is removed: right for shifts below a pixel, too small beyond. Motion along a straight edge
-    cannot be seen; the shift is then the one across it.
+    The least-squares solution of ``last = first - g . d``: right below a pixel, too small beyond,
+    and across a straight edge alone.
     """
     if first_dn.shape != last_dn.shape:
         raise ValueError(f"images must have the same shape, got {first_dn.shape}, {last_dn.shape}")
@@ -216,7 +209,7 @@ def _under_exposure(images: CaptureImages) -> QualityFinding | None:
 def _motion(images: CaptureImages) -> QualityFinding | None:
     if images.variance_dn2 is None:
         return None
-    moved_px = estimate_motion(
+    moved_px = _estimate_motion(
         images.mean_dn,
         images.variance_dn2,
         images.record.frames_used,

@@ -1,7 +1,4 @@
-"""Run a capture plan: place, move, average, store; the same call resumes an interrupted run.
-
-What a plan asks for can be seen before anything is captured.
-"""
+"""Run a capture plan: place, move, average, store; the same call resumes an interrupted run."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -190,12 +187,9 @@ class RunSummary:
 class RunOperator:
     """The operator of a run, by name, and the callbacks that ask and inform them.
 
-    ``place`` is called when target or orientation changes, and at the first capture of a run; it
-    returns once the operator has set up the target, or ``"skip"`` to leave that target and
-    orientation for another run. ``progress`` is called after each capture. ``review`` is called for
-    a capture that a quality check found bad enough to retake; if kept, it is stored with the
-    finding as a note in the journal, as all findings are. ``before_capture`` is called before each
-    capture, with the stage at rest; it may wait.
+    ``place`` is called when target or orientation changes and returns once it is set up, or
+    ``"skip"`` to leave it for another run. ``review`` is called for a capture bad enough to retake.
+    ``before_capture`` is called with the stage at rest; it may wait.
     """
 
     name: str

@@ -1,7 +1,4 @@
-"""One capture at the bench: approach the height, settle, expose, average, read the height back.
-
-The exposure may be found for a well-lit picture; mains light flickers.
-"""
+"""One capture at the bench: approach the height, settle, expose, average, read the height back."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -43,18 +40,14 @@ ExposureLimit = Literal["shortest", "longest", "flicker"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ExposureStep:
-    """The exposure to set next; ``is_settled`` means that the present one may stay.
-
-    ``limited_by`` says what keeps it more than 10 % from the one that was wanted; empty if nothing
-    does.
-    """
+    """The exposure to set next, whether it is settled, and what limits it by over 10 %."""
 
     exposure_us: float
     is_settled: bool
     limited_by: tuple[ExposureLimit, ...] = ()
 
 
-def next_exposure(
+def _next_exposure(
     exposure_us: float,
     bright_dn: float,
     *,
@@ -66,10 +59,8 @@ def next_exposure(
     """Return the exposure that brings the bright parts of an image to 70 % of the range.
 
     The camera is linear, so that one step from an unsaturated image suffices; a saturated one says
-    no more than "shorter". ``bright_dn`` is the level reached by the brightest parts of the image
-    taken at ``exposure_us``, such as the 99.5th percentile. ``mains_hz`` is the mains frequency, if
-    the light flickers with it: exposures longer than one period of the flicker are whole multiples
-    of it. 0 for light that does not flicker.
+    no more than "shorter". Where the light flickers with ``mains_hz`` (0: it does not), exposures
+    longer than a period of the flicker are whole multiples of it.
     """
     shortest_us, longest_us = limits_us
     if not (0 < shortest_us <= longest_us and exposure_us > 0):
@@ -104,10 +95,7 @@ def next_exposure(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundExposure:
-    """An exposure as read back, and the fraction of the range that the brightest parts reach.
-
-    ``limited_by`` says why that is not 70 %, to 10 %; empty if it is.
-    """
+    """An exposure as read back, the fraction of the range of its brightest parts, and its limit."""
 
     exposure_us: float
     bright_fraction: float
@@ -121,17 +109,13 @@ def find_exposure(
     limits_us: tuple[float, float],
     mains_hz: float,
 ) -> FoundExposure:
-    """Set the exposure for the brightest parts of what the camera sees, beginning with its own.
-
-    The camera must not be streaming; limits and mains frequency are as for `next_exposure`. It
-    fails if none is found in eight trials.
-    """
+    """Set the exposure for the brightest parts of what an idle camera sees, in eight trials."""
     exposure_us = camera.settings.exposure_us
     for _ in range(_EXPOSURE_TRIALS):
         taken = exposures.average(_TRIAL_FRAMES, exposure_us)
         settings = camera.settings
         bright_dn = float(np.percentile(taken.averaged.mean_dn, _BRIGHT_PERCENTILE))
-        step = next_exposure(
+        step = _next_exposure(
             settings.exposure_us,
             bright_dn,
             black_level_dn=settings.black_level_dn,
@@ -164,13 +148,10 @@ def without_flicker(exposure_us: float, mains_hz: float) -> float:
     return periods * period_us if periods else exposure_us
 
 
-def bracket_exposures_us(
+def _bracket_exposures_us(
     shortest_us: float, ratios: Sequence[float], mains_hz: float
 ) -> tuple[float, ...]:
-    """Exposures of a bracket, ascending; longer ones in whole periods of the flicker.
-
-    The first stays as it is; ``ratios`` are the exposures as multiples of it, ascending from 1.
-    """
+    """Exposures of a bracket, ascending; longer ones in whole periods of the flicker."""
     exposures_us = [shortest_us]
     for ratio in ratios[1:]:
         asked_us = shortest_us * ratio
@@ -210,9 +191,8 @@ class _Exposed:
 class CaptureStep:
     """Makes the captures of a plan with a camera and a stage; stores nothing.
 
-    ``interrupted`` is called with the error of an interrupted stream; the capture is then begun
-    anew, again and again for ``camera.reconnect_timeout_s``. ``exposures`` are of this camera,
-    where captures were made before; by default new ones.
+    A capture whose stream breaks off is begun anew, as `restarted` does, after ``interrupted`` was
+    called with the error.
     """
 
     def __init__(
@@ -299,7 +279,7 @@ class CaptureStep:
                 started=started,
                 finished=self._utc_now(),
             )
-        asked_us = bracket_exposures_us(
+        asked_us = _bracket_exposures_us(
             self._exposure_us, entry.bracket.ratios(), self._bench.capture.mains_hz
         )
         each = self._exposures.bracket(frames, asked_us, keep_frames=keep)

@@ -1,3 +1,9 @@
+from .documents import (
+    InputFile as InputFile,
+    Provenance as Provenance,
+    StoredModel as StoredModel,
+    utc_now as utc_now,
+)
 from .names import (
     FIGURES as FIGURES,
     FLOAT_IMAGES as FLOAT_IMAGES,
@@ -7,7 +13,6 @@ from .names import (
     require_place as require_place,
     require_reachable as require_reachable,
 )
-from .provenance import InputFile as InputFile, Provenance as Provenance, utc_now as utc_now
 from .writing import (
     RESULTS_FOLDER as RESULTS_FOLDER,
     is_there as is_there,

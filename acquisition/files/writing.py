@@ -96,9 +96,8 @@ def write_file(path: Path, data: bytes) -> None:
 def written_together(document: Path) -> Iterator[Path]:
     """Give a folder for the files of one result; at the end they take the place of an earlier one.
 
-    They lie beside ``document``, which names the others, under the names that they have in the
-    folder. What fails before the end leaves the earlier result as it was. The document goes first
-    and comes last: a kill in between leaves none, never one beside the files of another.
+    They lie beside ``document``, which goes first and comes last: a kill in between leaves none,
+    never one beside the files of another.
     """
     if is_url(document):
         with TemporaryDirectory() as folder:

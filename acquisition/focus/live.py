@@ -1,7 +1,4 @@
-"""Focus values of a running camera, and of a sweep of the stage through focus.
-
-The live focus aid shows value, peak hold, trend, and whether the peak was passed.
-"""
+"""Focus values of a running camera, and of a sweep of the stage through focus."""
 
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
@@ -62,11 +59,10 @@ class FocusReading:
 
 
 class FocusTrace:
-    """Follows focus values one by one; independent of devices and clocks.
+    """Follows focus values one by one: a running median, its trend and noise over a ``window``.
 
-    A running median of ``smoothed`` values, an odd number, is shown; trend and noise are estimated
-    from ``window`` values. ``drop`` is the relative drop below the peak at which the peak counts as
-    passed, unless the noise requires more.
+    ``drop`` is the relative drop below the peak at which the peak counts as passed, unless the
+    noise requires more.
     """
 
     def __init__(self, *, smoothed: int = 3, window: int = 12, drop: float = 0.03) -> None:
@@ -91,11 +87,7 @@ class FocusTrace:
         self._empty = _HELD
 
     def add(self, value: float, *, has_detail: bool = True) -> FocusReading:
-        """Add the next focus value and return the reading.
-
-        Where there is nothing to focus on, the value counts for nothing: what was seen before is
-        compared with what comes after.
-        """
+        """Add the next focus value and return the reading; one without detail does not count."""
         if not np.isfinite(value):
             raise ValueError(f"a focus value must be finite, got {value}")
         self._empty = 0 if has_detail else self._empty + 1
@@ -203,7 +195,7 @@ class FocusPoint:
     """Whether there was anything to focus on."""
 
 
-class LiveFocus(NamedTuple):
+class _LiveFocus(NamedTuple):
     """Focus value of one frame, and whether there is anything in it to focus on."""
 
     value: float
@@ -213,9 +205,8 @@ class LiveFocus(NamedTuple):
 class FocusMeter:
     """Focus value of one frame after another; independent of any camera.
 
-    Without a noise model the noise is taken from pairs of consecutive frames: the smallest of the
-    last eight, as motion can only add to it. A step of the light, of exposure or gain begins this
-    anew: the noise of before is not that of now.
+    Without a noise model the noise is the smallest of the last eight pairs of frames, as motion can
+    only add to it. A step of light, exposure or gain begins this anew.
     """
 
     def __init__(self, options: FocusOptions) -> None:
@@ -247,7 +238,7 @@ class FocusMeter:
             self._previous = view
             return None
         else:
-            self._variances.append(variance_between(self._previous, view, black_level_dn))
+            self._variances.append(_variance_between(self._previous, view, black_level_dn))
             variance = min(self._variances)
         self._previous = view
         self.has_detail = not shows_nothing(view)
@@ -260,10 +251,7 @@ class FocusMeter:
 
 
 def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
-    """Stream, and yield the newest complete frame each time one is requested, until closed.
-
-    Older frames are skipped. The stream is stopped when the iterator is closed.
-    """
+    """Stream, and yield the newest complete frame each time one is requested, until closed."""
     timeout_s = _frame_timeout_s(camera)
     camera.start()
     try:
@@ -275,13 +263,8 @@ def newest_frames(camera: Camera) -> Generator[Frame, None, None]:
         camera.stop()
 
 
-def focus_values(camera: Camera, options: FocusOptions) -> Generator[LiveFocus, None, None]:
-    """Stream, and yield the focus value of every complete frame until closed.
-
-    Without a noise model the noise is taken from pairs of consecutive frames: the smallest of the
-    last eight, as motion can only add to it; the first frame then gives no value. The stream is
-    stopped when the iterator is closed.
-    """
+def focus_values(camera: Camera, options: FocusOptions) -> Generator[_LiveFocus, None, None]:
+    """Stream, and yield the focus value of every complete frame until closed."""
     timeout_s = _frame_timeout_s(camera)
     black_level_dn = camera.settings.black_level_dn
     meter = FocusMeter(options)
@@ -293,7 +276,7 @@ def focus_values(camera: Camera, options: FocusOptions) -> Generator[LiveFocus, 
                 continue
             value = meter.add(frame.image_dn, black_level_dn)
             if value is not None:
-                yield LiveFocus(value, meter.has_detail)
+                yield _LiveFocus(value, meter.has_detail)
     finally:
         camera.stop()
 
@@ -309,12 +292,10 @@ def sweep_focus(
 ) -> tuple[FocusPoint, ...]:
     """Go to each height in turn and measure the focus value of the mean of ``frames`` frames.
 
-    The heights are visited in their order: from the side of approach. The noise is each mean's own,
-    from the temporal variance of its frames, at least 2. The standard error comes from the scatter
-    of the focus values of the single frames. ``field`` are further regions that are measured at
-    each height. A height outside the travel is refused before anything moves. On an error, and on
-    Ctrl-C, the stage is stopped. A height whose stream was interrupted is measured anew, for
-    ``camera.reconnect_timeout_s`` if need be.
+    The noise is each mean's own, from the temporal variance of its frames, at least 2; the standard
+    error comes from the scatter of the single frames' values. ``field`` are further regions that
+    are measured. On an error, and on Ctrl-C, the stage is stopped; a height whose stream was
+    interrupted is measured anew.
     """
     stage, stage_config = devices.stage, devices.config.stage
     for height_mm in heights_mm:
@@ -341,11 +322,10 @@ def sweep_focus(
     return tuple(points)
 
 
-def variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float) -> float:
-    """Temporal variance of one frame, in DN^2, averaged over the pixels of two frames of a scene.
+def _variance_between(first_dn: Levels, second_dn: Levels, black_level_dn: float) -> float:
+    """Temporal variance of one frame, in DN^2, from two frames of a scene, brought to one light.
 
-    The light of the second frame is scaled to that of the first, so that flicker does not count.
-    What moved between the frames does: over several pairs, the smallest value is the noise.
+    What moved between the frames adds: over several pairs, the smallest value is the noise.
     """
     if first_dn.shape != second_dn.shape:
         raise ValueError(f"frames must have one shape, got {first_dn.shape}, {second_dn.shape}")

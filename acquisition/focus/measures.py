@@ -36,11 +36,7 @@ class _PictureSums:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _MeasureKernel:
-    """One focus measure.
-
-    ``noise_gain`` is the mean squared response to white noise of variance 1: the sum of the
-    squared weights. ``reach_px`` is how many pixels beyond 1 a side of the image must have.
-    """
+    """A focus measure: the sum of its squared weights, and how far beyond a pixel it reaches."""
 
     kernel: Callable[[Levels, Any], tuple[float, float, float]]
     noise_gain: float
@@ -295,11 +291,7 @@ _LEAST_DN = 0.3  # steps of 1 DN of a smooth light scatter by 1 / sqrt(12)
 
 
 def shows_nothing(image_dn: Levels) -> bool:
-    """Whether there is nothing in a picture to focus on: a lens cap, plain paper.
-
-    It may be of one colour or a mosaic. False where it is too small to tell: less than 32 px either
-    way.
-    """
+    """Whether there is nothing in a picture to focus on, as in a lens cap; False below 32 px."""
     if min(image_dn.shape) < _LEAST_PX:
         return False
     # Every second pixel of a mosaic has one colour.
@@ -316,10 +308,8 @@ def has_detail(image_dn: Levels, *, least_dn: float = _LEAST_DN) -> bool:
     """Whether levels of one colour differ by more than noise that differs from pixel to pixel.
 
     Means over 4 x 4 pixels of independent noise scatter by a quarter of what the pixels do; what a
-    lens draws is wider than a pixel and scatters more. Third differences, along rows and along
-    columns, take out light that falls off; ``least_dn`` is what light that is not even may leave of
-    itself. The focus value of what has no detail is that of its noise. False also where the picture
-    is too small to tell: less than 16 px either way.
+    lens draws scatters more. Third differences take out light that falls off; ``least_dn`` is what
+    uneven light may leave. False below 16 px either way.
     """
     return _is_drawn(image_dn, least_dn) or _is_drawn(image_dn.T, least_dn)
 
@@ -355,11 +345,10 @@ _EDGE_CROSSED = 0.85  # of the way across the picture
 
 
 def texture_share(image_dn: Levels) -> float:
-    """Share of the detail that does not lie along one straight edge across the picture.
+    """Share of the detail not of one straight edge, 0 to 1; 1 without detail or below 32 px.
 
-    Detail is what differs more over two pixels than over one: noise and the sensor's own pattern,
-    which differ from pixel to pixel, are none. From 0, an edge alone, to 1, a texture; 1 also where
-    there is no detail, and for less than 32 px either way.
+    Detail is what differs more over two pixels than over one, as noise and the sensor's own pattern
+    do not.
     """
     detail = _detail_blocks(np.asarray(image_dn, dtype=np.float32))
     if min(detail.shape) < _FEWEST_TEXTURE_BLOCKS or not detail.sum() > 0:

@@ -1,7 +1,4 @@
-"""The height of best focus from a sweep: a peak fitted to focus values, with its uncertainty.
-
-A sweep goes between two heights, or over the whole travel.
-"""
+"""The height of best focus from a sweep: a peak fitted to focus values, with its uncertainty."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -376,9 +373,8 @@ from two frames it may be zero by chance. It counts as much against that of all 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepRequest:
-    """A sweep: lowest and highest height, how many heights, and frames at each.
+    """A sweep between two heights, or over the whole travel if ``heights_mm`` is None.
 
-    If ``heights_mm`` is None, the whole travel; ``ends_at_peak`` moves the stage there at the end.
     ``field`` are further regions that are measured; ``pupil`` is what is known of the lens.
     """
 
@@ -392,10 +388,7 @@ class SweepRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusSweep:
-    """The positions of a sweep and the peak; ``why_not`` says why there is none.
-
-    ``field`` are the peaks of further regions, None where one has none.
-    """
+    """The positions of a sweep, the peak or ``why_not``, and the peaks of further regions."""
 
     points: tuple[FocusPoint, ...]
     peak: FocusPeak | None

@@ -2,7 +2,6 @@ from .decoding import LARGEST_IMAGE_PX as LARGEST_IMAGE_PX, read_file as read_fi
 from .encoding import (
     LINEAR as LINEAR,
     REC601_LUMA as REC601_LUMA,
-    SRGB as SRGB,
     Encoding as Encoding,
     linear_to_srgb as linear_to_srgb,
     luma_plane as luma_plane,
@@ -29,7 +28,6 @@ from .reader import (
     image_files_in as image_files_in,
     is_folder as is_folder,
     photograph_of as photograph_of,
-    read_frames as read_frames,
     read_photograph as read_photograph,
     taken_as as taken_as,
 )

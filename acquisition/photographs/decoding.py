@@ -1,7 +1,6 @@
 """What is checked before a byte of a file is believed, and damage named by what it is.
 
-An image is read whole, and much of the work on it takes several copies in float64; larger files
-are refused before they are read, larger images before they are decoded.
+Work on an image takes several copies in float64: what is too large is refused before decoding.
 """
 
 import math
@@ -115,7 +114,7 @@ def is_swollen(decoded_bytes: int, file_bytes: int) -> bool:
 def refuse_many_scans(jpeg: bytes) -> None:
     """Check that a progressive JPEG builds up in so many steps as one of a camera at most.
 
-    Each scan, of a few bytes, takes the time of decoding the whole image (ITU-T T.81, B.1.1).
+    Each scan takes the time of decoding the whole image (ITU-T T.81, B.1.1).
     """
     at = scans = 0
     while (marker := _JPEG_MARKER.search(jpeg, at)) and marker[1] != _END_OF_IMAGE:

@@ -32,11 +32,10 @@ _LEAST_SLOPE = 1e-3  # a curve that is flat at white is left by its inverse too
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Encoding:
-    """The curve from encoded to linear levels, both from 0 to 1.
+    """The curve from encoded to linear levels, both from 0 to 1, and its name.
 
-    ``name`` is ``linear``, ``srgb``, ``gamma:G`` or, for a colour profile whose curve is none of
-    these, ``icc``; then ``curves`` holds linear levels at evenly spaced encoded ones, one curve for
-    all channels or one for each.
+    ``curves`` of ``icc`` holds linear levels at evenly spaced encoded ones, for all channels or
+    each.
     """
 
     name: str
@@ -74,7 +73,7 @@ class Encoding:
 
     def _decoders(self) -> list[_Curve]:
         if self.name == "srgb":
-            return [srgb_to_linear]
+            return [_srgb_to_linear]
         gamma = self.gamma
         if gamma is not None:
             return [lambda encoded: np.asarray(encoded**gamma)]
@@ -104,7 +103,7 @@ LINEAR = Encoding(name="linear")
 SRGB = Encoding(name="srgb")
 
 
-def srgb_to_linear(encoded: FloatArray) -> FloatArray:
+def _srgb_to_linear(encoded: FloatArray) -> FloatArray:
     """IEC 61966-2-1:1999, section 5.2, from 0 to 1."""
     power = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
     return np.where(encoded <= 0.04045, encoded / 12.92, power)
@@ -152,8 +151,8 @@ _WHITE_PERCENT = 99.8
 def on_screen(colours_dn: AnyArray, white_dn: float) -> FloatArray:
     """Return colours as a screen takes them: the sRGB curve of each channel, from 0 to 1.
 
-    Black is a level of 0 and white is the same level in all channels, so that ratios of the
-    channels, and with them hues, are those of the photograph. NaN stays NaN.
+    White is the same level in all channels, so that hues are those of the photograph. NaN stays
+    NaN.
     """
     share = np.asarray(colours_dn, dtype=np.float64) / white_dn
     return linear_to_srgb(np.clip(share, 0.0, 1.0))
@@ -178,8 +177,7 @@ REC601_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601-7, section 2.5.1
 def luma_plane(image: AnyArray, channel: Channel = "luma") -> FloatArray:
     """Return one float64 plane of a grey or colour image; ``luma`` is that of Rec. 601.
 
-    The shape is ``(rows, cols)``, or ``(rows, cols, 1 to 4)``: grey or red, green, blue, then
-    perhaps an opacity, which is ignored. A grey image has only luma.
+    The shape is ``(rows, cols)``, or ``(rows, cols, 1 to 4)`` with an opacity that is ignored.
     """
     plane = np.asarray(image)
     if plane.ndim == 3 and plane.shape[2] in (1, 2):
@@ -307,7 +305,7 @@ def _encoding(curves: list[FloatArray]) -> Encoding:
         (curve,) = curves
         if np.abs(curve - encoded).max() <= _SAME_CURVE:
             return LINEAR
-        if np.abs(curve - srgb_to_linear(encoded)).max() <= _SAME_CURVE:
+        if np.abs(curve - _srgb_to_linear(encoded)).max() <= _SAME_CURVE:
             return SRGB
         middle = np.interp(0.5, encoded, curve)
         gamma = round(float(np.log(max(middle, 1e-6)) / np.log(0.5)), 3)

@@ -56,11 +56,9 @@ _USUAL_SAMPLING = (True, True)
 class PhotographHead(ByValue):
     """What is known of a photograph without its pixels.
 
-    Of an array ``path`` is the argument's name, ``sha256`` is None, and ``encoding_from`` is empty;
-    of a file that is what decided the encoding, as a noun: ``its ICC profile sRGB``,
-    ``--encoding``. ``is_encoding_stated`` says that it is not just what is usual, ``pattern`` the
-    colours of a raw mosaic, and ``left_out`` what the file holds beside light: an opacity that
-    varies, a depth.
+    ``encoding_from`` is what decided the encoding, as a noun: ``its ICC profile sRGB``;
+    ``is_encoding_stated`` says that it is not just what is usual. ``left_out`` is what the file
+    holds beside light.
     """
 
     path: Path
@@ -108,8 +106,8 @@ class PhotographHead(ByValue):
 class FileSteps:
     """What the steps of a file are to its levels; None where it holds no integers.
 
-    The variance of each grey level by them, and the level by which one step differs, shape ``(rows,
-    cols)``; the same of each channel of colours, shape ``(rows, cols, 3)``.
+    The variance of each grey level ``(rows, cols)`` by them, the level of one step, and both by
+    channel.
     """
 
     variance_dn2: Float32Array | None = field(default=None, repr=False)
@@ -435,10 +433,7 @@ def full_scale_dn(pixels: AnyArray) -> float | None:
 
 
 def saturation_dn(pixels: AnyArray, full_scale: float | None) -> float | None:
-    """Level of the clipping: of the file's numbers, or of a narrower ADC whose plateau shows.
-
-    Floats have none, unless their levels were cut off.
-    """
+    """Level of the clipping: of the file's numbers, or of a narrower ADC whose plateau shows."""
     if full_scale is None:
         return _cut_off_dn(pixels)
     top = float(pixels.max())
@@ -451,9 +446,8 @@ def saturation_dn(pixels: AnyArray, full_scale: float | None) -> float | None:
 def _cut_off_dn(pixels: AnyArray) -> float | None:
     """Level at which floats were cut off, or one above all where they were at 0 alone.
 
-    Light that comes to an even level comes there in ever smaller steps. Where levels are cut off
-    it meets a plateau with the whole step of its slope. Where it does so at both ends, it is a
-    drawing as well, with no blur or one that ends: then nothing is told.
+    Light comes to an even level in ever smaller steps; a cut meets its plateau with the whole step
+    of its slope. Where it does so at both ends, it may be a drawing, and nothing is told.
     """
     low, high = float(pixels.min()), float(pixels.max())
     planes: Float32Array = np.asarray(pixels, dtype=np.float32).reshape(*pixels.shape[:2], -1)
@@ -492,10 +486,7 @@ def as_numbers(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 def light_planes(pixels: NDArray[Any]) -> tuple[NDArray[Any], bool]:
-    """Grey levels of shape ``(rows, cols)`` or colours of ``(rows, cols, 3)``.
-
-    With whether there is a plane beside them that is not the same everywhere.
-    """
+    """Grey levels ``(rows, cols)`` or colours ``(rows, cols, 3)``; whether an opacity varies."""
     if pixels.ndim == 2:
         return pixels, False
     light = 1 if pixels.shape[2] < 3 else 3

@@ -162,10 +162,7 @@ class _Pages:
 
 
 def _luma_steps(image: Image.Image) -> FloatArray | None:
-    """The quantisation table of a JPEG's luma; None where none of its components is that.
-
-    ITU-T T.871, 6.1: grey, or YCbCr unless Adobe's marker says that it is RGB as it stands.
-    """
+    """The quantisation table of a JPEG's luma (ITU-T T.871, 6.1); None where there is none."""
     if not isinstance(image, JpegImageFile) or image.mode not in ("L", "RGB"):
         return None
     ids, rows, cols, tables = zip(*image.layer, strict=True)
@@ -215,7 +212,7 @@ def _marked(
 ) -> tuple[Encoding, str] | None:
     """The encoding a file states: by cICP, a profile, PNG's sRGB and gAMA, or Exif, in this order.
 
-    PNG specification, third edition, 4.3: the order in which its chunks count.
+    The order is that of the PNG specification, third edition, 4.3.
     """
     points = _chunk(data, b"cICP")
     if points is not None and len(points) == 4 and points[1] != _UNSPECIFIED:
@@ -241,9 +238,9 @@ def _marked(
 
 
 def marked_png(data: bytes, encoding: Encoding) -> bytes:
-    """Return a PNG file that states its encoding, so that every reader takes the same one.
+    """Return a PNG file that states its encoding, unless that is a profile's own curve.
 
-    PNG specification, third edition, 11.3.2: gAMA and sRGB. A profile's own curve is not stated.
+    PNG specification, third edition, 11.3.2: gAMA and sRGB.
     """
     if encoding.name == "srgb":
         name, content = b"sRGB", b"\0"

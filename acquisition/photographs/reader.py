@@ -98,11 +98,7 @@ _AS_STATED = ReadOptions()
 def read_photograph(path: Path, options: ReadOptions = _AS_STATED) -> Photograph:
     """Read a photograph: TIFF, PNG, JPEG, camera raw, OpenEXR, FITS and what else Pillow opens.
 
-    Raises
-    ------
-    ImageFileError
-        If the file is missing, no image, damaged, too large, a stack of which no page is chosen,
-        or holds levels that cannot be calculated with.
+    An `ImageFileError` says what is wrong with the file or its levels.
     """
     data = read_file(path)
     with _naming(on_one_line(path)):
@@ -199,9 +195,8 @@ def _refuse_chosen_page(options: ReadOptions) -> None:
 def photograph_of(value: object, name: str, options: ReadOptions = _AS_STATED) -> Photograph:
     """Take what holds an array for a photograph, in the way in which files are read.
 
-    An array of any library, with or without a mask, is linear in light without an encoding, and a
-    stack has its pages along the first axis; a picture of Pillow is encoded as those of its format.
-    ``name`` is that of the argument.
+    An array of any library is linear in light, its pages along the first axis; a picture of Pillow
+    is encoded as those of its format.
     """
     source = _Source(Path(name))
     with _naming(name):
@@ -422,11 +417,7 @@ def _encoding(
 
 
 class Inputs:
-    """Reads photographs in one way, and keeps the list of all that was read.
-
-    ``announce`` takes a sentence about the encoding, once for each kind of file, and about
-    photographs that viewers turn.
-    """
+    """Reads photographs in one way, lists all that was read, and announces each kind's encoding."""
 
     def __init__(
         self,

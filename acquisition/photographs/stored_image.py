@@ -45,9 +45,8 @@ FACT_TAGS = frozenset({ORIENTATION, MAKE, MODEL, DATE, EXPOSURE_TIME, F_NUMBER, 
 class PhotographFacts:
     """What a photograph's file says of its taking; None is what it does not say.
 
-    ``orientation`` is Exif's number from 1 to 8: how a viewer would turn the picture. Pixels are
-    never turned here. ``pixel_pitch_um`` follows from the resolution in the focal plane and is
-    that of the file's pixels, which the camera may have resampled.
+    ``orientation`` is Exif's number, 1 to 8; pixels are never turned here. ``pixel_pitch_um``
+    follows from the resolution in the focal plane: of the file's pixels, maybe resampled.
     """
 
     camera: str | None = None
@@ -62,11 +61,7 @@ class PhotographFacts:
 
     @classmethod
     def of_tags(cls, tags: Mapping[int, object], width_px: int) -> Self:
-        """Read the facts from the tags of the main directory and of Exif's own, by number.
-
-        An image that was scaled after it was taken, of another width than ``width_px``, has no
-        pitch.
-        """
+        """Read the facts from the tags by number; a picture that was scaled has no pitch."""
         make, model = _text(tags.get(MAKE)), _text(tags.get(MODEL))
         if make and model and not model.lower().startswith(make.split()[0].lower()):
             model = f"{make} {model}"
@@ -171,7 +166,7 @@ class JpegCoding:
     """Tables and sampling of a JPEG file.
 
     ``tables`` are those of its components, 64 steps each, rows by vertical frequency; ``sampling``
-    that of the chroma: 0 for 4:4:4, 1 for 4:2:2, 2 for 4:2:0; -1 of a grey one.
+    is 0 for 4:4:4, 1 for 4:2:2, 2 for 4:2:0, -1 of a grey one.
     """
 
     tables: tuple[tuple[int, ...], ...] = field(repr=False)
@@ -216,9 +211,8 @@ class JpegCoding:
 def coded_variance(steps: FloatArray, halved: tuple[bool, bool] = (False, False)) -> float:
     """Variance of white noise as large as the coefficients' errors are, behind a Gaussian of 1 px.
 
-    Each of the ``steps``, shape ``(8, 8)``, rows by vertical frequency, gives the density of the
-    error at its frequency. A plane that is ``halved`` along rows or columns has its errors at half
-    the frequencies, twice as dense.
+    Each of the ``steps``, shape ``(8, 8)``, gives the density at its frequency, half that and twice
+    as dense along axes that are ``halved``.
     """
     density = np.square(np.asarray(steps, dtype=np.float64)) / 12
     weight = np.ones((1, 1))
@@ -235,16 +229,11 @@ class StoredImage:
     """The pixels of one image or of each page of a stack, before any decoding of levels.
 
     ``page`` reads one of ``count`` images, from 0, shape ``(rows, cols)`` or ``(rows, cols,
-    channels)``. ``marked`` gives the encoding that the file states, with where it does, or raises
-    DecodingError, which does not matter if nobody asks; ``unmarked`` is that of such files where
-    nothing is stated. ``white_dn`` is None for floats; ``saturation_dn`` is where the sensor clips,
-    if the file states it.
-
-    ``luma_steps`` is the quantisation table of a JPEG's luma, shape ``(8, 8)``, rows by vertical
-    frequency, ``jpeg_coding`` what another one takes to be coded alike. ``variance_dn2`` and
-    ``frames`` are those of a session's capture; ``has_modelled_variance`` says that the noise model
-    gives it, as of an exposure bracket. ``has_opacity``: a plane beside the colours is no light.
-    ``left_out`` is what else the file holds, in words.
+    channels)``. ``marked`` gives the encoding that the file states, or raises DecodingError;
+    ``unmarked`` is that where nothing is stated. ``white_dn`` is None for floats. ``luma_steps`` is
+    the quantisation table of a JPEG's luma, shape ``(8, 8)``, ``jpeg_coding`` what another takes to
+    be coded alike. ``has_modelled_variance`` says that the noise model gives ``variance_dn2``, as
+    of a bracket.
     """
 
     count: int

@@ -79,10 +79,7 @@ def read_tiff_image(data: bytes) -> StoredImage:
 
 
 def tiff_facts(data: bytes) -> tuple[PhotographFacts, frozenset[int]]:
-    """What the first directory says of the photograph, and the numbers of its tags.
-
-    Of a damaged file nothing is said: whoever reads the pixels finds the damage.
-    """
+    """What the first directory says of the photograph, and its tags; nothing if it is damaged."""
     try:
         with decoding("TIFF image"):
             first = _opened(data).pages.first

@@ -7,7 +7,7 @@ from .capture_files import (
 from .files import (
     JOURNAL_NAME as JOURNAL_NAME,
     MANIFEST_NAME as MANIFEST_NAME,
-    atomic_write as atomic_write,
+    PART_SUFFIX as PART_SUFFIX,
     clear_parts as clear_parts,
     commit_file as commit_file,
     fsync_directory as fsync_directory,

@@ -77,9 +77,8 @@ class CaptureImages:
 def capture_parts(images: CaptureImages) -> FileParts:
     """Make the bytes of a capture's TIFF file; the same capture gives the same bytes.
 
-    Page 1 is the mean, page 2 the variance, page 3 of a bracket the number of exposures used, 0
-    where the pixel is not valid; uncompressed float32. The record is in ImageJ's
-    Info as JSON without its ``sha256``, the scale in the resolution where it is known. The file
+    Pages are the mean, the variance, and of a bracket the number of exposures used; float32. The
+    record is in ImageJ's Info as JSON without its ``sha256``, the scale in the resolution. The file
     ends in a `capture_seal`.
     """
     pages = [images.mean_dn]
@@ -167,14 +166,11 @@ def has_record(data: bytes, document: Mapping[str, Any], *, source: str) -> bool
 
 def read_capture(path: Path) -> CaptureImages:
     """Read one capture file on its own, unverified; a session's ``load`` checks the hash too."""
-    return parse_capture(_read(path), source=f"capture file {path}")
-
-
-def _read(path: Path) -> bytes:
     try:
-        return read_regular_file(path, LARGEST_IMAGE_BYTES)
+        data = read_regular_file(path, LARGEST_IMAGE_BYTES)
     except OSError as error:
         raise SessionError(f"capture file {path}: {error.strerror}", path=path) from error
+    return parse_capture(data, source=f"capture file {path}")
 
 
 def _imagej_parts(
@@ -268,9 +264,8 @@ def unknown_files(path: Path, records: Iterable[CaptureRecord]) -> list[str]:
 class FoundCapture:
     """What a file of a session that the journal does not name holds.
 
-    ``record`` is that of the capture, with the hash that the file has now; None if it is none of
-    this session, and ``refusal`` says why. ``is_sealed`` is whether the file vouches for its own
-    bytes; those of older versions do not.
+    ``record`` has the hash that the file has now; None if it is no capture of this session, and
+    ``refusal`` says why. Files of older versions are not sealed.
     """
 
     file: str
@@ -282,10 +277,7 @@ class FoundCapture:
 def found_capture(
     path: Path, file: str, *, indices: Collection[int], known_uids: Collection[str]
 ) -> FoundCapture:
-    """Read a file that the journal does not name: a capture by its own metadata and seal, or not.
-
-    ``indices`` are those of the plan, ``known_uids`` of the captures that the journal names.
-    """
+    """Read a file that the journal does not name: a capture by its metadata and seal, or not."""
     try:
         data = read_regular_file(path / file, LARGEST_IMAGE_BYTES)
         sealed = is_sealed(data)
@@ -308,10 +300,7 @@ def found_capture(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KilledRun:
-    """What a run left that was killed before it could journal its capture.
-
-    ``capture`` is a whole capture, None if it was killed before; ``remains`` belong to no capture.
-    """
+    """What a run left that was killed before it could journal its capture: that, or remains."""
 
     capture: FoundCapture | None = None
     remains: tuple[str, ...] = ()
@@ -325,10 +314,8 @@ def left_by_killed_run(
 ) -> KilledRun | None:
     """Explain files that the journal does not name by a kill; None if that explains them not.
 
-    A run writes raw frames, then the capture, then its line. So there is at most one of each, of
-    the name that is next for its entry, and whole. ``next_files`` are the names of capture and raw
-    frames that each entry of the plan would have next, by index; ``uids`` are of the captures that
-    the journal names.
+    A run writes raw frames, then the capture, then its line: there is at most one of each, of the
+    name in ``next_files`` by entry, and whole.
     """
     if not unknown:
         return KilledRun()

@@ -74,8 +74,8 @@ def _part_head(name: str) -> str:
 def clear_parts(folder: Path, name: str = "") -> None:
     """Delete the parts, with this beginning, that killed processes left in a folder.
 
-    Those of this machine go when their process has ended, those of another when nothing was
-    written to them for an hour, and those that tell no writer at once.
+    Those of this machine go when their process has ended, those of another an hour after they were
+    last written.
     """
     for part in folder.glob(f"{escape(_part_head(name))}*{PART_SUFFIX}"):
         try:
@@ -114,9 +114,8 @@ def _is_running(process: int) -> bool:
 def whole_file(path: Path, *, is_synced: bool = False) -> Iterator[BinaryIO]:
     """Open a file that gets its name when the block has ended without an error.
 
-    Several processes may write the same file at once: each has its own part, and the last one wins.
-    Unless ``is_synced``, with one fsync, a power cut within the next half minute may leave it
-    empty or short.
+    Several processes may write it at once: the last one wins. Unless ``is_synced``, a power cut
+    within the next half minute may leave it empty or short.
     """
     refuse_capture(path)
     part = part_of(path)
@@ -133,11 +132,7 @@ def whole_file(path: Path, *, is_synced: bool = False) -> Iterator[BinaryIO]:
 
 
 def commit_file(path: Path, data: bytes) -> None:
-    """Write a file with one fsync, also where two workers write the same one at once.
-
-    The content is on disk before the name is. A power cut in the seconds after may lose the name,
-    not the content: then the shard is done again. Thus no fsync of the folder.
-    """
+    """Write a file with one fsync: a power cut may lose its name, and the work is done again."""
     with whole_file(path, is_synced=True) as file:
         file.write(data)
 
@@ -169,10 +164,7 @@ _NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # Windows has none
 
 
 def atomic_write(path: Path, data: bytes | memoryview) -> None:
-    """Write ``data`` to ``path`` through ``path.part``: fsync, rename, fsync of the directory.
-
-    For a file with one writer; `acquisition.session.files` has what several may write.
-    """
+    """Write a file with one writer through ``path.part``: fsync, rename, fsync of the directory."""
     refuse_capture(path)
     with _part_of(path, Path.replace) as file:
         _write_parts(file, (data,))
@@ -182,7 +174,7 @@ def atomic_write(path: Path, data: bytes | memoryview) -> None:
 def write_new_hashed(
     path: Path, parts: FileParts, seal: Callable[[str], bytes] = lambda _: b""
 ) -> str:
-    """Write a file that is not there yet, as ``atomic_write`` does; return its SHA-256.
+    """Write a new file as ``atomic_write`` does, with a seal; return its SHA-256.
 
     The hash is taken while the disk works. The file ends in what ``seal`` makes of the SHA-256 of
     ``parts``.

@@ -17,7 +17,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, Self, get_args
 
 from acquisition.errors import SessionError
@@ -187,9 +186,8 @@ class JournalReading:
     """The events of a journal, one a line, and how much of it is sound.
 
     ``sound_bytes`` of the file hold them, ``torn_tail`` is the rest. ``chain`` is that of the last
-    line; of the lines' bytes where they are not chained. ``unchained`` is the number of lines, at
-    the beginning, of a version that did not chain them, ``head`` what the file beside the journal
-    says, if there is one.
+    line, ``unchained`` the number of first lines that an older version did not chain, ``head`` what
+    the file beside the journal says.
     """
 
     events: tuple[JournalEvent, ...]
@@ -228,16 +226,14 @@ class JournalReading:
         return self.head is None and len(self.events) > self.unchained
 
 
-def read_journal(
+def _read_journal(
     data: bytes, *, head: JournalHead | None = None, source: str = "journal.jsonl"
 ) -> JournalReading:
     r"""Read a journal as far as it is sound.
 
-    Every line was made durable before the next was begun, and the head only after it. A power cut
-    can thus affect only a last line that the head does not count: if that is no event, it was cut
-    short and is ignored, unless it is longer than any that is appended. No event's text is the
-    beginning of another's, so a last line that parses is complete even without its ``\n``.
-    Anything else is damage.
+    A power cut can only affect a last line that the head does not count: if that is no event, it
+    was cut short and is ignored. No event's text is the beginning of another's, so a last line that
+    parses is complete even without its ``\n``. Anything else is damage.
     """
     lines = io.BytesIO(data).readlines()
     sound, sound_bytes = _SoundLines(), 0
@@ -277,7 +273,7 @@ def read_journal_file(path: Path) -> JournalReading:
         data = read_regular_file(path, LARGEST_JOURNAL_BYTES)
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}; {_REPAIR}", path=path) from error
-    return read_journal(data, head=head, source=str(path))
+    return _read_journal(data, head=head, source=str(path))
 
 
 def _may_be_torn(line: bytes) -> bool:
@@ -308,7 +304,11 @@ class _SoundLines:
             chain = self._unchained_bytes.hexdigest()
         else:
             if chain_after(self.chains[-1], link.text) != link.chain:
-                raise ValueError(_why_at_odds(link, number))
+                if link.number in (None, number):
+                    raise ValueError("it was altered after it was written")
+                raise ValueError(
+                    f"it was written as line {link.number}: lines were removed, added or moved"
+                )
             event, chain = JournalEvent.from_line(link.text), link.chain
         self.events.append(event)
         self.chains.append(chain)
@@ -321,12 +321,6 @@ def _unchained_event(line: bytes) -> JournalEvent:
     if not keys.isdisjoint(_CHAIN_KEYS):
         raise ValueError("its chain is damaged")
     return event
-
-
-def _why_at_odds(link: ChainedLine, number: int) -> str:
-    if link.number not in (None, number):
-        return f"it was written as line {link.number}: lines were removed, added or moved"
-    return "it was altered after it was written"
 
 
 def _check_head(head: JournalHead, sound: _SoundLines, source: str) -> None:
@@ -353,31 +347,22 @@ except ModuleNotFoundError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 
-def _utc_now() -> datetime:
-    return datetime.now(UTC)
-
-
-def _new_uid() -> str:
-    return uuid.uuid4().hex
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stamps:
     """Source of time stamps and identities: the computer's clock and random numbers."""
 
-    utc_now: Callable[[], datetime] = _utc_now
-    new_uid: Callable[[], str] = _new_uid
+    utc_now: Callable[[], datetime] = lambda: datetime.now(UTC)
+    new_uid: Callable[[], str] = lambda: uuid.uuid4().hex
 
 
 SYSTEM_STAMPS = Stamps()
 
 
 class JournalWriter:
-    """The one process that may append to a journal, for as long as it holds the lock.
+    """The one process that may append to a journal, for as long as it holds the ``flock``.
 
-    ``flock`` ends with the process, so that a killed one leaves no stale lock. Opening repairs a
-    torn tail: it is cut off and quoted in a ``note`` event. ``examine`` is called with the journal
-    as it was found, before it is repaired; what it raises leaves the journal so.
+    Opening cuts off a torn tail and quotes it in a ``note``, after ``examine`` was called with the
+    journal as it was found; what that raises leaves it so.
     """
 
     def __init__(
@@ -438,12 +423,7 @@ class JournalWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _lock(self) -> None:
@@ -479,7 +459,9 @@ class JournalWriter:
             self.append("note", {"text": reading.remarks[0], "cut_short": text})
         if reading.is_head_missing:
             self.append("note", {"text": f"{HEAD_NAME} was missing; lines may be, at the end"})
-        elif len(mended.events) > mended.unchained and not _is_counted(mended):
+        elif len(mended.events) > mended.unchained and (
+            mended.head is None or mended.head.lines != len(mended.events)
+        ):
             self._replace_head(JournalHead(lines=len(mended.events), chain=mended.chain))
 
     def _refusal(self, error: OSError) -> SessionError:
@@ -517,11 +499,9 @@ class JournalWriter:
         self._size = os.fstat(self._descriptor).st_size
 
     def _replace_head(self, head: JournalHead) -> None:
-        """Make the lines durable, and then replace the head, whole or not at all.
+        """Make the lines durable, and replace the head, at once.
 
-        The disk works at the lines and at the head's part at once. The head's name is durable with
-        the next line: a file system's journal keeps the order, and a head that lags behind is no
-        fault.
+        The head's name is durable with the next line; a head that lags behind is no fault.
         """
         path = self._path.with_name(HEAD_NAME)
         with open_part(path) as file:
@@ -533,10 +513,6 @@ class JournalWriter:
             finally:
                 lines.result()
         path.with_name(path.name + PART_SUFFIX).replace(path)
-
-
-def _is_counted(reading: JournalReading) -> bool:
-    return reading.head is not None and reading.head.lines == len(reading.events)
 
 
 def lock_exclusively(descriptor: int) -> None:

@@ -1,7 +1,4 @@
-"""Read a capture session, and check that it is what was captured.
-
-What was planned and captured is in journal, plan and records; `verify` looks at every file's bytes.
-"""
+"""Read a capture session, and check every file's bytes against journal, plan and records."""
 
 import hashlib
 import math
@@ -376,7 +373,7 @@ def _read(path: Path, most_bytes: int) -> bytes:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FileCheck:
+class _FileCheck:
     """Check of one file of a session against the journal; ``uid`` is its capture's, if any."""
 
     file: str
@@ -387,22 +384,15 @@ class FileCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VerifyReport:
-    """Check of every file of a session that the journal names or that lies beside those.
+    """Check of every file of a session: ``faults``, and ``remarks`` on what is odd but none."""
 
-    ``faults`` are sentences on what is at odds within the session, each naming the journal's line;
-    ``remarks`` on what is odd but no fault.
-    """
-
-    files: tuple[FileCheck, ...]
+    files: tuple[_FileCheck, ...]
     faults: tuple[str, ...]
     remarks: tuple[str, ...]
 
     @property
     def is_ok(self) -> bool:
-        """Whether nothing is at odds, and every file is known, there and unchanged.
-
-        What is missing or changed of a superseded capture does not count: nothing uses it.
-        """
+        """Whether nothing is at odds, and every file that is in use is known and unchanged."""
         return not self.faults and not any(
             check.state in ("missing", "changed") and not check.is_superseded
             for check in self.files
@@ -432,7 +422,7 @@ def verify(path: Path) -> VerifyReport:
         number, document = journaled[record.uid]
         states, odd = _check_capture(path, record, document)
         checks += [
-            FileCheck(file=file, state=state, uid=record.uid, is_superseded=capture.is_superseded)
+            _FileCheck(file=file, state=state, uid=record.uid, is_superseded=capture.is_superseded)
             for file, state in states.items()
         ]
         faults += [
@@ -448,10 +438,10 @@ def verify(path: Path) -> VerifyReport:
             else f"{JOURNAL_NAME} holds no start of a run; restore it from a copy, or run the "
             "capture command again, which begins the session"
         )
-    checks += [FileCheck(file=file, state="unjournaled") for file in unknown]
+    checks += [_FileCheck(file=file, state="unjournaled") for file in unknown]
     known = {check.file for check in checks}
     leftovers = [file for file in found_files(path) if file not in known]
-    checks += [FileCheck(file=file, state="unfinished") for file in leftovers]
+    checks += [_FileCheck(file=file, state="unfinished") for file in leftovers]
     remarks = [
         f"{f} is left from a run that was killed while writing; delete it" for f in leftovers
     ]
@@ -460,12 +450,12 @@ def verify(path: Path) -> VerifyReport:
     )
 
 
-def _check_manifest(session: Session) -> FileCheck:
+def _check_manifest(session: Session) -> _FileCheck:
     starts = [event for event in session.events if event.kind == "start"]
     if not starts:
-        return FileCheck(file=MANIFEST_NAME, state="unjournaled")
+        return _FileCheck(file=MANIFEST_NAME, state="unjournaled")
     expected = str(starts[0].facts.get("session_sha256"))
-    return FileCheck(file=MANIFEST_NAME, state=file_state(session.path / MANIFEST_NAME, expected))
+    return _FileCheck(file=MANIFEST_NAME, state=file_state(session.path / MANIFEST_NAME, expected))
 
 
 def _differs_from_plan(record: CaptureRecord, entry: PlanEntry | None) -> str | None:

@@ -128,11 +128,10 @@ class Manifest:
 
 
 def camera_snapshot(camera: Camera) -> dict[str, Any]:
-    """Identity and settings of the camera, as read back from it.
+    """Identity and settings of the camera, as read back from it, and what it states itself.
 
-    Names follow the GenICam Standard Features Naming Convention: ``ExposureTime`` in us,
-    ``Gain`` in dB (null if it is in counts), ``AcquisitionFrameRate`` in Hz, ``BlackLevel`` in DN.
-    What the camera itself states is under ``stated``.
+    Names follow the GenICam Standard Features Naming Convention: ``ExposureTime`` in us, ``Gain``
+    in dB (null if in counts), ``BlackLevel`` in DN.
     """
     settings = camera.settings
     return {
@@ -376,10 +375,8 @@ def _adapter() -> TypeAdapter[CaptureRecord]:
 class Take:
     """The averaged frames of a plan entry, with height, times and settings.
 
-    ``settings`` are as read back from the camera; of a bracket, the exposures behind ``averaged``,
-    they have the shortest. ``height_mm`` is read back from the stage, never the one requested;
-    ``focus_value`` is None for flat and dark captures; ``started`` and ``finished`` are the
-    computer's clock around the exposure. ``raw_frames`` are stored beside it.
+    Settings and height are as read back; of a bracket the settings have its shortest exposure.
+    ``focus_value`` is None for flat and dark captures.
     """
 
     averaged: AveragedFrames

@@ -30,20 +30,19 @@ from acquisition.session.record import CaptureRecord, Manifest, utc_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LostLine:
+class _LostLine:
     """A line that was not taken over; its text is empty if it is gone."""
 
     number: int
     text: str = ""
 
 
-def _vouched_lines(data: bytes, counted: int) -> tuple[list[JournalEvent], list[LostLine]]:
+def _vouched_lines(data: bytes, counted: int) -> tuple[list[JournalEvent], list[_LostLine]]:
     """Take a damaged journal apart: events that can be vouched for, in order, and what is lost.
 
-    A chained line is vouched for by its chain after that of the line before it, stated or computed.
-    Where the line before it is gone, its text alone speaks for it. Lines that were moved come back
-    to their places. Of lines without a chain, those that parse are taken over. ``counted`` is the
-    number of lines that the journal had, as far as it is known.
+    A chained line is vouched for by its chain; where the line before it is gone, its text alone
+    speaks. Lines that were moved come back to their places. Of lines without a chain, those that
+    parse are taken over. ``counted`` is how many lines there were, as far as known.
     """
     unchained: list[JournalEvent] = []
     links = _Links()
@@ -75,7 +74,7 @@ def _vouched_lines(data: bytes, counted: int) -> tuple[list[JournalEvent], list[
     for number in range(1, max([counted, *links.by_number, 0]) + 1):
         if number not in seen:
             lost.setdefault(number, "")
-    return kept, [LostLine(number=number, text=lost[number]) for number in sorted(lost)]
+    return kept, [_LostLine(number=number, text=lost[number]) for number in sorted(lost)]
 
 
 class _Links:
@@ -134,14 +133,13 @@ _QUOTED = 300
 class RepairReport:
     """What became of a damaged journal.
 
-    ``kept_as`` is where the old journal is; None if it was sound and nothing was done. ``lines``
-    were taken over, ``lost`` were not. Captures were ``recovered`` from their files; files
-    ``left_out`` lie among them, but no line names them and they are no captures of this session.
+    ``kept_as`` is None if it was sound. Captures were ``recovered`` from their files; those
+    ``left_out`` are no captures of this session.
     """
 
     kept_as: Path | None = None
     lines: int = 0
-    lost: tuple[LostLine, ...] = ()
+    lost: tuple[_LostLine, ...] = ()
     recovered: tuple[FoundCapture, ...] = ()
     left_out: tuple[FoundCapture, ...] = ()
 
@@ -182,10 +180,8 @@ class RepairReport:
 def repair_session(path: Path, stamps: Stamps = SYSTEM_STAMPS) -> RepairReport:
     """Replace a damaged journal by what can be vouched for; the old one is kept.
 
-    A line is taken over if its chain, or for an older journal its own text, vouches for it. A
-    capture whose line is lost is brought back from the record in its file, if the file's seal says
-    that it is as it was written; an older version's has none, which is noted. Lost decisions, such
-    as an exclusion, are quoted in a note.
+    A line is taken over if its chain, or for an older journal its own text, vouches for it, a
+    capture whose line is lost from its sealed file. Lost decisions are quoted in a note.
     """
     journal = path / JOURNAL_NAME
     manifest = _manifest(path / MANIFEST_NAME)
@@ -348,16 +344,16 @@ def _with_start(
 
 def _without_orphans(
     events: Iterable[JournalEvent],
-) -> tuple[list[JournalEvent], list[LostLine]]:
+) -> tuple[list[JournalEvent], list[_LostLine]]:
     """Leave out decisions about captures that are gone, and captures that come twice."""
     kept: list[JournalEvent] = []
-    orphans: list[LostLine] = []
+    orphans: list[_LostLine] = []
     captured: set[str] = set()
     for number, event in enumerate(events, start=1):
         about = event.facts.get("supersedes" if event.kind == "retake" else "capture")
         is_decision = event.kind in ("retake", "exclude", "include", "height")
         if (is_decision and about not in captured) or event.uid in captured:
-            orphans.append(LostLine(number=number, text=event.to_text(number).decode()))
+            orphans.append(_LostLine(number=number, text=event.to_text(number).decode()))
             continue
         if event.kind == "capture":
             captured.add(event.uid)

@@ -1,7 +1,4 @@
-"""Create or reopen a session and add captures, so that a kill at any byte loses nothing.
-
-An operator decides about it afterwards: exclude, include or retake a capture, or note.
-"""
+"""Create or reopen a session and add captures, so that a kill at any byte loses nothing."""
 
 import hashlib
 import math
@@ -11,7 +8,6 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -68,10 +64,8 @@ SPARE_BYTES = 64 * 2**20
 class SessionWriter:
     """The only process that writes a session; a context manager that releases it.
 
-    Opening creates the session if there is none, and otherwise resumes it: ``path`` is new, empty,
-    or a session with the same plan, bench and devices. The journal's ``flock`` is held until
-    ``close``. There is no bench for photographs that come from elsewhere; ``devices`` are snapshots
-    under ``camera`` and ``stage``, for those that exist.
+    Opening creates the session, or resumes one with the same plan, bench and devices; the journal's
+    ``flock`` is held until ``close``. Photographs from elsewhere have no bench.
     """
 
     def __init__(
@@ -177,10 +171,7 @@ class SessionWriter:
         return self._store(images, take.raw_frames)
 
     def add_photograph(self, entry: PlanEntry, photograph: Photograph) -> CaptureRecord:
-        """Store a photograph as a capture of one frame, or of as many as it is the mean of.
-
-        Its height is the entry's, as stated by whoever imports it.
-        """
+        """Store a photograph as a capture of one frame, or of as many as it is the mean of."""
         image_dn = photograph.image_dn
         now = utc_text(self._stamps.utc_now())
         record = CaptureRecord(
@@ -217,12 +208,7 @@ class SessionWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _begin(
@@ -414,10 +400,7 @@ def _write_failure(path: Path, error: OSError) -> SessionError:
 
 
 class SessionNotes:
-    """Journals the decisions of ``operator`` about the session at ``path``.
-
-    Each call locks the session while it writes, so that it is refused while a run is writing.
-    """
+    """Journals the decisions of ``operator`` about a session, locked for each call."""
 
     def __init__(
         self,
@@ -479,10 +462,7 @@ class SessionNotes:
             return journal.append("note", {"text": text, "operator": self._operator})
 
     def set_aside(self, reason: str) -> tuple[dict[str, str], ...]:
-        """Move the files that the journal does not name out of the folders of captures.
-
-        Returns of each file its name (``file``), the new one (``to``) and its ``sha256``.
-        """
+        """Move unnamed files out of the folders of captures; return their names and hashes."""
         source = str(self._path / JOURNAL_NAME)
         with self._open() as journal:
             captures = captures_of(journal.events, source=source)

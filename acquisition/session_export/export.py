@@ -66,8 +66,7 @@ def write_export(
 ) -> ExportSummary:
     """Write the captures of a session, neither superseded nor excluded, in another format.
 
-    One capture is held in memory at a time. What fails, or is interrupted, leaves what was at
-    ``request.out`` before.
+    What fails, or is interrupted, leaves what was at ``request.out`` before.
     """
     if not session.records:
         raise ExportError(f"session {session.path} has no captures to export")
@@ -111,10 +110,7 @@ def _writer(format_: ExportFormat) -> Callable[[Path, ExportSource], None]:
 
 @contextmanager
 def _put_in_place(out: Path) -> Iterator[Path]:
-    """Give a path for a file or folder; at the end it takes the place of ``out``.
-
-    What fails before leaves ``out`` as it was, and nothing beside it.
-    """
+    """Give a path for a file or folder; at the end it takes the place of ``out``."""
     refuse_capture(out)
     hidden = f".{out.name}"
     clear_parts(out.parent, hidden)

@@ -31,10 +31,7 @@ _FIRST_RECORD = 2
 
 
 class _OmeDocument:
-    """OME-XML of an export, made image by image; ``to_bytes`` at the end.
-
-    ``has_pixels_here`` is whether the pixels lie in the TIFF file that holds the XML.
-    """
+    """OME-XML of an export, made image by image, for the TIFF file that holds it or a folder."""
 
     def __init__(self, source: ExportSource, *, has_pixels_here: bool) -> None:
         self._source = source

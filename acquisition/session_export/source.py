@@ -12,10 +12,7 @@ from acquisition.session import CaptureImages, CaptureRecord, Session
 class ExportSource:
     """A session to export, read capture by capture.
 
-    ``provenance`` is that of the export, as documents hold it: version, created, command and
-    inputs. ``scale_at`` returns the scale in px/mm at a height in mm, for captures that have none
-    of their own; None where it is not known. ``progress`` is called with the number of captures
-    read.
+    ``scale_at`` returns the scale in px/mm at a height, for captures that have none of their own.
     """
 
     session: Session

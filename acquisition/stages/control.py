@@ -27,9 +27,7 @@ _TRIES = 5
 class ManualStage:
     """Asks the operator to set each height and to state the reading of the scale.
 
-    It is homed once a height has been stated. The time limits of the contract do not apply to a
-    person. ``ask`` shows a question and returns the answer; an empty one confirms the requested
-    height.
+    It is homed once a height has been stated; an empty answer confirms the requested height.
     """
 
     def __init__(self, config: StageConfig, *, ask: Callable[[str], str]) -> None:

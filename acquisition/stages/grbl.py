@@ -81,12 +81,11 @@ _UNLOCK_NEEDS_HOMING = (LIMIT_PRESSED, UNLOCKS_BY_HOMING)
 """grblHAL refuses to unlock where homing is the only way out."""
 
 
-class GrblAxis:
-    """A `MotorAxis` that moves with jogs.
+class _GrblAxis:
+    """A `MotorAxis` that moves with jogs; `connect` begins the dialogue.
 
-    A height is the controller's position, counted upwards, plus ``home_offset_mm``. `connect`
-    begins the dialogue; the constructor sends nothing. ``reference_error_mm`` is the true height
-    minus the height read, as found by the last homing; None if not measured.
+    A height is the controller's position, counted upwards, plus ``home_offset_mm``.
+    ``reference_error_mm`` is the true height minus the height read, as found by the last homing.
     """
 
     traits = AxisTraits(
@@ -257,8 +256,7 @@ class GrblAxis:
         """Synchronise with the controller and check its settings; moves nothing.
 
         A controller that gives evidence that it is homed is believed: grblHAL's ``H:`` field,
-        unless it keeps that through resets (``$22`` bit 7). Grbl 1.1 gives none. One that is in a
-        state in which it answers no queries is ``reset`` first.
+        unless it keeps that through resets (``$22`` bit 7). Grbl 1.1 gives none.
         """
         if reset:
             self.controller.reset()
@@ -350,11 +348,7 @@ class GrblAxis:
         self.reference_error_mm, self._found = None, ()
 
     def check_reference(self, deadline: float, stop: Event) -> None:
-        """See `MotorAxis.check_reference`.
-
-        A stage that believes it is homed creeps to where its switch should be; the error it
-        finds is `reference_error_mm`. One beyond the repeatability of a switch is a warning.
-        """
+        """See `MotorAxis.check_reference`: a homed stage creeps to where its switch should be."""
         if not self.is_position_known or self._home_mm is None or self._setup is None:
             return
         error_mm = reference_error_mm(
@@ -424,7 +418,7 @@ class GrblAxis:
 
 
 def reference_error_mm(
-    axis: GrblAxis, setup: GrblSetup, *, home_mm: float, deadline: float, stop: Event
+    axis: _GrblAxis, setup: GrblSetup, *, home_mm: float, deadline: float, stop: Event
 ) -> float | None:
     """Height error of a homed stage: true height minus the height it reads.
 
@@ -458,7 +452,7 @@ def reference_error_mm(
 
 
 def _seek(
-    axis: GrblAxis, target_mm: float, feed_mm_per_min: float, deadline: float
+    axis: _GrblAxis, target_mm: float, feed_mm_per_min: float, deadline: float
 ) -> float | None:
     """Height at which the switch triggers on the way; None if it does not."""
     axis.jog(target_mm, feed_mm_per_min)
@@ -483,7 +477,7 @@ def _seek(
     raise DeviceTimeoutError(f"{axis.name}: the check of the home switch did not end")
 
 
-def _leave_switch(axis: GrblAxis, pull_off_mm: float, deadline: float, stop: Event) -> None:
+def _leave_switch(axis: _GrblAxis, pull_off_mm: float, deadline: float, stop: Event) -> None:
     """Go back in steps of the pull-off until the switch is released."""
     for _ in range(_LEAVE_STEPS):
         report = axis.controller.status()
@@ -511,12 +505,11 @@ def open_grbl_stage(
     """Open the port of a bench file and begin the dialogue; moves nothing.
 
     ``first`` is sent before any query: ``stop`` cancels a jog that another program left running,
-    ``reset`` ends a state in which the controller answers no queries. ``stopped`` is called once
-    the stage stands, after ``stop``; what comes then may still fail.
+    ``reset`` ends a state without answers. ``stopped`` is called once the stage stands.
     """
     link = open_stage_link(config, name="the Grbl stage")
     controller = GrblController(link, clock=monotonic)
-    axis = GrblAxis(config, controller, clock=monotonic, sleep=sleep)
+    axis = _GrblAxis(config, controller, clock=monotonic, sleep=sleep)
     stage = MotorStage(config, axis, clock=monotonic, sleep=sleep)
     try:
         if first == "stop":

@@ -50,7 +50,7 @@ _WAITS_FOR = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GrblFirmware:
+class _GrblFirmware:
     """What ``$I`` reports."""
 
     family: Literal["Grbl", "grblHAL"]
@@ -61,22 +61,19 @@ class GrblFirmware:
 
 
 @dataclass(slots=True)
-class Heard:
-    """What came besides answers while the dialogue was being synchronised.
-
-    Whether a greeting came, a line that is not Grbl's, and the version of a Grbl before 1.1.
-    """
+class _Heard:
+    """What came while synchronising: a greeting, lines not Grbl's, a version before 1.1."""
 
     booted: bool = False
     garbage: bytes = b""
     old_version: str | None = None
 
 
-def read_firmware(feedback: tuple[Feedback, ...]) -> GrblFirmware:
+def _read_firmware(feedback: tuple[Feedback, ...]) -> _GrblFirmware:
     """Read the answer to ``$I``, of which the version is the one line that has to be there."""
     lines = {message.kind: message.text for message in feedback}
     version, _, user_text = lines["VER"].partition(":")
-    return GrblFirmware(
+    return _GrblFirmware(
         family="grblHAL" if lines.get("FIRMWARE") == GRBLHAL else "Grbl",
         version=version,
         user_text=user_text,
@@ -85,7 +82,7 @@ def read_firmware(feedback: tuple[Feedback, ...]) -> GrblFirmware:
     )
 
 
-def too_old_error(name: str, version: str) -> DeviceProtocolError:
+def _too_old_error(name: str, version: str) -> DeviceProtocolError:
     """Return the error for a Grbl that has no jogs and tells its alarms in words."""
     return DeviceProtocolError(
         f"{name} runs Grbl {version}; Grbl 1.1 is needed: flash Grbl 1.1 or grblHAL onto the "
@@ -107,8 +104,8 @@ def in_alarm_error(name: str, alarm: Alarm) -> StageAlarmError:
     return StageAlarmError(f"{name} is in alarm: {alarm.text}; {alarm.remedy}", code=alarm.code)
 
 
-def no_version_error(
-    name: str, refusal: ErrorReply | None, heard: Heard, alarm: Alarm | None
+def _no_version_error(
+    name: str, refusal: ErrorReply | None, heard: _Heard, alarm: Alarm | None
 ) -> DeviceError:
     """Return the error for a controller that does not report its version."""
     if refusal is not None and refusal.code == NOT_IDLE:
@@ -163,13 +160,13 @@ class _GrblAnswer:
 class GrblController:
     """One controller on an open link: asks and listens, and decides nothing.
 
-    `is_position_known` is set by the code that homes, and reset here by a greeting or an alarm.
-    One exchange at a time; a stop may come from another thread.
+    `is_position_known` is set by the code that homes, and reset here by a greeting or an alarm. One
+    exchange at a time; a stop may come from another thread.
     """
 
     def __init__(self, link: SerialLink, *, clock: Callable[[], float]) -> None:
         self.is_position_known = False
-        self.firmware: GrblFirmware | None = None
+        self.firmware: _GrblFirmware | None = None
         self.alarm: Alarm | None = None
         self.offset: tuple[float, ...] | None = None
         self.last_report: StatusReport | None = None
@@ -193,15 +190,12 @@ class GrblController:
         self._link.write(byte)
 
     def get_in_step(self, timeout_s: float = _BOOT_TIMEOUT_S, *, may_boot: bool = False) -> None:
-        """Synchronise the dialogue: silence, ``$I``, an answer with ``[VER:``.
-
-        ``may_boot`` is whether a greeting is expected: after opening and after our own reset.
-        """
+        """Synchronise the dialogue: silence, perhaps a greeting, ``$I``, the answer ``[VER:``."""
         with self._lock:
             self._is_in_step = False
             was_known = self.is_position_known
             deadline = self._clock() + timeout_s
-            heard = Heard()
+            heard = _Heard()
             self._hush(heard)
             while True:
                 self._link.write(encode_line("$I"))
@@ -210,13 +204,13 @@ class GrblController:
                 if answer is not None and refusal is None:
                     break
                 if heard.old_version is not None:
-                    raise too_old_error(self.name, heard.old_version)
+                    raise _too_old_error(self.name, heard.old_version)
                 if refusal is not None:
                     self._refuse_endless_state(refusal)
                 if self._clock() >= deadline:
-                    raise no_version_error(self.name, refusal, heard, self.alarm)
+                    raise _no_version_error(self.name, refusal, heard, self.alarm)
                 self._hush(heard)
-            self.firmware = read_firmware(answer.feedback)
+            self.firmware = _read_firmware(answer.feedback)
             # An ok that came late must not answer the next line.
             self._hush(heard)
             self._is_in_step = True
@@ -326,7 +320,7 @@ class GrblController:
             version = old_grbl_version(line)
             if version is None:
                 raise
-            raise too_old_error(self.name, version) from None
+            raise _too_old_error(self.name, version) from None
         self._take(message)
         return message
 
@@ -376,12 +370,12 @@ class GrblController:
             f"{self.name} was reset or lost power; its position is no longer known: home it again"
         )
 
-    def _hush(self, heard: Heard) -> None:
+    def _hush(self, heard: _Heard) -> None:
         """Wait for silence."""
         for line in self._link.drain(_QUIET_S, _NOISE_TIMEOUT_S):
             self._sift(line, heard)
 
-    def _sift(self, line: bytes, heard: Heard) -> GrblMessage | None:
+    def _sift(self, line: bytes, heard: _Heard) -> GrblMessage | None:
         """Keep what a line says about the controller itself; None if it is not a message."""
         heard.old_version = old_grbl_version(line) or heard.old_version
         try:
@@ -395,7 +389,7 @@ class GrblController:
             self._hear_alarm(message)
         return message
 
-    def _listen_for_version(self, heard: Heard) -> _GrblAnswer | None:
+    def _listen_for_version(self, heard: _Heard) -> _GrblAnswer | None:
         """What came after ``[VER:`` up to the ok; stale answers before it are skipped."""
         feedback: list[Feedback] = []
         refusal: ErrorReply | None = None

@@ -62,11 +62,7 @@ class _HeightAxis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrblSetup:
-    """The settings that homing depends on.
-
-    ``towards_switch`` is the sign of the machine direction towards the home switch; ``homing_s``
-    is the longest homing by travel and rates, 0 where they are not stated.
-    """
+    """The settings that homing depends on; ``homing_s`` is its longest time, 0 if not stated."""
 
     is_homing_enabled: bool
     keeps_homed_on_reset: bool
@@ -180,11 +176,8 @@ class _EnvelopeFault:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WorkEnvelope:
-    """Heights between which the controller moves the stage.
-
-    ``shortened_at`` names the ends at which it keeps off by the pull-off.
-    """
+class _WorkEnvelope:
+    """Heights between which the controller moves, and the ends that the pull-off shortens."""
 
     low_mm: float
     high_mm: float
@@ -238,12 +231,11 @@ def work_envelope(
     *,
     family: Literal["Grbl", "grblHAL"],
     sets_origin: bool,
-) -> WorkEnvelope | None:
-    """Return the work envelope that a controller's settings make; None if they state no travel.
+) -> _WorkEnvelope | None:
+    """Return the work envelope that settings by number make; None if they state no travel.
 
-    ``settings`` are values by number, as the controller lists them; ``$27`` is needed. grblHAL
-    keeps off both ends where hard limits are on. ``sets_origin`` is whether homing sets the
-    position to 0 where it ends, instead of counting from the switch.
+    ``$27`` is needed. grblHAL keeps off both ends where hard limits are on. ``sets_origin`` is
+    whether homing sets the position to 0 where it ends.
     """
     scale = height_axis(config)
     number = _FIRST_TRAVEL + scale.index
@@ -263,7 +255,7 @@ def work_envelope(
             far_mm -= inwards * pull_off_mm
             shortened_at.append("far")
     low_mm, high_mm = sorted((scale.height_mm(home_mm), scale.height_mm(far_mm)))
-    return WorkEnvelope(
+    return _WorkEnvelope(
         low_mm=low_mm,
         high_mm=high_mm,
         travel_mm=travel_mm,
@@ -275,14 +267,10 @@ def work_envelope(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ExpectedEnvelopes:
-    """What ``stage.expected_settings`` tells of the work envelope, without asking the controller.
+    """What ``stage.expected_settings`` tells of the most and least that the controller reaches."""
 
-    What the controller reaches at most and at least, whatever is not named; None if not even travel
-    and pull-off are. ``unnamed`` settings would tell the rest.
-    """
-
-    largest: WorkEnvelope | None
-    smallest: WorkEnvelope | None
+    largest: _WorkEnvelope | None
+    smallest: _WorkEnvelope | None
     unnamed: tuple[str, ...]
 
 

@@ -241,7 +241,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class StoredLine:
+class _StoredLine:
     """One line of ``$N``, such as ``$N0=G54``: what the controller runs after a start."""
 
     number: int
@@ -257,7 +257,7 @@ class Feedback:
 
 
 @dataclass(frozen=True, slots=True)
-class StartupLine:
+class _StartupLine:
     """``>G54:ok``: the controller ran a stored line; its ok answers nothing of ours."""
 
     text: str
@@ -267,8 +267,8 @@ class StartupLine:
 class StatusReport:
     """``<Idle|MPos:..|..>``; positions in the unit of ``$13``, in the order of `AXES`.
 
-    Grbl sends machine or work positions (``$10``), and occasionally the offset between them.
-    ``passed_over`` names what is not known here: fields, the state, its sub-state.
+    Machine or work positions (``$10``), and now and then the offset; ``passed_over`` names the
+    unknown.
     """
 
     state: str
@@ -295,7 +295,15 @@ class StatusReport:
 
 
 GrblMessage = (
-    Ok | ErrorReply | Alarm | Banner | Setting | StoredLine | Feedback | StartupLine | StatusReport
+    Ok
+    | ErrorReply
+    | Alarm
+    | Banner
+    | Setting
+    | _StoredLine
+    | Feedback
+    | _StartupLine
+    | StatusReport
 )
 
 _BANNER = re.compile(r"Grbl(HAL)? \d", re.IGNORECASE)
@@ -324,20 +332,14 @@ def encode_line(text: str) -> bytes:
 
 
 def jog_command(axis: str, position_mm: float, feed_mm_per_min: float) -> str:
-    """Return the command for an absolute jog in mm and machine coordinates.
-
-    ``G53`` makes it independent of work offsets that another program may have left.
-    """
+    """Return the command for an absolute jog in mm, independent of work offsets by ``G53``."""
     if not (isfinite(position_mm) and isfinite(feed_mm_per_min) and feed_mm_per_min > 0):
         raise ValueError(f"not a jog: {position_mm} mm at {feed_mm_per_min} mm/min")
     return f"$J=G90G21G53{axis}{position_mm:.3f}F{feed_mm_per_min:.1f}"
 
 
 def parse_line(line: bytes) -> GrblMessage:
-    """Parse one line without its end.
-
-    A greeting or an alarm is recognised even after noise: both invalidate the position.
-    """
+    """Parse a line; greetings and alarms, which invalidate the position, also after noise."""
     try:
         # Texts of grblHAL, such as the name of a network, are UTF-8; noise hardly ever is.
         text = line.decode("utf-8").strip()
@@ -398,11 +400,11 @@ def _pushed(text: str) -> GrblMessage | None:
     if not text.isprintable():
         return None
     if text.startswith(">"):
-        return StartupLine(text[1:])
+        return _StartupLine(text[1:])
     if found := _SETTING.fullmatch(text):
         return Setting(int(found[1]), found[2])
     if found := _STORED_LINE.fullmatch(text):
-        return StoredLine(int(found[1]), found[2])
+        return _StoredLine(int(found[1]), found[2])
     if found := _FEEDBACK.fullmatch(text):
         return Feedback(found[1], found[2])
     return None

@@ -28,10 +28,7 @@ POLL_S = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisReading:
-    """Height, and whether the motor is running, queried one after the other.
-
-    ``state`` is the word of the controller for what it is doing.
-    """
+    """Height, the controller's word for what it is doing, and whether the motor is running."""
 
     height_mm: float
     is_moving: bool
@@ -42,10 +39,8 @@ class AxisReading:
 class AxisTraits:
     """How a controller differs from others in reading and stopping.
 
-    ``repeat_mm`` is the largest difference between two readings of an axis at rest.
-    `_MotorAxis.cancel` ends homing if ``is_homing_cancellable``; otherwise only `_MotorAxis.abort`
-    does. After the errors ``may_move_after`` of a move the motor may still be running and has to be
-    stopped.
+    ``repeat_mm`` is the largest difference between two readings at rest. After the errors
+    ``may_move_after`` of a move the motor may still be running and has to be stopped.
     """
 
     repeat_mm: float
@@ -53,7 +48,7 @@ class AxisTraits:
     may_move_after: tuple[type[DeviceError], ...]
 
 
-class MovableAxis(Protocol):
+class _MovableAxis(Protocol):
     """What `travel` and `halt` need of an axis."""
 
     @property
@@ -62,29 +57,11 @@ class MovableAxis(Protocol):
         ...
 
     def start_move(self, height_mm: float) -> None:
-        """Start a move to a height; returns at once.
-
-        Raises
-        ------
-        StageLimitError, DeviceRefusalError
-            If the controller refuses; nothing moves.
-        DeviceTimeoutError, DeviceProtocolError
-            If the answer was lost or garbled: it may or may not move.
-        """
+        """Start a move to a height; if refused nothing moves, if the answer is lost it may."""
         ...
 
     def wait_until_still(self, height_mm: float, deadline: float) -> float:
-        """Wait until the motor stops and return its height; ``height_mm`` is the target.
-
-        Raises
-        ------
-        StageStalledError
-            If it is moving but comes no nearer.
-        DeviceTimeoutError
-            If it is still moving at the deadline.
-        StageAlarmError
-            If the controller has ended the move: a door, a hold, an alarm.
-        """
+        """Wait until the motor stops and return its height; fails if it stalls or is late."""
         ...
 
     def cancel(self) -> None:
@@ -100,11 +77,11 @@ class MovableAxis(Protocol):
         ...
 
 
-class _MotorAxis(MovableAxis, Protocol):
+class _MotorAxis(_MovableAxis, Protocol):
     """One axis of a controller, in heights; it obeys and reports, and decides nothing.
 
-    Every call may raise the errors of a line: timeout, protocol, disconnected. A call that learns
-    of an alarm or a reset sets ``is_position_known`` to False and raises it.
+    Every call may raise the errors of a line. One that learns of an alarm or a reset sets
+    ``is_position_known`` to False and raises it.
     """
 
     is_position_known: bool
@@ -143,13 +120,7 @@ class _MotorAxis(MovableAxis, Protocol):
         ...
 
     def ready_height_mm(self) -> float:
-        """Height of an axis that is ready to move.
-
-        Raises
-        ------
-        StageNotHomedError, StageAlarmError, DeviceError
-            If it is not ready.
-        """
+        """Height of an axis that is ready to move; fails if it is not."""
         ...
 
     def height_mm(self) -> float:
@@ -171,22 +142,15 @@ class _MotorAxis(MovableAxis, Protocol):
     def check_reference(self, deadline: float, stop: Event) -> None:
         """Find out whether steps were lost since the last homing, where that is possible.
 
-        Raises
-        ------
-        DeviceTimeoutError
-            If it takes too long; it may still be moving.
+        After a `DeviceTimeoutError` it may still be moving.
         """
         ...
 
     def find_reference(self, deadline: float) -> None:
         """Home, and return once the axis is at rest at its reference.
 
-        Raises
-        ------
-        DeviceTimeoutError, DeviceProtocolError
-            If it did not report in time that it is homed; it may still be moving.
-        DeviceError
-            If it found no reference; it has stopped.
+        After a `DeviceTimeoutError` or `DeviceProtocolError` it may still be moving, after others
+        it has stopped.
         """
         ...
 
@@ -217,11 +181,7 @@ def smallest_progress_mm(config: StageConfig, traits: AxisTraits) -> float:
 
 
 class ProgressWatch:
-    """Watches a distance that has to shrink.
-
-    A decrease counts if it is larger than ``least_mm``; it is too late after ``readings`` without
-    one at the earliest.
-    """
+    """Watches a distance that has to shrink by ``least_mm`` within a time and some readings."""
 
     def __init__(self, *, clock: Callable[[], float], least_mm: float, readings: int = 2) -> None:
         self._clock = clock
@@ -262,13 +222,12 @@ def refuse_beyond_limits(height_mm: float, limits_mm: tuple[float, float]) -> No
         )
 
 
-def approach_heights_mm(
+def _approach_heights_mm(
     config: StageConfig, *, start_mm: float, target_mm: float, is_flank_taken: bool
 ) -> list[float]:
-    """Heights to visit in turn, so that the target is approached from the configured side.
+    """One or two heights to visit in turn: the target is approached from the configured side.
 
-    One or two; a target right at a limit may have no room before it. ``is_flank_taken`` is whether
-    the last move already came from that side.
+    ``is_flank_taken`` is whether the last move already came from that side.
     """
     side = 1.0 if config.approach == "from_below" else -1.0
     needed_mm = 0.0 if is_flank_taken else config.backlash_mm
@@ -286,11 +245,7 @@ def move_timeout_s(config: StageConfig) -> float:
 
 
 def home_timeout_s(config: StageConfig, stage: Stage) -> float:
-    """Time for homing: the whole travel once, and the switch twice, slowly.
-
-    A controller homes by a travel and rates of its own, which may be longer and slower than those
-    of the bench file; one that states them is given a quarter more.
-    """
+    """Time for homing, by the bench file or, with a quarter more, by the controller's own rates."""
     stated_s = stage.homing_s if isinstance(stage, HomingStage) else 0.0
     return 30.0 + max(move_timeout_s(config), 1.25 * stated_s)
 
@@ -306,10 +261,7 @@ _ROUNDING_MM = 1e-6
 
 
 class MotorStage:
-    """Approaches heights from one side, and trusts only what it reads back.
-
-    The axis must be connected before the stage is used; `close` closes it.
-    """
+    """Approaches heights from one side with a connected axis; trusts only what it reads back."""
 
     def __init__(
         self,
@@ -405,7 +357,7 @@ class MotorStage:
         self._stop.clear()
         self._refuse_emergency()
         deadline = self._clock() + timeout_s
-        stops_mm = approach_heights_mm(
+        stops_mm = _approach_heights_mm(
             self._config,
             start_mm=self._axis.ready_height_mm(),
             target_mm=height_mm,
@@ -448,10 +400,7 @@ class MotorStage:
         halt(self._axis, clock=self._clock, sleep=self._sleep)
 
     def stop_first(self) -> None:
-        """Stop what another program left running, before any dialogue; return once it stands.
-
-        A controller that was reset or is in alarm has ended its motion.
-        """
+        """Stop what another program left running, before any dialogue; return once it stands."""
         deadline = self._clock() + STOP_TIMEOUT_S
         while True:
             try:
@@ -556,12 +505,12 @@ class MotorStage:
 
 
 def travel(
-    axis: MovableAxis, height_mm: float, *, tolerance_mm: float, deadline: float, stop: Event
+    axis: _MovableAxis, height_mm: float, *, tolerance_mm: float, deadline: float, stop: Event
 ) -> None:
     """Move to a height and wait for arrival; the move is repeated once after a lost answer.
 
-    A `DeviceTimeoutError` says that it has not arrived by the deadline and may be moving, a
-    `StageStoppedError` that it stopped elsewhere, whether or not ``stop`` was set.
+    A `DeviceTimeoutError` says that it may be moving, a `StageStoppedError` that it stopped
+    elsewhere.
     """
     for is_last_try in (False, True):
         if stop.is_set():
@@ -588,11 +537,8 @@ def travel(
             )
 
 
-def halt(axis: MovableAxis, *, clock: Callable[[], float], sleep: Callable[[float], None]) -> None:
-    """Stop under control, and wait until the motor is at rest.
-
-    If it does not stop, the move is aborted, and the position is lost.
-    """
+def halt(axis: _MovableAxis, *, clock: Callable[[], float], sleep: Callable[[float], None]) -> None:
+    """Stop under control and wait for rest; if it does not stop, abort and lose the position."""
     axis.cancel()
     deadline = clock() + STOP_TIMEOUT_S
     while axis.is_moving():
@@ -606,7 +552,7 @@ def halt(axis: MovableAxis, *, clock: Callable[[], float], sleep: Callable[[floa
         sleep(POLL_S)
 
 
-def _told_to_stop(axis: MovableAxis) -> StageStoppedError:
+def _told_to_stop(axis: _MovableAxis) -> StageStoppedError:
     return StageStoppedError(
         f"{axis.name} was told to stop; nothing more was sent", is_asked=True, height_mm=None
     )

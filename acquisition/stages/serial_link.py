@@ -6,7 +6,6 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from time import monotonic
-from types import TracebackType
 from typing import Protocol, Self
 
 import serial
@@ -24,15 +23,10 @@ _MAX_BYTES = 5_000_000
 """About 80 000 lines: some hours of a capture session."""
 
 
-def _now() -> datetime:
-    return datetime.now(UTC)
+class _WireLog:
+    """Appends a line for every line sent (``>``) or received (``<``) and every remark (``#``).
 
-
-class WireLog:
-    """Appends one line for every line sent (``>``) or received (``<``) and every remark (``#``).
-
-    Bytes outside printable ASCII are escaped as in Python. At ``max_bytes`` the file becomes
-    ``<name>.1``, replacing an earlier one, and a new file is started.
+    At ``max_bytes`` the file becomes ``<name>.1``, replacing an earlier one.
     """
 
     def __init__(
@@ -40,7 +34,7 @@ class WireLog:
         path: Path,
         *,
         max_bytes: int = _MAX_BYTES,
-        utc_now: Callable[[], datetime] = _now,
+        utc_now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         self._path = path
         self._max_bytes = max_bytes
@@ -66,12 +60,7 @@ class WireLog:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _write(self, direction: str, text: str) -> None:
@@ -99,7 +88,7 @@ _MAX_LINE_BYTES = 1024
 """No message of the supported protocols is longer."""
 
 
-class BytePort(Protocol):
+class _BytePort(Protocol):
     """An open port; it raises the errors of `acquisition.errors`."""
 
     def read(self) -> bytes:
@@ -120,18 +109,15 @@ class BytePort(Protocol):
 
 
 class SerialLink:
-    """One connection; it knows lines, not what they mean.
-
-    ``name`` is used in error messages; ``clock`` is the same as that of the port's reads.
-    """
+    """One connection to a named device; it knows lines, not what they mean."""
 
     def __init__(
         self,
-        port: BytePort,
+        port: _BytePort,
         *,
         name: str,
         clock: Callable[[], float],
-        log: WireLog | None = None,
+        log: _WireLog | None = None,
     ) -> None:
         self.name = name
         self._port = port
@@ -232,7 +218,7 @@ class SerialLink:
             raise DeviceDisconnectedError(f"{self.name} is closed")
 
 
-class SerialPort:
+class _SerialPort:
     """An open port; translates pyserial's errors into ours."""
 
     def __init__(self, port: serial.Serial) -> None:
@@ -279,7 +265,7 @@ class SerialPort:
 def open_stage_link(config: StageConfig, *, name: str) -> SerialLink:
     """Open the port and the wire log."""
     try:
-        log = WireLog(Path(config.wire_log)) if config.wire_log else None
+        log = _WireLog(Path(config.wire_log)) if config.wire_log else None
     except OSError as error:
         raise BenchConfigError(
             f"stage.wire_log {config.wire_log}: {error.strerror}", keys=("stage.wire_log",)
@@ -299,13 +285,10 @@ def open_serial_port(
     *,
     read_slice_s: float = _READ_SLICE_S,
     write_timeout_s: float = _WRITE_TIMEOUT_S,
-) -> SerialPort:
-    """Open a port exclusively, 8 data bits, no parity, 1 stop bit.
-
-    Opening resets Arduino boards (DTR).
-    """
+) -> _SerialPort:
+    """Open a port exclusively, 8 data bits, no parity, 1 stop bit; DTR resets Arduino boards."""
     try:
-        return SerialPort(
+        return _SerialPort(
             serial.Serial(
                 path,
                 baud_rate,

@@ -96,7 +96,7 @@ _WARNING_TEXTS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ZaberReply:
+class _ZaberReply:
     """``@01 1 07 OK IDLE -- 0``; rejected: ``is_ok`` False and the reason in ``data``."""
 
     device: int
@@ -110,7 +110,7 @@ class ZaberReply:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ZaberAlert:
+class _ZaberAlert:
     """``!01 1 IDLE --``: an unsolicited message that the device's state changed."""
 
     device: int
@@ -121,7 +121,7 @@ class ZaberAlert:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ZaberInfo:
+class _ZaberInfo:
     """``#01 1 07 text``: further lines of a reply."""
 
     device: int
@@ -130,7 +130,7 @@ class ZaberInfo:
     text: str
 
 
-_ZaberMessage = ZaberReply | ZaberAlert | ZaberInfo
+_ZaberMessage = _ZaberReply | _ZaberAlert | _ZaberInfo
 
 _REPLY = re.compile(r"@(\d{2}) (\d)(?: (\d{2}))? (OK|RJ) (IDLE|BUSY) (--|[A-Z]{2}) (.+)")
 _ALERT = re.compile(r"!(\d{2}) (\d) (IDLE|BUSY) (--|[A-Z]{2})(?: (.*))?")
@@ -139,10 +139,7 @@ _CHECKSUM = re.compile(r"(.+):([0-9A-Fa-f]{2})", re.DOTALL)
 
 
 def checksum(text: str) -> int:
-    """Longitudinal redundancy check of the text between the first character and the colon.
-
-    ``1 1 07 move abs 40000`` gives 0xB6.
-    """
+    """Longitudinal redundancy check of a text: ``1 1 07 move abs 40000`` gives 0xB6."""
     return -sum(text.encode("ascii")) & 0xFF
 
 
@@ -170,7 +167,7 @@ def parse_message(line: bytes) -> _ZaberMessage:
             raise DeviceProtocolError(f"wrong checksum: {line[:80]!r}")
         text = found[1]
     if reply := _REPLY.fullmatch(text):
-        return ZaberReply(
+        return _ZaberReply(
             device=int(reply[1]),
             axis=int(reply[2]),
             message_id=_optional(reply[3]),
@@ -181,7 +178,7 @@ def parse_message(line: bytes) -> _ZaberMessage:
             has_checksum=found is not None,
         )
     if alert := _ALERT.fullmatch(text):
-        return ZaberAlert(
+        return _ZaberAlert(
             device=int(alert[1]),
             axis=int(alert[2]),
             is_busy=alert[3] == "BUSY",
@@ -189,7 +186,7 @@ def parse_message(line: bytes) -> _ZaberMessage:
             data=alert[5] or "",
         )
     if info := _INFO.fullmatch(text):
-        return ZaberInfo(
+        return _ZaberInfo(
             device=int(info[1]),
             axis=int(info[2]),
             message_id=_optional(info[3]),
@@ -211,7 +208,7 @@ _MAXSPEED_PER_MICROSTEP_PER_S = 1.6384
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ZaberScale:
+class _ZaberScale:
     """Conversion between heights and microsteps; ``mm_per_step`` is negative downwards."""
 
     mm_per_step: float
@@ -260,11 +257,8 @@ _QUIET_S = 0.1
 _NOISE_TIMEOUT_S = 3.0
 
 
-class ZaberDevice:
-    """One axis on an open link; every command has its own id, so stale replies are ignored.
-
-    ``device`` is the address in the chain, ``axis`` the number of the axis.
-    """
+class _ZaberDevice:
+    """An axis of a device on an open link; commands have ids, so stale replies are ignored."""
 
     def __init__(
         self, link: SerialLink, *, device: int, axis: int, clock: Callable[[], float]
@@ -300,7 +294,7 @@ class ZaberDevice:
             # Firmware before 6.14 has no such setting and sends no checksums.
             self._needs_checksum = reply.is_ok
 
-    def command(self, text: str, *, axis: int | None = None) -> ZaberReply:
+    def command(self, text: str, *, axis: int | None = None) -> _ZaberReply:
         """Send a command and return its reply, which may be a rejection."""
         with self._lock:
             message_id = self._next_id
@@ -311,7 +305,7 @@ class ZaberDevice:
             while True:
                 line = self._link.read_line(max(deadline - self._clock(), 0.0))
                 message = parse_message(line)
-                if not isinstance(message, ZaberReply):
+                if not isinstance(message, _ZaberReply):
                     continue  # alerts and info lines repeat what replies say
                 if message.device != self._device or message.message_id != message_id:
                     continue
@@ -319,7 +313,7 @@ class ZaberDevice:
                     raise DeviceProtocolError(f"{self.name}: reply without checksum: {line!r}")
                 return message
 
-    def ask(self, text: str, *, axis: int | None = None) -> ZaberReply:
+    def ask(self, text: str, *, axis: int | None = None) -> _ZaberReply:
         """Send a command that changes nothing, and repeat it if its reply was lost."""
         reply = self._read_tries(text, axis=axis)
         if not reply.is_ok:
@@ -360,7 +354,7 @@ class ZaberDevice:
             raise DeviceProtocolError(f"{self.name}: {count} warnings announced, {flags} sent")
         return tuple(flags)
 
-    def rejected(self, text: str, reply: ZaberReply) -> DeviceRefusalError:
+    def rejected(self, text: str, reply: _ZaberReply) -> DeviceRefusalError:
         """Return the error that says why a command was rejected."""
         reason = _REJECTIONS.get(reply.data, "see the protocol manual")
         return DeviceRefusalError(
@@ -372,7 +366,7 @@ class ZaberDevice:
         """Close the link; closing twice is harmless."""
         self._link.close()
 
-    def _read_tries(self, text: str, *, axis: int | None = None) -> ZaberReply:
+    def _read_tries(self, text: str, *, axis: int | None = None) -> _ZaberReply:
         for left in reversed(range(READ_TRIES)):
             try:
                 return self.command(text, axis=axis)
@@ -386,17 +380,16 @@ _NO_REFERENCE = ("WR", "WH")
 _DRIVER_OFF = ("FD", "FO", "FH")
 
 
-class ZaberAxis:
-    """A `MotorAxis` that moves to absolute positions in microsteps.
+class _ZaberAxis:
+    """A `MotorAxis` that moves to absolute positions in microsteps; `connect` begins the dialogue.
 
     A height is the position times ``microstep_um``, counted upwards, plus ``home_offset_mm``.
-    `connect` begins the dialogue; the constructor sends nothing.
     """
 
     def __init__(
         self,
         config: StageConfig,
-        device: ZaberDevice,
+        device: _ZaberDevice,
         *,
         clock: Callable[[], float],
         sleep: Callable[[float], None],
@@ -414,14 +407,13 @@ class ZaberAxis:
         self._device = device
         self._clock = clock
         self._sleep = sleep
-        self._scale = ZaberScale.of(config)
+        self._scale = _ZaberScale.of(config)
         self._info = DeviceInfo(vendor="", model="", serial_number="", firmware="", driver="zaber")
 
     def connect(self) -> None:
         """Read its identity, compare its settings and set its speed; moves nothing.
 
-        Without the warnings ``WR`` and ``WH`` the device claims to know its position; that is
-        trusted.
+        Without the warnings ``WR`` and ``WH`` its claim to know its position is trusted.
         """
         self._device.connect()
         model = self._device.number("device.id", axis=0)
@@ -584,7 +576,7 @@ class ZaberAxis:
         """As `is_moving`, but faults and resets are checked."""
         return self._checked().is_busy
 
-    def _checked(self) -> ZaberReply:
+    def _checked(self) -> _ZaberReply:
         """Ask what it is doing; a fault or a reset is an error."""
         reply = self._device.ask("")
         self._watch(reply.warning)
@@ -630,14 +622,14 @@ def open_zaber_stage(
 ) -> MotorStage:
     """Open the port of a bench file and begin the dialogue; moves nothing.
 
-    ``first`` as ``stop`` ends a move that another program left running before anything else is
-    sent. ``stopped`` is called once the stage stands, after that; what comes then may still fail.
+    ``stop`` as ``first`` ends a move that another program left; ``stopped`` is called once the
+    stage stands.
     """
     link = open_stage_link(config, name="the Zaber stage")
-    device = ZaberDevice(
+    device = _ZaberDevice(
         link, device=config.device_address, axis=config.axis_number, clock=monotonic
     )
-    axis = ZaberAxis(config, device, clock=monotonic, sleep=sleep)
+    axis = _ZaberAxis(config, device, clock=monotonic, sleep=sleep)
     stage = MotorStage(config, axis, clock=monotonic, sleep=sleep)
     try:
         if first == "stop":

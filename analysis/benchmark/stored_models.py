@@ -6,7 +6,9 @@ Fields that are not needed are ignored, so that a later version may add some.
 import re
 from typing import Annotated, Generic, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
+
+from acquisition.files import StoredModel
 
 Track = Literal["psf", "simulation", "alignment", "changes"]
 TRACKS: tuple[Track, ...] = ("psf", "simulation", "alignment", "changes")
@@ -45,8 +47,8 @@ Places = Annotated[list[Place], Field(max_length=_MOST_PLACES)]
 Side = Annotated[int, Field(ge=1, le=_MOST_SIDE_PX)]
 
 
-class _Stored(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+class _Stored(StoredModel, allow_inf_nan=False):
+    """Whose numbers are finite."""
 
 
 class ManifestFile(_Stored):
@@ -77,7 +79,7 @@ class TrueEdge(_Stored):
     """Contrast along an edge's normal, or along x or y of a photograph."""
 
     mtf50: float | None = Field(default=None, gt=0)
-    mtf: dict[str, float] = {}
+    mtf: dict[str, float] = {}  # noqa: RUF012 - pydantic copies it
 
     @model_validator(mode="before")
     @classmethod
@@ -144,7 +146,7 @@ class TrueAlignment(_Stored):
     scene: str
     points: Annotated[
         list[tuple[Coordinate, Coordinate, Coordinate, Coordinate]], Field(max_length=_MOST_PLACES)
-    ] = []
+    ] = []  # noqa: RUF012 - pydantic copies it
 
 
 class AlignmentTruth(_Stored):
@@ -208,7 +210,7 @@ class TrueChanges(_Stored):
     changed: bool
     kind: Label
     scene: str
-    spots: Annotated[list[TrueSpot], Field(max_length=_MOST_PLACES)] = []
+    spots: Annotated[list[TrueSpot], Field(max_length=_MOST_PLACES)] = []  # noqa: RUF012 - as above
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -18,6 +18,7 @@ from analysis.detection_limits import (
 from analysis.errors import ResultsFileError
 from analysis.results_file import InfiniteAsNull, ResultsDocument, StoredValues
 from calibration.documents import read_document
+from calibration.estimate import NORMAL_95
 from simulation.arguments import FilePath, checked
 from simulation.choices import PsfForm
 
@@ -253,7 +254,6 @@ def change_table(changes: Sequence[Change]) -> bytes:
     return text.getvalue().encode("utf-8")
 
 
-_NORMAL_95 = 1.96
 _SURE = 3.0
 """Standard errors by which the blur must differ from none, to be said: of equal photographs, once
 in 400 pairs."""
@@ -268,7 +268,7 @@ def describe_focus(found: ChangeSummary) -> str | None:
     value_px2, err_px2 = found.extra_blur_px2, found.extra_blur_err_px2
     if not isfinite(err_px2):
         return None
-    figures = f"{value_px2:+.2f} ± {_NORMAL_95 * err_px2:.2g} px^2"
+    figures = f"{value_px2:+.2f} ± {NORMAL_95 * err_px2:.2g} px^2"
     if found.kernel == "pair" and abs(value_px2) <= _SURE * err_px2:
         return f"the follow-up is as sharp as the reference ({figures})"
     word = "softer" if value_px2 > 0 else "sharper"

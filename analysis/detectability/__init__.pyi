@@ -29,7 +29,6 @@ from .curves import (
 )
 from .dprime import (
     MOST_SCENES as MOST_SCENES,
-    NORMAL_95 as NORMAL_95,
     DPrimeSlopes as DPrimeSlopes,
     capture_response as capture_response,
     d_prime_between as d_prime_between,

@@ -39,6 +39,7 @@ from analysis.detectability.scenario import (
     compared_pair,
     placed_signal,
 )
+from calibration.estimate import NORMAL_95 as NORMAL_95
 from simulation import GaussianPsf, Model, Psf
 from simulation.arrays import FloatArray
 
@@ -291,7 +292,6 @@ def _derivative(image: FloatArray, axis: int) -> FloatArray:
     return np.asarray(np.moveaxis(idst(sines, axis=-1), -1, axis))
 
 
-NORMAL_95 = 1.959963984540054
 _REPLICATES = 1000
 _INTERVAL_PERCENT = (2.5, 97.5)
 

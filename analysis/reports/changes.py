@@ -29,6 +29,7 @@ from analysis.reports.page import (
     encodings_text,
     render_report,
 )
+from calibration.estimate import NORMAL_95
 
 _LISTED = 200
 """Rows of the list in a page; changes.csv has all."""
@@ -38,7 +39,6 @@ _KERNELS = {
     "pair": "fitted to the two photographs",
     "both": "fitted to the two photographs, held to psf.json as far as that is sure",
 }
-_NORMAL_95 = 1.96
 _LEAST_Q = 1e-6
 
 
@@ -139,7 +139,7 @@ def _strongest(change: Change | None) -> str:
 
 def _blur_value(summary: ChangeSummary) -> str:
     err = summary.extra_blur_err_px2
-    reach = f" ± {_NORMAL_95 * err:.2f}" if isfinite(err) else ""
+    reach = f" ± {NORMAL_95 * err:.2f}" if isfinite(err) else ""
     return f"{summary.extra_blur_px2:z.2f}{reach} px²"
 
 
@@ -270,7 +270,7 @@ def _displacement(change: Change) -> tuple[str, str]:
     if change.displacement_px is None or change.displacement_err_px is None:
         return "", ""
     (x, y), (x_err, y_err) = change.displacement_px, change.displacement_err_px
-    return (f"{x:+.1f} ± {_NORMAL_95 * x_err:.1f}", f"{y:+.1f} ± {_NORMAL_95 * y_err:.1f}")
+    return (f"{x:+.1f} ± {NORMAL_95 * x_err:.1f}", f"{y:+.1f} ± {NORMAL_95 * y_err:.1f}")
 
 
 def q_text(q_value: float) -> str:
@@ -279,7 +279,7 @@ def q_text(q_value: float) -> str:
 
 
 def _amplitude(change: Change) -> str:
-    return f"{change.amplitude_dn:+.3g} ± {_NORMAL_95 * change.amplitude_err_dn:.2g}"
+    return f"{change.amplitude_dn:+.3g} ± {NORMAL_95 * change.amplitude_err_dn:.2g}"
 
 
 def _comparison_section(summary: ChangeSummary) -> ReportSection:
@@ -311,7 +311,7 @@ def _comparison_section(summary: ChangeSummary) -> ReportSection:
 
 
 def _with_err(value: float, err: float | None) -> str:
-    return f"{value:.5f}" if err is None else f"{value:.5f} ± {_NORMAL_95 * err:.2g}"
+    return f"{value:.5f}" if err is None else f"{value:.5f} ± {NORMAL_95 * err:.2g}"
 
 
 def _noise_text(summary: ChangeSummary) -> str:

@@ -35,6 +35,7 @@ from analysis.study.edges import (
     width_errors,
 )
 from analysis.study.pupil_errors import BoardSession, pupil_errors
+from calibration.estimate import NORMAL_95
 from simulation.psf import GaussianPsf, Psf
 
 Source = Literal[
@@ -57,8 +58,6 @@ _LEVERS: Mapping[Source, frozenset[_Lever]] = {
     "heights read back": frozenset({"runs"}),
 }
 """What divides the variance by a source: twice as many of it, half the variance."""
-
-NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from joblib import Parallel, delayed, parallel_config
 from numpy.typing import NDArray
 from PIL import Image
 
-from acquisition.session import Session, atomic_write
+from acquisition.session import Session, write_shared
 from analysis.choices import CACHE_VARIABLE, PAPER_TRAINING_STEPS, ValidationModel
 from analysis.design_cache import user_cache_folder
 from analysis.errors import AnalysisError, ResultsFileError
@@ -137,8 +137,8 @@ class KernelCache:
         np.save(buffer, kernel.weights, allow_pickle=False)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            atomic_write(path.with_suffix(".png"), _picture(kernel.weights))
-            atomic_write(path, buffer.getvalue())
+            write_shared(path.with_suffix(".png"), _picture(kernel.weights))
+            write_shared(path, buffer.getvalue())
         except OSError as error:
             raise ResultsFileError(
                 f"cannot write {path}: {error.strerror or error}", source=str(path)

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from acquisition.photographs import LINEAR, ReadOptions, marked_png, read_photograph
-from acquisition.session import atomic_write
+from acquisition.session import write_shared
 from analysis.sweep import SweepOptions
 from benchmarks.harness import Recorder, benchmark
 from simulation import GaussianPsf
@@ -116,7 +116,7 @@ def _write_pairs_one_by_one(photographs: Path, out: Path) -> int:
                     levels = levels[:, :, ::-1]
                 data = cv2.imencode(".png", levels)[1].tobytes()
                 name = out / f"{path.stem}_{count:05d}_{side}.png"
-                atomic_write(name, marked_png(data, photograph.encoding))
+                write_shared(name, marked_png(data, photograph.encoding))
             count += 1
     return count
 

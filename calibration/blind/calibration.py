@@ -50,8 +50,8 @@ def is_clear(edge: EdgeMeasurement) -> bool:
 class _SharpestWidths:
     """Covariance of the PSF, px^2, on which the sharpest edges agree.
 
-    ``covariance_err_px2``, shape (3, 3), is the covariance matrix of the elements (xx, xy, yy),
-    ``softness_px2`` the mean variance that the scene adds, ``edges_used`` the number of edges used.
+    ``covariance_err_px2``, shape (3, 3), is of the elements (xx, xy, yy), ``softness_px2`` the mean
+    variance that the scene adds.
     """
 
     covariance_px2: FloatArray
@@ -60,13 +60,12 @@ class _SharpestWidths:
     edges_used: int
 
 
-def fit_sharpest_widths(
+def _fit_sharpest_widths(
     angles_deg: FloatArray, sigma_px: FloatArray, sigma_err_px: FloatArray
 ) -> _SharpestWidths:
     """Fit the PSF to widths of edges, some of which are soft in the scene itself.
 
-    Angles are those of the edge lines from +x, with y down; at least 12 edges need an error below
-    half of their width.
+    At least 12 edges need an error below half of their width; angles are from +x, y down.
     """
     sure = sigma_err_px < _WIDEST_ERR * sigma_px
     if np.count_nonzero(sure) < FEWEST_EDGES:
@@ -131,8 +130,7 @@ def _covariance(parameters: FloatArray) -> tuple[float, float, float]:
 def _log_modified_gaussian(left: FloatArray, err: FloatArray, mean: float) -> FloatArray:
     """Log density of a Gaussian error plus an exponential variable with this mean.
 
-    Far above the error the tail is exponential; elsewhere the form with erfcx neither overflows
-    nor cancels, however small the mean is.
+    Far above the error the tail is exponential; elsewhere erfcx neither overflows nor cancels.
     """
     ratio, scaled = err / mean, left / err
     below = (ratio - scaled) / sqrt(2)
@@ -189,12 +187,7 @@ def calibrate_from_scene(
     """Measure the PSF from the edges in ordinary photographs (method single-image).
 
     Accurate to some 20 % if the scene's edges are sharper than a pixel, and its errors say so;
-    softer scenes give too wide a PSF. Parameters are those of ``calibrate_psf``.
-
-    Raises
-    ------
-    NoEdgeError
-        If too few edges are clear enough.
+    softer scenes give too wide a PSF.
     """
     edges: list[EdgeMeasurement] = []
     names: list[str] = []
@@ -205,7 +198,7 @@ def calibrate_from_scene(
         progress(done)
     clear = [edge for edge in edges if "saturated" not in edge.flags and is_clear(edge)]
     try:
-        widths = fit_sharpest_widths(
+        widths = _fit_sharpest_widths(
             np.array([edge.angle_deg for edge in clear]),
             np.array([edge.sigma_px for edge in clear]),
             np.array([edge.sigma_err_px for edge in clear]),
@@ -234,26 +227,9 @@ def calibrate_from_distances(
     """Measure the PSF from scenes photographed at two or more distances (method two-distance).
 
     A Gaussian lens is found to 1 %; of others the Gaussian's MTF50 is some 5 % off, and the errors
-    say so.
-
-    Parameters
-    ----------
-    series
-        Photographs of each scene, the nearest first; each of the others is compared with it.
-    zoom
-        Ratio of the distances, if matched features do not suffice to align the photographs; None
-        to align them by their features.
-    region
-        Returns the part of the nearest photograph to use, None for all of it.
-    progress
-        Called with the number of pairs done.
-
-    Raises
-    ------
-    PairError
-        If no pair can be aligned and determines the PSF; the error of the first pair.
-    ValueError
-        If a region is not inside its photograph.
+    say so. ``series`` are photographs of each scene, the nearest first; ``zoom`` is the ratio of
+    the distances where matched features do not suffice, ``region`` returns the part of the nearest
+    to use. A `PairError` is that of the first pair, if none determines the PSF.
     """
     found: list[tuple[EdgeImage, EdgeImage, PairPsf]] = []
     failures: list[tuple[EdgeImage, EdgeImage, PairError]] = []

@@ -61,10 +61,7 @@ class ClippedPixels:
         return cls(near=np.zeros(near_shape, dtype=bool), far=np.zeros(far_shape, dtype=bool))
 
     def away(self, y_px: FloatArray, x_px: FloatArray, reach_px: float, zoom: float) -> BoolArray:
-        """Far pixels with no clipped one within reach, in far pixels, in either photograph.
-
-        ``y_px`` and ``x_px`` are their near coordinates.
-        """
+        """Far pixels with no clipped one within reach in either photograph; near coordinates."""
         beside = _within(self.near, reach_px * zoom)
         rows, cols = (
             np.clip(np.rint(at), 0, most - 1).astype(np.intp)
@@ -78,15 +75,13 @@ class _SmoothAlignment:
     """Near coordinates and gain of every far pixel, each in the shape of the far image.
 
     ``far(p) = gain(p) (blurred near)(y(p), x(p)) + offset``. ``jacobian``, shape (2, 2), is the
-    mean of d(near x, near y) / d(far x, far y) over the overlap. ``correlation`` is that of the
-    two photographs once aligned, slow changes of light removed.
+    mean of d(near x, near y) / d(far x, far y), ``correlation`` that of the aligned photographs.
     """
 
     y_px: FloatArray
     x_px: FloatArray
     gain: FloatArray
     jacobian: FloatArray
-    residual_rms_dn: float
     correlation: float
 
 
@@ -96,11 +91,7 @@ def align_smoothly(
     far_to_near: FloatArray,
     clipped: ClippedPixels | None = None,
 ) -> _SmoothAlignment:
-    """Refine a homography by a smooth displacement and gain.
-
-    The homography maps far to near pixel centres and is accurate to a few px; ``clipped`` far
-    pixels and their neighbours do not count.
-    """
+    """Refine a homography, right to a few px, by a smooth displacement and gain."""
     rows, cols = np.mgrid[: far_dn.shape[0], : far_dn.shape[1]].astype(np.float64)
     start_y, start_x = _projected(far_to_near, rows, cols)
     inside = _inside(start_y, start_x, near_dn.shape)
@@ -115,7 +106,7 @@ def align_smoothly(
     zoom = sqrt(abs(float(np.linalg.det(_mean_jacobian(start_y, start_x, inside)))))
     move_x, move_y = np.zeros(len(moves)), np.zeros(len(moves))
     gain = np.zeros(len(gains))
-    residual_rms = correlation = 0.0
+    correlation = 0.0
     for blur in _BLURS_PX:
         x = start_x + np.tensordot(move_x, moves, axes=1)
         y = start_y + np.tensordot(move_y, moves, axes=1)
@@ -145,7 +136,6 @@ def align_smoothly(
         move_x, move_y = move_x + solution[:count], move_y + solution[count : 2 * count]
         gain = solution[2 * count : -1]
         residual = solution @ design - target
-        residual_rms = float(np.sqrt(np.mean(residual**2)))
         if blur <= _FINE_PX:
             correlation = max(correlation, _correlation(blurred, residual, used))
     x = start_x + np.tensordot(move_x, moves, axes=1)
@@ -156,7 +146,6 @@ def align_smoothly(
         x_px=x,
         gain=np.tensordot(gain, gains, axes=1),
         jacobian=_mean_jacobian(y, x, seen_by_both),
-        residual_rms_dn=residual_rms,
         correlation=correlation,
     )
 
@@ -235,10 +224,9 @@ _REACH = 24  # samples after which the cardinal spline is negligible
 class _InterImageKernel:
     """Normal equations of the weights of the kernel between two photographs.
 
-    ``far(p) = sum_q weights[r + q] near(H p + q) + offset``. The unknowns are the weights, row by
+    ``far(p) = sum_q weights[r + q] near(H p + q) + offset``: the unknowns are the weights, row by
     row, and the offset; r is ``radius_px``, in near pixels. ``normal`` is without the near image's
-    noise, so that it may be negative in directions in which that image has nothing else;
-    ``noisy_normal`` is what the pixels give. ``squares`` is the sum of the squared far pixels.
+    noise, so that it may be negative somewhere; ``noisy_normal`` is what the pixels give.
     """
 
     radius_px: int
@@ -264,9 +252,8 @@ def estimate_kernel(
 ) -> _InterImageKernel:
     """Normal equations of the kernel from a near photograph to a far one.
 
-    The images are linear in light; the kernel reaches ``radius_px`` near pixels and absorbs a
-    remaining shift. The near noise is that of a pixel, 0 where it is not known; pixels whose kernel
-    reaches a ``clipped`` one do not count.
+    The kernel reaches ``radius_px`` near pixels and absorbs a remaining shift. The near noise is
+    that of a pixel, 0 where it is not known.
     """
     points = _far_points(alignment, near_dn.shape, radius_px, clipped)
     unknowns = (2 * radius_px + 1) ** 2 + 1
@@ -403,10 +390,7 @@ _CONVERGED = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairPsf:
-    """Total PSF covariance from two photographs, px^2, and its error.
-
-    ``covariance_err_px2`` is the covariance matrix, shape (3, 3), of the elements (xx, xy, yy).
-    """
+    """Total PSF covariance from two photographs, px^2; its error is of (xx, xy, yy)."""
 
     zoom: float
     covariance_px2: FloatArray
@@ -421,11 +405,7 @@ def pair_psf(
     near_noise_dn2: float = 0.0,
     clipped: ClippedPixels | None = None,
 ) -> PairPsf:
-    """Total PSF from a near and a far photograph.
-
-    The images are linear in light; the homography maps far to near pixel centres. Without the
-    variance of a near pixel's noise, noise is taken for blur.
-    """
+    """Total PSF from a near and a far photograph; without the near noise, noise counts as blur."""
     alignment = align_smoothly(near_dn, far_dn, far_to_near, clipped)
     if alignment.correlation < _LEAST_CORRELATION:
         raise PairError(
@@ -476,10 +456,7 @@ def pair_psf(
 
 
 def combined(pairs: Sequence[PairPsf]) -> tuple[FloatArray, FloatArray]:
-    """Weighted mean of the covariances' elements (xx, xy, yy), and its covariance matrix.
-
-    If the pairs disagree by more than their errors, the errors grow by that factor.
-    """
+    """Weighted mean of the elements (xx, xy, yy), with errors that hold how they disagree."""
     if not pairs:
         raise ValueError("there is no pair of photographs")
     elements = [pair.covariance_px2[[0, 0, 1], [0, 1, 1]] for pair in pairs]
@@ -497,8 +474,7 @@ def combined(pairs: Sequence[PairPsf]) -> tuple[FloatArray, FloatArray]:
 def _gaussian_of(kernel: _InterImageKernel) -> tuple[FloatArray, FloatArray]:
     """Covariance elements (xx, xy, yy) of the Gaussian that fits the pixels best, and their error.
 
-    Gauss-Newton on the squared error of the far pixels, which the normal equations contain in full;
-    the covariance, a shift, a gain and an offset are free.
+    Gauss-Newton on the squared error of the far pixels, with a shift, a gain and an offset free.
     """
     guess = _REACH_SIGMAS / kernel.radius_px
     parameters = np.array([guess**-2, 0.0, guess**-2, 0.0, 0.0, 1.0, 0.0]) * 0.5

@@ -45,9 +45,8 @@ def _nearest_others(
 ) -> FloatArray:
     """Distance to the nearest ridge beside an edge that is not its own, in steps along it.
 
-    One distance in px per px of the edge's length, infinite where there is nothing. ``points`` are
-    x and y of ridge pixels from top to bottom; those within ``own_px`` are the edge's, and none is
-    looked for beyond ``reach_px``.
+    One per px of the edge's length, infinite where nothing is within reach. ``points`` are x and y
+    of ridge pixels from top to bottom; those within ``own_px`` are the edge's.
     """
     c, s = cos(line.normal_rad), sin(line.normal_rad)
     length = 2.0 * line.half_length_px
@@ -71,10 +70,9 @@ def _nearest_others(
 
 @compiled()
 def _stretches_beyond(nearest: FloatArray, least_px: float, margin_steps: int) -> IntArray:
-    """First and last step of each stretch with nothing nearer than ``least_px``.
+    """First and last step of each stretch with nothing nearer than ``least_px``; shape ``(n, 2)``.
 
-    ``nearest`` is as from ``_nearest_others``; a stretch ends ``margin_steps`` before what is too
-    near. Returned is an array of shape ``(stretches, 2)``.
+    A stretch ends ``margin_steps`` before what is too near.
     """
     count = len(nearest)
     stretches = np.empty((count + 1, 2), np.int64)
@@ -121,9 +119,8 @@ def find_edges(
     cell_px: float = _CELL_PX,
     artefacts: ArtefactGradient | None = None,
 ) -> list[EdgeSegment]:
-    """Find straight edges and cut long ones into pieces of about ``cell_px``.
+    """Find straight edges, from top to bottom, and cut long ones into pieces of about ``cell_px``.
 
-    They come from top to bottom. Each piece measures the PSF at its own position in the field.
     Ridges weaker than the ``artefacts`` of compression are no edges, nor near to one.
     """
     rows, cols = image_dn.shape
@@ -210,14 +207,7 @@ def _continuation(line: EdgeSegment, other: EdgeSegment) -> EdgeSegment | None:
     if gap > _widest_gap_px(line):
         return None
     first, last = min(-half, *positions), max(half, *positions)
-    middle = 0.5 * (first + last)
-    return replace(
-        line,
-        x_px=line.x_px - s * middle,
-        y_px=line.y_px + c * middle,
-        length_px=last - first,
-        found_length_px=last - first,
-    )
+    return _part(line, 0.5 * (first + last), last - first)
 
 
 def _sized(pixels: RidgePixels, line: EdgeSegment) -> EdgeSegment:
@@ -247,13 +237,8 @@ def _trimmed(line: EdgeSegment, rows: int, cols: int) -> EdgeSegment:
         0.0 if _to_frame_px(end, outwards, rows, cols) < _LEAVES_PX else corner
         for end, outwards in ((first, -along), (last, along))
     ]
-    middle = 0.5 * (cuts[0] - cuts[1])
-    return replace(
-        line,
-        x_px=line.x_px - middle * sin(line.normal_rad),
-        y_px=line.y_px + middle * cos(line.normal_rad),
-        length_px=max(line.length_px - cuts[0] - cuts[1], 4.0),
-    )
+    middle, length = 0.5 * (cuts[0] - cuts[1]), max(line.length_px - cuts[0] - cuts[1], 4.0)
+    return replace(_part(line, middle, length), found_length_px=line.found_length_px)
 
 
 def _whole_corner_px(sigma_px: float) -> float:

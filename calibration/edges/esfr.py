@@ -37,8 +37,8 @@ def gaussian_mtf50(sigma_px: float) -> float:
 def pixel_mtf50(optical_sigma_px: float, normal_rad: float) -> float:
     """Frequency in cy/px along an edge normal at which half the contrast is left.
 
-    The transfer is ``exp(-2 pi^2 sigma^2 f^2) sinc(f cos) sinc(f sin)``: the optical Gaussian
-    and the pixel square (ISO 12233:2023, annex D, system MTF as a product).
+    ``exp(-2 pi^2 sigma^2 f^2) sinc(f cos) sinc(f sin)``: the optical Gaussian and the pixel square
+    (ISO 12233:2023, annex D, system MTF as a product).
     """
     return float(_half_contrast(optical_sigma_px, cos(normal_rad), sin(normal_rad)))
 
@@ -97,9 +97,8 @@ _MOST_ALIASED = 0.02  # contrast that samples as far apart as the gap fold onto 
 class _Curve(NamedTuple):
     """The edge as a sum: ``shape`` and what the fit adds to it, over the whole ``rise``.
 
-    The fit's terms are a further rise of the Gaussian, its change with log sigma and with its
-    place, and the share of a Lorentzian of half width ``tail_px``; its spline has knots ``knot_px``
-    apart, symmetrical about the edge, and ``steps`` are its coefficients' differences.
+    The terms are a further rise of the Gaussian, its change with log sigma and with its place, and
+    a Lorentzian of half width ``tail_px``; the spline has knots ``knot_px`` apart.
     """
 
     shape: EdgeShape
@@ -114,8 +113,7 @@ class _Curve(NamedTuple):
 class EdgeSfr:
     """Contrast by frequency across one edge: lens and pixel together, 1 at frequency 0.
 
-    The MTF values are None where the contrast does not fall so far below 1 cy/px. ``reach_px``
-    is how far from the edge there are pixels.
+    MTF values are None where the contrast does not fall so far below 1 cy/px.
     """
 
     curve: _Curve = field(repr=False)
@@ -158,8 +156,7 @@ def esfr_half_width_px(sigma_px: float) -> float:
 def measure_esfr(edge: BinnedEdge) -> EdgeSfr | None:
     """Measure the contrast by frequency across an edge.
 
-    None where the levels do not rise along the normal, or change beside the edge as much as no PSF
-    spreads them.
+    None where the levels do not rise along the normal, or change beside the edge as no PSF does.
     """
     distance = edge.distance_px
     shapes = (
@@ -199,8 +196,8 @@ def _widest_gap(distance: FloatArray, core: float) -> float:
 def is_aliased(edge: BinnedEdge, gap_px: float) -> bool:
     """Whether gaps so wide fold contrast onto MTF50.
 
-    Along rows, columns and diagonals all pixels lie at a few distances. Samples as far apart as the
-    widest gap fold the contrast at their frequency less MTF50 onto that at MTF50.
+    Samples as far apart as the widest gap fold the contrast at their frequency less MTF50 onto that
+    at MTF50.
     """
     if gap_px <= WIDEST_GAP_PX * edge.pitch_px:
         return False

@@ -71,10 +71,10 @@ _FEWEST_CROSSED = 3  # blocks that the edge crosses
 class JpegCompression:
     """How a photograph was compressed, so far as the fit of an edge asks.
 
-    ``steps`` is the luma's quantisation table, shape ``(8, 8)``, rows by vertical frequency.
-    ``code_levels_dn``, shape ``(256,)`` and rising, is the level of each code in the plane that is
-    measured. The plane's first pixel is at ``first_row``, ``first_col`` of a block. Where
-    ``is_luma`` is false, the plane does not follow from what was compressed.
+    ``steps`` is the luma's quantisation table, shape ``(8, 8)``, rows by vertical frequency;
+    ``code_levels_dn``, shape ``(256,)``, is the level of each code in the plane. Its first pixel is
+    at ``first_row``, ``first_col`` of a block. Unless ``is_luma``, the plane does not follow from
+    what was compressed.
     """
 
     steps: FloatArray = field(repr=False)
@@ -149,9 +149,8 @@ def _behind_compression(
 ) -> LikelyEdge:
     """Return the fit with the widths before compression.
 
-    Where fewer than three whole blocks lie across the edge, within its length and clearance, or
-    pixels are clipped, or the plane is not the luma, a width from the decoded pixels is all there
-    is: its error grows by what was measured.
+    With fewer than three whole blocks across the edge, with clipped pixels, or where the plane is
+    not the luma, the error of the decoded width grows by what was measured.
     """
     if likely.is_censored or not compression.is_luma:
         return _less_sure(likely, compression)
@@ -180,8 +179,7 @@ def _behind_compression(
 def _with_rounding(found: LikelyParameters) -> WidthFit:
     """A fit with what rounding adds before compression, where there is hardly any noise.
 
-    What is rounded follows the level, and goes on along an edge from one row to the next: unlike
-    white noise it does not average out. Noise of .3 codes and more makes it white.
+    Unlike white noise it does not average out along an edge, until noise is .3 codes and more.
     """
     dark, bright = found.noise_dn
     share = exp(-3 * pi**2 * (dark**2 + bright**2))
@@ -211,8 +209,7 @@ def _block_intervals(
 ) -> Intervals:
     """Cosines of the whole blocks around an edge with their intervals, in codes.
 
-    A block is taken where its nearest pixel is within the first reach from the line and all are
-    within the second; none where too few are crossed.
+    The nearest pixel of a block is within the first reach, all are within the second.
     """
     rows, cols = image_dn.shape
     half_width_px, clearance_px = reach_px
@@ -266,9 +263,9 @@ def _block_intervals(
 def _with_bounds(pixels: BandPixels, steps: FloatArray, code_levels_dn: FloatArray) -> Intervals:
     """Bounds of the cosines before compression, from the decoded codes.
 
-    Decoding rounds the codes again. In a block with structure that is white noise of 1/12, which
-    hides no multiple of a large step. In a flat one all codes are rounded alike: the first cosine
-    is then known to half a code (four units) only, and small others are not told from 0.
+    Decoding rounds again: in a block with structure that is white noise of 1/12. In a flat one all
+    codes are rounded alike: the first cosine is then known to half a code (four units) only, and
+    small others are not told from 0.
     """
     count = len(pixels.values)
     transform = cosine_transform()
@@ -311,14 +308,11 @@ SHARPEST_PX = 0.075  # optical widths below this look like a perfect lens
 class EdgeFit:
     """PSF width across one edge, total and optical, with standard errors.
 
-    ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down;
-    ``curvature_per_px`` its curvature at the middle. ``optical_sigma_px`` is None where the
-    edge is as sharp as the pixel square alone. ``chi2_reduced`` is None where the noise is
-    known from this edge's residuals only. ``clipped_fraction`` is of the pixels of the fit, None
-    where the saturation level is not known. ``rounding`` tells of rounding errors that the
-    noise is too small to make random; None where there are none. ``slope_left`` is what light that
-    falls off may still change from the edge to the border of the pixels, in parts of the contrast;
-    the errors of the widths contain it.
+    ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down.
+    ``optical_sigma_px`` is None where the edge is as sharp as the pixel square alone,
+    ``chi2_reduced`` where the noise is known from this edge only, ``clipped_fraction`` where the
+    saturation is not known, ``rounding`` where it is no matter. ``slope_left`` is what light that
+    falls off may still change up to the border, in parts of the contrast; the errors contain it.
     """
 
     x_px: float
@@ -362,13 +356,11 @@ def fit_edge(
     saturation_dn: float | None = None,
     compression: JpegCompression | None = None,
 ) -> EdgeFit | None:
-    """Fit total and optical PSF width to the pixels around one edge.
+    """Fit total and optical PSF width to the pixels around one edge, in an image linear in light.
 
-    The image is linear in light; the segment is right to about a pixel and a few degrees. None
-    where no edge model fits: no contrast, too few pixels or no convergence. Without ``noise`` it is
-    estimated from the residuals; pixels at or above 99.5 % of the saturation, or at 0, count as
-    saturated; with ``compression`` the widths are those before, with errors that contain what was
-    lost.
+    The segment is right to about a pixel and a few degrees. None where no edge model fits. Without
+    ``noise`` it is estimated from the residuals; pixels from 99.5 % of the saturation on, or at 0,
+    are clipped; with ``compression`` the widths are those before.
     """
     noise_line = np.empty(0)
     if noise is not None:
@@ -474,10 +466,7 @@ def _measurement(
 
 
 def _clipping_flag(likely: LikelyEdge, saturation_dn: float) -> str | None:
-    """``saturated`` where the pixels that are not clipped do not tell the width, else ``clipped``.
-
-    The width is that of a Gaussian through the part of the rise that is seen.
-    """
+    """``saturated`` where the unclipped pixels do not tell the width, else ``clipped``."""
     if likely.clipped_fraction <= CLIPPED_FRACTION:
         return None
     total = likely.total

@@ -55,12 +55,10 @@ class Region:
 class EdgeImage:
     """One photograph with edges: a plane linear in light, and what is known about it.
 
-    ``compression`` tells how a JPEG was made, if that is known and the plane is its luma.
-    ``clipped`` marks pixels that were clipped in the file, in any colour, ``masked`` those that
-    are no measurement. The plane of one
-    colour of a mosaic has ``pitch_px`` 2: its pixels stand that far apart on the sensor, the
-    first one at ``first_x_px``, ``first_y_px``. ``colours_dn`` are the linear levels of a colour
-    photograph, shape ``(rows, cols, 3)``; ``pattern`` is that of a raw mosaic.
+    ``clipped`` marks pixels that were clipped in the file, in any colour, ``masked`` those that are
+    no measurement. The plane of one colour of a mosaic has ``pitch_px`` 2: its pixels stand that
+    far apart on the sensor, from ``first_x_px``, ``first_y_px`` on. ``colours_dn`` has the shape
+    ``(rows, cols, 3)``; ``pattern`` is that of a raw mosaic.
     """
 
     name: str
@@ -159,15 +157,14 @@ def plane_places(pattern: Pattern) -> tuple[PlanePlace, ...]:
 def in_sensor_pixels(fit: EdgeFit, pitch_px: int) -> EdgeFit:
     """Convert a fit on a colour plane to sensor pixels; positions count from its first pixel.
 
-    The optical width is the one that, averaged over the true square of one sensor pixel, has
-    this total width.
+    The optical width is the one that has this total width over the square of a sensor pixel.
     """
     sigma, err = fit.sigma_px * pitch_px, fit.sigma_err_px * pitch_px
-    optical = optical_of_total(sigma, fit.normal_rad)
+    optical = _optical_of_total(sigma, fit.normal_rad)
     optical_err = None
     if optical is not None:
         step = 1e-3 * sigma
-        above = optical_of_total(sigma + step, fit.normal_rad)
+        above = _optical_of_total(sigma + step, fit.normal_rad)
         optical_err = err * ((above or optical) - optical) / step
     return replace(
         fit,
@@ -182,11 +179,8 @@ def in_sensor_pixels(fit: EdgeFit, pitch_px: int) -> EdgeFit:
     )
 
 
-def optical_of_total(sigma_px: float, normal_rad: float) -> float | None:
-    """Convert the width of the best plain Gaussian edge to the optical width behind a unit pixel.
-
-    None where the edge is as sharp as the pixel alone.
-    """
+def _optical_of_total(sigma_px: float, normal_rad: float) -> float | None:
+    """Optical width behind a unit pixel of a total width; None where it is the pixel's alone."""
     # The square is the same every 90 degrees and mirrored at 45.
     turn = abs((np.rad2deg(normal_rad) + 45.0) % 90.0 - 45.0)
     below = _ANGLE_STEP_DEG * (turn // _ANGLE_STEP_DEG)

@@ -80,9 +80,8 @@ class LikelyEdge(NamedTuple):
     """The fitted edges: plain (total width) and behind pixel squares (optical width).
 
     If ``total`` is not found, the rest is not valid. ``is_square`` tells whether the optical edge
-    fits better; ``chi2_reduced`` is that of the better one, in terms of the weights. In a
-    ``is_censored`` fit the clipped pixels are bounds, else levels like the others.
-    ``rounding`` tells of rounding errors that noise does not make random.
+    fits better; ``chi2_reduced`` is that of the better one. In a ``is_censored`` fit the clipped
+    pixels are bounds.
     """
 
     total: WidthFit
@@ -254,8 +253,8 @@ def maximise(
 ) -> LikelyEdge:
     """Fit total and optical width to the pixels around one edge.
 
-    The noise line is the variance against the level as offset (DN^2), slope (DN) and floor (DN^2),
-    and empty where the residuals have to tell it; an unknown saturation is infinite.
+    The noise line is offset (DN^2), slope (DN) and floor (DN^2), empty where the residuals have to
+    tell it; an unknown saturation is infinite.
     """
     found = _by_squares(image_dn, line, sigma_px, clearance_px, noise_line, saturation_dn)
     if found is None:

@@ -18,8 +18,9 @@ from pathlib import PurePath
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from acquisition.files import StoredModel
 from calibration.choices import TargetChoice
 from calibration.edges.detection import beside_target, find_edges
 from calibration.edges.esfr import (
@@ -59,13 +60,11 @@ TRANSFER_FREQ_CY_PER_PX = np.linspace(0.0, 1.0, 51)
 """Frequencies at which the transfer is stored; beyond Nyquist for the aliased part."""
 
 
-class AxisTransfer(BaseModel):
+class AxisTransfer(StoredModel):
     """Contrast by frequency along one axis, lens and pixel together, from ``edges`` edges.
 
     ``mtf_err`` are standard errors at each frequency; None in files of before.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     freq_cy_per_px: tuple[float, ...] = Field(repr=False)
     mtf: tuple[float, ...] = Field(repr=False)
@@ -81,10 +80,8 @@ class AxisTransfer(BaseModel):
         return self
 
 
-class MeasuredTransfer(BaseModel):
+class MeasuredTransfer(StoredModel):
     """Transfer along x (from vertical edges) and y (horizontal ones); None without edges."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     x: AxisTransfer | None = None
     y: AxisTransfer | None = None
@@ -93,8 +90,7 @@ class MeasuredTransfer(BaseModel):
 def mean_transfer(edges: Sequence[EdgeSfr]) -> AxisTransfer | None:
     """Return the median over edges at each frequency; None where there is no edge.
 
-    The part in phase with the edge is taken: noise is positive and negative in it and cancels,
-    while a modulus would pile it up where little contrast is left.
+    The part in phase with the edge is taken, in which noise cancels; a modulus would pile it up.
     """
     if not edges:
         return None
@@ -152,11 +148,8 @@ def _line_spread(samples: EdgeSamples) -> _LineSpread:
     return _LineSpread(place_px=position, value_per_px=np.gradient(filled, BIN_PX))
 
 
-def lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
-    """Return the edge with the width of a Gaussian fitted to its line spread function.
-
-    There is no optical width; None where no Gaussian can be fitted.
-    """
+def _lsf_fit(samples: EdgeSamples, fit: EdgeFit) -> EdgeFit | None:
+    """Return the edge with the width of a Gaussian fitted to its line spread function, or None."""
     from scipy.optimize import OptimizeWarning, curve_fit  # .1 s, which no other method needs
 
     spread = _line_spread(samples)
@@ -207,7 +200,7 @@ _MTF50_BY_SLOPE = 2.5
 _DIFFERS_SIGMAS, _DIFFERS_LEAST = 3.0, 0.02  # of MTF50
 
 
-class EdgeMeasurement(Shown, ByValue, BaseModel):
+class EdgeMeasurement(Shown, ByValue, StoredModel, arbitrary_types_allowed=True):
     """One measured edge; values that could not be determined are null.
 
     ``angle_deg`` in [0, 180) is the direction of the edge line against +x, y down. ``snr`` is
@@ -222,8 +215,6 @@ class EdgeMeasurement(Shown, ByValue, BaseModel):
     ``clipped_fraction`` of the pixels of the fit. ``levels_dn`` (dark, bright), ``esfr`` and
     ``binned`` are not kept in a file.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore", arbitrary_types_allowed=True)
 
     image: str
     capture: int | None
@@ -293,21 +284,9 @@ class EdgeMeasurement(Shown, ByValue, BaseModel):
 def edges_of_image(
     source: EdgeImage, region: Region | None = None, method: Method = "all-angles"
 ) -> list[EdgeMeasurement]:
-    """Find and fit every straight edge of one photograph.
+    """Find and fit every straight edge of one photograph, inside a region of it if asked.
 
-    Parameters
-    ----------
-    source
-        The photograph.
-    region
-        Only pixels inside it are used; positions are given in the whole image.
-    method
-        With ``paper``, the widths are those of Gaussians fitted to binned line spread functions.
-
-    Raises
-    ------
-    ValueError
-        If the region is not within the image.
+    With ``paper``, the widths are those of Gaussians fitted to binned line spread functions.
     """
     left = top = 0
     if region is not None:
@@ -362,7 +341,7 @@ def _measured_edge(
         contrast = _Contrast.of(binned, _gaussian_mtf50(on_sensor)).widened(fit, compression)
     rough_px = roughness_px(samples, fit.sigma_px)
     if method == "paper":
-        widened = lsf_fit(edge_samples(image, segment, fit, near_px), fit)
+        widened = _lsf_fit(edge_samples(image, segment, fit, near_px), fit)
         if widened is None:
             return None
         fit, binned = widened, None
@@ -522,8 +501,8 @@ def _flags(source: EdgeImage, fit: EdgeFit, differs: bool) -> tuple[str, ...]:
 class EdgeSelection:
     """Which edges of a photograph count.
 
-    ``region`` returns the part of it that is used, None for all. With the target ``auto``, edges
-    of the scene beside a target are flagged ``beside_target``; with ``all``, every edge counts.
+    ``region`` returns its part, None for all. With the target ``auto``, edges of the scene beside a
+    target are flagged ``beside_target``; with ``all``, every edge counts.
     """
 
     region: Callable[[EdgeImage], Region | None] = lambda _: None
@@ -532,14 +511,11 @@ class EdgeSelection:
     def measured_in(self, source: EdgeImage, method: Method) -> list[EdgeMeasurement]:
         """Measure the edges of a photograph."""
         edges = edges_of_image(source, self.region(source), method)
-        return told_apart(edges, source.pitch_px) if self.target == "auto" else edges
+        return _told_apart(edges, source.pitch_px) if self.target == "auto" else edges
 
 
-def told_apart(edges: Sequence[EdgeMeasurement], pitch_px: int = 1) -> list[EdgeMeasurement]:
-    """Flag edges of one photograph as ``beside_target`` that belong to the scene.
-
-    They are all edges of the photograph, measured on every ``pitch_px``-th pixel of the sensor.
-    """
+def _told_apart(edges: Sequence[EdgeMeasurement], pitch_px: int = 1) -> list[EdgeMeasurement]:
+    """Flag as ``beside_target`` the edges of the scene, of all that a photograph has."""
     known = [edge for edge in edges if edge.levels_dn is not None]
     segments = [_segment(edge, pitch_px) for edge in known]
     levels_dn = np.array([edge.levels_dn for edge in known]).reshape(-1, 2)

@@ -110,10 +110,9 @@ def _unit_edge(
 def slopes_gain(
     pixels: BandPixels, weights: FloatArray, residuals: FloatArray, edges: FloatArray
 ) -> float:
-    """Estimate how much slopes of the levels along the edge would reduce the squares.
+    """Estimate how much slopes of the levels along the unit ``edges`` would reduce the squares.
 
-    Rao's score statistic at the flat optimum, with the slopes taken as orthogonal to the other
-    parameters, which they nearly are. ``edges`` are the unit edge of each pixel.
+    Rao's score statistic at the flat optimum, the slopes nearly orthogonal to the rest.
     """
     x, y, half_length = pixels.x, pixels.y, pixels.half_length_px
     cosine, sine = np.cos(pixels.normal_rad), np.sin(pixels.normal_rad)
@@ -319,10 +318,7 @@ def _normal_equations(
 
 @compiled_part(fastmath={"reassoc", "contract"})
 def _products(slopes: FloatArray, residuals: FloatArray, weights: FloatArray) -> _NormalEquations:
-    """Weighted products of the derivatives and of the residuals.
-
-    The order of the sums is free: they run in parallel lanes.
-    """
+    """Weighted products of the derivatives and of the residuals, summed in parallel lanes."""
     count, size = slopes.shape
     hessian, gradient = np.empty((count, count)), np.empty(count)
     weighted = np.empty(size)
@@ -345,11 +341,7 @@ def _products(slopes: FloatArray, residuals: FloatArray, weights: FloatArray) ->
 
 
 class Minimum(NamedTuple):
-    """Minimum of the weighted squares; valid only if ``is_found``.
-
-    ``hessian`` is J'WJ there: its inverse is the covariance of the parameters where the weights
-    are inverse variances.
-    """
+    """Minimum of the weighted squares; valid only if ``is_found``; ``hessian`` is J'WJ there."""
 
     is_found: bool
     parameters: FloatArray
@@ -403,10 +395,7 @@ def levenberg_marquardt(
 
 @compiled_part()
 def solved(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
-    """Solve for a step, the diagonal damped in proportion; NaN where that is not positive.
-
-    By Cholesky: for so few unknowns that is faster than a call of LAPACK, and raises nothing.
-    """
+    """Solve for a step by Cholesky, the diagonal damped in proportion; NaN where not positive."""
     count = len(gradient)
     scale, factor = np.empty(count), np.empty((count, count))
     step = np.empty(count)

@@ -139,10 +139,9 @@ _RIDGE = 1e-12  # of each diagonal element: a term that the spline can follow ex
 class SplineFit(NamedTuple):
     """A penalised spline with its terms; valid only if ``is_found``.
 
-    With n coefficients and m terms: ``coefficients`` (n,) and ``terms`` (m,). The inverse of the
-    bordered normal equations, whose factors are ``factor`` (n, 4) for the spline, ``cross`` (n, m)
-    and ``border`` (m, m), times ``scale`` is the posterior covariance: see ``variances``. The scale
-    is by how much the samples scatter more than their weights say.
+    With n coefficients and m terms: ``coefficients`` (n,), ``terms`` (m,), and the factors
+    ``factor`` (n, 4), ``cross`` (n, m) and ``border`` (m, m) whose inverse times ``scale``, by how
+    much the samples scatter more than weighted, is the posterior covariance.
     """
 
     is_found: bool
@@ -243,8 +242,8 @@ def _penalty_band(stiffness: FloatArray) -> FloatArray:
 class _Reduced(NamedTuple):
     """The system without its spline: the terms' factor and right side; void if not ``is_found``.
 
-    ``sides`` are the spline's factor's solutions for each term and for the levels, shape
-    ``(n, m + 1)``; ``likelihood`` is twice the restricted logarithm, up to a constant.
+    ``sides``, shape ``(n, m + 1)``, are the spline's solutions for terms and levels; ``likelihood``
+    is twice the restricted logarithm, up to a constant.
     """
 
     is_found: bool
@@ -329,10 +328,10 @@ def fit_penalised_spline(
 ) -> SplineFit:
     """Fit known terms and a smooth deviation that is flat at and beyond both its ends.
 
-    Positions are in knots, from 0 to ``count + 1`` with ``count`` coefficients; weights are inverse
-    variances, ``terms`` has shape ``(n, m)`` and ``precision`` the inverse variance of each term's
-    prior about 0, 0 for a free one. The stiffness, shape ``(count + 3,)``, is the weight of each
-    third difference; that at k lies ``k - 0.5`` knots from the left end.
+    Positions are in knots, 0 to ``count + 1`` with ``count`` coefficients; ``terms`` has shape
+    ``(n, m)``, ``precision`` is the inverse variance of each term's prior about 0. The stiffness,
+    shape ``(count + 3,)``, weighs third differences; that at k lies ``k - 0.5`` knots from the
+    left.
     """
     equations = _assemble(positions, values, weights, terms, stiffness.size - 3)
     for m in range(precision.size):
@@ -351,8 +350,7 @@ def _lightest_likely(
     """Step at which twice the log likelihood has fallen so far below its maximum, to the light.
 
     At the maximum itself, what single samples add to the curve's detail would be smoothed away as
-    often as not, and no error would say so. Every other step is looked at, and those between them
-    where it matters.
+    often as not. Every other step is looked at, and those between where it matters.
     """
     likelihood = np.empty(_STEPS)
     best = 0
@@ -383,10 +381,7 @@ def _lightest_likely(
 
 @compiled_part()
 def variances(fit: SplineFit, by_coefficient: FloatArray, by_term: FloatArray) -> FloatArray:
-    """Posterior variances of what depends so on the coefficients and on the terms.
-
-    The derivatives have shapes ``(count, k)`` and ``(m, k)`` for k quantities.
-    """
+    """Posterior variances of k quantities with derivatives ``(count, k)`` and ``(m, k)``."""
     inner = _forward_solved(fit.factor, by_coefficient)
     outer = _column_products(fit.cross, inner)
     for m in range(outer.shape[0]):

@@ -34,11 +34,9 @@ _NON_GAUSSIAN_LEAST = 0.004  # rms of the residual profile, of the contrast
 
 @compiled_part()
 def noise_part(residuals: FloatArray, distances: FloatArray, is_coarse: bool = False) -> FloatArray:
-    """Residuals less the running median over pixels at nearly the same distance.
+    """Residuals less the running median over pixels at nearly the same distance: noise, outliers.
 
-    What depends on the distance from the edge alone (a PSF that is not the model's) is
-    structure; what is left is noise and outliers. The median of coarse levels would be one of
-    them: there it is the mean without outliers.
+    The median of coarse levels would be one of them: there it is the mean without outliers.
     """
     if is_coarse:
         return _without_means(residuals, distances)
@@ -169,14 +167,13 @@ def _between(values: FloatArray, edges: FloatArray, least: float, below: float) 
 
 
 @compiled_part()
-def outlier_weights(
+def _outlier_weights(
     noise: FloatArray, is_clipped: BoolArray, spread: FloatArray, contrast: float, step_dn: float
 ) -> tuple[bool, FloatArray]:
     """Whether single pixels stand out in the ``noise_part``, and Tukey biweights.
 
-    ``spread`` is each pixel's noise up to a common factor: on a bright side full of shot noise
-    the pixels of the dark side would else set the scale. Levels come in steps of ``step_dn``, 0
-    where they are fine; clipped ones do not scatter.
+    ``spread`` is each pixel's noise up to a common factor: shot noise of the bright side would else
+    set the scale of both. Clipped pixels do not scatter.
     """
     relative = np.empty(len(noise))
     count = 0
@@ -198,9 +195,8 @@ def outlier_weights(
 class ProfileFigures(NamedTuple):
     """Figures of the profile across an edge, binned by the distance from it.
 
-    ``overshoot`` is the smaller of the two sides', in DN; ``scatter`` the variance within the
-    bins. Of the ``bins`` near the edge, ``chi2`` is the sum of count times squared mean residual
-    over ``scatter`` and ``mean_square`` the mean of the squared means, DN^2.
+    ``overshoot`` is the smaller of the two sides', in DN; of the ``bins`` near the edge, ``chi2``
+    sums count times squared mean residual over ``scatter``, the variance within.
     """
 
     overshoot: float
@@ -235,10 +231,7 @@ def profile_figures(
     weights: FloatArray,
     sigma_px: float,
 ) -> ProfileFigures:
-    """Bin the profile across the edge.
-
-    Pixels without weight do not count; sigma is the total width.
-    """
+    """Bin the profile across the edge of a total width; pixels without weight do not count."""
     first = np.floor(distances.min() / _BIN_PX)
     size = int(np.floor(distances.max() / _BIN_PX) - first) + 1
     count, total, distance_sum = np.zeros(size), np.zeros(size), np.zeros(size)
@@ -351,9 +344,8 @@ def pixel_weights(
 ) -> PixelWeights:
     """Weigh each pixel by its noise, with Tukey's biweights where single pixels stand out.
 
-    ``noise`` holds the residuals less what depends on the distance from the edge alone, and which
-    of them tell no noise as their pixels are clipped. Known weights are inverse variances, empty
-    where the scatter has to tell them; the step is 0 where levels are fine.
+    Known weights are inverse variances, empty where the scatter has to tell them; the step is 0
+    where levels are fine.
     """
     scatter, is_clipped = noise
     least = step_dn**2 / 12 + (_LEAST_NOISE * contrast) ** 2
@@ -361,7 +353,7 @@ def pixel_weights(
     spread = np.empty(len(weights))
     for i in range(len(weights)):
         spread[i] = 1.0 / sqrt(weights[i])
-    found, outliers = outlier_weights(scatter, is_clipped, spread, contrast, step_dn)
+    found, outliers = _outlier_weights(scatter, is_clipped, spread, contrast, step_dn)
     return PixelWeights(weights * outliers if found else weights, outliers, found)
 
 
@@ -399,8 +391,7 @@ _COINCIDE = 1e-7  # of the range: levels nearer to each other are one
 class LevelSteps(NamedTuple):
     """For each pixel the levels that are stored as its own; ``is_found`` false: no steps seen.
 
-    ``lower`` and ``upper`` have shape ``(n,)``; a level in between was rounded to the pixel's.
-    ``step_dn`` is the mean distance between them, 0 where there are none.
+    ``lower`` and ``upper`` have shape ``(n,)``; ``step_dn`` is the mean distance between them.
     """
 
     is_found: bool
@@ -481,8 +472,7 @@ def is_coarse(scatter: FloatArray, edges: FloatArray, steps: LevelSteps) -> bool
     """Whether the noise of either side is too small for rounding to be noise of its own.
 
     Rounding error is white and uniform to exp(-2 pi^2 s^2 / step^2) (Widrow and Kollar,
-    Quantization Noise, 2008, chapter 5): 0.7 % at half a step, where the scatter with
-    rounding is 0.58 of one.
+    Quantization Noise, 2008, chapter 5): 0.7 % at half a step.
     """
     if not steps.is_found:
         return False

@@ -42,9 +42,8 @@ _TAN_22_5 = sqrt(2.0) - 1.0
 class RidgePixels:
     """Pixels where the gradient of the smoothed image is largest across itself, from top to bottom.
 
-    All of shape ``(n,)``. ``shift`` is where the ridge lies beside the pixel, along the axis
-    nearer to the gradient. ``moments``, shape ``(n, 3)``, are the sums of the squared gradient
-    along that axis, times 1, the offset and its square.
+    ``shift`` is where the ridge lies beside the pixel, along the axis nearer to the gradient;
+    ``moments``, shape ``(n, 3)``, sum squared gradients along it times 1, the offset, its square.
     """
 
     rows: IntArray
@@ -79,11 +78,10 @@ class RidgePixels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gradient:
-    """Ridges of an image's gradient, whose levels are scaled to about 0 to 1.
+    """Ridges of an image's gradient, in units of ``span_dn`` per px.
 
-    Ridge pixels weaker than ``high`` count only beside others. Bright areas can be noisier than
-    dark ones: ``noise`` is the gradient's noise in each range of levels of the image, and
-    ``levels_dn`` what separates the ranges. Gradients are in units of ``span_dn`` per px.
+    Ridge pixels weaker than ``high`` count only beside others; ``noise`` is the gradient's in each
+    range of levels, which ``levels_dn`` separate.
     """
 
     ridge: RidgePixels
@@ -316,10 +314,7 @@ _LINE_ROUNDS = 3
 
 
 class ArtefactGradient(NamedTuple):
-    """Gradient of the smoothed image that a compression makes by itself, in DN per px.
-
-    ``dn_per_px`` is that at each of ``levels_dn``, which rise; shape ``(n,)`` both.
-    """
+    """Gradient that a compression makes by itself, DN per px at each of rising ``levels_dn``."""
 
     levels_dn: FloatArray
     dn_per_px: FloatArray
@@ -329,9 +324,8 @@ class ArtefactGradient(NamedTuple):
 class _Ridges:
     """Lines through the ridges of an image, and the ridge pixels.
 
-    ``lines`` has a row per straight region: middle x and y (px), angle of the normal from the
-    dark to the bright side (rad) and length (px). ``points`` holds x and y of all ridge pixels
-    except specks of noise, from top to bottom, as ``pixels`` holds all.
+    ``lines`` has a row per straight region: middle x and y (px), angle of the normal from dark to
+    bright (rad) and length (px). ``points`` holds x and y of all but specks of noise.
     """
 
     lines: FloatArray
@@ -425,10 +419,7 @@ def _beside_strong(
 def _regions(
     rows: IntArray, cols: IntArray, first_of: IntArray, gx: Float32Array, gy: Float32Array
 ) -> tuple[IntArray, IntArray]:
-    """Connected ridge pixels whose gradient stays near the direction of the region's sum.
-
-    Returns their indices, region by region, and where each region starts.
-    """
+    """Connected ridge pixels of like gradient: indices, region by region, and where each starts."""
     total = len(rows)
     taken = np.zeros(total, np.bool_)
     members = np.empty(total, np.int64)
@@ -629,8 +620,7 @@ def refined(
 ) -> tuple[EdgeLine, float]:
     """Line through the gradient along a line, weighted with its square.
 
-    Ridge pixels come from top to bottom. The variance is that of the squared gradient across the
-    line in px^2, -1 where there is no gradient.
+    The variance is that of the squared gradient across it in px^2, -1 where there is none.
     """
     gx, gy, moments = gradient
     x_px, y_px, reach_px = line.x_px, line.y_px, line.half_length_px

@@ -165,10 +165,7 @@ def level_intervals(
 
 
 def seen_rise(low_dn: float, high_dn: float, saturation_dn: float) -> float:
-    """Share of the rise from the dark to the bright level that lies between black and saturation.
-
-    It is 1 where no level is beyond.
-    """
+    """Share of the rise from dark to bright that lies between black and saturation; 1 for all."""
     top = min(high_dn, NEARLY_SATURATED * saturation_dn)
     return (top - max(low_dn, _BLACK_DN)) / (high_dn - low_dn)
 
@@ -191,10 +188,9 @@ _INV_SQRT_2PI = 1 / sqrt(2 * pi)
 class Intervals(NamedTuple):
     """What is known of ``n`` observations before rounding; shape ``(n,)`` each.
 
-    The observations are the pixels, or where there are ``code_levels_dn`` the cosines of blocks
-    of 8 x 8 codes, block by block, and ``step_dn``, ``usual_noise_dn`` and the bounds in codes.
-    ``weights`` multiply the logarithms of the likelihood, ``step_dn`` is the usual interval,
-    ``extra_variance`` noise that is known beside that which is estimated.
+    The observations are the pixels, or where there are ``code_levels_dn`` the cosines of blocks of
+    8 x 8 codes. ``weights`` multiply the log likelihood, ``step_dn`` is the usual interval,
+    ``extra_variance`` noise known beside that which is estimated.
     """
 
     pixels: BandPixels
@@ -208,11 +204,7 @@ class Intervals(NamedTuple):
 
 
 class LikelyParameters(NamedTuple):
-    """Maximum of the likelihood; valid only if ``is_found``.
-
-    ``parameters`` are the edge's, ``log_sigma_variance`` follows from the observed information;
-    ``noise_dn`` is that of the dark and of the bright side before rounding.
-    """
+    """Maximum of the likelihood, valid only if ``is_found``, and the noise of either side."""
 
     is_found: bool
     parameters: FloatArray
@@ -229,10 +221,7 @@ class _Equations(NamedTuple):
 
 @compiled_part()
 def _mills_ratio(x: float) -> float:
-    """Upper tail of the normal distribution over its density, for ``x`` from ``_FAR`` on.
-
-    Laplace's continued fraction (Abramowitz and Stegun 1964, 26.2.14).
-    """
+    """Upper normal tail over density from ``_FAR`` on (Abramowitz and Stegun 1964, 26.2.14)."""
     below = x
     for k in range(_FRACTIONS, 0, -1):
         below = x + k / below
@@ -240,13 +229,12 @@ def _mills_ratio(x: float) -> float:
 
 
 @compiled_part()
-def interval_terms(
+def _interval_terms(
     below: float, above: float, s: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Log P and its derivatives for an interval from ``below`` to ``above`` the level.
+    """Log P of an interval ``below`` to ``above`` the level, and its first and second derivatives.
 
-    After log P come its derivatives by the level and by log s, then the second ones: level twice,
-    log s twice, mixed.
+    By level, by log s, level twice, log s twice, mixed.
     """
     a, b, sign = below / s, above / s, 1.0
     if a + b < 0:
@@ -292,7 +280,7 @@ def _equations(data: Intervals, parameters: FloatArray, is_square: bool) -> _Equ
         all2 = s2 + least2 + data.extra_variance[i]
         s = sqrt(all2)
         level = model.levels[i]
-        term, by_level, by_s, by_levels, by_ss, mixed = interval_terms(
+        term, by_level, by_s, by_levels, by_ss, mixed = _interval_terms(
             data.lower[i] - level, data.upper[i] - level, s
         )
         total += w * term
@@ -374,10 +362,7 @@ def _add_priors(
 def maximise_intervals(
     data: Intervals, starts: tuple[FloatArray, FloatArray], has_optical: bool
 ) -> tuple[LikelyParameters, LikelyParameters]:
-    """Maximise the likelihood of the plain edge, and of the one behind pixel squares.
-
-    Parameters are those of ``calibration.edges.model``.
-    """
+    """Maximise the likelihood of the plain edge, and of the one behind pixel squares."""
     total = _most_likely(data, starts[0], False)
     if not has_optical:
         return total, LikelyParameters(False, starts[1], 0.0, -np.inf, (0.0, 0.0))
@@ -445,7 +430,7 @@ def expected_residuals(data: Intervals, fit: LikelyParameters, is_square: bool) 
     for i in range(len(out)):
         s = np.exp((1 - model.edges[i]) * dark + model.edges[i] * bright)
         level = model.levels[i]
-        out[i] = s * s * interval_terms(data.lower[i] - level, data.upper[i] - level, s)[1]
+        out[i] = s * s * _interval_terms(data.lower[i] - level, data.upper[i] - level, s)[1]
     return out
 
 
@@ -478,8 +463,7 @@ def _one_code_weights(
 ) -> FloatArray:
     """Weights where a flat side that is one code throughout counts as one pixel.
 
-    The noise does not reach the next code there, so its rounding errors are all the same; as
-    single pixels they would place the level in the middle of the code's interval.
+    The noise does not reach the next code there: its rounding errors are all the same.
     """
     weights = weights.copy()
     lower, step_dn = levels.lower, levels.step_dn

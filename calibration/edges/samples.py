@@ -39,8 +39,7 @@ _NARROWEST_BAND_PX = 3.0
 class EdgeSamples:
     """Raw pixels around one edge, shape ``(n,)`` each, from the dark to the bright side.
 
-    ``distance_px`` is signed, across the edge; its bend is taken out. ``along_px`` is the position
-    along the edge. ``levels_dn`` are the pixels as they are.
+    ``distance_px`` is signed, across the edge, its bend taken out; ``along_px`` is along it.
     """
 
     distance_px: FloatArray = field(repr=False)
@@ -60,10 +59,7 @@ class EdgeSamples:
 def edge_samples(
     image_dn: FloatArray, segment: EdgeSegment, fit: EdgeFit, half_width_px: float
 ) -> EdgeSamples:
-    """Collect the pixels within ``half_width_px`` of a fitted edge, up to its clearance.
-
-    The segment says which side is bright, and how near the next edge is.
-    """
+    """Collect the pixels around a fitted edge up to a half width or its clearance."""
     # A fit knows its normal modulo pi; the segment knows which side is bright.
     turn = (fit.normal_rad - segment.normal_rad + pi / 2) % pi - pi / 2
     normal = segment.normal_rad + turn
@@ -85,10 +81,7 @@ def edge_samples(
 def without_shading(
     samples: EdgeSamples, image_dn: FloatArray, segment: EdgeSegment, fit: EdgeFit
 ) -> EdgeSamples:
-    """Take off the slopes of the levels across the edge and along it, as the edge fit does.
-
-    ``samples`` and ``fit`` are in pixels of the image.
-    """
+    """Take off the slopes of the levels across the edge and along it, as the edge fit does."""
     if "shaded" not in fit.flags:
         return samples
     half_width = min(band_half_width(fit.sigma_px), segment.clearance_px)
@@ -107,9 +100,8 @@ def without_shading(
 def roughness_px(samples: EdgeSamples, sigma_px: float) -> float | None:
     """RMS deviation of the edge from its line or arc over pieces of 4 px, noise removed.
 
-    Each piece is shifted to where its pixels fit the Gaussian edge best, by one Gauss-Newton step;
-    what the pixels' noise alone would scatter is subtracted in squares. None where there are fewer
-    than four pieces with pixels on the edge.
+    Each piece is shifted to where it fits best, by one Gauss-Newton step; what the pixels' noise
+    alone would scatter is subtracted. None with fewer than four pieces.
     """
     variance = _roughness_px2(
         samples.distance_px,
@@ -179,11 +171,10 @@ _SINGLE_SIGMAS, _SINGLE_LEAST = 4.0, 0.03  # larger ones are dust, or something 
 _FEWEST_PAIRS = 20
 
 
-class Deviations(NamedTuple):
+class _Deviations(NamedTuple):
     """How the pixels along an edge deviate from their mean profile across it, of the contrast.
 
-    ``shared`` is the covariance of neighbours, ``variance`` that of single pixels, of ``pairs``
-    neighbours. ``slope2`` is the sum of the squared slopes of the profile, px^-2.
+    ``shared`` is the covariance of ``pairs`` of neighbours, ``slope2`` sums squared slopes, px^-2.
     """
 
     shared: float
@@ -211,12 +202,9 @@ class Deviations(NamedTuple):
 
 
 def border_flags(samples: EdgeSamples, fit: EdgeFit, *, is_jpeg: bool) -> tuple[str, ...]:
-    """Flags ``uneven`` and ``curved`` of what is no straight edge between two even levels.
-
-    Slopes of the levels are taken off the samples; JPEG leaves marks of its own.
-    """
+    """Flags ``uneven`` and ``curved`` of what is no straight edge between two even levels."""
     noise = fit.noise_dn / (samples.high_dn - samples.low_dn)
-    found = Deviations(
+    found = _Deviations(
         *_deviations(
             samples.distance_px,
             samples.along_px,
@@ -246,7 +234,7 @@ def _deviations(
     sine: float,
     largest: float,
 ) -> tuple[float, float, int, float]:
-    """Compare neighbouring pixels near an edge: the fields of ``Deviations``."""
+    """Compare neighbouring pixels near an edge: the fields of ``_Deviations``."""
     reach = _REACH_SIGMAS * sigma_px + _REACH_EXTRA_PX
     n = distance.size
     bins = int(2 * reach / _BIN_PX) + 2
@@ -300,12 +288,10 @@ class BinnedEdge:
     """Levels across one edge in units of its contrast; shape ``(n,)`` each.
 
     ``bin_index`` counts the bins of ``bin_centres_px`` from the edge, negative on the dark side;
-    ``levels`` hold at ``away_px`` from their centres, and ``weights`` are their inverse variances.
-    ``along_px`` is the pixels' mean position along the edge. ``normal_rad`` is the direction of the
-    normal, ``sigma_px`` the total width of the fitted Gaussian and ``optical_sigma_px`` that
-    without the pixel, None where the pixel alone is as wide. Lengths are in sensor pixels, of which
-    ``pitch_px`` lie between the centres of neighbours that were used. ``blur_px2`` is a variance
-    that this edge has beyond that of the camera, below 0 for less: of its focus or its target.
+    ``levels`` hold at ``away_px`` from their centres, with inverse variances as ``weights``.
+    Lengths are in sensor pixels, ``pitch_px`` between neighbours that were used.
+    ``optical_sigma_px`` is None where the pixel alone is as wide; ``blur_px2`` is a variance that
+    this edge has beyond that of the camera, below 0 for less.
     """
 
     bin_index: IntArray = field(repr=False)
@@ -331,11 +317,9 @@ def bin_centres_px(bin_index: IntArray) -> FloatArray:
 
 
 def bin_edge(samples: EdgeSamples, fit: EdgeFit, pitch_px: int = 1) -> BinnedEdge | None:
-    """Average the pixels around an edge in bins of distance.
+    """Average the pixels around an edge in bins of distance; None for too few or one-sided ones.
 
-    The samples are in pixels of their plane, the fit is in sensor pixels, of which ``pitch_px`` lie
-    between neighbours of the plane. None where the pixels are too few or reach too little to either
-    side.
+    The samples are in pixels of their plane, the fit is in sensor pixels.
     """
     distance = samples.distance_px * pitch_px
     if distance.size < _FEWEST_PIXELS:

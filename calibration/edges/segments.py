@@ -48,9 +48,9 @@ class BandPixels(NamedTuple):
 class EdgeSegment:
     """A straight piece of edge, as found: good to about a tenth of a pixel.
 
-    ``normal_rad`` is the angle of the normal from the dark to the bright side against +x,
-    y down. ``length_px`` is what may be fitted (ends at corners are trimmed off),
-    ``found_length_px`` what was found. Nothing else lies within ``clearance_px`` of the edge.
+    ``normal_rad`` is the angle of the normal from the dark to the bright side against +x, y down.
+    ``length_px`` is what may be fitted, of ``found_length_px``; nothing else is within
+    ``clearance_px``.
     """
 
     x_px: float

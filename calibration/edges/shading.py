@@ -44,7 +44,7 @@ _LEFT_ERRORS = 2.0
 _SLOPE_LEAST = 5e-4  # of the contrast over half the band: less does not move sigma by 0.1 %
 
 
-class Shading(NamedTuple):
+class _Shading(NamedTuple):
     """How the levels of the dark and of the bright side go on from the edge.
 
     Slopes across it, at the edge, in DN/px; bends (halves of second derivatives) across it and
@@ -78,18 +78,15 @@ def slopes_across(
     half_width_px: float,
     clearance_px: float,
     contrast_dn: float,
-) -> Shading:
-    """Slopes and bends of the dark and of the bright side; 0 where absent or negligible.
-
-    The half width is that of the fitted band, the clearance the distance to the next edge.
-    """
+) -> _Shading:
+    """Slopes and bends of the dark and of the bright side; 0 where absent or negligible."""
     zones = _zones_px(image_dn, line, half_width_px, clearance_px)
     sums = _zone_sums(image_dn, line, half_width_px, zones)
     dark, bright = _sides(image_dn, line, half_width_px, zones, sums, contrast_dn)
     least = _ALONG_LEAST * contrast_dn
     dark_along = _bend_along(sums[0], least) / line.half_length_px**2
     bright_along = _bend_along(sums[1], least) / line.half_length_px**2
-    return Shading(dark.slope, bright.slope, dark.bend, bright.bend, dark_along, bright_along)
+    return _Shading(dark.slope, bright.slope, dark.bend, bright.bend, dark_along, bright_along)
 
 
 @compiled()
@@ -103,8 +100,7 @@ def slope_left(
     """Slope across the edge that may be left in its pixels, both sides together, in DN/px.
 
     Of a side whose slope is taken off, that is its error. Elsewhere light that falls off shows in
-    the difference of both sides: the tail of a PSF is alike on either, light is in proportion to
-    the level. What noise explains counts as none.
+    the difference of both sides, a PSF's tail does not. What noise explains counts as none.
     """
     low, high = levels_dn
     contrast = high - low
@@ -194,8 +190,7 @@ def _sides(
 def _by_light(sums: FloatArray, least: float, zone_px: float, bend: float) -> tuple[_Side, _Side]:
     """Slopes and bends of light in proportion to the level, from the difference of both sides.
 
-    At the same distances d on either side ``level (1 + a d + b d^2)`` has slopes that differ by
-    ``a (H - L) + 2 b d (H + L)``. ``bend`` is b where one side has told it.
+    ``level (1 + a d + b d^2)`` has slopes at d that differ by ``a (H - L) + 2 b d (H + L)``.
     """
     none = _Side(0.0, 0.0, np.inf, False)
     dark, bright = _zone(sums[0, 2]), _zone(sums[1, 2])
@@ -223,11 +218,11 @@ def _by_light(sums: FloatArray, least: float, zone_px: float, bend: float) -> tu
 
 
 @compiled_part()
-def unclipped_slopes(shading: Shading, clipped_distances_px: FloatArray) -> Shading:
+def unclipped_slopes(shading: _Shading, clipped_distances_px: FloatArray) -> _Shading:
     """The shading of those sides of the edge that have no clipped pixels."""
     dark = 0.0 if np.any(clipped_distances_px < 0) else 1.0
     bright = 0.0 if np.any(clipped_distances_px > 0) else 1.0
-    return Shading(
+    return _Shading(
         dark * shading.dark,
         bright * shading.bright,
         dark * shading.dark_bend,
@@ -238,7 +233,7 @@ def unclipped_slopes(shading: Shading, clipped_distances_px: FloatArray) -> Shad
 
 
 @compiled_part()
-def is_even(shading: Shading) -> bool:
+def is_even(shading: _Shading) -> bool:
     """Whether there is no shading."""
     for value in shading:  # noqa: SIM110 - numba compiles no generator
         if value != 0.0:
@@ -248,7 +243,7 @@ def is_even(shading: Shading) -> bool:
 
 @compiled()
 def shading_levels(
-    shading: Shading, distances: FloatArray, along: FloatArray, sigma_px: float
+    shading: _Shading, distances: FloatArray, along: FloatArray, sigma_px: float
 ) -> FloatArray:
     """What shading adds to pixels at signed distances and positions along the edge, in DN."""
     levels = np.empty(len(distances))
@@ -285,8 +280,7 @@ class _Zone(NamedTuple):
 def _side_slope(sums: FloatArray, least: float, zone_px: float) -> _Side:
     """Slope at the edge and bend of one side, from the sums over its near and its far zone.
 
-    A tail rises towards the bright side, and the less the farther out; anything else that differs
-    between the zones is vignetting.
+    A tail rises towards the bright side, less the farther out; all else is vignetting.
     """
     if zone_px < _ZONE_LEAST_PX:
         return _Side(0.0, 0.0, np.inf, False)
@@ -320,7 +314,7 @@ def _zone_sums(
     """Products of the levels' terms, per side (dark, bright) and zone (near, far, both).
 
     The terms are 1, the distance, the position along the edge and its square, and the level; a last
-    row holds the mean level. ``zones`` are the widths of a zone on either side.
+    row holds the mean level.
     """
     sums = np.zeros((2, 3, _TERMS + 2, _TERMS + 1))
     rows, cols = image_dn.shape

@@ -39,32 +39,28 @@ _PIXEL_NODES = tuple(
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FittedCorners:
-    """Positions (x, y) of corners, shape (n, 2), errors of a coordinate, and which are good.
-
-    A corner is good if its fit converged near the starting point.
-    """
+class _FittedCorners:
+    """Positions (x, y) of corners, shape (n, 2), their errors, and which fits converged near by."""
 
     points_px: FloatArray
     err_px: FloatArray
     is_good: BoolArray
 
 
-def fit_corners(
+def _fit_corners(
     image: FloatArray, points_px: FloatArray, axes_px: FloatArray, clear: float
-) -> FittedCorners:
-    """Fit every corner.
+) -> _FittedCorners:
+    """Fit every corner from positions, shape ``(n, 2)``, that are right to a pixel.
 
-    Positions, shape ``(n, 2)``, are right to a pixel; axes are the sides of a square in px, as
-    columns, shape ``(n, 2, 2)``. Within ``clear`` sides of a square from an edge only its two
-    squares are seen.
+    Axes are the sides of a square in px, as columns, shape ``(n, 2, 2)``. Within ``clear`` sides of
+    a square from an edge only its two squares are seen.
     """
     fitted, errors = points_px.copy(), np.full(len(points_px), np.inf)
     for number, (point, axes) in enumerate(zip(points_px, axes_px, strict=True)):
         found = _fit_corner(image, point, axes, clear)
         if found is not None:
             fitted[number], errors[number] = found
-    return FittedCorners(points_px=fitted, err_px=errors, is_good=np.isfinite(errors))
+    return _FittedCorners(points_px=fitted, err_px=errors, is_good=np.isfinite(errors))
 
 
 def _fit_corner(
@@ -214,11 +210,7 @@ DEFAULT_BOARD = CharucoBoard.from_text(DEFAULT_BOARD_TEXT)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoardCorners:
-    """Corners of a board in an image.
-
-    ``seen_px`` and ``plane_mm`` have the shape (n, 2), x and y; the top left of the board is at
-    (0, 0). ``err_px`` is the standard error of a corner's coordinate.
-    """
+    """Corners of a board in an image and on it, x and y, shape (n, 2), with their error."""
 
     seen_px: FloatArray
     plane_mm: FloatArray
@@ -226,10 +218,7 @@ class BoardCorners:
 
 
 def find_board(image: AnyArray, board: CharucoBoard) -> BoardCorners:
-    """Find the corners of a board.
-
-    It need not be completely in view, but 12 corners must be.
-    """
+    """Find at least 12 corners of a board, which need not be completely in view."""
     values = np.asarray(image, dtype=np.float64)
     low, high = np.percentile(values, [0.5, 99.5])
     bytes_ = np.clip((values - low) * (255.0 / max(high - low, 1e-9)), 0, 255).astype(np.uint8)
@@ -250,7 +239,7 @@ def find_board(image: AnyArray, board: CharucoBoard) -> BoardCorners:
     seen_px = np.asarray(found_px, dtype=np.float64).reshape(-1, 2)
     corners_mm = np.asarray(layout.getChessboardCorners(), dtype=np.float64)[:, :2]
     plane_mm = corners_mm[np.asarray(found_ids).ravel()]
-    fitted = fit_corners(
+    fitted = _fit_corners(
         values,
         seen_px,
         _square_axes_px(seen_px, plane_mm, board.square_mm),
@@ -292,8 +281,8 @@ _LEVEL_DEG = 0.05
 class Levelling:
     """Angles between the sensor and the plane of the scene, in degrees, with standard errors.
 
-    ``right_deg`` is positive where the right of the picture is further away, ``down_deg`` where
-    its bottom is. The errors are NaN where nothing tells them.
+    They are positive where the right or the bottom of the picture is further away; errors are NaN
+    where nothing tells them.
     """
 
     right_deg: float
@@ -322,8 +311,8 @@ def level_by_focus(
     """Slopes of the scene from the camera's heights at which regions are sharpest.
 
     A region that is nearer is sharp from further up. The slopes are those of the plane that fits
-    best, so that a curved field, which is the same on all sides, does not count. Centres of regions
-    are x and y, shape ``(n, 2)``; at least three, not on one line.
+    best, so that a curved field does not count. Centres of regions are x and y, shape ``(n, 2)``;
+    at least three, not on one line.
     """
     if len(peaks_mm) < _COEFFICIENTS:
         raise ValueError(f"levelling needs at least 3 regions, got {len(peaks_mm)}")
@@ -347,12 +336,10 @@ def level_by_focus(
 def level_by_board(
     corners: BoardCorners, shape: tuple[int, int], focal_length_px: float
 ) -> Levelling:
-    """Slopes of a board from its perspective in one photograph.
+    """Slopes of a board from its perspective in one photograph, from five corners on.
 
-    A homography maps the board to the picture; its last row is the slope of the distance. The lens
-    is taken to have no distortion and its axis to meet the middle of the picture. It takes five
-    corners, no three of four on one line; if the focal length is wrong, the angles are wrong by the
-    same factor.
+    The last row of the homography is the slope of the distance. The lens is taken to have no
+    distortion and its axis to meet the middle; the angles are wrong as the focal length is.
     """
     if len(corners.plane_mm) < _LEVELLING_CORNERS_MIN:
         raise ValueError(

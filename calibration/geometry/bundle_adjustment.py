@@ -38,19 +38,10 @@ _TILT_STEP = 1e-5
 class PlaneLens:
     """Lens and inclination: what stays the same when the stage moves.
 
-    Parameters
-    ----------
-    width_px, height_px
-        Size of the image.
-    focal_length_px
-        Focal length. If it is wrong, tilts come out wrong by the same factor.
-    k1, k2
-        Radial distortion: an ideal point at radius r from the principal point, 1 at the image
-        corner, appears at ``r (1 + k1 r^2 + k2 r^4)``. Negative is barrel distortion.
-    principal_x_px, principal_y_px
-        Offset of the principal point from the centre of the image.
-    tilt_x_rad, tilt_y_rad
-        Inclination that makes the optical axis meet the plane further along the image's +x, +y.
+    A wrong ``focal_length_px`` makes tilts wrong by the same factor. An ideal point at radius r
+    from the principal point, 1 at the image corner, appears at ``r (1 + k1 r^2 + k2 r^4)``; the
+    principal point counts from the centre of the image. The tilts make the optical axis meet the
+    plane further along the image's +x, +y.
     """
 
     width_px: int
@@ -177,8 +168,7 @@ class PlaneLens:
 class CapturePose:
     """Pose of one capture: a plane point is ``place + exp(log_distance) turn(slope)``.
 
-    Lengths are in mm, or in units of the first capture's distance if no size is known. The
-    rotation is from +x towards +y.
+    Lengths are in mm, or in the first capture's distance if no size is known.
     """
 
     log_distance: float = 0.0
@@ -224,10 +214,9 @@ class CapturePose:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GeometryCapture:
-    """One capture of a board or of a textured target.
+    """One capture of a board or a textured target: grey, linear, ``(rows, cols)``.
 
-    ``image`` is grey and linear, shape ``(rows, cols)``; ``height_mm`` was read back. Captures of
-    one kind, target and orientation show the same target, which was not touched in between.
+    Captures of one kind, target and orientation show a target that was not touched in between.
     """
 
     name: str
@@ -264,10 +253,9 @@ class PosedCapture:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Series:
-    """The captures of one placement of a target, and the lens, inclined as it is to this target.
+    """The captures of one placement of a target, and the lens, inclined as it is to it.
 
-    Lengths are in mm where the target has a known size; if not, in units of the first capture's
-    distance, and that capture's pose is fixed.
+    Without a known size, lengths are in the first capture's distance, and its pose is fixed.
     """
 
     lens: PlaneLens
@@ -294,9 +282,9 @@ class Series:
 class PlaneMatches:
     """Pixels of one capture that show the same plane points as those of another, or of a board.
 
-    Pixels and points are x and y, shape (n, 2); ``other`` is None where the points are known ones
-    of a plane, in mm. The covariance is that of the disagreement in pixels of ``capture``, shape
-    (n, 2, 2), up to a factor.
+    All are x and y, shape (n, 2); ``other`` is None where the points are known ones, in mm. The
+    covariance is that of the disagreement in pixels of ``capture``, shape (n, 2, 2), up to a
+    factor.
     """
 
     capture: GeometryCapture
@@ -325,10 +313,7 @@ _REGIONS_ACROSS = 11.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensPrior:
-    """Prior knowledge of the lens: standard deviations about zero.
-
-    A real lens is well within; a value known no better than this counts as undetermined.
-    """
+    """Standard deviations of the lens about zero; what is known no better is undetermined."""
 
     k1: float = 0.2
     k2: float = 0.05
@@ -365,7 +350,7 @@ class _ParameterColumns:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Adjustment:
-    """Adjusted series, whose lenses differ only in tilt, the matches, and the covariance.
+    """Adjusted series, whose lenses differ only in tilt, and the parameters' covariance.
 
     The covariance is of all parameters, by ``columns``, and zero for fixed ones.
     """
@@ -451,10 +436,9 @@ def _with_focal_length(series: Series, focal_length_px: float) -> Series:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquationRows:
-    """Whitened equations of one set of matches.
+    """Whitened equations of one set of matches, by parameters of ``columns``.
 
-    ``design`` has the derivatives of ``residual`` by the parameters of ``columns``; ``weight`` is
-    one for both coordinates of a match, ``region`` the part of the target that it lies in.
+    ``weight`` is one for both coordinates of a match, ``region`` the target's part it lies in.
     """
 
     columns: NDArray[np.intp]

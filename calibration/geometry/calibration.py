@@ -32,9 +32,8 @@ _STEP = 1e-6
 class _StageAxis:
     """The stage's travel as seen by one series.
 
-    The image expands from the pixel ``pierce_px`` (x, y), where the line of travel through the
-    pupil intersects it; ``offset_px`` is the same relative to the centre. ``sideways`` are the
-    distances of the captures from the straight line, shape (n, 2), in the unit of the series.
+    The image expands from ``pierce_px`` (x, y), ``offset_px`` from the centre. ``sideways`` are the
+    captures' distances from the straight line, shape (n, 2), in the unit of the series.
     """
 
     pierce_px: FloatArray
@@ -43,11 +42,8 @@ class _StageAxis:
     sideways: FloatArray
 
 
-def stage_axis(adjustment: Adjustment, number: int) -> _StageAxis:
-    """Fit a straight line of travel to the positions of one series.
-
-    The series has captures at two distances or more.
-    """
+def _stage_axis(adjustment: Adjustment, number: int) -> _StageAxis:
+    """Fit a straight line of travel to the positions of one series with two distances or more."""
     series, layout = adjustment.series[number], adjustment.columns
     columns = np.concatenate(
         [layout.shared(number), *(layout.pose(one.capture) for one in series.captures)]
@@ -318,7 +314,7 @@ def _tilt(adjustment: Adjustment, focal: _FocalLength | None) -> tuple[Fields, l
 def _axes(adjustment: Adjustment) -> dict[int, _StageAxis]:
     """Lines of travel of the series with two heights, by number of the series."""
     return {
-        number: stage_axis(adjustment, number)
+        number: _stage_axis(adjustment, number)
         for number, series in enumerate(adjustment.series)
         if len(set(series.heights_mm)) >= 2
     }
@@ -446,11 +442,7 @@ _ALONE = "the other captures of its target are left out, and one capture alone i
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeometryOptions:
-    """What is known beforehand.
-
-    The focal length is over the pixel pitch, both from the bench file; the scale is that at the
-    lowest height, if it was measured.
-    """
+    """What is known beforehand: focal length over pixel pitch, scale at the lowest height."""
 
     nominal_focal_px: float | None = None
     scale_px_per_mm: float | None = None
@@ -464,20 +456,8 @@ def geometry_of_captures(
 ) -> GeometryCalibration:
     """Measure pupil offset, scales, distortion, tilt and drift.
 
-    Parameters
-    ----------
-    captures
-        Captures of boards and textured targets, in any order, all of one image size.
-    options
-        What is known beforehand.
-    progress
-        Called with the number of captures matched.
-
-    Raises
-    ------
-    GeometryError
-        If the captures were made at one height, do not match, or contradict the stage; the message
-        is one line that names the capture or target and the remedy.
+    The captures, in any order, are of boards and textured targets, all of one image size. A
+    `GeometryError` names the capture or target at fault and the remedy.
     """
     given = options or GeometryOptions()
     _check(captures)

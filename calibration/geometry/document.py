@@ -3,10 +3,10 @@
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from acquisition.dataframe import dataframe
-from acquisition.files import Provenance
+from acquisition.files import Provenance, StoredModel
 from calibration.estimate import NORMAL_95
 from simulation.notebook import Shown
 from simulation.palette import INK, PALETTE
@@ -70,8 +70,8 @@ _BEYOND_MM = 0.1
 ScaleSource = Literal["board", "given", "bench"]
 
 
-class _Stored(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
+class _Stored(StoredModel, allow_inf_nan=False):
+    """Whose numbers are finite."""
 
 
 class HeightZoom(_Stored):
@@ -235,7 +235,7 @@ class GeometryCalibration(Shown, _Stored):
     zooms: tuple[HeightZoom, ...] = ()
     captures: tuple[CaptureGeometry, ...] = ()
     excluded: tuple[ExcludedCapture, ...] = ()
-    undetermined: dict[str, str] = {}
+    undetermined: dict[str, str] = {}  # noqa: RUF012 - pydantic copies it
     notes: tuple[str, ...] = ()
     cross_validation: CrossValidation | None = None
     provenance: Provenance | None = None

@@ -199,7 +199,7 @@ _RETAKE_TEXTURE = (
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class MatchedCaptures:
+class _MatchedCaptures:
     """Captures that were matched and adjusted together, and those that could not be."""
 
     adjustment: Adjustment
@@ -207,11 +207,8 @@ class MatchedCaptures:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class MatchedSeries:
-    """The connected captures of one placement, their matches, and the captures left over.
-
-    ``series`` is None if no two are connected.
-    """
+class _MatchedSeries:
+    """The connected captures of one placement, if any, their matches, and those left over."""
 
     series: Series | None
     matches: tuple[PlaneMatches, ...] = ()
@@ -224,11 +221,10 @@ def adjust_captures(
     board: CharucoBoard,
     progress: Callable[[int], None] = lambda _: None,
     prior: LensPrior | None = None,
-) -> MatchedCaptures:
+) -> _MatchedCaptures:
     """Match the captures of each placement and adjust them all together.
 
-    They are grouped by placement, heights ascending; the lens keeps its image size and focal
-    length. ``progress`` is called with the number of captures done.
+    They are grouped by placement, heights ascending; the lens keeps size and focal length.
     """
     found = []
     done = 0
@@ -236,7 +232,7 @@ def adjust_captures(
         members = list(run)
         is_board = members[0].kind == "board"
         found.append(
-            _match_boards(members, lens, board) if is_board else match_textures(members, lens)
+            _match_boards(members, lens, board) if is_board else _match_textures(members, lens)
         )
         done += len(members)
         progress(done)
@@ -257,7 +253,7 @@ def adjust_captures(
             adjustment.with_matches(_dense_matches(adjustment, strides))
         )
         exclusions += poor
-    return MatchedCaptures(adjustment=adjustment, exclusions=tuple(exclusions))
+    return _MatchedCaptures(adjustment=adjustment, exclusions=tuple(exclusions))
 
 
 def _with_enough_matches(adjustment: Adjustment) -> tuple[Adjustment, list[Exclusion]]:
@@ -284,7 +280,7 @@ def _dense_matches(adjustment: Adjustment, strides: Sequence[int]) -> list[Plane
 
 def _match_boards(
     captures: Sequence[GeometryCapture], lens: PlaneLens, board: CharucoBoard
-) -> MatchedSeries:
+) -> _MatchedSeries:
     found: dict[GeometryCapture, BoardCorners] = {}
     exclusions = []
     for capture in captures:
@@ -294,7 +290,7 @@ def _match_boards(
             reason = f"{error}; show more of the board, or name it with --board"
             exclusions.append(Exclusion(capture=capture, reason=reason))
     if not found:
-        return MatchedSeries(series=None, exclusions=tuple(exclusions))
+        return _MatchedSeries(series=None, exclusions=tuple(exclusions))
     posed = tuple(
         PosedCapture(capture=capture, pose=_pose_over_board(corners, lens))
         for capture, corners in found.items()
@@ -309,7 +305,7 @@ def _match_boards(
         )
         for capture, corners in found.items()
     )
-    return MatchedSeries(
+    return _MatchedSeries(
         series=Series(lens=lens, captures=posed, is_in_mm=True),
         matches=matches,
         exclusions=tuple(exclusions),
@@ -329,15 +325,12 @@ def _pose_over_board(corners: BoardCorners, lens: PlaneLens) -> CapturePose:
     )
 
 
-def match_textures(captures: Sequence[GeometryCapture], lens: PlaneLens) -> MatchedSeries:
-    """Match the captures of one textured target by their features.
-
-    They go from the nearest to the furthest; a rough focal length will do.
-    """
+def _match_textures(captures: Sequence[GeometryCapture], lens: PlaneLens) -> _MatchedSeries:
+    """Match the captures of one textured target by their features, nearest first."""
     if len(captures) < 2:
         reason = "it is the only capture of its target; capture it at two heights or more"
         alone = tuple(Exclusion(capture=one, reason=reason) for one in captures)
-        return MatchedSeries(series=None, exclusions=alone)
+        return _MatchedSeries(series=None, exclusions=alone)
     links, reasons = _links(captures)
     kept = _largest_group(captures, links)
     if len(kept) < 2:
@@ -351,7 +344,7 @@ def match_textures(captures: Sequence[GeometryCapture], lens: PlaneLens) -> Matc
         if one not in kept
     )
     if not kept:
-        return MatchedSeries(series=None, exclusions=exclusions)
+        return _MatchedSeries(series=None, exclusions=exclusions)
     links = [link for link in links if link.near in kept]
     to_first = _to_first(kept[0], links)
     middle_px = (np.array(captures[0].image.shape[1::-1]) - 1) / 2
@@ -362,7 +355,7 @@ def match_textures(captures: Sequence[GeometryCapture], lens: PlaneLens) -> Matc
         )
         for one in kept
     )
-    return MatchedSeries(
+    return _MatchedSeries(
         series=Series(lens=lens, captures=posed, is_in_mm=False),
         matches=tuple(link.matches for link in links),
         exclusions=exclusions,

@@ -35,9 +35,8 @@ _REVERSED = -0.5
 class PupilFit:
     """The pupil offset and the unit of each series, its distance per mm, with residuals.
 
-    The offset is the distance of the pupil from the plane at height zero; the covariance is of the
-    offset and the log units, in this order. ``scatter_mm`` is the error of a height beyond that
-    explained by the images. With no degrees of freedom, nothing was checked.
+    The covariance is of the offset and the log units. ``scatter_mm`` is the error of a height
+    beyond that explained by the images. With no degrees of freedom, nothing was checked.
     """
 
     pupil_offset_mm: float
@@ -76,8 +75,7 @@ class PupilFit:
 class SeriesDistances:
     """Heights of captures, and the distances of the camera according to the images.
 
-    Series are numbered from 0 without gaps, and at least one has two different heights; log
-    distances and their covariance are in each series' own unit.
+    Log distances and their covariance are in each series' own unit; series count from 0.
     """
 
     heights_mm: FloatArray
@@ -121,7 +119,7 @@ class SeriesDistances:
         return len(self.heights_mm) - 2 - int(self.series.max())
 
 
-def fit_pupil(distances: SeriesDistances) -> PupilFit:
+def _fit_pupil(distances: SeriesDistances) -> PupilFit:
     """Fit the offset and units to the distances of all captures.
 
     References
@@ -148,8 +146,7 @@ def fit_pupil(distances: SeriesDistances) -> PupilFit:
 def _counts_downwards(distances: SeriesDistances) -> bool:
     """Whether the heights of one series fall as the camera rises, according to the images.
 
-    Judged by Kendall's rank correlation, which one wrong height does not turn round: by pairs of
-    captures whose heights and distances both differ by more than their errors.
+    By Kendall's rank correlation of what differs beyond errors: one wrong height does not turn it.
     """
     first, second = np.triu_indices(len(distances.heights_mm), k=1)
     rise_mm = distances.heights_mm[second] - distances.heights_mm[first]
@@ -162,7 +159,7 @@ def _counts_downwards(distances: SeriesDistances) -> bool:
     return bool(np.mean(np.sign(rise_mm[told] * growth[told])) <= _REVERSED)
 
 
-def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
+def _height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
     """Find the capture whose height does not fit its image, while all others agree.
 
     Its index, and the height in mm that fits its image; None if no single capture stands out, or if
@@ -177,7 +174,7 @@ def height_outlier(distances: SeriesDistances) -> tuple[int, float] | None:
         if len(set(distances.heights_mm[rest & (distances.series == series)])) < 3:
             continue
         try:
-            fit = fit_pupil(distances.only(rest))
+            fit = _fit_pupil(distances.only(rest))
         except ValueError:
             continue
         distance_mm = float(np.exp(distances.log_distances[capture] - fit.log_units[series]))
@@ -248,10 +245,7 @@ _UPWARDS = (
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ConsistentSeries:
-    """Series whose captures agree, their pupil offset, and the captures left out.
-
-    ``notes`` are remarks on series that were left out completely.
-    """
+    """Series whose captures agree, their pupil offset, captures left out, and remarks."""
 
     adjustment: Adjustment
     pupil: PupilFit
@@ -316,7 +310,7 @@ def _pupil(adjustment: Adjustment) -> PupilFit:
             subject=name,
         )
     try:
-        return fit_pupil(SeriesDistances.of(adjustment))
+        return _fit_pupil(SeriesDistances.of(adjustment))
     except ValueError as error:
         target = adjustment.series[0].target
         raise GeometryError(
@@ -328,7 +322,7 @@ def _pupil(adjustment: Adjustment) -> PupilFit:
 
 def _slipped(adjustment: Adjustment) -> _Contradiction | None:
     """Find the capture whose height does not fit its image."""
-    found = height_outlier(SeriesDistances.of(adjustment))
+    found = _height_outlier(SeriesDistances.of(adjustment))
     if found is None:
         return None
     capture, fits_mm = adjustment.captures[found[0]].capture, found[1]
@@ -413,7 +407,7 @@ def _own_pupils(adjustment: Adjustment) -> list[tuple[Series, PupilFit]]:
         if len(set(series.heights_mm)) < 2:
             continue
         try:
-            fits.append((series, fit_pupil(distances.only(distances.series == number))))
+            fits.append((series, _fit_pupil(distances.only(distances.series == number))))
         except ValueError:
             continue
     return fits

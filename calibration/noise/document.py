@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import tifffile
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from acquisition.dataframe import dataframe
-from acquisition.files import Provenance
+from acquisition.files import Provenance, StoredModel
 from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
 from acquisition.session import write_shared
 from acquisition.untrusted import TiffDamageError, read_tiff
@@ -106,8 +106,7 @@ class CorrectionMaps(ByValue):
 class Nonuniformity:
     """How much the pixels differ, without temporal noise.
 
-    ``dsnu_dn`` and ``prnu`` are standard deviations between pixels after large-scale structure was
-    removed; ``shading`` is the range of what was removed, relative to its mean.
+    ``shading`` is the range of the large-scale structure over its mean, the rest is without it.
     """
 
     dsnu_dn: float
@@ -209,24 +208,20 @@ _TITLES = {
 }
 
 
-class MapFile(BaseModel):
+class MapFile(StoredModel):
     """The name of a map beside noise.json, and the SHA-256 of its bytes."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     file: str
     sha256: str
 
 
-class NoiseCalibration(Shown, ByValue, BaseModel):
+class NoiseCalibration(Shown, ByValue, StoredModel, allow_inf_nan=False):
     """The noise of one camera at one gain, and what it was measured from.
 
     Values named ``_err`` are standard errors; null means not determined. Only the keys without a
     default are required. ``frames_averaged`` is that of an ordinary capture on the bench, not of
     the captures in ``levels``. ``maps`` names the dark, flat and defect maps.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
     schema_name: Literal["standoff.noise/1"] = Field(default=NOISE_SCHEMA, alias="schema")
     gain_e_per_dn: float = Field(gt=0, ge=_LEAST, le=_MOST)
@@ -431,13 +426,10 @@ def _as_text(name: str) -> str:
     return os.fsencode(name).decode("utf-8")
 
 
-def _is_name(text: str) -> bool:
-    return Path(text).name == text and "\0" not in text
-
-
 def _plane(path: Path, name: str, entry: MapFile | None) -> NDArray[Any]:
     key = f"maps.{name}"
-    if entry is None or entry.file in ("", ".", "..") or not _is_name(entry.file):
+    file = "" if entry is None else entry.file
+    if entry is None or file in ("", ".", "..") or Path(file).name != file or "\0" in file:
         raise NoiseFileError(
             f"{path}: {key} does not name a file beside it", source=str(path), key=key
         )

@@ -48,9 +48,8 @@ _KINDS = ("dark", "flat")
 class _NoiseCapture:
     """Frames of one dark or flat level: what is known of them, and how their statistics are had.
 
-    ``load`` returns the mean and the unbiased temporal variance of one frame, both of shape
-    ``(rows, cols)``. ``time_s`` is by any clock. ``saturated_pixels`` reached the largest level in
-    any of the ``frames``. ``bracket`` has the exposures of a bracket.
+    ``load`` returns mean and unbiased temporal variance of one frame, ``(rows, cols)`` both.
+    ``saturated_pixels`` reached the largest level in any frame.
     """
 
     kind: NoiseKind
@@ -67,9 +66,8 @@ class _NoiseCapture:
 class NoiseCaptures:
     """Dark and flat captures of one camera at one gain, at least one of each.
 
-    ``frames_averaged`` and ``usual_exposure_us`` are those of ordinary captures: with a dark
-    current the dark map is of the darks nearest to it. ``quantisation_dn2`` is the variance of the
-    rounding to whole levels, ``facts`` are further fields of noise.json by name.
+    With a dark current the dark map is of the darks nearest to ``usual_exposure_us``.
+    ``quantisation_dn2`` is that of the rounding, ``facts`` are further fields of noise.json.
     """
 
     captures: tuple[_NoiseCapture, ...]
@@ -83,7 +81,7 @@ class NoiseCaptures:
     @classmethod
     def of_session(cls, session: Session) -> "NoiseCaptures":
         """Return the dark and flat captures of a session, which are read when they are needed."""
-        records = noise_records(session)
+        records = _noise_records(session)
         camera: Mapping[str, Any] = session.devices.get("camera", {})
         wanted = session.bench.get("camera", {}).get("exposure_us")
         return cls(
@@ -105,7 +103,7 @@ class NoiseCaptures:
         return sum(one.kind == kind for one in self.captures)
 
 
-def noise_records(session: Session) -> list[CaptureRecord]:
+def _noise_records(session: Session) -> list[CaptureRecord]:
     """Return the records of the dark and flat captures of a session."""
     records = [
         record for record in session.records if record.kind in _KINDS and record.frames_used > 1
@@ -272,10 +270,7 @@ def noise_captures(
     camera: str | None = None,
     notes: tuple[str, ...] = (),
 ) -> NoiseCaptures:
-    """Return groups of frames as the captures of a noise measurement.
-
-    The groups are finished and have names of their own; frames are clipped at ``max_level_dn``.
-    """
+    """Return finished groups of frames, with names of their own, as captures of a measurement."""
     step_dn = _step_dn(groups)
     max_level_dn = max_level_dn // step_dn * step_dn
     first = groups[0]
@@ -338,7 +333,7 @@ _FEWEST_IN_BIN = 30
 _COLLAPSED = 0.3  # of the largest variance: read noise only, or none at all
 
 
-class VarianceByLevel:
+class _VarianceByLevel:
     """Temporal variance of pixels by their mean level, summed over flats.
 
     Because it works by pixel and not by capture, uneven light does not smear the level at which
@@ -371,10 +366,7 @@ class VarianceByLevel:
         )
 
     def saturation(self) -> Saturation:
-        """The level at which pixels clip: the most frequent one among those of collapsed variance.
-
-        It is that of the pixel format if no capture reached it.
-        """
+        """The level at which pixels clip: the usual one of collapsed variance, or the format's."""
         unseen = Saturation(level_dn=self._max_level_dn, err_dn=None)
         used = self._count >= _FEWEST_IN_BIN
         if not used.any():
@@ -433,26 +425,12 @@ def noise_of_captures(
     """Measure gain, read noise, black level, linearity, saturation and the maps of a sensor.
 
     Every capture is loaded twice, or three times if the sensor has defects, which are left out. Of
-    a bracket every exposure is a sample, with its defects; the maps take what was merged.
-
-    Parameters
-    ----------
-    given
-        A session with dark and flat captures (see ``configs/noise_plan.toml``), or such captures of
-        frames of one's own.
-    progress
-        Called with the number of captures read, two for each.
-
-    Raises
-    ------
-    NoiseError
-        If the captures do not determine the noise; the message says what to capture.
-    SessionError
-        If a capture file is missing or changed.
+    a bracket every exposure is a sample, with its defects; the maps take what was merged. A
+    `NoiseError` says what to capture.
     """
     captures = NoiseCaptures.of_session(given) if isinstance(given, Session) else given
     listed = captures.captures
-    levels = VarianceByLevel(captures.max_level_dn)
+    levels = _VarianceByLevel(captures.max_level_dn)
     samples: list[LevelSample] = []
     for done, capture in enumerate(listed, start=1):
         mean, variance = capture.load()

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from acquisition.files import StoredModel
 from calibration.errors import NoiseError
 from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
@@ -86,8 +87,7 @@ class _DarkSignal:
 def _dark_signal(darks: Sequence[_DarkSample]) -> _DarkSignal:
     """Measure the black level, and the dark current if exposures differ.
 
-    The standard error is the larger of those from the temporal noise and from the scatter of the
-    captures: a black level that drifts from capture to capture is known no better.
+    The error is the larger of those from the temporal noise and from the captures' scatter.
     """
     level = np.array([sample.mean_dn for sample in darks])
     temporal = np.array(
@@ -155,7 +155,7 @@ class Linearity:
     light_drift_per_s: float | None
 
 
-def measure_linearity(
+def _measure_linearity(
     levels: Sequence[tuple[float, float, float]], *, range_dn: float
 ) -> Linearity | None:
     """Fit a line to level over exposure, with relative weights.
@@ -212,15 +212,13 @@ _SAME_LEVEL = 0.02
 _ROUNDS = 5
 
 
-class LevelSample(BaseModel):
+class LevelSample(StoredModel):
     """One dark or flat capture, averaged over its pixels.
 
     ``variance_dn2`` is the mean over pixels of the unbiased temporal variance of one frame,
     ``is_fitted`` says whether the photon transfer line was fitted to it. ``time_s``, by any clock,
     is not stored in the file.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     kind: Literal["dark", "flat"]
     capture: str
@@ -478,7 +476,7 @@ def _linearity(
         for flat in flats
         if flat.exposure_us is not None and flat.clipped_fraction <= MOST_CLIPPED
     ]
-    return measure_linearity(levels, range_dn=saturation.level_dn - dark.black_level_dn)
+    return _measure_linearity(levels, range_dn=saturation.level_dn - dark.black_level_dn)
 
 
 def _fit(
@@ -544,10 +542,9 @@ _QUANTISATION_DN2 = 1.0 / 12.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelNoise:
-    """Variance of one pixel value: read noise plus shot noise growing with the level.
+    """Variance of one pixel value: ``offset_dn2 + slope_dn * level``, at least ``floor_dn2``.
 
-    ``variance = offset_dn2 + slope_dn * level``, never below ``floor_dn2``
-    (EMVA 1288 release 4.0, section 2.4: the photon transfer line).
+    EMVA 1288 release 4.0, section 2.4: the photon transfer line.
     """
 
     offset_dn2: float
@@ -587,8 +584,8 @@ def fit_level_noise(
 ) -> LevelNoise:
     """Fit the photon transfer line to the temporal variance of single frames.
 
-    Means and unbiased temporal variances are of pixels, of any shape. Pixels above 98 % of the
-    saturation are left out, as their variance is clipped; 100 must be left.
+    Pixels above 98 % of the saturation are left out, as their variance is clipped; 100 must be
+    left.
     """
     mean = np.asarray(mean_dn, dtype=np.float64).ravel()
     variance = np.asarray(variance_dn2, dtype=np.float64).ravel()

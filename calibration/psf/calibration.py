@@ -44,6 +44,7 @@ from calibration.psf.covariance import (
 from calibration.psf.document import CameraIdentity, ColourPsf, PsfCalibration, PsfOrigin
 from calibration.psf.field import FieldEdges, FieldFit, field_or_reason, fit_psf_field
 from calibration.psf.repeatability import (
+    LEAST_ERR_PX,
     FocusScatter,
     SharedByCapture,
     capture_numbers,
@@ -109,11 +110,9 @@ def capture_images(
     correction: CorrectionMaps | None = None,
     frame_noise: LevelNoise | None = None,
 ) -> Iterator[EdgeImage]:
-    """Load captures one by one, each with its own noise.
+    """Load captures one by one, corrected if asked, each with the noise of its temporal variance.
 
-    The noise is fitted to the temporal variance stored with the capture. A single frame has no
-    variance: its noise is ``frame_noise``, or, without that, what the edge fit estimates from its
-    residuals. The maps of ``correction`` apply to every capture and its variance.
+    A single frame has none: its noise is ``frame_noise``, or what the edge fit estimates.
     """
     for record in records:
         images = session.load(record)
@@ -183,7 +182,6 @@ def _text(snapshot: Mapping[str, object], key: str) -> str | None:
 
 _TARGET = EdgeSelection()
 _TRUSTED = 0.5  # robust weight from which an edge counts
-_LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 # What JPEG takes from all edges alike, over the error of one of them: the mean error of boards of
 # some 80 edges was 0.1 to 0.35 of it, at sigma 0.6 to 1.4 px and qualities of 50 to 90.
 _JPEG_SHARED = 0.25
@@ -197,24 +195,10 @@ def psf_of_images(
     selection: EdgeSelection = _TARGET,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
-    """Measure the PSF from photographs of straight edges.
+    """Measure the PSF from photographs of straight edges, read one at a time.
 
-    Parameters
-    ----------
-    sources
-        The photographs, read one at a time.
-    method
-        ``paper`` is the method of the paper: Gaussians are fitted to binned line spread functions,
-        and their medians taken over vertical and horizontal edges.
-    selection
-        Which edges count; by default those of the target, wherever they are.
-    progress
-        Called with the number of photographs done.
-
-    Raises
-    ------
-    NoEdgeError
-        If no usable edge is found; the message says why.
+    ``paper`` fits Gaussians to binned line spread functions and takes their medians over vertical
+    and horizontal edges. Without ``selection`` the target's edges count, wherever they are.
     """
     edges: list[EdgeMeasurement] = []
     names: list[str] = []
@@ -228,18 +212,17 @@ def psf_of_images(
     used = [edge for edge in edges if edge.is_used]
     if not used:
         raise _no_edge_error(names, edges)
-    return psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
+    return _psf_of_edges(edges, method, frames.pop() if len(frames) == 1 else None)
 
 
-def psf_of_edges(
+def _psf_of_edges(
     edges: Sequence[EdgeMeasurement],
     method: Method = "all-angles",
     frame: tuple[int, int] | None = None,
 ) -> PsfCalibration:
     """Compute the PSF from measured edges, at least one of which is usable.
 
-    Rejected edges are kept in the list. Without a ``frame``, as where photographs differ in size,
-    no field is fitted.
+    Without a ``frame``, as where photographs differ in size, no field is fitted.
     """
     seen = [edge for edge in edges if edge.is_used]
     softness = measure_softness(seen)
@@ -291,7 +274,7 @@ def _widths(edges: Sequence[EdgeMeasurement], *, is_optical: bool) -> tuple[Floa
         for edge in edges
     ]
     sigma, err = np.array(pairs).T
-    return sigma, np.maximum(err, _LEAST_ERR_PX)
+    return sigma, np.maximum(err, LEAST_ERR_PX)
 
 
 def _angles(edges: Sequence[EdgeMeasurement]) -> FloatArray:
@@ -311,9 +294,8 @@ def _lost_alike(
 ) -> float:
     """Relative error of all widths from what compression does to all edges of a photograph alike.
 
-    Behind JPEG, the relative error of an edge is mostly what its blocks have lost. Some of that is
-    chance from edge to edge; the rest is the same for all, as their details are equally fine, and
-    no number of edges averages it out. Each edge brings its own into the weighted mean.
+    Some of what blocks have lost is chance from edge to edge; the rest no number of edges averages
+    out. Each edge brings its own into the weighted mean.
     """
     is_jpeg = np.array(["jpeg" in edge.flags for edge in edges])
     counted = (weights if weights.any() else 1.0) / relative**2
@@ -390,13 +372,12 @@ def _transfer_2d(
 ) -> Transfer2d | None:
     """The transfer function over both axes, without edges whose width the others contradict.
 
-    Each edge is compared at its own focus and softness of the target, so that the transfer is that
-    of the camera at its mean focus; what these leave unknown is in its errors.
+    Each edge is compared at its own focus and softness of the target.
     """
     keys = [capture_of(edge) for edge in edges]
     focus = total.by_capture
     offsets = {} if focus is None else focus.offset_px2
-    numbers = capture_numbers(keys).tolist()
+    numbers = capture_numbers(edges).tolist()
     trusted = [
         replace(edge.binned, blur_px2=softness_px2.get(key, 0.0) + offsets.get(number, 0.0))
         for edge, key, number, weight in zip(
@@ -425,7 +406,7 @@ def _height_trend(edges: Sequence[EdgeMeasurement], total: CovarianceFit) -> Hei
             continue
         heights.append(edge.height_mm)
         widths.append(edge.sigma_px / expected)
-        errs.append(max(edge.sigma_err_px, _LEAST_ERR_PX) / expected)
+        errs.append(max(edge.sigma_err_px, LEAST_ERR_PX) / expected)
     trend = fit_height_trend(np.array(heights), np.array(widths), np.array(errs))
     if trend is None:
         return None
@@ -519,10 +500,9 @@ def calibrate_mosaic(
     selection: EdgeSelection = _TARGET,
     progress: Callable[[int], None] = lambda _: None,
 ) -> PsfCalibration:
-    """Measure the PSF of every colour of a mosaic, in pixels of the sensor.
+    """Measure the PSF of every colour of mosaics, read one at a time, in pixels of the sensor.
 
-    Mosaics are read one at a time; the values are those of ``channel``, and the others are in
-    ``channels``.
+    The values are those of ``channel``; the others are in ``channels``.
     """
     edges: dict[str, list[EdgeMeasurement]] = {colour: [] for colour in COLOURS}
     names: list[str] = []
@@ -542,7 +522,7 @@ def calibrate_mosaic(
         raise _no_edge_error([f"{name} ({channel})" for name in names], edges[channel], PITCH_PX)
     frame = frames.pop() if len(frames) == 1 else None
     channels = {
-        colour: psf_of_edges(found, method, frame if colour == channel else None)
+        colour: _psf_of_edges(found, method, frame if colour == channel else None)
         for colour, found in edges.items()
         if any(edge.is_used for edge in found)
     }

@@ -90,8 +90,7 @@ class ParameterChange:
 class PsfChange:
     """All parameters that both calibrations give, and why the two may not be comparable.
 
-    ``shared_inputs`` are the photographs, or the journals of sessions, that both were measured on.
-    The test takes errors for independent, so that with any of them it tells nothing.
+    With ``shared_inputs``, measured on by both, errors are not independent: no test tells.
     """
 
     parameters: tuple[ParameterChange, ...]
@@ -126,12 +125,7 @@ class PsfChange:
 def psf_change(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
     """Compare two calibrations by a z-test of each parameter that both give with an error.
 
-    The remarks name the widths that are left out, and what only one of the two gives.
-
-    Raises
-    ------
-    CalibrationError
-        If they share no width with standard errors; the message names those that are missing.
+    The remarks name what is left out. Without a common width it is a `CalibrationError`.
     """
     pairs = [(name, _known(first, name), _known(second, name)) for name in PARAMETERS]
     known = [(name, a, b) for name, a, b in pairs if a is not None and b is not None]
@@ -145,6 +139,7 @@ def psf_change(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
         for name, a, b in pairs
         if (a is None) != (b is None) or (a is None and name in _WIDTHS)
     ]
+    not_compared = [f"not compared: {_lacking(first, second, left_out)}"] if left_out else []
     p_values = [_two_sided((b.value - a.value) / hypot(a.err, b.err)) for _, a, b in known]
     return PsfChange(
         parameters=tuple(
@@ -158,7 +153,7 @@ def psf_change(first: PsfCalibration, second: PsfCalibration) -> PsfChange:
             )
             for (name, a, b), p_holm in zip(known, _holm(p_values), strict=True)
         ),
-        remarks=(*_remarks(first, second), *_left_out(first, second, left_out)),
+        remarks=(*_remarks(first, second), *not_compared),
         shared_inputs=_shared_inputs(first, second),
     )
 
@@ -186,9 +181,8 @@ class _FocusRepeatability:
 def focus_repeatability(psfs: Sequence[PsfCalibration]) -> _FocusRepeatability | None:
     """Return how well the focus of a camera repeats from calibration to calibration.
 
-    Calibrations of the same captures count once, the first of them, and of several methods, colours
-    or parts of the frame those that there are most of. None with fewer than two calibrations that
-    give both widths with errors.
+    Calibrations of the same captures count once, and of several methods, colours or parts of the
+    frame those that there are most of. None with fewer than two that give both widths.
     """
     chosen: list[PsfCalibration] = []
     kinds = Counter((psf.method, psf.channel, psf.region) for psf in psfs)
@@ -288,12 +282,6 @@ def _known(psf: PsfCalibration, name: str) -> Estimate | None:
     return found if found is not None and found.err > 0 else None
 
 
-def _left_out(
-    first: PsfCalibration, second: PsfCalibration, names: Sequence[str]
-) -> tuple[str, ...]:
-    return (f"not compared: {_lacking(first, second, names)}",) if names else ()
-
-
 def _lacking(first: PsfCalibration, second: PsfCalibration, names: Sequence[str]) -> str:
     """Say which of the parameters each of them does not determine, or gives without an error."""
     said = []
@@ -328,10 +316,9 @@ def psf_steps(
 ) -> tuple[PsfStep, ...] | None:
     """Return independent steps of one standard error from the PSF that was taken.
 
-    None where the calibration does not state the error of this PSF: files of before, and PSFs
-    measured along the two axes alone. The zoom need only be about right. Of a field the errors of
-    the coefficients are known, and not how they go together: they are taken as independent, which
-    is too large away from the middle of the frame.
+    None where the calibration does not state the error of this PSF. The zoom need only be about
+    right. Errors of a field's coefficients are taken as independent, which is too large at the
+    border.
     """
     if isinstance(psf, PsfField):
         return None if calibration.field is None else _of_field(calibration.field, psf)

@@ -11,17 +11,19 @@ from math import pi, sqrt
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 from scipy.special import chdtrc, fdtrc, stdtr
 
+from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement
 from calibration.psf.covariance import fit_variances
 from calibration.psf.repeatability import (
     CaptureFit,
     SharedByCapture,
+    by_capture,
     capture_numbers,
     capture_of,
     excess_variance,
+    widths_of,
     without_blur,
 )
 from calibration.psf.softness import SoftnessFit, direction_columns, side_px
@@ -30,50 +32,36 @@ from simulation.arrays import BoolArray, FloatArray
 MisfitKind = Literal["soft_target", "stage", "focus_drift", "focus_scatter", "shape", "edges"]
 
 
-class HalvesCheck(BaseModel):
+class HalvesCheck(StoredModel):
     """How well one half of the edges predicts the widths of the other.
 
     ``chi2_reduced`` is near 1 where the errors of the edges explain what is left.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     chi2_reduced: float
     freedom: int
     p_value: float
 
 
-class Misfit(BaseModel):
+class Misfit(StoredModel):
     """One thing that does not fit, in words, and how strongly it shows.
 
     ``p_value`` is after Holm's correction for all tests that were made.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     kind: MisfitKind
     p_value: float
     sentence: str
 
 
-class CrossValidation(BaseModel):
+class CrossValidation(StoredModel):
     """Whether the edges agree with one PSF, and the name of what does not fit.
 
-    Attributes
-    ----------
-    edges
-        Every other edge of each capture predicts the rest; null where a half does not determine
-        the widths.
-    heights
-        The nearer half of the captures predicts the further one; without heights, every other
-        capture the rest.
-    p_values
-        Of the tests by their kind, before the correction; a test that could not be made is absent.
-    named
-        What does not fit, empty where all tests together give no reason to doubt the model.
+    For ``edges`` every other edge of each capture predicts the rest, for ``heights`` the nearer
+    half of the captures the further one, or every other capture the rest; null where a half does
+    not determine the widths. ``p_values`` are before the correction; a test that could not be made
+    is absent.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     edges: HalvesCheck | None
     heights: HalvesCheck | None
@@ -81,10 +69,7 @@ class CrossValidation(BaseModel):
     named: tuple[Misfit, ...]
 
 
-_LEAST_ERR_PX = 1e-9
-
-
-def check_edges(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
+def _check_edges(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
     """Predict every other edge of a capture from the rest; None where they do not determine it."""
     seen: dict[tuple[Hashable, str], int] = {}
     first = []
@@ -95,7 +80,7 @@ def check_edges(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
     return _check(edges, np.array(first, dtype=np.bool_))
 
 
-def check_heights(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
+def _check_heights(edges: Sequence[EdgeMeasurement]) -> HalvesCheck | None:
     """Predict the edges of the further captures from those of the nearer ones."""
     keys = [capture_of(edge) for edge in edges]
     height = {key: edge.height_mm for key, edge in zip(keys, edges, strict=True)}
@@ -118,8 +103,7 @@ def _check(edges: Sequence[EdgeMeasurement], first: BoolArray) -> HalvesCheck | 
     for half in (design[first], design[~first]):
         if np.linalg.matrix_rank(half, tol=1e-3) < design.shape[1]:
             return None
-    sigma = np.array([edge.sigma_px for edge in edges])
-    err = np.maximum([edge.sigma_err_px for edge in edges], _LEAST_ERR_PX)
+    sigma, err = widths_of(edges)
     spread2 = (2 * sigma * err) ** 2
     values, covariance = _solved(design[first], sigma[first] ** 2, spread2[first])
     left = sigma[~first] ** 2 - design[~first] @ values
@@ -144,13 +128,11 @@ _DRIFT_LEAST = 0.01  # relative change over the range of heights
 _FEWEST_FREEDOM = 3
 
 
-class HeightGroup(BaseModel):
+class HeightGroup(StoredModel):
     """Width at one height, relative to the calibration as a whole in the same direction.
 
     ``sigma_x_px`` and ``sigma_y_px`` are medians over its vertical and horizontal edges.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     height_mm: float
     edges: int
@@ -162,15 +144,13 @@ class HeightGroup(BaseModel):
     sigma_y_err_px: float | None = None
 
 
-class HeightTrend(BaseModel):
+class HeightTrend(StoredModel):
     """Weighted straight line through the relative widths, and a test of any difference by height.
 
     ``p_value`` is that of the slope, two-sided; ``p_value_between`` is that of any difference
     between the heights, including a bend through best focus. ``is_drift`` says whether the
     change is significant (p below 0.01) and large enough to report (over 1 %).
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     slope_per_mm: float
     slope_err_per_mm: float
@@ -189,11 +169,7 @@ class HeightTrend(BaseModel):
 def fit_height_trend(
     height_mm: FloatArray, relative_width: FloatArray, relative_width_err: FloatArray
 ) -> HeightTrend | None:
-    """Fit a line to widths over heights.
-
-    Widths are relative to those that the calibration predicts. None with fewer than two heights, or
-    too few edges to estimate their scatter.
-    """
+    """Fit a line to widths, relative to those expected, over heights; None for too few."""
     heights = np.unique(height_mm)
     freedom = height_mm.size - heights.size
     if heights.size < 2 or freedom < _FEWEST_FREEDOM:
@@ -273,12 +249,10 @@ def _soft_target(softness: SoftnessFit | None) -> _Evidence | None:
 
 def _stage(edges: Sequence[EdgeMeasurement]) -> _Evidence | None:
     """Test whether the heights that were read agree with the sizes of squares in the captures."""
-    captures: dict[object, list[EdgeMeasurement]] = {}
-    for edge in edges:
-        captures.setdefault(capture_of(edge), []).append(edge)
+    captures = list(by_capture(edges).values())
     known = [
         (some[0].height_mm, side)
-        for some in captures.values()
+        for some in captures
         if some[0].height_mm is not None and (side := side_px(some)) is not None
     ]
     if len(known) < 4 or len({height for height, _ in known}) < 3:
@@ -290,7 +264,7 @@ def _stage(edges: Sequence[EdgeMeasurement]) -> _Evidence | None:
     left = design @ values * side - 1
     freedom = height.size - 2
     relative = sqrt(float(left @ left) / freedom)
-    err = _side_err(list(captures.values()))
+    err = _side_err(captures)
     p_value = float(fdtrc(freedom, _SIDE_FREEDOM, (relative / err) ** 2))
     away_mm = relative * float(np.mean(height + values[1] / values[0]))
     return _Evidence(
@@ -306,10 +280,7 @@ _SIDE_FREEDOM = 30.0
 
 
 def _side_err(captures: Sequence[Sequence[EdgeMeasurement]]) -> float:
-    """Relative error of the side of a square, from the errors of the widths of its edges.
-
-    Place and width of an edge are about as exact as each other; twice that is allowed for.
-    """
+    """Relative error of the side of a square, twice that of the widths of its edges."""
     errs = []
     for some in captures:
         side = side_px(some)
@@ -324,7 +295,7 @@ def _focus_drift(edges: Sequence[EdgeMeasurement], shared: SharedByCapture) -> _
     height = _height_column(edges)
     if height is None:
         return None
-    sigma, err = _widths(edges)
+    sigma, err = widths_of(edges)
     design = np.column_stack([direction_columns(edges), height])
     if np.linalg.matrix_rank(design, tol=1e-6) < design.shape[1]:
         return None
@@ -413,23 +384,16 @@ def _height_column(edges: Sequence[EdgeMeasurement]) -> FloatArray | None:
 
 def shared_of(edges: Sequence[EdgeMeasurement], softness: SoftnessFit | None) -> SharedByCapture:
     """Return what the captures of these edges share."""
-    if softness is not None:
-        return softness.shared(edges)
-    numbers = capture_numbers([capture_of(edge) for edge in edges])
-    return SharedByCapture.focus_alone(numbers, np.array([edge.normal_rad for edge in edges]))
-
-
-def _widths(edges: Sequence[EdgeMeasurement]) -> tuple[FloatArray, FloatArray]:
-    sigma = np.array([edge.sigma_px for edge in edges])
-    err = np.maximum([edge.sigma_err_px for edge in edges], _LEAST_ERR_PX)
-    return sigma, np.asarray(err)
+    if softness is None:
+        return SharedByCapture.of(edges)
+    return SharedByCapture.of(edges, softness.columns, softness.precision)
 
 
 def _scatter_beside(
     edges: Sequence[EdgeMeasurement], columns: FloatArray | None, shared: SharedByCapture
 ) -> CaptureFit | None:
     """Fit the scatter between captures beside further columns of the model."""
-    sigma, err = _widths(edges)
+    sigma, err = widths_of(edges)
     design = direction_columns(edges)
     if columns is not None:
         design = np.column_stack([design, columns])
@@ -449,11 +413,11 @@ def cross_validate(
 ) -> CrossValidation:
     """Test the model of the camera on its own edges, and name what does not fit.
 
-    ``seen`` are the edges as measured, ``adjusted`` those without the softness of the target;
-    ``scatter_px`` is that of widths within captures beyond their errors.
+    ``adjusted`` are the edges without the softness of the target; ``scatter_px`` is that of widths
+    within captures beyond their errors.
     """
     width_px = float(np.sqrt(np.mean([edge.sigma_px**2 for edge in adjusted])))
-    edges, heights = check_edges(_levelled(adjusted, focus)), check_heights(adjusted)
+    edges, heights = _check_edges(_levelled(adjusted, focus)), _check_heights(adjusted)
     found: list[_Evidence | None] = [_soft_target(softness), _stage(seen), _shape(seen)]
     shared = shared_of(adjusted, softness)
     drift = _focus_drift(adjusted, shared)
@@ -475,7 +439,7 @@ def cross_validate(
 def _levelled(edges: Sequence[EdgeMeasurement], focus: CaptureFit | None) -> list[EdgeMeasurement]:
     """The edges at one focus: what is left is within captures."""
     offsets = {} if focus is None else focus.offset_px2
-    numbers = capture_numbers([capture_of(edge) for edge in edges]).tolist()
+    numbers = capture_numbers(edges).tolist()
     return [
         without_blur(edge, offsets.get(number, 0.0))
         for edge, number in zip(edges, numbers, strict=True)

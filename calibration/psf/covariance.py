@@ -39,10 +39,9 @@ _BOOTSTRAP_SEED = 20190906
 class VarianceFit:
     """Elements of a covariance, from a linear model of squared widths.
 
-    ``covariance`` is that of ``values``; ``replicates`` holds the solutions of resampled edges,
-    shape ``(resamples, unknowns)``, or None for few edges. ``scatter_px`` is the scatter of the
-    widths beyond their errors; ``weights``, in [0, 1], are the robust weights of the edges.
-    ``by_capture`` is the fit with what captures share, None where they cannot be told apart.
+    ``replicates`` are solutions of resampled edges, shape ``(resamples, unknowns)``, None for few.
+    ``scatter_px`` is the scatter of widths beyond their errors; ``weights`` are robust ones.
+    ``by_capture`` is the fit with what captures share, None where that cannot be told.
     """
 
     values: FloatArray
@@ -68,8 +67,7 @@ def fit_variances(
 ) -> VarianceFit:
     """Robust weighted least squares on ``sigma**2``, allowing for scatter beyond the errors.
 
-    The design, shape ``(n, unknowns)``, has full rank; without ``shared`` captures every edge is
-    independent. Edges are resampled for the intervals where ``is_resampled``.
+    The design has full rank; edges are resampled for intervals where ``is_resampled``.
     """
     count, unknowns = design.shape
     squares = sigma**2
@@ -192,8 +190,7 @@ def median_width(sigma_px: FloatArray, sigma_err_px: FloatArray) -> Estimate:
 class PsfEstimates:
     """A PSF's widths, correlation and covariance; None if not determined.
 
-    ``estimate_covariance`` is that of the errors of ``sigma_x_px``, ``sigma_y_px`` and ``rho``, in
-    this order, without those that are None.
+    ``estimate_covariance`` is of ``sigma_x_px``, ``sigma_y_px`` and ``rho``, of those known.
     """
 
     sigma_x_px: Estimate | None
@@ -206,10 +203,7 @@ class PsfEstimates:
 def estimates_of_covariance(
     covariance_px2: FloatArray, element_covariance: FloatArray
 ) -> PsfEstimates:
-    """Return the widths and the correlation of a covariance, with their errors.
-
-    The element covariance is that of xx, xy and yy.
-    """
+    """Return widths and correlation of a covariance, with errors from that of xx, xy and yy."""
     xx, xy, yy = covariance_px2[[0, 0, 1], [0, 1, 1]].tolist()
     slopes = _slopes(xx, xy, yy)
     joint = slopes @ element_covariance @ slopes.T
@@ -239,9 +233,9 @@ def _slopes(xx: float, xy: float, yy: float) -> FloatArray:
 class CovarianceFit(PsfEstimates):
     """The PSF fitted to widths across edges.
 
-    ``scatter_px`` is the scatter of the widths beyond their own errors (field, focus, paper);
-    the errors include it. ``weights``, in [0, 1], are the robust weights of the edges.
-    ``by_capture`` is what the captures of the edges share, None where that cannot be told.
+    ``scatter_px`` is the scatter of the widths beyond their own errors, and in the errors;
+    ``weights`` are robust ones. ``by_capture`` is what captures share, None where that cannot be
+    told.
     """
 
     scatter_px: float
@@ -335,9 +329,8 @@ def share_of_correlation(angles_deg: FloatArray) -> float:
     """Relative error of a width per unit of a correlation that the edges do not determine.
 
     Across an edge tilted by a from the vertical the variance is ``cos^2 a xx + sin 2a xy + ...``;
-    an unknown xy is taken as 0. If the widths are about equal, a width is then off by ``rho`` times
-    the value returned, the larger of those of vertical and horizontal edges. Edges tilted to both
-    sides cancel out.
+    an unknown xy is taken as 0. The value is the larger of vertical and horizontal edges; edges
+    tilted to both sides cancel out.
     """
     normal = np.deg2rad(np.asarray(angles_deg, dtype=np.float64) + 90.0)
     nx, ny = np.cos(normal), np.sin(normal)

@@ -6,10 +6,10 @@ from html import escape
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from acquisition.dataframe import dataframe
-from acquisition.files import Provenance
+from acquisition.files import Provenance, StoredModel
 from calibration.edges import EdgeMeasurement, MeasuredTransfer
 from calibration.errors import PsfFileError
 from calibration.estimate import Estimate
@@ -43,18 +43,14 @@ Covariance = tuple[tuple[float, float], tuple[float, float]]
 Matrix = tuple[tuple[float, ...], ...]
 
 
-class _PsfDocument(BaseModel):
+class _PsfDocument(StoredModel):
     """The schema; a separate base class, so that it comes first in the file."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     schema_name: Literal["standoff.psf/1"] = Field(default=PSF_SCHEMA, alias="schema", repr=False)
 
 
-class CameraIdentity(BaseModel):
+class CameraIdentity(StoredModel):
     """Identity of a camera, as far as it is known."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     serial: str | None = None
     model: str | None = None
@@ -82,10 +78,8 @@ class PsfOrigin:
     labels: dict[str, str] | None = None
 
 
-class PairWidths(BaseModel):
+class PairWidths(StoredModel):
     """Total PSF from one pair of photographs at two distances."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     near: str
     far: str
@@ -96,15 +90,13 @@ class PairWidths(BaseModel):
     sigma_y_err_px: float
 
 
-class PsfWidths(ByValue, BaseModel):
+class PsfWidths(ByValue, StoredModel):
     """A PSF, total and of the lens alone, with standard errors; null means not determined.
 
     Total means optics and pixel together, which equation (1) of the paper calls Sigma.
     ``estimate_covariance`` is the covariance matrix of sigma_x_px, sigma_y_px and rho, in this
     order and without those that are null.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     sigma_x_px: float | None = None
     sigma_x_err_px: float | None = None
@@ -122,7 +114,7 @@ class PsfWidths(ByValue, BaseModel):
     optical_covariance_px2: Covariance | None = None
     estimate_covariance: Matrix | None = None
     optical_estimate_covariance: Matrix | None = None
-    intervals_95: dict[str, tuple[float, float]] = {}
+    intervals_95: dict[str, tuple[float, float]] = {}  # noqa: RUF012 - pydantic copies it
 
     @classmethod
     def of(cls, total: PsfEstimates, optical: PsfEstimates | None, **others: object) -> Self:

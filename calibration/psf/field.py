@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.special import fdtrc
 
+from acquisition.files import StoredModel
 from calibration.psf.covariance import VarianceFit, fit_variances
 from simulation.arrays import FloatArray
 from simulation.psf import MeasuredPsf, PsfField, field_monomials
@@ -43,15 +44,13 @@ class FieldEdges:
 Coefficients = tuple[tuple[float, ...], ...]
 
 
-class FieldFit(BaseModel):
+class FieldFit(StoredModel):
     """A PSF field, the standard errors of its coefficients, and the evidence for it.
 
     Coefficients are those that ``PsfField`` takes, rows xx, xy and yy; those without a prefix
     belong to the total covariance. ``p_value`` is from the F-test against one PSF for the whole
     frame, ``worst_err`` is the largest relative standard error of a width anywhere in the frame.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     width_px: int
     height_px: int
@@ -65,34 +64,16 @@ class FieldFit(BaseModel):
 
     @property
     def total(self) -> PsfField:
-        """The total PSF over the frame.
-
-        Raises
-        ------
-        ValueError
-            If the coefficients, in a damaged file, do not give a valid PSF.
-        """
+        """The total PSF over the frame; a ValueError for coefficients of a damaged file."""
         return self.total_of(None)
 
     def total_of(self, shape: MeasuredPsf | None) -> PsfField:
-        """Return the total PSF over the frame as a measured shape that is stretched to it.
-
-        Raises
-        ------
-        ValueError
-            If the coefficients, in a damaged file, do not give a valid PSF.
-        """
+        """Return the total PSF over the frame as a measured shape that is stretched to it."""
         return self._field(self.coefficients_px2, shape)
 
     @property
     def optical(self) -> PsfField | None:
-        """The PSF of the lens alone over the frame; None if the edges do not determine it.
-
-        Raises
-        ------
-        ValueError
-            If the coefficients, in a damaged file, do not give a valid PSF.
-        """
+        """The PSF of the lens alone over the frame; None if the edges do not determine it."""
         if self.optical_coefficients_px2 is None:
             return None
         return self._field(self.optical_coefficients_px2)
@@ -132,10 +113,7 @@ def fit_psf_field(
 def field_or_reason(
     edges: FieldEdges, width_px: int, height_px: int, *, is_asked: bool = True
 ) -> FieldFit | str:
-    """Fit the covariance over the frame, or say in a clause why there is no field.
-
-    The parameters are those of ``fit_psf_field``.
-    """
+    """Fit the covariance over the frame, or say in a clause why there is no field."""
     count = edges.sigma_px.size
     if count < FEWEST_FIELD_EDGES:
         return f"too few edges: {count} of at least {FEWEST_FIELD_EDGES}"

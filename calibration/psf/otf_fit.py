@@ -35,10 +35,7 @@ _GROUP_RAD = np.pi / MOST_GROUPS
 
 
 def pooled(stack: EdgeStack, form: OtfForm, parameters: FloatArray, left: Residuals) -> EdgeStack:
-    """Return one edge for each direction in which there are any.
-
-    The parameters are near those of the edges, and ``left`` is what they leave of the levels.
-    """
+    """Return one edge for each direction, by parameters near theirs and what these leave."""
     weight = stack.root_weight**2 * left.contrast[:, None] ** 2
     member, normal_rad = _groups(stack.normal_rad, weight.sum(axis=1))
     total = member @ weight
@@ -86,9 +83,9 @@ LEAST_GAIN = 1e-2  # of chi-squared, in units of its reduced value: a tenth of a
 class OtfFit:
     """A form with the parameters that fit best.
 
-    ``inverse`` is the inverse of the (penalised) normal matrix: the covariance of the parameters if
-    the edges scatter as their pixels' noise says. ``freedom`` counts the parameters, those of a
-    correction as far as its smoothness leaves them free; ``penalty`` is the matrix of that.
+    ``inverse`` is that of the (penalised) normal matrix: the parameters' covariance if edges
+    scatter as their noise says. ``freedom`` counts them, a correction's as far as ``penalty``
+    leaves them.
     """
 
     form: OtfForm
@@ -151,11 +148,7 @@ def fit_form(
 
 
 def settled(stack: EdgeStack, fit: OtfFit) -> OtfFit:
-    """Return the fit of edges, from one of pooled edges with what it leaves of the edges.
-
-    From so near, a step of Gauss and Newton is the minimum to second order; one that gains less
-    than the fits look for is not taken.
-    """
+    """Return the fit of edges, by one Gauss-Newton step from that of pooled edges if it gains."""
     form, penalty = fit.form, np.zeros_like(fit.inverse) if fit.penalty is None else fit.penalty
     hessian, gradient = _normal_equations(stack, form, fit.parameters, fit.residuals)
     pull = gradient - penalty @ fit.parameters
@@ -182,10 +175,7 @@ def _penalised(fit: OtfFit, penalty: FloatArray) -> float:
 
 
 def expected_gain(stack: EdgeStack, form: OtfForm, fit: OtfFit, start: FloatArray) -> float:
-    """How much smaller chi-squared gets if a fit goes on in a richer form, to second order.
-
-    ``start`` are the parameters of ``form`` that are the lens of ``fit``.
-    """
+    """How much smaller chi-squared gets in a richer form that starts at a fit, to second order."""
     hessian, gradient = _normal_equations(stack, form, start, fit.residuals)
     step = _bounded_step(hessian, gradient, start - form.least, 1e-9)
     return float(2 * gradient @ step - step @ hessian @ step)
@@ -268,9 +258,8 @@ _STEPS = 6
 class CorrectionEvidence:
     """How likely a correction with this many harmonics is, beside a fit without one.
 
-    ``curvatures`` and ``pulls``, shape ``(coefficients,)`` each, are the diagonal normal matrix of
-    the coefficients and its right side, in coordinates in which the prior density is round and
-    after the fit's own parameters.
+    ``curvatures`` and ``pulls``, shape ``(coefficients,)``, are normal matrix and right side where
+    the prior is round, after the fit's own parameters.
     """
 
     harmonics: int
@@ -278,10 +267,7 @@ class CorrectionEvidence:
     pulls: FloatArray
 
     def log_likelihood(self, scatter: float) -> float:
-        """Twice the logarithm of the likelihood over that of no correction, at its best.
-
-        ``scatter`` is a factor on the variance of the pixels' noise.
-        """
+        """Twice the logarithm of the likelihood over that of no correction, at its best."""
         return float(self._by_variance(scatter).max())
 
     def variance(self, scatter: float) -> float:

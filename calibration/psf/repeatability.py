@@ -22,9 +22,9 @@ from math import inf, sqrt
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 from scipy.special import chdtrc, fdtrc, stdtrit
 
+from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement
 from simulation.arrays import FloatArray, IntArray
 
@@ -45,10 +45,19 @@ class SharedByCapture:
     precision: FloatArray
 
     @classmethod
-    def focus_alone(cls, group: IntArray, normal_rad: FloatArray) -> "SharedByCapture":
-        """Return captures that share nothing but their focus."""
-        none = np.empty((group.size, 0))
-        return cls(group=group, normal_rad=normal_rad, columns=none, precision=np.empty(0))
+    def of(
+        cls,
+        edges: Sequence[EdgeMeasurement],
+        columns: FloatArray | None = None,
+        precision: FloatArray | None = None,
+    ) -> "SharedByCapture":
+        """Return the captures of these edges, which share nothing but their focus if not told."""
+        return cls(
+            group=capture_numbers(edges),
+            normal_rad=np.array([edge.normal_rad for edge in edges]),
+            columns=np.empty((len(edges), 0)) if columns is None else columns,
+            precision=np.empty(0) if precision is None else precision,
+        )
 
     def some(self, chosen: IntArray) -> "SharedByCapture":
         """Return those of some edges."""
@@ -75,13 +84,8 @@ class SharedByCapture:
         return int(np.unique(self.group).size)
 
 
-def capture_numbers(keys: Sequence[Hashable]) -> IntArray:
-    """Number equal keys alike, from 0 in the order of their first appearance."""
-    numbers: dict[Hashable, int] = {}
-    return np.array([numbers.setdefault(key, len(numbers)) for key in keys], dtype=np.int64)
-
-
 _LEAST_SHARE = 0.01  # of its variance; nothing that is taken off an edge leaves it less
+LEAST_ERR_PX = 1e-9  # noise-free edges have no error, but need a finite weight
 
 
 def capture_of(edge: EdgeMeasurement) -> Hashable:
@@ -89,11 +93,28 @@ def capture_of(edge: EdgeMeasurement) -> Hashable:
     return edge.image if edge.capture is None else edge.capture
 
 
-def without_blur(edge: EdgeMeasurement, blur_px2: float) -> EdgeMeasurement:
-    """Return the edge with less variance, of the total and the optical width alike.
+def by_capture(edges: Sequence[EdgeMeasurement]) -> dict[Hashable, list[EdgeMeasurement]]:
+    """Group edges by their captures, in the order of their first appearance."""
+    captures: dict[Hashable, list[EdgeMeasurement]] = {}
+    for edge in edges:
+        captures.setdefault(capture_of(edge), []).append(edge)
+    return captures
 
-    The variance stays positive: at least a hundredth of it is left.
-    """
+
+def capture_numbers(edges: Sequence[EdgeMeasurement]) -> IntArray:
+    """Number the captures of edges, from 0 in the order of their first appearance."""
+    numbers = {key: number for number, key in enumerate(by_capture(edges))}
+    return np.array([numbers[capture_of(edge)] for edge in edges], dtype=np.int64)
+
+
+def widths_of(edges: Sequence[EdgeMeasurement]) -> tuple[FloatArray, FloatArray]:
+    """Return the total widths of edges, and their errors, none of which is 0."""
+    sigma = np.array([edge.sigma_px for edge in edges])
+    return sigma, np.maximum([edge.sigma_err_px for edge in edges], LEAST_ERR_PX)
+
+
+def without_blur(edge: EdgeMeasurement, blur_px2: float) -> EdgeMeasurement:
+    """Return the edge with less variance, of total and optical width; a hundredth is left."""
     if blur_px2 == 0:
         return edge
     sigma_px, err_px = _narrowed(edge.sigma_px, edge.sigma_err_px, blur_px2)
@@ -174,34 +195,15 @@ class EdgeSquares:
 class CaptureFit:
     """Elements of a covariance from edges that share their capture's focus.
 
-    Attributes
-    ----------
-    values, covariance
-        The elements, without the further unknowns of the captures, and their covariance.
-    shared_values
-        The further unknowns of the captures.
-    by_focus
-        Derivative of ``covariance`` by the variance between captures; the same shape.
-    scatter2_px4, scatter2_err_px4
-        Variance between captures of the variance of the PSF, and its standard error; the best
-        estimate even where it is not significant, and then no part of ``covariance``.
-    p_value
-        Of so much difference between captures if they had none, whatever the widths do with the
-        direction of the edge.
-    offset_px2
-        What its focus adds to the squared widths of a capture, by its number: the best prediction,
-        0 where captures do not differ significantly.
-    scatter_px, trust
-        Scatter of widths within captures beyond their errors, and the edges' robust weights.
-    captures, between
-        Number of captures, and degrees of freedom between them.
-    shared_err_px2
-        Standard error that scatter and further unknowns leave in the variance averaged over both
-        axes, beyond what the edges' own errors leave.
-    is_single
-        Whether each capture has one edge: what differs then may be the edges, not the captures.
-    holds_scatter
-        Whether values and covariance allow for the scatter.
+    ``values`` are without the captures' further unknowns, ``shared_values``; ``by_focus`` is the
+    derivative of ``covariance`` by the variance between captures, ``scatter2_px4``, which is a part
+    of it only if ``holds_scatter``. ``p_value`` is of so much difference between captures that have
+    none, whatever the widths do with direction. ``offset_px2`` is what the focus of each capture
+    adds to its squared widths, 0 where captures do not differ significantly. ``scatter_px`` and
+    ``trust`` are the scatter within captures beyond their errors, and the edges' robust weights;
+    ``between`` are degrees of freedom. ``shared_err_px2`` is what scatter and further unknowns
+    leave in the variance averaged over both axes. ``is_single``: each capture has one edge, so that
+    what differs may be the edges.
     """
 
     values: FloatArray
@@ -239,10 +241,7 @@ class CaptureFit:
 
 
 def shared_reach_px2(fit: CaptureFit | None) -> float:
-    """Return the error of the variance that captures share, of which 1.96 are 95 %.
-
-    Student's quantile for few captures is in it; 0 where captures share nothing.
-    """
+    """Return the error of the variance that captures share, with Student's quantile in it."""
     if fit is None:
         return 0.0
     freedom = float(fit.between) if fit.holds_scatter else inf
@@ -482,29 +481,14 @@ class _CaptureModel:
         return again
 
 
-class FocusScatter(BaseModel):
+class FocusScatter(StoredModel):
     """How much the variance of the PSF, averaged over both axes, scatters between captures.
 
-    Attributes
-    ----------
-    scatter_px2, scatter_err_px2
-        Standard deviation between captures beyond what the edges' errors and their scatter within
-        captures explain, and its standard error.
-    mean_err_px2
-        What it leaves in the mean variance of this calibration, and its errors hold: the scatter
-        over the root of the number of captures, where these have as many edges each. 0 where the
-        captures do not differ significantly.
-    captures
-        Number of captures.
-    freedom
-        Student's degrees of freedom between captures, with which all of this is known.
-    p_value
-        Of so much difference between captures if their focus were the same.
-    source
-        What it was estimated from.
+    ``scatter_px2`` is beyond what the edges' errors and their scatter within captures explain;
+    ``mean_err_px2`` is what it leaves in the mean variance of this calibration, 0 where captures do
+    not differ significantly. ``freedom`` are Student's degrees of freedom between captures,
+    ``p_value`` is of so much difference if their focus were the same.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     scatter_px2: float
     scatter_err_px2: float

@@ -7,18 +7,18 @@ which a focus that drifts would give. Then it is no property of the camera, and 
 """
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 from scipy.special import fdtrc, ndtr, stdtr
 
+from acquisition.files import StoredModel
 from calibration.edges import EdgeMeasurement
 from calibration.psf.covariance import VarianceFit, fit_variances
-from calibration.psf.repeatability import SharedByCapture, capture_numbers, capture_of
-from simulation.arrays import FloatArray, IntArray
+from calibration.psf.repeatability import SharedByCapture, by_capture, capture_of, widths_of
+from simulation.arrays import FloatArray
 from simulation.compiled import compiled
 
 ScaleSource = Literal["heights", "sides"]
@@ -76,7 +76,7 @@ class _CaptureScales:
         return 1 + int(np.count_nonzero(np.diff(np.unique(scales)) > _SAME_SCALE))
 
 
-def capture_scales(edges: Sequence[EdgeMeasurement]) -> _CaptureScales | None:
+def _capture_scales(edges: Sequence[EdgeMeasurement]) -> _CaptureScales | None:
     """Return the scales of the captures: by the squares they show, or by their heights.
 
     Sides tell a scale without the distance of the entrance pupil; where heights are known as well,
@@ -104,10 +104,7 @@ def _is_pinhole(height_mm: FloatArray, sides_px: FloatArray) -> bool:
 
 
 def _sides_px(edges: Sequence[EdgeMeasurement]) -> FloatArray | None:
-    captures: dict[Hashable, list[EdgeMeasurement]] = {}
-    for edge in edges:
-        captures.setdefault(capture_of(edge), []).append(edge)
-    sides = {key: side_px(some) for key, some in captures.items()}
+    sides = {key: side_px(some) for key, some in by_capture(edges).items()}
     known = [sides[capture_of(edge)] for edge in edges]
     if any(side is None for side in known):
         return None
@@ -152,39 +149,18 @@ _MISFIT_P = 0.01
 _AS_WELL = 2.0  # of chi-squared
 _FEWEST_SCALES = 3
 _ROUNDS = 4
-_LEAST_ERR_PX = 1e-9
 
 
-class TargetSoftness(BaseModel):
+class TargetSoftness(StoredModel):
     """The blur of the edge target itself, over which the camera's PSF lies.
 
-    Attributes
-    ----------
-    variance_px2, variance_err_px2
-        Variance that the target adds across its edges in the nearest capture, and its standard
-        error; below 0 where the widths fall towards the target.
-    sigma_px
-        Its root, 0 where it is negative.
-    mean_variance_px2
-        The same, averaged over the edges.
-    sigma_mm, sigma_err_mm
-        Blur on the target, null where focal length, pixel pitch or heights are not known.
-    scale_from
-        What the scales of the captures are known from: their heights, or sides of squares.
-    nearest_height_mm
-        Height of the nearest capture, null where none is known.
-    pupil_offset_mm
-        Distance from the height's zero to the entrance pupil that fits best, null where the scales
-        are those of sides.
-    p_value
-        One-sided, of so much softness of a sharp target.
-    p_value_misfit
-        Of heights so far from this model.
-    is_removed
-        Whether it was taken off: the PSF is then that of the camera.
+    ``variance_px2`` is what it adds across edges in the nearest capture, below 0 where widths fall
+    towards the target, ``mean_variance_px2`` the average over the edges. ``sigma_mm`` is null where
+    focal length, pixel pitch or heights are not known, ``pupil_offset_mm`` where the scales are
+    those of sides. ``p_value`` is one-sided, of so much softness of a sharp target,
+    ``p_value_misfit`` of heights so far from this model. If it ``is_removed``, the PSF is that of
+    the camera.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     variance_px2: float
     variance_err_px2: float
@@ -224,23 +200,10 @@ class SoftnessFit:
     columns: FloatArray
     precision: FloatArray
 
-    def shared(self, edges: Sequence[EdgeMeasurement]) -> SharedByCapture:
-        """Return what the captures of these edges, those of the fit, share."""
-        numbers = capture_numbers([capture_of(edge) for edge in edges])
-        return SharedByCapture(
-            group=numbers,
-            normal_rad=np.array([edge.normal_rad for edge in edges]),
-            columns=self.columns,
-            precision=self.precision,
-        )
-
 
 def measure_softness(edges: Sequence[EdgeMeasurement]) -> SoftnessFit | None:
-    """Tell the softness of the target from the widths at several scales.
-
-    None with fewer than three scales, or where the edges do not tell it.
-    """
-    scales = capture_scales(edges) if edges else None
+    """Tell the softness of the target from the widths at three or more scales, if they tell it."""
+    scales = _capture_scales(edges) if edges else None
     if scales is None or scales.distinct < _FEWEST_SCALES:
         return None
     series = _Series.of(edges, scales)
@@ -275,10 +238,7 @@ def measure_softness(edges: Sequence[EdgeMeasurement]) -> SoftnessFit | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Softness:
-    """The softness of the nearest capture with its tests.
-
-    ``left`` is chi-squared with these weights of the edges and this scatter between captures.
-    """
+    """The softness of the nearest capture with its tests, chi-squared and weights."""
 
     variance_px2: float
     err_px2: float
@@ -301,18 +261,17 @@ class _Series:
     directions: FloatArray
     sigma_px: FloatArray
     err_px: FloatArray
-    group: IntArray
-    normal_rad: FloatArray
+    shared: SharedByCapture
     scales: _CaptureScales
 
     @classmethod
     def of(cls, edges: Sequence[EdgeMeasurement], scales: _CaptureScales) -> "_Series":
+        sigma_px, err_px = widths_of(edges)
         return cls(
             directions=direction_columns(edges),
-            sigma_px=np.array([edge.sigma_px for edge in edges]),
-            err_px=np.maximum([edge.sigma_err_px for edge in edges], _LEAST_ERR_PX),
-            group=capture_numbers([capture_of(edge) for edge in edges]),
-            normal_rad=np.array([edge.normal_rad for edge in edges]),
+            sigma_px=sigma_px,
+            err_px=err_px,
+            shared=SharedByCapture.of(edges),
             scales=scales,
         )
 
@@ -375,18 +334,10 @@ class _Series:
         squares = np.maximum(self.sigma_px**2 + pupil_mm * column, 0.01 * self.sigma_px**2)
         sigma = np.sqrt(squares)
         err = self.err_px * self.sigma_px / sigma
-        if not column.any():
-            return self._plain(design, sigma, err)
-        shared = SharedByCapture(
-            group=self.group,
-            normal_rad=self.normal_rad,
-            columns=column[:, None],
-            precision=np.array([self.scales.pupil_precision]),
-        )
-        return fit_variances(design, sigma, err, shared=shared, is_resampled=False)
-
-    def _plain(self, design: FloatArray, sigma: FloatArray, err: FloatArray) -> VarianceFit:
-        shared = SharedByCapture.focus_alone(self.group, self.normal_rad)
+        shared = self.shared
+        if column.any():
+            precision = np.array([self.scales.pupil_precision])
+            shared = replace(shared, columns=column[:, None], precision=precision)
         return fit_variances(design, sigma, err, shared=shared, is_resampled=False)
 
     def _p_misfit(self, left: float, weight: FloatArray, between_px4: float) -> float:
@@ -405,7 +356,7 @@ class _Series:
 
     def _chi2(self, design: FloatArray, weight: FloatArray, between_px4: float) -> float:
         """Chi-squared with the scatter between captures in the weights."""
-        group = self.group
+        group = self.shared.group
         sums = np.bincount(group, weight)
         shrunk = between_px4 / (1 + between_px4 * sums)
         one = np.eye(sums.size)[group]

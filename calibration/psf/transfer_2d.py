@@ -7,8 +7,9 @@ from math import log
 from typing import Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from acquisition.files import StoredModel
 from calibration.edges import BinnedEdge, orientation_of
 from calibration.psf.covariance import USUAL_RHO
 from calibration.psf.otf_fit import (
@@ -69,8 +70,7 @@ _START_DEFOCUS_WAVES2 = (0.0, 0.25, 1.0, 6.0)
 class _OtfChoice:
     """The form chosen and why; ``scale`` multiplies the inverse to give the covariance.
 
-    ``chi2_reduced`` is over the bins of all edges. Without ``knows_turn`` the directions of the
-    edges leave open how the lens is turned, and every form is upright.
+    Without ``knows_turn`` the edges leave open how the lens is turned: all forms are upright.
     """
 
     fit: OtfFit
@@ -80,7 +80,9 @@ class _OtfChoice:
     knows_turn: bool
 
 
-def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -> _OtfChoice | None:
+def _choose_otf(
+    edges: Sequence[BinnedEdge], *, knows_correlation: bool = True
+) -> _OtfChoice | None:
     """Fit the forms that the directions of the edges allow, and take the one they ask for.
 
     Forms without a correction are compared by the Bayesian information criterion (Schwarz,
@@ -92,10 +94,10 @@ def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -
     changes over its field as well. None where the edges are none, or all of one direction, or two
     directions that are not those of vertical and horizontal edges.
     """
-    directions = distinct_directions_deg([edge.normal_rad for edge in edges])
+    directions = _distinct_directions_deg([edge.normal_rad for edge in edges])
     if directions.size < 2:
         return None
-    has_third = directions.size > 2 and widest_gap_deg(directions) <= _WIDEST_GAP_DEG
+    has_third = directions.size > 2 and _widest_gap_deg(directions) <= _WIDEST_GAP_DEG
     is_spread = has_third and knows_correlation
     named = {orientation_of(angle + 90.0) for angle in directions.tolist()}
     if not is_spread and not {"vertical", "horizontal"} <= named:
@@ -117,7 +119,7 @@ def choose_otf(edges: Sequence[BinnedEdge], *, knows_correlation: bool = True) -
     return replace(choice, reason=choice.reason + limits, knows_turn=is_spread)
 
 
-def distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
+def _distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
     """Directions in [0, 180) that are further apart than a few degrees, in order."""
     distinct: list[float] = []
     for angle in np.sort(np.rad2deg(normal_rad) % 180.0).tolist():
@@ -128,7 +130,7 @@ def distinct_directions_deg(normal_rad: Sequence[float]) -> FloatArray:
     return np.array(distinct)
 
 
-def widest_gap_deg(directions_deg: FloatArray) -> float:
+def _widest_gap_deg(directions_deg: FloatArray) -> float:
     """Largest angle between neighbouring directions."""
     return float(np.max(np.diff(np.append(directions_deg, directions_deg[0] + 180.0))))
 
@@ -339,14 +341,12 @@ _DECIMALS = 6  # of the table, which is there to be read
 _DIGITS = 6  # of the covariance: with 8, bands are right to 1e-5 of themselves, with 6 to 1e-3
 
 
-class OtfTable(BaseModel):
+class OtfTable(StoredModel):
     """Samples of a transfer function of lens and pixel, and their standard errors.
 
     ``otf`` and ``otf_err`` have a row for each ``angle_deg`` of the frequency from +x, y down, and
     a column for each ``freq_cy_per_px``.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     angle_deg: tuple[float, ...]
     freq_cy_per_px: tuple[float, ...]
@@ -365,38 +365,19 @@ class OtfTable(BaseModel):
         return self
 
 
-class Transfer2d(BaseModel):
+class Transfer2d(StoredModel):
     """Transfer function of lens and pixel over both axes, from the pixels of all edges at once.
 
-    ``form`` and ``parameters`` say it whole; ``table`` is for programs that read no formula.
-
-    Attributes
-    ----------
-    form
-        ``gaussian``: a Gaussian lens. ``total-gaussian``: a Gaussian for lens and pixel in one, as
-        rendered edges have. ``round``: a circular pupil out of focus, and a Gaussian. ``elliptic``:
-        the same with the pupil's cut-off stretched to an ellipse. ``free``: with a correction by
-        radial splines and angular harmonics.
-    reason
-        Why this form: by how much the Bayesian information criterion of others is larger.
-    parameters
-        By name, the unit in it; ``defocus_waves2`` is the square of the defocus in waves.
-    covariance
-        Covariance matrix of the parameters, in their order: its lower triangle, row by row. It
-        holds the scatter from edge to edge and that of the focus between captures, whose part is
-        widened by Student's quantile over the normal one: 1.96 standard errors are 95 %.
-    angles_deg
-        Directions of the frequencies that edges measured: their normals, modulo 180 degrees.
-    edges, chi2_reduced
-        Number of edges, and chi-squared over its degrees of freedom for the noise within them.
-    scatter
-        Factor on the noise's covariance for what the edges scatter beyond it, at least 1.
-    rho_err_assumed
-        Standard error of the correlation that ``otf_err`` holds where the directions of the edges
-        leave it open and it is taken as 0; null where they tell it, and in files of before.
+    ``form`` and ``parameters`` say it whole; ``table`` is for programs that read no formula. A
+    ``gaussian`` is of the lens, ``total-gaussian`` of lens and pixel, as rendered edges have;
+    ``round`` is a circular pupil out of focus and a Gaussian, ``elliptic`` has its cut-off
+    stretched, ``free`` a correction by radial splines and angular harmonics. ``covariance`` is the
+    lower triangle, row by row, of the parameters' matrix, with the scatter from edge to edge and
+    that of the focus between captures, widened by Student's quantile over the normal one.
+    ``angles_deg`` are the edges' normals, modulo 180 degrees. ``scatter`` is a factor on the
+    noise's covariance, at least 1. ``rho_err_assumed`` is in ``otf_err`` where the edges leave the
+    correlation open and it is taken as 0.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     form: FormName
     reason: str
@@ -423,11 +404,7 @@ class Transfer2d(BaseModel):
     def of(
         cls, choice: _OtfChoice, normal_rad: Sequence[float], shared_err_px2: float = 0.0
     ) -> Self:
-        """Return the document of a fit to edges with these normals.
-
-        ``shared_err_px2`` is the error of the variance, of both axes alike, that edges of one
-        capture share.
-        """
+        """Return the document of a fit to edges with these normals and an error that they share."""
         fit = choice.fit
         by_variance = fit.form.by_variance
         shared = shared_err_px2**2 * np.outer(by_variance, by_variance)
@@ -437,7 +414,7 @@ class Transfer2d(BaseModel):
             reason=choice.reason,
             parameters=dict(zip(fit.form.names, fit.parameters.tolist(), strict=True)),
             covariance=_lower_triangle(covariance),
-            angles_deg=tuple(np.round(distinct_directions_deg(normal_rad), 2).tolist()),
+            angles_deg=tuple(np.round(_distinct_directions_deg(normal_rad), 2).tolist()),
             edges=len(normal_rad),
             chi2_reduced=choice.chi2_reduced,
             scatter=choice.scale,
@@ -471,10 +448,7 @@ class Transfer2d(BaseModel):
         return np.asarray(self.lens(fx, fy) * self._pixel(fx, fy))
 
     def otf_err(self, fx_cy_per_px: FloatArray, fy_cy_per_px: FloatArray) -> FloatArray:
-        """Return the standard error of the transfer at frequencies; the two broadcast.
-
-        1.96 of them to either side are the pointwise 95 % band.
-        """
+        """Return the pointwise standard error of the transfer at frequencies; the two broadcast."""
         fx, fy = np.broadcast_arrays(fx_cy_per_px, fy_cy_per_px)
         slopes = self._form.otf_slopes(self._values, fx.ravel(), fy.ravel())
         variance = np.sum((slopes @ self.covariance_matrix) * slopes, axis=1)
@@ -553,7 +527,7 @@ def measure_transfer_2d(
     %. Where rho is undetermined every form is upright. None where the edges have one direction
     alone, or two that are not those of vertical and horizontal edges.
     """
-    choice = choose_otf(edges, knows_correlation=knows_correlation)
+    choice = _choose_otf(edges, knows_correlation=knows_correlation)
     if choice is None:
         return None
     return Transfer2d.of(choice, [edge.normal_rad for edge in edges], shared_err_px2)

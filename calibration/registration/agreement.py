@@ -56,10 +56,9 @@ _PIXEL_VARIANCE_PX2 = 1 / 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlignedPhotograph:
-    """Grey levels as float32 and the pixels that count, None where all do.
+    """Grey levels over their standard deviation as float32, and the pixels that count, if not all.
 
-    Levels are divided by their standard deviation, so that no unit overflows. ``is_drawing`` where
-    most of it lies at the ends of its levels, as in a drawing in two levels.
+    ``is_drawing`` where most of it lies at the ends of its levels.
     """
 
     levels: Float32Array = field(repr=False)
@@ -244,10 +243,7 @@ def comparison_factor(pose: DistortedPose) -> int:
 def agreement_at(
     source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose, factor: int
 ) -> Agreement | None:
-    """Judge a pose; None where the photographs have nothing in common there.
-
-    The pose maps the coarser target, which is reduced by the factor first, to the finer source.
-    """
+    """Judge a pose from the coarser target, reduced by the factor, to the source; or None."""
     found = _compared_at(source, target, pose, factor)
     return None if found is None else _judged(found, factor)
 
@@ -266,10 +262,7 @@ def correlation_at(
 def seen_by(
     source: AlignedPhotograph, pose: DistortedPose, factor: int, shape: tuple[int, int]
 ) -> tuple[Float32Array, BoolArray]:
-    """The finer photograph as the coarser one sees it, and which pixels it shows.
-
-    The pose is that of the coarser one, which is reduced by the factor to ``shape``.
-    """
+    """The finer photograph as the coarser one, reduced to ``shape``, sees it, and where."""
     source_factor = _source_factor(pose, factor)
     ratio = pose.zoom * factor / source_factor
     near = source.reduced(source_factor)
@@ -297,10 +290,7 @@ class _Compared:
 def _compared_at(
     source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose, factor: int
 ) -> _Compared | None:
-    """The two photographs as they are compared at a pose; None where they share too little.
-
-    Arguments are those of ``agreement_at``.
-    """
+    """The two photographs as they are compared at a pose; None where they share too little."""
     far = target.reduced(factor).smoothed(1.0, 1.0)
     source_factor = _source_factor(pose, factor)
     near = source.reduced(source_factor)
@@ -359,7 +349,8 @@ def _judged(compared: _Compared, factor: int) -> Agreement:
     )
     # A slope of the pose's own peak is no rival.
     highest = cv2.dilate(elsewhere, np.ones((5, 5), dtype=np.uint8)) <= np.where(is_own, -1, found)
-    peaks = np.where(highest & ~_grown(is_own), elsewhere, 0.0)
+    grown = cv2.dilate(is_own.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)).astype(np.bool_)
+    peaks = np.where(highest & ~grown, elsewhere, 0.0)
     row, col = divmod(int(np.argmax(peaks)), found.shape[1])
     shift_y, shift_x = (
         at if at < size // 2 else at - size
@@ -391,10 +382,6 @@ def _own_peak(found: FloatArray, least: float) -> BoolArray:
     own = labels == labels[middle]
     own[middle[0] - 2 : middle[0] + 3, middle[1] - 2 : middle[1] + 3] = True
     return np.asarray(np.fft.ifftshift(own))
-
-
-def _grown(mask: BoolArray) -> BoolArray:
-    return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)).astype(np.bool_)
 
 
 _VOTING_SIDE_PX = 400
@@ -430,10 +417,7 @@ class _BlockVotes:
 def block_votes(
     source: AlignedPhotograph, target: AlignedPhotograph, pose: DistortedPose
 ) -> _BlockVotes:
-    """Look for every block with detail.
-
-    The pose maps the coarser target to the finer source.
-    """
+    """Look for every block of the coarser target with detail where a pose puts it."""
     factor = max(round(max(target.shape) / _VOTING_SIDE_PX), 1)
     found = _compared_at(source, target, pose, factor)
     if found is None:

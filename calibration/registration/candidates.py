@@ -287,10 +287,7 @@ def _coarse_to_fine(target: AlignedPhotograph, factor: int) -> list[int]:
 def best_of(
     pair: PhotographPair, hypotheses: Iterable[PoseHypothesis], best: Candidate | None = None
 ) -> Candidate | None:
-    """The hypothesis with most evidence; None if none leaves an overlap.
-
-    ``best`` is one that is known already; from one that is clear on no other is judged.
-    """
+    """The hypothesis with most evidence, or ``best``; from a clear one on no other is judged."""
     if best is not None and best.is_clear:
         return best
     for hypothesis in hypotheses:
@@ -347,10 +344,7 @@ _SENTENCE = (
 
 
 def refuse_contradiction(hints: RegistrationHints, shape: tuple[int, int]) -> None:
-    """Check that a pose that is given is mirrored as the hints say.
-
-    The shape is that of the follow-up as it is.
-    """
+    """Check that what is given is mirrored as the hints say, in a follow-up of this shape."""
     given: list[tuple[str, FloatArray, tuple[float, float]]] = []
     if hints.matrix is not None:
         given.append(("pose", hints.matrix, ((shape[1] - 1) / 2, (shape[0] - 1) / 2)))
@@ -412,15 +406,13 @@ class MirrorImage:
 
     def is_searched_better(self, best: Candidate | None) -> bool:
         """Whether it agrees far better where features tell nothing."""
-        if best is not None and best.is_significant and _is_beyond_doubt(best):
+        if (best is not None and best.is_significant) and (
+            best.is_well_matched or best.agreement.evidence >= _BEYOND_DOUBT
+        ):
             return False
         pair = self._pair
         found = best_of(pair, searched_poses(pair.reference, pair.followup, self._zoom))
         return _is_better(found, best)
-
-
-def _is_beyond_doubt(best: Candidate) -> bool:
-    return best.is_well_matched or best.agreement.evidence >= _BEYOND_DOUBT
 
 
 def _is_better(found: Candidate | None, best: Candidate | None) -> bool:
@@ -466,16 +458,11 @@ class _SecondLook:
     chance_count: int
 
     def displacement_px(self, found: DistortedPose) -> float | None:
-        """Median distance of matches from where a pose puts them, px of the target.
-
-        Of the nearest ones, as many as are beyond chance; None for too few to tell.
-        """
+        """Median distance in px of the target of the matches beyond chance; None for too few."""
         if not self._tells:
             return None
-        return float(np.median(np.sort(self._apart_px(found))[: self._count]))
-
-    def _apart_px(self, found: DistortedPose) -> FloatArray:
-        return found.inverse().distances_px(self.matches.swapped())
+        apart_px = found.inverse().distances_px(self.matches.swapped())
+        return float(np.median(np.sort(apart_px)[: self._count]))
 
     @property
     def _count(self) -> int:
@@ -489,10 +476,7 @@ class _SecondLook:
 
 
 def looked_again(pair: PhotographPair, candidate: Candidate) -> Candidate:
-    """Return the candidate, or a better one by features that are found where it puts them.
-
-    A candidate that many features speak for is returned as it is.
-    """
+    """Return the candidate, or a better one by features found where it puts them."""
     best = candidate
     if best.is_well_matched:
         return best

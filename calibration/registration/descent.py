@@ -131,10 +131,9 @@ class LevelPair:
         return made[0], made[1]
 
     def light_columns(self, levels: FloatArray, inside: BoolArray) -> FloatArray:
-        """What the source's levels become in the target's light, shape (n, 14).
+        """What the source's levels become in the target's light, shape (n, 14), contiguous columns.
 
-        Gain and offset that vary as quadratics over the frame, gain first, and a cubic tone curve.
-        Each column is contiguous.
+        Gain and offset as quadratics over the frame, gain first, and a cubic tone curve.
         """
         seen = levels[inside]
         centred = (levels - seen.mean()) / (seen.std() + 1e-12)
@@ -212,8 +211,7 @@ class _Prior:
 class PoseMotions:
     """The parameters of a pose but its displacement, and how each of them moves samples.
 
-    Samples are pixels of the target; the lens's distortion is the last parameter where it is
-    fitted, and ``projective`` are the displacements of ``_projective_flows``.
+    The lens's distortion is the last where it is fitted; samples are pixels of the target.
     """
 
     def __init__(
@@ -282,10 +280,7 @@ def _projective_flows(
 
 
 def _moved_matrix(matrix: FloatArray, step_px: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """Pose after a step of a number of pixels along each projective motion.
-
-    The pose maps follow-up to reference pixel centres; its last element is 1.
-    """
+    """Pose after a step of pixels along each projective motion; its last element is 1."""
     half_px = _half_size_px(shape)
     to_unit = np.diag([1 / half_px, 1 / half_px, 1.0])
     to_unit[:2, 2] = [-(shape[1] - 1) / 2 / half_px, -(shape[0] - 1) / 2 / half_px]
@@ -360,8 +355,7 @@ class PoseDescent:
     def _rises_along(self, along_x: FloatArray, along_y: FloatArray) -> FloatArray:
         """Change of the samples' levels by displacements of shape (n, k), shape (k, n).
 
-        By the target's slopes, not the prediction's: the noise of a slope and of the residual at a
-        pixel are uncorrelated there.
+        By the target's slopes: their noise and that of the residuals are uncorrelated.
         """
         return self._pair.slope_x * along_x.T + self._pair.slope_y * along_y.T
 

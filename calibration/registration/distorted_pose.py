@@ -133,20 +133,10 @@ class DistortedPose(ByValue):
     """A homography between the images of an ideal lens, seen through a distorting one.
 
     Both images are whole frames of one camera. An ideal point at radius r from the centre of the
-    frame, 1 at its corner, appears at ``r (1 + k1 r^2)``; negative k1 is barrel distortion. Points
-    beyond the fold of a barrel distortion are outside the frame.
-
-    Parameters
-    ----------
-    matrix
-        Shape (3, 3), last element 1: ideal follow-up pixels ``(x, y, 1)`` to ideal reference
-        pixels.
-    k1
-        Radial distortion; with 0, ``matrix`` is the whole pose.
-    reference_shape, followup_shape
-        ``(rows, cols)``.
-    displacement
-        Of the pixels of one of the two, where the scene is not quite planar.
+    frame, 1 at its corner, appears at ``r (1 + k1 r^2)``; points beyond the fold of a barrel
+    distortion, of negative k1, are outside the frame. ``matrix``, shape (3, 3), last element 1,
+    takes ideal follow-up pixels to ideal reference pixels. ``displacement`` is of the pixels of one
+    of the two, where the scene is not quite planar.
     """
 
     matrix: FloatArray = field(repr=False)

@@ -3,9 +3,9 @@
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer
+from pydantic import BeforeValidator, Field, PlainSerializer
 
-from acquisition.files import Provenance
+from acquisition.files import Provenance, StoredModel
 from simulation.arguments import CheckedModel
 from simulation.arrays import FloatArray
 from simulation.by_value import ByValue
@@ -33,7 +33,9 @@ def _distortion(value: object) -> float:
     raise ValueError(f"{value!r} is not a number between -1 and 1")
 
 
-class Homography(Shown, ByValue, CheckedModel):
+class Homography(
+    Shown, ByValue, CheckedModel, StoredModel, allow_inf_nan=False, arbitrary_types_allowed=True
+):
     """A homography from a follow-up to its reference.
 
     Parameters
@@ -46,10 +48,6 @@ class Homography(Shown, ByValue, CheckedModel):
     distortion_k1
         Relative radial distortion of the common lens at the corner of the reference.
     """
-
-    model_config = ConfigDict(
-        frozen=True, extra="ignore", allow_inf_nan=False, arbitrary_types_allowed=True
-    )
 
     schema_name: Literal["standoff.homography/1"] = Field(default=HOMOGRAPHY_SCHEMA, alias="schema")
     matrix: Annotated[

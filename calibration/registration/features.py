@@ -52,10 +52,7 @@ _ROLES = {"reference": "the reference", "followup": "the follow-up", None: "it"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageFeatures:
-    """SIFT features of an image of ``shape``: points ``(x, y)``, shape (n, 2), and descriptors.
-
-    ``frames`` has each one's scale in px and direction in radians, shape (n, 2).
-    """
+    """SIFT features of an image: points ``(x, y)``, scales and directions (n, 2), descriptors."""
 
     points_px: FloatArray
     descriptors: Float32Array
@@ -82,8 +79,7 @@ class ImageFeatures:
     def mirrored(self) -> Self:
         """Return the features of the image with its columns reversed, without looking for them.
 
-        A descriptor has 4 x 4 cells of 8 directions, the first of which is the feature's own: along
-        it nothing changes, across it cells and directions change sides.
+        A descriptor has 4 x 4 cells of 8 directions: along the feature's own nothing changes.
         """
         cells = self.descriptors.reshape(-1, 4, 4, 8)[:, ::-1]
         descriptors = cells[..., -np.arange(8) % 8].reshape(-1, 128)
@@ -102,10 +98,7 @@ class ImageFeatures:
     def pairs_with(
         self, followup: Self, ratio: float, mask: NDArray[np.uint8] | None = None
     ) -> NDArray[np.int64]:
-        """Numbers of matching features, follow-up's and reference's, shape (n, 2), best first.
-
-        ``ratio`` is how much better than the next a match must be, ``mask`` where to look.
-        """
+        """Numbers of matching features, follow-up's and reference's, shape (n, 2), best first."""
         if min(len(self.points_px), len(followup.points_px)) < 2:
             return np.zeros((0, 2), dtype=np.int64)
         candidates = cv2.BFMatcher(cv2.NORM_L2).knnMatch(
@@ -123,11 +116,7 @@ def match_features(
     followup: AnyArray,
     expected: FloatArray | None = None,
 ) -> FeatureMatches:
-    """SIFT features that the follow-up and the reference share.
-
-    With the ``expected`` map from follow-up pixels to the reference, features are looked for only
-    near there, so that a repeating pattern is not matched with a neighbouring copy of itself.
-    """
+    """SIFT features that both photographs share, only near an ``expected`` map if there is one."""
     near, far = find_features(reference, "reference"), find_features(followup, "followup")
     return near.matched_with(far, expected)
 
@@ -208,10 +197,7 @@ def _ambiguity(found: Sequence[cv2.DMatch]) -> float:
 def homography_pose(
     matches: FeatureMatches, inliers_min: int = _INLIERS_MIN
 ) -> tuple[FloatArray, BoolArray]:
-    """Homography, shape (3, 3), from follow-up to reference, and the matches that agree with it.
-
-    It refuses a pose on which fewer than ``inliers_min`` agree, or that turns the scene inside out.
-    """
+    """Homography, shape (3, 3), from follow-up to reference, and its matches, if enough agree."""
     found, mask = cv2.findHomography(
         matches.followup_px, matches.reference_px, cv2.USAC_MAGSAC, _MATCH_TOLERANCE_PX
     )
@@ -267,10 +253,7 @@ _MOST_POINTS = 100_000
 
 
 def parse_points(text: str) -> FeatureMatches:
-    """Return the pairs of points of a table; columns may stand in any order, among others.
-
-    Four pairs of distinct points are the least; errors say where the table is at fault.
-    """
+    """Return the four or more pairs of points of a table, whose columns stand in any order."""
     try:
         table = csv.DictReader(StringIO(text, newline=""), strict=True)
         present = [column.strip() for column in table.fieldnames or ()]
@@ -280,7 +263,10 @@ def parse_points(text: str) -> FeatureMatches:
                 f"no column {missing[0]}; the first line must be {','.join(POINT_COLUMNS)}"
             )
         table.fieldnames = present
-        rows = [_numbers(row, f"line {table.line_num}") for row in _few(table)]
+        rows = [
+            [_number(row[column], column, f"line {table.line_num}") for column in POINT_COLUMNS]
+            for row in _few(table)
+        ]
     except csv.Error as error:
         raise ValueError(f"not a table of values with commas: {error}") from error
     points = np.array(rows, dtype=np.float64).reshape(-1, len(POINT_COLUMNS))
@@ -301,10 +287,6 @@ def _few(table: "csv.DictReader[str]") -> list[dict[str, str | None]]:
             raise ValueError(f"more than {_MOST_POINTS} pairs of points")
         rows.append(row)
     return rows
-
-
-def _numbers(row: dict[str, str | None], where: str) -> list[float]:
-    return [_number(row[column], column, where) for column in POINT_COLUMNS]
 
 
 def _number(text: str | None, column: str, where: str) -> float:

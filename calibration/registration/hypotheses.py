@@ -103,10 +103,7 @@ def points_homography(points: FeatureMatches) -> FloatArray | None:
 def feature_poses(
     near: ImageFeatures, far: ImageFeatures, zoom: float | None
 ) -> Iterator[PoseHypothesis]:
-    """Hypotheses of matched features, near the expected zoom if there is one.
-
-    The zoom is the ratio of distances, follow-up over reference.
-    """
+    """Hypotheses of matched features, near the expected zoom, follow-up over reference, if any."""
     if zoom is not None:
         for one in _consistent(near, far, _centred_mask(near, far, zoom), zoom):
             yield replace(one, is_expected=True)
@@ -256,10 +253,7 @@ def tilted_poses(
     features: tuple[ImageFeatures, ImageFeatures],
     zoom: float | None,
 ) -> Iterator[PoseHypothesis]:
-    """Hypotheses of matched features of views from aside, those of most matches first.
-
-    ``features`` are those of the photographs as they are; the zoom is follow-up over reference.
-    """
+    """Hypotheses of matched features of views from aside, those of most matches first."""
     (reference, followup), (near, far) = photographs, features
     seen = [
         _of_reference(one, view.matrix)
@@ -374,10 +368,7 @@ class _Thumbnail:
 def searched_poses(
     reference: AlignedPhotograph, followup: AlignedPhotograph, zoom: float | None
 ) -> Iterator[PoseHypothesis]:
-    """Similarities for which thumbnails agree best, the best first.
-
-    The zoom is the ratio of distances, follow-up over reference; None tries 0.4 to 2.8.
-    """
+    """Similarities for which thumbnails agree best, the best first; without zoom at 0.4 to 2.8."""
     low, high = _SEARCHED_ZOOMS if zoom is None else (zoom * 0.85, zoom * 1.18)
     zooms = np.exp(np.arange(np.log(low), np.log(high) + _ZOOM_STEP, _ZOOM_STEP))
     near = _thumbnail(reference, _LONG_SIDE_PX)
@@ -422,10 +413,7 @@ def _thumbnail(photograph: AlignedPhotograph, long_side_px: int) -> _Thumbnail:
 
 
 class _Spectra:
-    """The reference's thumbnail and a follow-up's, to be correlated at one turn after another.
-
-    ``scale`` pixels of the reference's thumbnail to one of the follow-up's.
-    """
+    """The reference's thumbnail and a follow-up's at a scale, to be correlated turn after turn."""
 
     def __init__(self, near: _Thumbnail, far: _Thumbnail, scale: float) -> None:
         self._near, self._far, self._scale = near, far, scale

@@ -48,10 +48,7 @@ from simulation.notebook import Shown
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegistrationReference:
-    """A photograph prepared for alignment: its features are looked for once, and no sooner.
-
-    `register_images` takes it in place of the array, which may not change meanwhile.
-    """
+    """A photograph, not changed meanwhile, whose features are looked for once, and no sooner."""
 
     photograph: AlignedPhotograph
     _features: dict[bool, ImageFeatures] = field(default_factory=dict, repr=False)
@@ -149,26 +146,11 @@ def register_images(
     psf: GaussianPsf | None = None,
     hints: RegistrationHints | None = None,
 ) -> Registration:
-    """Pose of ``followup`` in ``reference``.
+    """Pose of ``followup`` in ``reference``, both grey, ``(rows, cols)``; either may be nearer.
 
-    Parameters
-    ----------
-    reference, followup
-        Grey, shape ``(rows, cols)``; either may be the nearer one. If their shapes agree they are
-        taken for whole frames of one camera, whose distortion is fitted. A reference of several
-        follow-ups is best prepared once.
-    psf
-        Total PSF of the camera; without it, one of 0.65 px is assumed.
-    hints
-        What is known beforehand.
-
-    Raises
-    ------
-    RegistrationError
-        If the two cannot be aligned, or one is the mirror image of the other and the hints do not
-        say so; the message names the ways on.
-    ValueError
-        If an image is not grey with finite values, or a hint does not fit the follow-up.
+    If their shapes agree they are taken for whole frames of one camera, whose distortion is fitted.
+    A reference of several follow-ups is best prepared once. Without the total ``psf``, one of 0.65
+    px is assumed. A `RegistrationError` names the ways on.
     """
     hints = hints or RegistrationHints()
     if not isinstance(reference, RegistrationReference):

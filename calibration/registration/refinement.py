@@ -178,14 +178,14 @@ _LEAST_SLOPE = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlaceErrors:
+class _PlaceErrors:
     """Standard errors: of a position in the source, rms over the overlap, and of the distortion."""
 
     place_err_px: float
     k1_err: float
 
 
-def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> PlaceErrors:
+def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> _PlaceErrors:
     """Standard errors of a pose of least cost."""
     covariance = _covariance(pair, motions, found)
     chosen = np.flatnonzero(found.inside)
@@ -194,7 +194,7 @@ def _place_errors(pair: LevelPair, motions: PoseMotions, found: Residuals) -> Pl
         float(np.mean(np.sum((along[chosen] @ covariance) * along[chosen], axis=1)))
         for along in motions.flows(found.pose)
     )
-    return PlaceErrors(
+    return _PlaceErrors(
         place_err_px=found.pose.zoom * sqrt(max(variance, 0.0)),
         k1_err=sqrt(max(covariance[-1, -1], 0.0)) if motions.fits_distortion else 0.0,
     )
@@ -289,14 +289,10 @@ _STEPS_BETWEEN = 4
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RefinedPose:
-    """A pose from the coarser photograph to the finer one, with its errors.
-
-    ``correlation`` and ``residual_rms`` are of the coarser photograph with its prediction, after
-    fitting the light, without outliers; in units of the photograph's prepared levels.
-    """
+    """A pose from the coarser photograph to the finer one, with its errors, light fitted."""
 
     pose: DistortedPose
-    errors: PlaceErrors
+    errors: _PlaceErrors
     correlation: float
     residual_rms: float
 
@@ -362,10 +358,7 @@ def _may_be_unmoved(
     pose: DistortedPose,
     psf: GaussianPsf | None,
 ) -> bool:
-    """Whether drawings in two levels agree no better at a pose than unmoved.
-
-    A pose is fitted to either pair of opposite quarters of the frame and judged by the others.
-    """
+    """Whether drawings agree no better than unmoved: fitted to two quarters, judged by others."""
     source, target = photographs
     if not target.is_drawing:
         return False
@@ -405,10 +398,7 @@ def _is_worse(
     start: DistortedPose,
     factor: int,
 ) -> bool:
-    """Whether the photographs agree less at a pose than where its refinement started.
-
-    In finer detail than it was refined by, as far as that costs little.
-    """
+    """Whether the photographs agree less, in finer detail, than where refinement started."""
     rows, cols = photographs[1].shape
     seen_at = max(factor // 2, 1)
     seen_at *= max(round(sqrt(rows * cols / seen_at**2 / _JUDGED_PX)), 1)
@@ -485,10 +475,6 @@ def _with_errors(level: LevelPair, motions: PoseMotions, found: Residuals) -> Re
     return RefinedPose(
         pose=found.pose,
         errors=_place_errors(level, motions, found),
-        correlation=_correlation(measured - residual - offset, measured - offset),
+        correlation=float(np.corrcoef(measured - residual - offset, measured - offset)[0, 1]),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )
-
-
-def _correlation(ours: FloatArray, theirs: FloatArray) -> float:
-    return float(np.corrcoef(ours, theirs)[0, 1])

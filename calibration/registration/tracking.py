@@ -51,10 +51,9 @@ _CLIPPED_PERCENT = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TrackedPose:
-    """Pose of a frame in the reference, from frame to reference pixel centres.
+    """Pose of a frame in the reference, pixel centres to pixel centres.
 
-    The zoom is in reference pixels per frame pixel at the frame's centre; ``rms_px`` is the
-    distance in frame px of the corners that agree.
+    The zoom is in reference px per frame px at the centre; ``rms_px`` of corners that agree.
     """
 
     matrix: FloatArray = field(repr=False)
@@ -72,10 +71,7 @@ class _Softened:
 
 
 class TrackingReference:
-    """A grey reference image, prepared for finding it in frame after frame.
-
-    It is an error if it has too few corners to track.
-    """
+    """A grey reference image with enough corners to be found in frame after frame."""
 
     def __init__(self, reference: AnyArray) -> None:
         self._levels = _bytes_of(reference)
@@ -88,20 +84,13 @@ class TrackingReference:
         return self._levels.shape[0], self._levels.shape[1]
 
     def anchored(self, frame: AnyArray) -> TrackedPose:
-        """Find the pose with no prior knowledge: by matched features, then by the flow.
-
-        The frame is grey and finite; a reference that is not recognised is an error.
-        """
+        """Find the pose of a grey, finite frame by matched features, then by the flow."""
         levels = _bytes_of(frame)
         matrix, _ = homography_pose(match_features(self._levels, levels))
         return self._flowed(levels, matrix, _ANCHOR_PASSES)
 
     def followed(self, frame: AnyArray, matrix: FloatArray) -> TrackedPose:
-        """Measure the pose of a frame that is close to a known one.
-
-        The pose to start from is that of the previous frame, for example. Too few corners that
-        agree are an error: the motion was too large, or something blocks the view.
-        """
+        """Measure the pose of a frame close to a known one; an error if too few corners agree."""
         return self._flowed(_bytes_of(frame), np.asarray(matrix, dtype=np.float64), 2)
 
     def _flowed(self, levels: ByteImage, matrix: FloatArray, passes: int) -> TrackedPose:

@@ -29,7 +29,7 @@ _FARTHEST_PX = 3.0  # beyond it is another edge
 _WIDTH_FACTOR_MOST = 4.0
 
 
-def with_colour_shifts(
+def _with_colour_shifts(
     edges: Sequence[EdgeMeasurement], source: EdgeImage
 ) -> list[EdgeMeasurement]:
     """Return the edges with the shifts of red and blue from green; without colours, as they are.
@@ -47,7 +47,7 @@ def _with_shifts(edge: EdgeMeasurement, source: EdgeImage) -> EdgeMeasurement:
     if len(pixels) < len(_COLOURS) or _is_grey(pixels):
         return edge
     for colour, (distance, levels) in zip(_COLOURS, pixels, strict=True):
-        place = edge_place(distance, levels, edge.sigma_px)
+        place = _edge_place(distance, levels, edge.sigma_px)
         if place is None:
             return edge
         found[colour] = place
@@ -109,13 +109,12 @@ def _has_colour(colour: str, source: EdgeImage, x: FloatArray, y: FloatArray) ->
     return here
 
 
-def edge_place(
+def _edge_place(
     distance_px: FloatArray, levels_dn: FloatArray, sigma_px: float
 ) -> tuple[float, float] | None:
-    """Fit where an edge lies along the distance, with its standard error.
+    """Fit where an edge lies along the distance, with its standard error; None if not near 0.
 
-    Least squares of ``low + (high - low) Phi((d - place) / sigma)`` with all four free, by Gauss
-    and Newton. None where it does not settle near 0.
+    Least squares of ``low + (high - low) Phi((d - place) / sigma)`` by Gauss and Newton.
     """
     if distance_px.size < _FEWEST_PIXELS:
         return None
@@ -159,11 +158,7 @@ _SERIES_BELOW = 1e-4  # where sinc'/sinc is -pi^2 f / 3 to 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Mtf50:
-    """Frequency of half contrast across an edge, in cy/px, and half its 95 % interval.
-
-    ``is_model_free`` tells the e-SFR from the fitted Gaussian. ``reach_95`` is None where the
-    error is not known.
-    """
+    """Frequency of half contrast in cy/px, its error if known, and whether it is of the e-SFR."""
 
     cy_per_px: float
     err_cy_per_px: float | None
@@ -188,7 +183,7 @@ def reported_mtf50(edge: EdgeMeasurement) -> _Mtf50:
     known = edge.mtf50_err_cy_per_px
     return _Mtf50(
         cy_per_px=edge.mtf50_cy_per_px,
-        err_cy_per_px=gaussian_mtf50_err(edge) if known is None else known,
+        err_cy_per_px=_gaussian_mtf50_err(edge) if known is None else known,
         is_model_free=False,
     )
 
@@ -210,12 +205,8 @@ def picture_height_px(edge: EdgeMeasurement) -> float | None:
     return edge.mtf50_lw_per_ph / lw_per_ph(edge.mtf50_cy_per_px, 1.0)
 
 
-def gaussian_mtf50_err(edge: EdgeMeasurement) -> float:
-    """Standard error of the fitted Gaussian's MTF50, from that of its width.
-
-    The frequency is inversely proportional to a total width. With the pixel apart from the lens,
-    it follows from ``T(f, sigma) = 1/2`` by implicit differentiation.
-    """
+def _gaussian_mtf50_err(edge: EdgeMeasurement) -> float:
+    """Standard error of the fitted Gaussian's MTF50, from that of its width."""
     if edge.optical_sigma_px is None or edge.optical_sigma_err_px is None:
         return edge.mtf50_cy_per_px * edge.sigma_err_px / edge.sigma_px
     freq, sigma = edge.mtf50_cy_per_px, edge.optical_sigma_px
@@ -240,7 +231,7 @@ def with_sharpness(edges: Sequence[EdgeMeasurement], source: EdgeImage) -> list[
     for edge in edges:
         esfr = edge.esfr_mtf50_cy_per_px
         values: dict[str, float | None] = {
-            "mtf50_err_cy_per_px": gaussian_mtf50_err(edge),
+            "mtf50_err_cy_per_px": _gaussian_mtf50_err(edge),
             "mtf50_lw_per_ph": lw_per_ph(edge.mtf50_cy_per_px, height_px),
             "esfr_mtf50_lw_per_ph": None if esfr is None else lw_per_ph(esfr, height_px),
         }
@@ -248,4 +239,4 @@ def with_sharpness(edges: Sequence[EdgeMeasurement], source: EdgeImage) -> list[
             values["mtf50_lp_per_mm"] = lp_per_mm(edge.mtf50_cy_per_px, pitch_um)
             values["esfr_mtf50_lp_per_mm"] = None if esfr is None else lp_per_mm(esfr, pitch_um)
         found.append(edge.model_copy(update=values))
-    return with_colour_shifts(found, source)
+    return _with_colour_shifts(found, source)

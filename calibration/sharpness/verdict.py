@@ -14,9 +14,10 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 from scipy.special import ndtri
 
+from acquisition.files import StoredModel
 from acquisition.written_files import WrittenTable, read_toml, validate_written, validation_lines
 from calibration.edges import EdgeMeasurement
 from calibration.errors import LimitsFileError
@@ -68,12 +69,12 @@ _FEWEST_FOR_SCATTER = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Figure(Estimate):
+class _Figure(Estimate):
     """An estimate, and what or where it is of."""
 
     where: str = ""
 
-    def modulus(self) -> "Figure":
+    def modulus(self) -> "_Figure":
         """Return the figure without its sign."""
         low, high = sorted((abs(self.low), abs(self.high)))
         has_zero = self.low <= 0 <= self.high
@@ -81,7 +82,7 @@ class Figure(Estimate):
         return replace(self, value=abs(self.value), interval_95=interval)
 
 
-def smallest(figures: Sequence[Figure]) -> Figure:
+def _smallest(figures: Sequence[_Figure]) -> _Figure:
     """Return the smallest of several true values, with a simultaneous 95 % interval.
 
     Each of n figures gets the interval of 1 - 0.05 / n (Bonferroni): where all n hold, the smallest
@@ -90,12 +91,12 @@ def smallest(figures: Sequence[Figure]) -> Figure:
     return _extreme("smallest", figures)
 
 
-def largest(figures: Sequence[Figure]) -> Figure:
+def _largest(figures: Sequence[_Figure]) -> _Figure:
     """Return the largest of several true values, with a simultaneous 95 % interval."""
     return _extreme("largest", figures)
 
 
-def _extreme(which: Literal["smallest", "largest"], figures: Sequence[Figure]) -> Figure:
+def _extreme(which: Literal["smallest", "largest"], figures: Sequence[_Figure]) -> _Figure:
     if not figures:
         raise ValueError(f"the {which} of no figures")
     choose = min if which == "smallest" else max
@@ -110,17 +111,14 @@ def _extreme(which: Literal["smallest", "largest"], figures: Sequence[Figure]) -
     )
 
 
-def _least(figure: Figure, reach: float) -> float:
+def _least(figure: _Figure, reach: float) -> float:
     """Lower end of an interval; what cannot be negative does not become so."""
     end = figure.value - reach * figure.err
     return max(end, 0.0) if figure.value >= 0 else end
 
 
-def median_of(figures: Sequence[Figure], where: str) -> Figure:
-    """Return the median, with an error from the scatter or their own errors if those are more.
-
-    The scatter of fewer than four is no measure: their own errors count alone.
-    """
+def _median_of(figures: Sequence[_Figure], where: str) -> _Figure:
+    """Return the median, with the larger of its scatter's error, from four on, and their own."""
     if not figures:
         raise ValueError("the median of no figures")
     values = np.array([figure.value for figure in figures])
@@ -131,14 +129,13 @@ def median_of(figures: Sequence[Figure], where: str) -> Figure:
     middle = float(np.median(values))
     if count >= _FEWEST_FOR_SCATTER:
         err = max(err, _MEDIAN_ERR * robust_sigma(values - middle) / sqrt(count))
-    return Figure(value=middle, err=err, where=f"{where} ({count} edge{'s' * (count > 1)})")
+    return _Figure(value=middle, err=err, where=f"{where} ({count} edge{'s' * (count > 1)})")
 
 
-def ratio(above: Figure, below: Figure) -> Figure:
-    """Return the ratio of two positive figures; its interval holds if both of theirs do.
+def ratio(above: _Figure, below: _Figure) -> _Figure:
+    """Return the ratio of two positive figures, with the extreme quotients as its interval.
 
-    The ends are the extreme quotients, so 95 % becomes at least 90 % for the pair; each interval
-    is therefore widened to 97.5 % (Bonferroni).
+    Each interval is widened to 97.5 % for that (Bonferroni).
     """
     widen = _reach(2) / _reach(1)
     low_above = max(above.value - widen * (above.value - above.low), 0.0)
@@ -146,7 +143,7 @@ def ratio(above: Figure, below: Figure) -> Figure:
     low_below = max(below.value - widen * (below.value - below.low), 1e-12)
     high_below = below.value + widen * (below.high - below.value)
     value = above.value / below.value
-    return Figure(
+    return _Figure(
         value=value,
         err=value * sqrt((above.err / above.value) ** 2 + (below.err / below.value) ** 2),
         interval_95=(low_above / high_below, high_above / low_below),
@@ -161,7 +158,6 @@ def _reach(count: int) -> float:
 
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
-FrequencyUnit = Literal["cy/px", "LW/PH", "lp/mm"]
 
 
 class Mtf50Limits(WrittenTable):
@@ -265,15 +261,13 @@ def read_limits(path: Path) -> SharpnessLimits:
 Outcome = Literal["pass", "fail", "unsure"]
 
 
-class LimitVerdict(BaseModel):
+class LimitVerdict(StoredModel):
     """One limit: its key in the limits file, the figure measured, and the outcome.
 
     ``low`` and ``high`` are the ends of the figure's 95 % interval, ``where`` says which edge or
     part of the field it belongs to. A figure that could not be measured is null, and ``reason``
     says why.
     """
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     limit: str
     bound: float
@@ -291,17 +285,15 @@ class LimitVerdict(BaseModel):
         return "min" in self.limit.partition(".")[2].split("_")
 
 
-class SharpnessVerdict(BaseModel):
+class SharpnessVerdict(StoredModel):
     """All limits of a file together: fail if one fails, else unsure if one is."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     outcome: Outcome
     limits_file: str
     limits: tuple[LimitVerdict, ...]
 
 
-def outcome_of(low: float, high: float, bound: float, *, at_least: bool) -> Outcome:
+def _outcome_of(low: float, high: float, bound: float, *, at_least: bool) -> Outcome:
     """Compare an interval with a limit: the least that is allowed, or the most."""
     if at_least:
         return "pass" if low >= bound else "fail" if high < bound else "unsure"
@@ -327,10 +319,7 @@ def judge_sharpness(
     picture: Picture,
     limits_file: str,
 ) -> SharpnessVerdict:
-    """Compare the edges that are used with the limits.
-
-    Rejected edges do not count; units and positions follow from the picture.
-    """
+    """Compare the edges that are used with the limits, in units that follow from the picture."""
     used = [edge for edge in edges if edge.is_used]
     verdicts = tuple(
         _judged(key, bound, _Measured(used, picture, limits.zones)) for key, bound in limits.given()
@@ -352,7 +341,7 @@ def _judged(key: str, bound: float, measured: "_Measured") -> LimitVerdict:
         figure = measured.figure(table, name, unit)
     except _NotMeasuredError as missing:
         return limit.model_copy(update={"reason": str(missing)})
-    outcome = outcome_of(figure.low, figure.high, bound, at_least=limit.is_least)
+    outcome = _outcome_of(figure.low, figure.high, bound, at_least=limit.is_least)
     known = {"value": figure.value, "low": figure.low, "high": figure.high, "where": figure.where}
     return limit.model_copy(update={**known, "outcome": outcome})
 
@@ -368,7 +357,7 @@ class _Measured:
         self.picture = picture
         self._zones = zones
 
-    def figure(self, table: str, name: str, unit: str) -> Figure:
+    def figure(self, table: str, name: str, unit: str) -> _Figure:
         """The figure that a limit of this table and name bounds."""
         if table == "mtf50":
             factor = self._factor(unit)
@@ -376,24 +365,24 @@ class _Measured:
         if table == "uniformity":
             corners = self._corners()
             is_to_centre = name == "corner_to_centre_min"
-            return ratio(smallest(corners), self._centre() if is_to_centre else largest(corners))
+            return ratio(_smallest(corners), self._centre() if is_to_centre else _largest(corners))
         if table == "lateral_colour":
-            return largest(self._shifts())
-        return largest(self._optical_widths() if name == "optical_max_px" else self._widths())
+            return _largest(self._shifts())
+        if name == "optical_max_px":
+            return _largest(self._optical_widths())
+        widths = ((e.sigma_px, e.sigma_err_px, _place(e)) for e in self.used)
+        return _largest([_Figure(value=px, err=err, where=where) for px, err, where in widths])
 
-    def _mtf50(self, name: str) -> Figure:
+    def _mtf50(self, name: str) -> _Figure:
         if name.startswith("centre_"):
             return self._centre()
         if name.startswith("corner_"):
-            return smallest(self._corners())
-        return smallest([_mtf50(edge) for edge in self.used])
+            return _smallest(self._corners())
+        return _smallest([_mtf50(edge) for edge in self.used])
 
-    def _widths(self) -> list[Figure]:
-        return [Figure(value=e.sigma_px, err=e.sigma_err_px, where=_place(e)) for e in self.used]
-
-    def _optical_widths(self) -> list[Figure]:
+    def _optical_widths(self) -> list[_Figure]:
         widths = [
-            Figure(value=e.optical_sigma_px, err=e.optical_sigma_err_px, where=_place(e))
+            _Figure(value=e.optical_sigma_px, err=e.optical_sigma_err_px, where=_place(e))
             for e in self.used
             if e.optical_sigma_px is not None and e.optical_sigma_err_px is not None
         ]
@@ -401,9 +390,9 @@ class _Measured:
             raise _NotMeasuredError("every edge is as sharp as the pixel alone; limit sigma.max_px")
         return widths
 
-    def _shifts(self) -> list[Figure]:
+    def _shifts(self) -> list[_Figure]:
         shifts = [
-            Figure(value=shift, err=err, where=f"{colour}, {_place(edge)}").modulus()
+            _Figure(value=shift, err=err, where=f"{colour}, {_place(edge)}").modulus()
             for edge in self.used
             for colour, shift, err in (
                 ("red", edge.red_shift_px, edge.red_shift_err_px),
@@ -425,7 +414,7 @@ class _Measured:
             return lp_per_mm(1.0, self.picture.pixel_pitch_um)
         return 1.0
 
-    def _centre(self) -> Figure:
+    def _centre(self) -> _Figure:
         """Median MTF50 of the central zone."""
         radius = self._zones.centre_radius
         edges = [edge for edge, at in self._positions() if at.radius <= radius]
@@ -434,12 +423,12 @@ class _Measured:
                 f"no edge within {radius:g} half diagonals of the centre; photograph one there, "
                 "or set zones.centre_radius"
             )
-        return median_of([_mtf50(edge) for edge in edges], "centre")
+        return _median_of([_mtf50(edge) for edge in edges], "centre")
 
-    def _corners(self) -> list[Figure]:
+    def _corners(self) -> list[_Figure]:
         """Median MTF50 of every corner, meridional and sagittal apart."""
         radius = self._zones.corner_radius
-        groups: dict[str, list[Figure]] = {}
+        groups: dict[str, list[_Figure]] = {}
         for edge, at in self._positions():
             if at.radius >= radius:
                 name = f"{at.corner}, {at.direction}"
@@ -450,7 +439,7 @@ class _Measured:
                 f"no edge {radius:g} half diagonals or more from the centre, {_listed(missing)}; "
                 "photograph one there, or set zones.corner_radius"
             )
-        return [median_of(figures, name) for name, figures in sorted(groups.items())]
+        return [_median_of(figures, name) for name, figures in sorted(groups.items())]
 
     def _positions(self) -> list[tuple[EdgeMeasurement, _FieldPosition]]:
         width, height = self._size()
@@ -471,14 +460,14 @@ def _place(edge: EdgeMeasurement) -> str:
     return f"edge at ({edge.x_px:.0f}, {edge.y_px:.0f})"
 
 
-def _mtf50(edge: EdgeMeasurement) -> Figure:
+def _mtf50(edge: EdgeMeasurement) -> _Figure:
     known = reported_mtf50(edge)
-    return Figure(value=known.cy_per_px, err=known.err_cy_per_px or 0.0, where=_place(edge))
+    return _Figure(value=known.cy_per_px, err=known.err_cy_per_px or 0.0, where=_place(edge))
 
 
-def median_of_edges(edges: Sequence[EdgeMeasurement]) -> Figure:
+def median_of_edges(edges: Sequence[EdgeMeasurement]) -> _Figure:
     """Return the median MTF50 of edges, in cy/px."""
-    return median_of([_mtf50(edge) for edge in edges], "all")
+    return _median_of([_mtf50(edge) for edge in edges], "all")
 
 
 MODEL_REMARK = "* of the fitted Gaussian, where an edge has no e-SFR with an error"

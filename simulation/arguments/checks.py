@@ -1,7 +1,4 @@
-"""Checks arguments by their annotations, which say the types and words, and by `RANGES`.
-
-Arrays and numbers may come from other libraries, with masks and units.
-"""
+"""Checks arguments by their annotations, which say the types and words, and by `RANGES`."""
 
 import inspect
 import warnings
@@ -82,7 +79,7 @@ _HOLDS = ("__array__", "__array_interface__", "to_numpy")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GivenArray:
+class _GivenArray:
     """The numbers of an array, and which of them are masked, of its shape; None if none is."""
 
     values: NDArray[Any]
@@ -94,12 +91,11 @@ def is_array_like(value: object) -> bool:
     return any(hasattr(value, name) for name in _HOLDS) and not isinstance(value, type)
 
 
-def given_array(value: object, name: str) -> GivenArray:
+def given_array(value: object, name: str) -> _GivenArray:
     """The numbers of anything that holds an array, with its mask; ``name`` is the argument's.
 
-    Whatever has ``__array__`` is taken, as of PyTorch, Dask, xarray, astropy, pandas and polars,
-    and so are lists of numbers. Refused is what holds no numbers, or is in a unit that levels do
-    not have.
+    Whatever has ``__array__`` is taken, and lists of numbers; refused is what holds none, or is in
+    a unit that levels do not have.
     """
     held: Any = value
     if not (is_array_like(value) or isinstance(value, list | tuple | memoryview)):
@@ -121,7 +117,7 @@ def given_array(value: object, name: str) -> GivenArray:
     values = _numbers(held, value, name)
     is_mask = isinstance(mask, np.ndarray) and mask.dtype == np.bool_
     is_masked = is_mask and mask.shape == values.shape and bool(mask.any())
-    return GivenArray(values, mask if is_masked else None)
+    return _GivenArray(values, mask if is_masked else None)
 
 
 def whole_array(value: object, name: str) -> NDArray[Any]:
@@ -206,11 +202,7 @@ def check_fields(document: Any) -> None:  # noqa: ANN401 - a dataclass
 
 
 def accepted(name: str, value: object, hint: object) -> Any:  # noqa: ANN401 - of the hint's type
-    """The value of an argument as its annotation ``hint`` says, a number in the argument's unit.
-
-    An `ArgumentTypeError` if it has another type; else an `ArgumentError` if it is no such word, or
-    a number out of its range.
-    """
+    """The value of an argument as its annotation ``hint`` says, a number in the argument's unit."""
     members = _members(hint)
     if members is None:
         return value

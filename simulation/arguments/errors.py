@@ -1,7 +1,4 @@
-"""Arguments that cannot be: their error, paths as callers give them, and ranges of numbers by name.
-
-Imports no library.
-"""
+"""Arguments that cannot be: their error, paths as callers give them, and ranges by name."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -77,7 +74,7 @@ _MOST = 1e12
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class _Range:
     """From ``low`` to ``high``, or above ``low`` where it is open."""
 
     low: float = -_MOST
@@ -102,51 +99,51 @@ class Range:
         return f"of {_MOST:g} at most" if self.high == _MOST < number < inf else str(self)
 
 
-def _of_names(names: str, range_: Range) -> dict[str, Range]:
+def _of_names(names: str, range_: _Range) -> dict[str, _Range]:
     return dict.fromkeys(names.split(), range_)
 
 
-RANGES: Mapping[str, Range] = {
+RANGES: Mapping[str, _Range] = {
     **_of_names(
         "zoom focal_length_px scale_px_per_mm pixel_size_mm min_d_prime timeout_s workers_gone_s "
         "false_alarms edge_length_px white_level contrast_dn scene_noise_dn rate gain_e_per_dn",
-        Range(0, is_open=True),
+        _Range(0, is_open=True),
     ),
     **_of_names(
         "sigma_px sigma_x_px sigma_y_px sigmas_px spot_sigma_px signal_sigma_px",
-        Range(0, 1e4, is_open=True),
+        _Range(0, 1e4, is_open=True),
     ),
     **_of_names(
         "exposure exposure_us dark_exposures_us flat_exposures_us noise_dn noises_dn "
         "curve_noise_dn reference_noise light_scatter read_noise_e least index indices retake",
-        Range(0),
+        _Range(0),
     ),
-    **_of_names("psf_variance_err_px2 psf_focus_share focus_freedom noise_relative_err", Range(0)),
-    **_of_names("focus_scatter_px2 registration_err_px height_scatter_mm", Range(0, 1e4)),
-    **_of_names("height_mm heights_mm reference_height_mm", Range(-1e6, 1e6)),
-    **_of_names("tilts_deg at_tilt_deg reference_tilt_deg", Range(-90, 90)),
-    **_of_names("direction_deg orientation_deg", Range(-360, 360)),
+    **_of_names("psf_variance_err_px2 psf_focus_share focus_freedom noise_relative_err", _Range(0)),
+    **_of_names("focus_scatter_px2 registration_err_px height_scatter_mm", _Range(0, 1e4)),
+    **_of_names("height_mm heights_mm reference_height_mm", _Range(-1e6, 1e6)),
+    **_of_names("tilts_deg at_tilt_deg reference_tilt_deg", _Range(-90, 90)),
+    **_of_names("direction_deg orientation_deg", _Range(-360, 360)),
     **_of_names(
         "zooms reference_zoom at_zoom threads workers steps crop_px stride_px window_px crops "
         "pairs page references photograph_count edges_per_capture frames readings epochs batch "
         "frames_averaged part image_size size reference_size count",
-        Range(1),
+        _Range(1),
     ),
-    **_of_names("test_fraction vignetting", Range(0, 1)),
-    "false_discovery_rate": Range(0, 1, is_open=True),
-    "seed": Range(0, 2**63),  # as wide as PyTorch's
-    "rho": Range(-1, 1),
+    **_of_names("test_fraction vignetting", _Range(0, 1)),
+    "false_discovery_rate": _Range(0, 1, is_open=True),
+    "seed": _Range(0, 2**63),  # as wide as PyTorch's
+    "rho": _Range(-1, 1),
     # Telephones have 0.5 um, panels for X-rays 0.2 mm: a number below is one in mm.
-    "pixel_pitch_um": Range(0.1, 1000),
+    "pixel_pitch_um": _Range(0.1, 1000),
     **_of_names(
         "samples_per_px cut_off_period_px diameter step_cy_per_px",
-        Range(0, 1e4, is_open=True),
+        _Range(0, 1e4, is_open=True),
     ),
-    **_of_names("obscured asymmetry", Range(0, 1)),
+    **_of_names("obscured asymmetry", _Range(0, 1)),
 }
 """Any number that is not absurd for the other names."""
 
 
-def range_of(name: str) -> Range:
+def range_of(name: str) -> _Range:
     """Which numbers an argument of a name may be."""
-    return RANGES.get(name, Range())
+    return RANGES.get(name, _Range())

@@ -34,18 +34,14 @@ kernel of 13 px, and the same at other zooms."""
 _REMEDY = "use a larger image or a smaller zoom"
 
 
-def nearest_positions(count: int, zoom: float) -> IntArray:
+def _nearest_positions(count: int, zoom: float) -> IntArray:
     """Return the pixels ``floor((i + 0.5) zoom)`` that nearest-neighbour sampling takes."""
     return np.array([floor((i + 0.5) * zoom) for i in range(count)], dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CropPicker:
-    """Draws the crops of one image.
-
-    ``image`` holds levels from 0 to 1, ``side_px`` is the side of the generator's crop, ``taps``
-    the positions of the kernel's first tap in it, along either axis.
-    """
+    """Draws the crops of one image of levels from 0 to 1, by where the kernel's taps fall."""
 
     image: FloatArray = field(repr=False)
     side_px: int
@@ -55,7 +51,7 @@ class CropPicker:
     @classmethod
     def of_image(cls, image: FloatArray, zoom: float, kernel_size: int) -> Self:
         """Weight every position by the mean gradient magnitude of the crop that starts there."""
-        taps = nearest_positions(OUTPUT_SIDE_PX, zoom)
+        taps = _nearest_positions(OUTPUT_SIDE_PX, zoom)
         taps -= taps[0]
         side_px = int(taps[-1]) + kernel_size
         if min(image.shape) < side_px:
@@ -87,10 +83,7 @@ class CropPicker:
         return self.image[top : top + self.side_px, left : left + self.side_px]
 
     def real_crop(self, rng: np.random.Generator) -> FloatArray:
-        """Return a crop of the size of the generator's output.
-
-        It is anywhere in a window drawn like the generator's, so that both show similar content.
-        """
+        """Return a crop of the generator's size from a window drawn like its own."""
         window = self.generator_crop(rng)
         top, left = rng.integers(0, self.side_px - OUTPUT_SIDE_PX + 1, size=2)
         return window[top : top + OUTPUT_SIDE_PX, left : left + OUTPUT_SIDE_PX]

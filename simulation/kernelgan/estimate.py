@@ -46,10 +46,7 @@ KERNEL_SIZE = 13
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KernelGanSettings:
-    """What determines a trained kernel, besides the image.
-
-    ``zoom`` is the zoom-out; ``is_centre_crop`` trains on the central half of the image only.
-    """
+    """What determines a trained kernel, besides the image or its central half."""
 
     zoom: float
     model: KernelModel = "kernelgan"

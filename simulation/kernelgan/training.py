@@ -1,7 +1,6 @@
 """The training of KernelGAN: discriminator and generator alternately, on crops of one image.
 
-All that the generator learns from the image is one kernel. The discriminator rates how much each
-7 x 7 px patch looks like the image's own.
+All that is learnt is one kernel; the discriminator rates each patch of 7 x 7 px.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -28,7 +27,7 @@ _POWER_STEPS = 1  # per update: Miyato et al., algorithm 1
 _NORM_FLOOR = 1e-12
 
 
-class PatchDiscriminator:
+class _PatchDiscriminator:
     """One layer of 7 x 7 px, then layers of 1 px: a map of how real each patch looks.
 
     Spectral normalisation on every layer, batch normalisation and ReLU after the hidden ones,
@@ -115,7 +114,7 @@ _START_NOISE = 0.1
 """Random part of the initial weights, relative to their Gaussian part."""
 
 
-class Generator(Protocol):
+class _Generator(Protocol):
     """A kernel with trainable parameters."""
 
     parameters: list[Tensor]
@@ -185,7 +184,7 @@ class DeepLinearGenerator:
         return composed_kernel(self.parameters)[0, 0]
 
 
-class GaussianGenerator:
+class _GaussianGenerator:
     """A sampled Gaussian: log sigma_y, log sigma_x and the inverse hyperbolic tangent of rho."""
 
     def __init__(self, sigma_px: float, dtype: torch.dtype, size: int = 13) -> None:
@@ -221,7 +220,7 @@ _ROOT_FLOOR = 1e-6
 _BOUNDARY_GROWTH_PX = 2.0
 
 
-def boundary_mask(size: int, dtype: torch.dtype) -> Tensor:
+def _boundary_mask(size: int, dtype: torch.dtype) -> Tensor:
     """Return weights that grow exponentially with the distance from the middle, up to 1.
 
     The publication gives no rate; here they are 0 in the middle and e-fold in 2 px.
@@ -232,11 +231,11 @@ def boundary_mask(size: int, dtype: torch.dtype) -> Tensor:
     return grown / grown.max()
 
 
-class KernelRegulariser:
+class _KernelRegulariser:
     """Penalties for a sum other than 1, boundary weights, many weights, and an off-centre mass."""
 
     def __init__(self, size: int, dtype: torch.dtype) -> None:
-        self._mask = boundary_mask(size, dtype)
+        self._mask = _boundary_mask(size, dtype)
         self._offset = torch.arange(size, dtype=dtype) - size // 2
 
     def __call__(self, kernel: Tensor) -> Tensor:
@@ -278,8 +277,7 @@ _MARGIN_MEMORY = 0.02
 class KernelGanTraining:
     """One training; ``step`` updates both networks once.
 
-    With ``is_gaussian``, a Gaussian of three parameters is trained, without the regularisers,
-    instead of the free kernel. The zoom sets the width of the initial kernel.
+    With ``is_gaussian`` it is of a Gaussian of three parameters, without the regularisers.
     """
 
     def __init__(self, picker: CropPicker, *, is_gaussian: bool, zoom: float, seed: int) -> None:
@@ -288,13 +286,13 @@ class KernelGanTraining:
         weights_rng = torch.Generator().manual_seed(seed)
         dtype = torch.float32
         sigma_px = _START_SIGMA_PER_ZOOM * zoom
-        self.generator: Generator = (
-            GaussianGenerator(sigma_px, dtype)
+        self.generator: _Generator = (
+            _GaussianGenerator(sigma_px, dtype)
             if is_gaussian
             else DeepLinearGenerator(weights_rng, sigma_px, dtype)
         )
-        self._judge = PatchDiscriminator(weights_rng, dtype)
-        self._regulariser = None if is_gaussian else KernelRegulariser(13, dtype)
+        self._judge = _PatchDiscriminator(weights_rng, dtype)
+        self._regulariser = None if is_gaussian else _KernelRegulariser(13, dtype)
         self._taps = torch.from_numpy(picker.taps)
         rate = _GAUSSIAN_RATE if is_gaussian else _RATE
         self._of_generator = torch.optim.Adam(self.generator.parameters, rate, _BETAS, fused=True)
@@ -378,7 +376,7 @@ def train(
 ) -> FloatArray:
     """The kernel after ``steps`` steps, shape (13, 13), not normalised."""
     report_steps = max(1, steps // _REPORTS)
-    with one_thread():
+    with _one_thread():
         training = KernelGanTraining(picker, is_gaussian=is_gaussian, zoom=zoom, seed=seed)
         for done in range(1, steps + 1):
             training.step()
@@ -390,12 +388,8 @@ def train(
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """Let torch use one thread inside the block, then as many as before.
-
-    The sums are then the same for any number of cores, and the matrices are so small that threads
-    would wait for each other longer than they work.
-    """
+def _one_thread() -> Iterator[None]:
+    """Let torch use one thread inside the block: the same sums on any machine, and no slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -38,10 +38,7 @@ _Piece = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class SamplingKernel:
-    """An even function of the distance, 0 from 3 px on.
-
-    At the distance ``j + u`` px, u from 0 to 1, it is the sum of ``pieces[j][k] u^k``.
-    """
+    """An even function of the distance, up to 3 px: ``sum_k pieces[j][k] u^k`` at ``j + u`` px."""
 
     pieces: tuple[_Piece, _Piece, _Piece]
 

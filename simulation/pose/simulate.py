@@ -58,7 +58,7 @@ _ORDER = ("reassoc", "contract", "nsz")
 """Sums may be reordered; NaN and infinity keep their meaning."""
 
 
-def weight_table(pieces: FloatArray) -> FloatArray:
+def _weight_table(pieces: FloatArray) -> FloatArray:
     """Polynomials of a sampling kernel's six weights, shape (6, 8), from its pieces, shape (3, 6).
 
     For a position t px after a pixel, the weight of the pixel ``m - 2`` px from that one is ``sum_k
@@ -90,8 +90,8 @@ weighted_six_by_six = cast("Callable[..., float]", _weighted_six_by_six)
 """Sum of six rows of pixels: ``(pixels, start, down, table, part)``.
 
 ``start`` is the first pixel's index and the rows' stride, ``down`` a tuple of the rows' weights;
-those of the columns are by `weight_table` for the position ``part`` px after the third of them. All
-have the pixels' dtype."""
+those of the columns are by `_weight_table` for the position ``part`` px after the third of them.
+All have the pixels' dtype."""
 
 
 def _emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401
@@ -156,7 +156,7 @@ class _CoefficientWindow(NamedTuple):
 
     Element (0, 0) of ``coefficients`` belongs to the reference pixel ``origin`` (row, col);
     ``size`` are the rows and columns of the whole reference, ``table`` the weights of the sampling
-    kernel by `weight_table`, in the dtype of the coefficients.
+    kernel by `_weight_table`, in the dtype of the coefficients.
     """
 
     coefficients: FloatImage
@@ -166,10 +166,7 @@ class _CoefficientWindow(NamedTuple):
 
 
 class _Canvas(NamedTuple):
-    """One plane of the follow-up to write to, and its masks, all of one shape.
-
-    Where the follow-up looks past the reference, its image is left as it was; it is not nearer.
-    """
+    """One plane of the follow-up to write to, and its masks; what is past the reference stays."""
 
     image: FloatImage
     nearer: BoolArray
@@ -181,7 +178,7 @@ _FREE_ORDER = {"fastmath": {"reassoc", "contract", "nsz"}, "nogil": True}
 
 
 @compiled(**_FREE_ORDER)
-def render(
+def _render(
     view: BlurredWarp,
     window: _CoefficientWindow,
     canvas: _Canvas,
@@ -219,14 +216,14 @@ def render(
 
 
 @compiled(**_FREE_ORDER)
-def mark(
+def _mark(
     view: BlurredWarp,
     size: tuple[int, int],
     canvas: _Canvas,
     first: tuple[int, int],
     shape: tuple[int, int],
 ) -> None:
-    """Write the masks of a tile as `render` does; ``size`` is the whole reference's."""
+    """Write the masks of a tile as `_render` does; ``size`` is the whole reference's."""
     _, nearer, outside = canvas
     left = first[1]
     places = np.empty((3, shape[1]))
@@ -312,11 +309,7 @@ def _sample_row(
     outside: BoolArray,
     out: FloatImage,
 ) -> None:
-    """Write the image at reference positions, except where they are outside.
-
-    ``places`` are x and y, each with the origin of the coefficients; ``scratch`` has room for 8
-    numbers and an index for every position, and the table of weights.
-    """
+    """Write the image at reference positions x and y, except where they are outside."""
     x, left, y, top = places
     room, corners, table = scratch
     stride, pixels = coefficients.shape[1], coefficients.reshape(-1)
@@ -347,8 +340,8 @@ def _render_aligned(
     first: tuple[int, int],
     shape: tuple[int, int],
 ) -> None:
-    """Write a tile as `simulation.pose.simulate.render` does, where the view `_keeps_axes`."""
-    mark(view.warp, window.size, canvas, first, shape)
+    """Write a tile as `simulation.pose.simulate._render` does, where the view `_keeps_axes`."""
+    _mark(view.warp, window.size, canvas, first, shape)
     tile = tuple(slice(start, start + count) for start, count in zip(first, shape, strict=True))
     inside = ~canvas.outside[tile]
     # What is seen of the reference is a rectangle.
@@ -455,7 +448,7 @@ def simulate_pose_of_image(
     dtype = np.dtype(np.float64 if image.dtype == np.float64 else np.float32)
     planes = image[:, :, None] if image.ndim == 2 else image
     result = np.zeros((planes.shape[2], height, width), dtype=dtype)
-    table = weight_table(np.array(SAMPLING_KERNELS[model].pieces)).astype(dtype)
+    table = _weight_table(np.array(SAMPLING_KERNELS[model].pieces)).astype(dtype)
     nearer = np.zeros((height, width), dtype=np.bool_)
     outside = np.ones((height, width), dtype=np.bool_)
     is_aligned = _keeps_axes(view)
@@ -471,7 +464,7 @@ def simulate_pose_of_image(
             if is_aligned:
                 _render_aligned(view, window, canvas, first, shape)
             else:
-                render(view.warp, window, canvas, first, shape)
+                _render(view.warp, window, canvas, first, shape)
 
     if options.threads == 1:
         for tile in _tiles(height, width):

@@ -65,11 +65,7 @@ class VaryingFilter:
         return np.asarray(kernels)
 
     def apply(self, window: FloatImage, origin: tuple[int, int]) -> FloatImage:
-        """Filter a contiguous part of the reference; ``radius`` pixels on all sides are used up.
-
-        ``origin`` is the reference (row, col) of the result's first pixel; its dtype is the
-        window's.
-        """
+        """Filter a contiguous part of the reference; ``radius`` pixels on all sides are used up."""
         rows, cols = (size - 2 * self.radius for size in window.shape)
         node, part = _cells(self.rows_px, origin[0] + np.arange(rows))
         used = slice(int(node.min()), int(node.max()) + 2)

@@ -120,8 +120,7 @@ class PoseView:
     def survey(self, rows_px: FloatArray, cols_px: FloatArray) -> FloatArray:
         """Evaluate a lattice of positions in the follow-up, shape ``(rows, cols, 5)``.
 
-        Reference position x, y and the missing blur ``A Sigma A^T - Sigma``, elements xx, xy and
-        yy; it may be indefinite.
+        Reference x, y and the missing blur ``A Sigma A^T - Sigma``: xx, xy, yy; maybe indefinite.
         """
         return survey(self.warp, rows_px, cols_px)
 
@@ -212,11 +211,7 @@ class PoseOptions:
     distortion_k1: float = 0.0
 
     def model_of(self, view: PoseView) -> PoseModel:
-        """Return the model for a view: pixels that are the reference's own are not estimated.
-
-        ``lmmse`` is the best on average over subpixel positions; at whole ones ``matched`` returns
-        the reference.
-        """
+        """Return the model for a view: ``matched`` where pixels are the reference's own."""
         return "matched" if view.is_by_whole_pixels else self.model
 
     def __post_init__(self) -> None:

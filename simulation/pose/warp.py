@@ -70,9 +70,8 @@ def homography_fault(
 ) -> str | None:
     """Say why no camera before a plane has a homography; None if nothing speaks against it.
 
-    It takes follow-up pixels ``(x, y, 1)`` to the reference's. ``centre_px`` is the middle ``(x,
-    y)`` of the follow-up, where it is not mirrored and no scale is absurd; None if it is not known,
-    or may be mirrored.
+    ``centre_px`` is the middle ``(x, y)`` of the follow-up, not mirrored and of no absurd scale;
+    None if it is not known, or may be mirrored.
     """
     if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
         return f"expected 3 x 3 finite numbers, got shape {matrix.shape}"
@@ -130,11 +129,7 @@ def lens_of(
 
 
 def refuse_folding(distortion_k1: float, lens: FloatArray, follow_up: tuple[int, int]) -> None:
-    """Raise if a lens does not show all of a follow-up of ``(rows, cols)``.
-
-    It does not if the distortion is so large that the frame folds, or if the follow-up is so much
-    larger than the reference that it folds.
-    """
+    """Raise if a lens does not show all of a follow-up of ``(rows, cols)``, as its frame folds."""
     if not abs(distortion_k1) <= DISTORTION_MAX:
         raise ValueError(
             f"the distortion k1 must be between -{DISTORTION_MAX} and {DISTORTION_MAX}, "
@@ -166,10 +161,7 @@ def _fold_square(k1: float, k2: float) -> float:
 
 @compiled_part()
 def _ideal_factor(k1: float, k2: float) -> float:
-    """Ideal radius for the seen radius 1: bracketed Newton's method, up to the fold.
-
-    A seen radius without an ideal one gets that of the fold.
-    """
+    """Ideal radius for the seen radius 1, by bracketed Newton's method up to the fold."""
     if k2 == 0 and abs(k1) < _SERIES_MAX:
         factor = 1 - k1 * (1 - k1 * (3 - k1 * (12 - 55 * k1)))
         for _ in range(2):
@@ -213,10 +205,7 @@ def _seen_factor(k1: float, k2: float, square: float, frame: float) -> float:
 
 @compiled()
 def ideal_factors(k1: float, k2: float, squares: FloatArray) -> FloatArray:
-    """Factors from seen points to ideal ones, by squared radii, shape (n,), with k of the radius 1.
-
-    A point beyond all that the lens shows is taken to the fold.
-    """
+    """Factors from seen points to ideal ones, by squared radii, shape (n,), up to the fold."""
     factors = np.empty_like(squares)
     for i in range(len(squares)):
         factors[i] = _ideal_factor(k1 * squares[i], k2 * squares[i] * squares[i])
@@ -255,7 +244,7 @@ def _distortion_slopes(k1: float, x: float, y: float) -> tuple[float, float, flo
 
 
 @compiled_part()
-def warp(
+def _warp(
     matrix: FloatArray, lens: FloatArray, col: float, row: float
 ) -> tuple[float, float, float, float, float, float]:
     """Reference coordinates (x, y) of a follow-up point, and the derivative (a, b; c, d) there."""
@@ -370,7 +359,7 @@ def _missing_blur(
     row: float,
 ) -> tuple[float, float, float, float, float, float, float]:
     """Position (x, y), its derivative along the row, and the blur (xx, xy, yy) missing there."""
-    x, y, a, b, c, d = warp(matrix, lens, col, row)
+    x, y, a, b, c, d = _warp(matrix, lens, col, row)
     xx, xy, yy = _covariance(psf, frame, col + frame[3], row + frame[4])
     own_xx, own_xy, own_yy = _covariance(psf, frame, x, y)
     return (
@@ -419,7 +408,7 @@ def derivatives(
     """Images ``(n, 2)`` of points ``(n, 2)``, order (x, y), and the warp's derivatives there."""
     images, slopes = np.empty_like(points_px), np.empty((len(points_px), 2, 2))
     for i in range(len(points_px)):
-        x, y, a, b, c, d = warp(matrix, lens, points_px[i, 0], points_px[i, 1])
+        x, y, a, b, c, d = _warp(matrix, lens, points_px[i, 0], points_px[i, 1])
         images[i, 0], images[i, 1] = x, y
         slopes[i, 0, 0], slopes[i, 0, 1], slopes[i, 1, 0], slopes[i, 1, 1] = a, b, c, d
     return images, slopes

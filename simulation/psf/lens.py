@@ -1,7 +1,4 @@
-"""The transfer function of a lens: a circular pupil out of focus, stretched, and a Gaussian.
-
-What edges show of a lens beyond that is a correction by radial splines and angular harmonics.
-"""
+"""The transfer function of a lens: a circular pupil out of focus, stretched, and a Gaussian."""
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -166,7 +163,7 @@ class LensOtf:
         xx, xy, yy = self.cut_off_period_px
         if not xx == xy == yy == 0:
             relative = np.hypot(xx * fx + xy * fy, xy * fx + yy * fy)
-            transfer = transfer * pupil_otf(relative, self._defocus_waves(fx, fy))
+            transfer = transfer * _pupil_otf(relative, self._defocus_waves(fx, fy))
         return np.asarray(
             transfer if self.correction is None else transfer + self.correction(fx, fy)
         )
@@ -181,7 +178,7 @@ class LensOtf:
         return np.asarray(np.sqrt(np.maximum(along, 0.0)))
 
 
-def pupil_otf(relative_freq: FloatArray, defocus_waves: float | FloatArray) -> FloatArray:
+def _pupil_otf(relative_freq: FloatArray, defocus_waves: float | FloatArray) -> FloatArray:
     """Transfer of a circular pupil out of focus, at frequencies over the cut-off frequency.
 
     From a table over ``acos``, in which the curve is smooth up to its end; right to 1e-9 up to a
@@ -200,10 +197,7 @@ def pupil_otf(relative_freq: FloatArray, defocus_waves: float | FloatArray) -> F
 
 
 def _between_tables(angle_rad: FloatArray, defocus_waves2: FloatArray) -> FloatArray:
-    """Transfer at angles ``acos(nu)``, each with its squared defocus: a polynomial in the latter.
-
-    Shape ``(n,)`` each.
-    """
+    """Transfer at angles ``acos(nu)`` and squared defocus, shape ``(n,)``, a polynomial in that."""
     if not angle_rad.size:
         return np.zeros(0)
     low, high = float(defocus_waves2.min()), float(defocus_waves2.max())
@@ -230,7 +224,7 @@ class _PupilSlopes(NamedTuple):
 
 
 def pupil_slopes(relative_freq: FloatArray, defocus_waves2: FloatArray) -> _PupilSlopes:
-    """Return ``pupil_otf`` with its derivatives, for whoever fits it; right to 3e-6.
+    """Return ``_pupil_otf`` with its derivatives, for whoever fits it; right to 3e-6.
 
     The transfer depends on the square of the defocus, in which it is smooth at 0. There is one for
     each entry of the frequencies' last axis, or one for all.
@@ -321,11 +315,7 @@ def _pupil_curves(defocus_waves2: float, steps: int, nodes: int) -> _Table:
 
 @lru_cache(maxsize=4)
 def _pupil_slices(steps: int, nodes: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Per angle, the areas of slices of the common part of the pupil and its shifted copy.
-
-    Also the phase between the two in each slice, in radians per wave of defocus, and the
-    derivatives of both by the angle.
-    """
+    """Per angle, slices of the pupil's overlap, phases per wave in them, and the derivatives."""
     angle = np.linspace(0.0, pi / 2, steps + 1)[:, None]
     nu, fall = np.cos(angle), np.sin(angle)
     node, weight = np.polynomial.legendre.leggauss(nodes)

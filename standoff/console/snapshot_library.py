@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from acquisition.devices import CameraSettings, DeviceInfo
-from acquisition.session import atomic_write
+from acquisition.session import write_shared
 from standoff.errors import ApplicationError
 from standoff.library import make_folder
 
@@ -122,7 +122,7 @@ class SnapshotLibrary:
         if name is None:
             raise ApplicationError("There are too many snapshots of this second: try again.")
         try:
-            atomic_write(self.folder / name, data)
+            write_shared(self.folder / name, data)
         except OSError as error:
             raise ApplicationError(f"The snapshot was not stored: {error.strerror}.") from error
         self.latest = name

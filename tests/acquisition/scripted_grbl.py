@@ -6,7 +6,7 @@ from itertools import chain, repeat
 from typing import Any, cast
 
 from acquisition.bench import StageConfig
-from acquisition.stages.grbl import GrblAxis
+from acquisition.stages.grbl import _GrblAxis
 from acquisition.stages.grbl_controller import GrblController
 from acquisition.stages.grbl_wire import JOG_CANCEL, Alarm, ErrorReply, StatusReport
 
@@ -116,6 +116,6 @@ class CreepingController(ScriptedController):
         )
 
 
-def axis_of(controller: ScriptedController, time: Time | None = None) -> GrblAxis:
+def axis_of(controller: ScriptedController, time: Time | None = None) -> _GrblAxis:
     time = time or Time()
-    return GrblAxis(CONFIG, cast("GrblController", controller), clock=time.clock, sleep=time.sleep)
+    return _GrblAxis(CONFIG, cast("GrblController", controller), clock=time.clock, sleep=time.sleep)

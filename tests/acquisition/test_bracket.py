@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from acquisition.averaging import AveragedFrames
-from acquisition.bracket import MergedBracket, fit_noise_line, merge_bracket
+from acquisition.bracket import MergedBracket, _fit_noise_line, merge_bracket
 
 BLACK_DN, TOP_DN = 64.0, 4095
 GAIN_E_PER_DN, READ_NOISE_E = 5.0, 12.0
@@ -194,7 +194,7 @@ def test_the_noise_line_is_that_of_the_camera() -> None:
     rng = np.random.default_rng(4)
     light = np.repeat(np.geomspace(1.0, 3000.0, 50)[:, np.newaxis], 200, axis=1)
     one = exposed(light, 1.0, rng)
-    line = fit_noise_line(
+    line = _fit_noise_line(
         [(one.mean_dn, one.variance_dn2)], black_level_dn=BLACK_DN, saturation_dn=TOP_DN
     )
     # 10 000 variances of 10 frames, about half of them dark: 0.7 % each way, times four.

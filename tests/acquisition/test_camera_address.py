@@ -3,14 +3,14 @@ from pathlib import Path
 import pytest
 
 from acquisition.aravis.network import receive_buffer_limit_bytes, route_to
-from acquisition.bench import BenchConfig, address_fault, resolve_address
+from acquisition.bench import BenchConfig, _address_fault, resolve_address
 from acquisition.errors import DeviceDisconnectedError, DeviceError
 from tests.acquisition.session_fixtures import bench_of
 
 
 @pytest.mark.parametrize("text", ["192.168.10.46", "127.3.4.5", "camera", "cam-1.lab.example"])
 def test_addresses_and_host_names_can_name_a_camera(text: str) -> None:
-    assert address_fault(text) is None
+    assert _address_fault(text) is None
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_addresses_and_host_names_can_name_a_camera(text: str) -> None:
 def test_what_is_no_address_of_one_camera_is_refused_by_the_bench_and_the_driver(
     text: str,
 ) -> None:
-    assert address_fault(text) is not None
+    assert _address_fault(text) is not None
     with pytest.raises(DeviceError):
         resolve_address(text)
     with pytest.raises(ValueError):
@@ -57,7 +57,7 @@ def test_a_host_name_is_resolved_here() -> None:
 
 def test_a_label_of_63_characters_is_a_host_name() -> None:
     for name in ("b" * 63, "bench." + "b" * 63, "b", "bench-2.lab"):
-        assert address_fault(name) is None
+        assert _address_fault(name) is None
 
 
 def test_an_unknown_host_name_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,19 +10,19 @@ from acquisition.quantities import (
     MISTAKEN_FOR,
     PLAUSIBLE,
     ImplausibleQuantityError,
-    PlausibleRange,
     UnknownUnitError,
-    converted,
+    _converted,
+    _in_unit,
+    _likely_slip,
+    _PlausibleRange,
+    _stated_number,
+    _unit_of,
     decimal_comma_remedy,
-    in_unit,
-    likely_slip,
     nearest_key,
     number_text,
     slip_between,
-    stated_number,
     toml_slip,
     understood,
-    unit_of,
 )
 
 SINGLE = sorted(name for name, plausible in PLAUSIBLE.items() if plausible.of == "each")
@@ -39,7 +39,7 @@ def asked_about(name: str, value: object) -> ImplausibleQuantityError:
 @pytest.mark.parametrize("name", sorted(PLAUSIBLE))
 def test_each_key_has_a_unit_and_a_typical_value_in_its_range(name: str) -> None:
     plausible = PLAUSIBLE[name]
-    assert unit_of(name) is not None
+    assert _unit_of(name) is not None
     assert plausible.low < plausible.typical < plausible.high
 
 
@@ -54,13 +54,13 @@ def test_a_number_inside_the_range_is_taken_as_it_is(name: str, data: st.DataObj
 def test_a_number_outside_is_refused_with_what_was_meant_if_a_factor_brings_it_inside(
     name: str, value: float
 ) -> None:
-    plausible, unit = PLAUSIBLE[name], str(unit_of(name))
+    plausible, unit = PLAUSIBLE[name], str(_unit_of(name))
     assume(not plausible.low <= value <= plausible.high)
     question = asked_about(name, value)
     assert question.given == value
     # No more than rounding to 12 digits from the border is nobody's slip.
     low, high = plausible.low * (1 + 1e-9), plausible.high * (1 - 1e-9)
-    factors = [converted(1.0, other, unit) for other in MISTAKEN_FOR.get(unit, {})]
+    factors = [_converted(1.0, other, unit) for other in MISTAKEN_FOR.get(unit, {})]
     if any(low <= value * factor <= high for factor in factors):
         assert isinstance(question.meant, float)
         assert plausible.low <= question.meant <= plausible.high
@@ -69,19 +69,19 @@ def test_a_number_outside_is_refused_with_what_was_meant_if_a_factor_brings_it_i
         assert understood(name, float(written)) == float(written)
 
 
-@given(st.sampled_from([name for name in SINGLE if str(unit_of(name)) in ("us", "mm", "um")]))
+@given(st.sampled_from([name for name in SINGLE if str(_unit_of(name)) in ("us", "mm", "um")]))
 def test_factors_of_a_thousand_are_among_the_slips_of_times_and_lengths(name: str) -> None:
-    plausible, unit = PLAUSIBLE[name], str(unit_of(name))
+    plausible, unit = PLAUSIBLE[name], str(_unit_of(name))
     value = plausible.typical / 1000
     if not plausible.holds(value):
-        slip = likely_slip(value, unit, plausible)
+        slip = _likely_slip(value, unit, plausible)
         assert slip is not None
         assert plausible.holds(slip.meant)
 
 
 @given(names, magnitudes)
 def test_a_number_that_states_its_unit_is_never_asked_about(name: str, value: float) -> None:
-    assert understood(name, f"{value!r} {unit_of(name)}") == pytest.approx(value, rel=1e-11)
+    assert understood(name, f"{value!r} {_unit_of(name)}") == pytest.approx(value, rel=1e-11)
 
 
 @given(st.text(max_size=20) | st.floats() | st.integers() | st.none() | st.booleans())
@@ -119,7 +119,7 @@ def test_the_slip_of_the_bench_operator_is_named(
 ) -> None:
     question = asked_about(name, value)
     assert question.meant == pytest.approx(meant)
-    slip = likely_slip(value, str(unit_of(name)), PLAUSIBLE[name])
+    slip = _likely_slip(value, str(_unit_of(name)), PLAUSIBLE[name])
     assert slip is not None
     assert slip.what.startswith(what)
 
@@ -186,11 +186,11 @@ def test_a_height_outside_the_travel_by_a_factor_of_a_thousand_is_explained() ->
 
 @given(magnitudes)
 def test_of_several_slips_the_one_nearest_to_the_typical_value_is_named(value: float) -> None:
-    wide = PlausibleRange(1e-12, 1e12, 10.0)
-    slip = likely_slip(value, "mm", wide)
+    wide = _PlausibleRange(1e-12, 1e12, 10.0)
+    slip = _likely_slip(value, "mm", wide)
     if slip is not None:
         for other in MISTAKEN_FOR["mm"]:
-            meant = converted(value, other, "mm")
+            meant = _converted(value, other, "mm")
             if wide.low <= meant <= wide.high:
                 assert abs(math.log10(slip.meant / 10)) <= abs(math.log10(meant / 10)) + 1e-9
 
@@ -210,7 +210,7 @@ def test_of_several_slips_the_one_nearest_to_the_typical_value_is_named(value: f
     ],
 )
 def test_the_unit_of_a_key_is_what_it_ends_in(name: str, unit: str | None) -> None:
-    assert unit_of(name) == unit
+    assert _unit_of(name) == unit
 
 
 @pytest.mark.parametrize(
@@ -233,22 +233,22 @@ def test_the_unit_of_a_key_is_what_it_ends_in(name: str, unit: str | None) -> No
     ],
 )
 def test_text_is_converted_to_the_unit_of_the_key(text: str, unit: str, value: float) -> None:
-    assert in_unit(text, unit) == value
+    assert _in_unit(text, unit) == value
 
 
 @pytest.mark.parametrize("text", ["", "us", "nine us", "9,0", "9,0 us", "1 2 us", "nan", "[9]"])
 def test_text_that_holds_no_number_is_left_alone(text: str) -> None:
-    assert in_unit(text, "us") is None
+    assert _in_unit(text, "us") is None
 
 
 def test_a_number_of_thousands_of_digits_is_read_without_delay() -> None:
-    stated = stated_number("9" * 50_000 + ",")
+    stated = _stated_number("9" * 50_000 + ",")
     assert stated is None
 
 
 def test_a_unit_of_another_kind_is_refused_with_those_that_fit() -> None:
     with pytest.raises(UnknownUnitError) as refused:
-        in_unit("9 mm", "us")
+        _in_unit("9 mm", "us")
     assert refused.value.unit == "mm"
     assert {"us", "ms", "s"} <= set(refused.value.known)
 

@@ -60,7 +60,7 @@ def forgotten() -> Iterator[Callable[[], None]]:
         for remembered in (
             zoom.zoom_operator,
             zoom.lmmse_operator,
-            zoom_kernels.kernel_solver,
+            zoom_kernels._kernel_solver,
             zoom_kernels._scene,
             zoom_kernels._far,
             zoom_kernels._window,

@@ -7,7 +7,12 @@ from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan, plan_entries
 from acquisition.session.capture_files import parse_capture, read_capture
-from acquisition.session.journal import JournalEvent, JournalWriter, read_journal, read_journal_file
+from acquisition.session.journal import (
+    JournalEvent,
+    JournalWriter,
+    _read_journal,
+    read_journal_file,
+)
 from acquisition.session.reader import captures_of
 from acquisition.session.record import CaptureRecord, Manifest
 from tests.acquisition.journals import chained_journal, unchained_journal
@@ -41,7 +46,7 @@ def read_plan(path: Path) -> object:
 
 
 def replay(data: bytes) -> object:
-    return captures_of(read_journal(data).events, source="journal")
+    return captures_of(_read_journal(data).events, source="journal")
 
 
 def mend(path: Path) -> None:

@@ -12,7 +12,7 @@ import tifffile
 from acquisition.bench import load_bench, parse_overrides
 from acquisition.errors import BenchConfigError, PlanError, SessionError
 from acquisition.plan import load_plan
-from acquisition.session.journal import read_journal
+from acquisition.session.journal import _read_journal
 from acquisition.session.record import Manifest
 from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
 from analysis.changes import ChangeOptions, changes_between
@@ -64,7 +64,7 @@ def test_a_session_file_of_brackets_is_damaged() -> None:
     with pytest.raises(SessionError, match="damaged"):
         Manifest.from_bytes(DEEP.encode(), source="session.json")
     with pytest.raises(SessionError, match="line 1: damaged"):
-        read_journal(DEEP.encode() + b"\n{}\n")
+        _read_journal(DEEP.encode() + b"\n{}\n")
 
 
 @pytest.mark.parametrize("value", [DEEP, THOUSANDS_OF_DIGITS])

@@ -6,8 +6,8 @@ from functools import cache
 from hypothesis import strategies as st
 
 from acquisition.aravis.description import DescriptionError, require_sound_description
-from acquisition.aravis.network import unpack
-from acquisition.aravis.stream import decode_pixels
+from acquisition.aravis.network import _unpack
+from acquisition.aravis.stream import _decode_pixels
 from acquisition.errors import CameraDescriptionError, DeviceError
 from hil_mocks.gige.device import ControlChannel
 from hil_mocks.gige.features import features_of
@@ -154,7 +154,7 @@ def into_zaber(data: bytes) -> None:
 
 
 def decode_frame(data: bytes) -> None:
-    decode_pixels(data[1:], ("Mono8", "Mono12", "Mono12Packed")[data[0] % 3], (4, 6))
+    _decode_pixels(data[1:], ("Mono8", "Mono12", "Mono12Packed")[data[0] % 3], (4, 6))
 
 
 ODD_NODES = (
@@ -199,7 +199,7 @@ WIRE_TARGETS = (
         lambda data: require_sound_description(data, "the camera"),
         (CameraDescriptionError,),
     ),
-    FuzzTarget("packed description of a camera", PACKED, unpack, (DescriptionError,), 200),
+    FuzzTarget("packed description of a camera", PACKED, _unpack, (DescriptionError,), 200),
     FuzzTarget("pixels of a frame", PIXELS, decode_frame, (DeviceError, ValueError)),
     FuzzTarget(
         "serial line into the Grbl driver",

@@ -6,11 +6,11 @@ from typing import Any
 
 from acquisition.bench import StageConfig
 from acquisition.stages.control import ManualStage
-from acquisition.stages.grbl import GrblAxis
+from acquisition.stages.grbl import _GrblAxis
 from acquisition.stages.grbl_controller import GrblController
 from acquisition.stages.motor import MotorStage
-from acquisition.stages.serial_link import SerialLink, WireLog
-from acquisition.stages.zaber import ZaberAxis, ZaberDevice
+from acquisition.stages.serial_link import SerialLink, _WireLog
+from acquisition.stages.zaber import _ZaberAxis, _ZaberDevice
 from hil_mocks import SimulatedClock
 from hil_mocks.stages.grbl import GrblFaults, GrblFirmware
 from hil_mocks.stages.grbl_protocol import GrblDialect
@@ -57,7 +57,7 @@ class StageRig:
     plant: StagePlant
     line: SerialLine
     clock: EventClock = field(default_factory=EventClock)
-    log: WireLog | None = None
+    log: _WireLog | None = None
     round_mm: float = 0.005
     """How well the position is known after a homing: to a step and what the switch adds."""
     stage: MotorStage = field(init=False)
@@ -82,7 +82,7 @@ class StageRig:
         port = VirtualPort(self.line, clock=self.clock)
         return SerialLink(port, name="the stage", clock=self.now_s, log=self.log)
 
-    def moved_by(self, axis: GrblAxis | ZaberAxis) -> MotorStage:
+    def moved_by(self, axis: _GrblAxis | _ZaberAxis) -> MotorStage:
         self.stage = MotorStage(self.config, axis, clock=self.now_s, sleep=self.clock.advance)
         return self.stage
 
@@ -106,7 +106,7 @@ class StageRig:
 @dataclass(kw_only=True)
 class GrblRig(StageRig):
     firmware: GrblFirmware
-    axis: GrblAxis = field(init=False)
+    axis: _GrblAxis = field(init=False)
 
     @property
     def sent(self) -> list[str]:
@@ -117,7 +117,7 @@ class GrblRig(StageRig):
 
     def reopened(self) -> MotorStage:
         controller = GrblController(self.link(), clock=self.now_s)
-        self.axis = GrblAxis(self.config, controller, clock=self.now_s, sleep=self.clock.advance)
+        self.axis = _GrblAxis(self.config, controller, clock=self.now_s, sleep=self.clock.advance)
         return self.moved_by(self.axis)
 
     def reopen(self, *, reset: bool = False) -> MotorStage:
@@ -130,7 +130,7 @@ class GrblRig(StageRig):
 @dataclass(kw_only=True)
 class ZaberRig(StageRig):
     firmware: ZaberFirmware
-    axis: ZaberAxis = field(init=False)
+    axis: _ZaberAxis = field(init=False)
     round_mm: float = 0.006  # a step of homing at 1 mm/s and a microstep
 
     @property
@@ -141,13 +141,13 @@ class ZaberRig(StageRig):
         self.firmware.faults = ZaberFaults(**faults)
 
     def reopened(self) -> MotorStage:
-        device = ZaberDevice(
+        device = _ZaberDevice(
             self.link(),
             device=self.config.device_address,
             axis=self.config.axis_number,
             clock=self.now_s,
         )
-        self.axis = ZaberAxis(self.config, device, clock=self.now_s, sleep=self.clock.advance)
+        self.axis = _ZaberAxis(self.config, device, clock=self.now_s, sleep=self.clock.advance)
         return self.moved_by(self.axis)
 
     def reopen(self) -> MotorStage:
@@ -166,7 +166,7 @@ def grbl_rig(
     boots: bool = True,
     connect: bool = True,
     high_switch_mm: float = 409.5,
-    log: WireLog | None = None,
+    log: _WireLog | None = None,
     **keys: object,
 ) -> GrblRig:
     """A stage with 400 mm of travel, homing to its lower switch unless ``settings`` say else."""

@@ -20,7 +20,7 @@ from simulation.arguments import (
     given_array,
     whole_array,
 )
-from simulation.arguments.errors import RANGES, Range
+from simulation.arguments.errors import RANGES, _Range
 
 Shape = Literal["best", "measured"]
 PAIRS = tuple[int, int]
@@ -149,9 +149,9 @@ def test_an_error_keeps_its_argument_in_another_process() -> None:
 
 
 def test_ranges_hold_their_ends_but_where_they_are_open() -> None:
-    assert Range(0, 1).holds(0)
-    assert Range(0, 1).holds(1)
-    assert not Range(0, 1, is_open=True).holds(0)
+    assert _Range(0, 1).holds(0)
+    assert _Range(0, 1).holds(1)
+    assert not _Range(0, 1, is_open=True).holds(0)
     for one in RANGES.values():
         assert not one.holds(float("nan"))
         assert not one.holds(float("inf"))

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from simulation import MODELS, GaussianPsf, Model, SamplingGrid, zoom_out_on_grid
 from simulation.arrays import FloatArray
 from simulation.sampling_grid import simulate_at
-from simulation.zoom import BlurredSpline
 from tests.simulation.closed_form import photograph, random_scene
 
 
@@ -110,24 +109,3 @@ def test_places_outside_the_reference_are_refused() -> None:
         simulate_at(
             partial(on_grid, model="matched"), SHAPE, 1.5, np.array([91.0]), np.array([5.0])
         )
-
-
-SEEN = photograph(random_scene(5, 300, 250), (90, 120), 1.0, 0.6, (-45, -60))
-
-
-@pytest.mark.parametrize("zoom", [1.0, 1.3, 2.5])
-def test_on_a_grid_it_is_the_matched_model(zoom: float) -> None:
-    grid = SamplingGrid.centred((90, 120), zoom)
-    y, x = np.meshgrid(grid.rows_px, grid.cols_px, indexing="ij")
-    found = BlurredSpline.of(SEEN, PSF, zoom).at(y, x)
-    expected = zoom_out_on_grid(SEEN, grid, PSF, "matched")
-    # Both cut the kernels' tails where weights are below 1e-3, one of them a second time.
-    np.testing.assert_allclose(found, expected, atol=0.1)
-
-
-@settings(max_examples=15)
-@given(level=st.floats(-1e3, 1e3), zoom=st.floats(0.99, 3.5))
-def test_a_constant_stays_a_constant_even_beyond_the_border(level: float, zoom: float) -> None:
-    spline = BlurredSpline.of(np.full((40, 50), level), PSF, zoom)
-    places = np.array([-3.0, 0.3, 17.71, 43.0])
-    np.testing.assert_allclose(spline.at(places, places[::-1]), level, rtol=1e-9, atol=1e-9)

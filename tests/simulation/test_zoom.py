@@ -27,7 +27,7 @@ from simulation import (
     zoom_out_on_grid,
 )
 from simulation.arrays import AnyArray, FloatArray
-from simulation.zoom import crop_origins, sr_pairs, zoom_operator
+from simulation.zoom import _crop_origins, sr_pairs, zoom_operator
 from tests.simulation.closed_form import (
     GaussianTransfer,
     gaussian_blob,
@@ -396,9 +396,9 @@ TURNED_LENS = MeasuredPsf(
 def test_crops_lie_inside_and_reach_both_borders(size: int, crop: int, stride: int) -> None:
     if crop > size:
         with pytest.raises(ValueError):
-            crop_origins(size, crop, stride)
+            _crop_origins(size, crop, stride)
         return
-    origins = crop_origins(size, crop, stride)
+    origins = _crop_origins(size, crop, stride)
     assert origins[0] == 0
     assert origins[-1] + crop == size
     assert origins == sorted(set(origins))
@@ -499,7 +499,7 @@ def test_crops_larger_than_the_image_or_smaller_than_a_pixel_are_refused(
 @pytest.mark.parametrize(("crop", "stride"), [(0, 10), (10, 0), (-5, 10), (10, -1)])
 def test_crops_without_size_or_step_are_refused(crop: int, stride: int) -> None:
     with pytest.raises(ValueError):
-        crop_origins(100, crop, stride)
+        _crop_origins(100, crop, stride)
 
 
 def test_the_next_frame_with_a_field_solves_no_kernel_anew() -> None:

@@ -11,13 +11,12 @@ from acquisition.errors import ExportError, SessionError
 from acquisition.files import make_folder, write_file, written_together
 from acquisition.photographs import write_float_tiff
 from acquisition.session import (
-    atomic_write,
     commit_file,
     refuse_capture,
     whole_file,
     write_shared,
 )
-from acquisition.session.files import move_new, write_new_hashed
+from acquisition.session.files import atomic_write, move_new, write_new_hashed
 from acquisition.session_export.export import _put_in_place
 from standoff.errors import ApplicationError
 from tests.acquisition.session_fixtures import whole_session
@@ -33,7 +32,6 @@ WRITERS = {
     "acquisition/session_export/export.py": "tried below",
     "acquisition/session_export/ome.py": "in the folder that export.py puts in place",
     "acquisition/stages/serial_link.py": "appends to a log",
-    "analysis/design_cache.py": "in the cache",
     "analysis/detectability/sweep.py": "in a temporary folder",
     "analysis/detectors/command_host.py": "in a temporary folder",
     "analysis/sr_dataset/listing.py": "in a data set, begun with a whole_file",

@@ -14,9 +14,9 @@ from acquisition.aravis.description import (
     MOST_ELEMENTS,
     MOST_EVALUATIONS,
     DescriptionError,
-    Node,
-    Property,
-    parse_nodes,
+    _Node,
+    _parse_nodes,
+    _Property,
     require_sound_description,
 )
 from acquisition.errors import CameraDescriptionError
@@ -101,12 +101,12 @@ def test_names_with_escape_bytes_come_out_printable() -> None:
 
 def refusal(data: bytes) -> DescriptionError:
     with pytest.raises(DescriptionError) as refused:
-        parse_nodes(data)
+        _parse_nodes(data)
     return refused.value
 
 
 def test_the_nodes_of_the_simulated_camera_are_all_there() -> None:
-    nodes = parse_nodes(simulated())
+    nodes = _parse_nodes(simulated())
     assert nodes["Width"].kind == "Integer"
     assert [*nodes["Width"].texts("pValue")] == ["WidthReg"]
     assert [*nodes["WidthReg"].texts("Length")] == ["4"]
@@ -165,23 +165,23 @@ def test_what_is_larger_or_deeper_than_any_camera_is_refused() -> None:
 def test_descriptions_in_other_encodings_are_read(encoding: str) -> None:
     text = description(node("String", "A", "<Value>25 °C</Value>")).decode("utf-8")
     data = text.replace("utf-8", encoding).encode(encoding)
-    assert [*parse_nodes(data)["A"].texts("Value")] == ["25 °C"]
+    assert [*_parse_nodes(data)["A"].texts("Value")] == ["25 °C"]
 
 
 def test_zero_bytes_after_the_end_and_a_mark_before_the_begin_are_no_damage() -> None:
-    assert "R" in parse_nodes(b"\xef\xbb\xbf" + description() + b"\n\0\0\0\xff")
+    assert "R" in _parse_nodes(b"\xef\xbb\xbf" + description() + b"\n\0\0\0\xff")
 
 
 def test_what_aravis_skips_is_skipped() -> None:
     odd = "<Extension><Integer Name='A'><pValue>A</pValue></Integer></Extension>"
-    assert "A" not in parse_nodes(description(odd))
+    assert "A" not in _parse_nodes(description(odd))
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(data: bytes) -> None:
     for text in (data, HEAD.encode() + data + TAIL.encode()):
         with suppress(DescriptionError):
-            parse_nodes(text)
+            _parse_nodes(text)
 
 
 NAMES = tuple("ABCDEFGH")
@@ -320,7 +320,7 @@ def test_nodes_that_aravis_adds_may_be_referred_to_but_not_be_replaced() -> None
 
 def test_names_are_compared_without_blanks_and_split_texts_are_joined() -> None:
     split = '<Integer Name=" A "><pValue> <!-- a remark -->R<![CDATA[2]]><Odd/> </pValue></Integer>'
-    nodes = parse_nodes(description(split, node("Integer", "R2", "<Value>1</Value>")))
-    assert nodes["A"] == Node(
-        name="A", kind="Integer", properties=[Property(tag="pValue", attributes={}, text="R2")]
+    nodes = _parse_nodes(description(split, node("Integer", "R2", "<Value>1</Value>")))
+    assert nodes["A"] == _Node(
+        name="A", kind="Integer", properties=[_Property(tag="pValue", attributes={}, text="R2")]
     )

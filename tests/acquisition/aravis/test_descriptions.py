@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from acquisition.aravis.camera import AravisCamera, probe_camera
-from acquisition.aravis.configuration import require_usable
+from acquisition.aravis.configuration import _require_usable
 from acquisition.aravis.description import LARGEST_BYTES
 from acquisition.errors import CameraDescriptionError, CameraFeatureError, MissingFeatureError
 from hil_mocks.gige.description import describe
@@ -360,7 +360,7 @@ def test_settings_that_no_camera_runs_with_are_refused_before_they_are_used(
     feature: str, odd: dict[str, float]
 ) -> None:
     with pytest.raises(CameraFeatureError) as refused:
-        require_usable(replace(SETTINGS, **odd))  # type: ignore[arg-type]  # one of its numbers
+        _require_usable(replace(SETTINGS, **odd))  # type: ignore[arg-type]  # one of its numbers
     assert refused.value.feature == feature
 
 

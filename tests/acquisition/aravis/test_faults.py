@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.aravis.camera import AravisCamera, AravisConnection
+from acquisition.aravis.camera import AravisCamera, _AravisConnection
 from acquisition.aravis.configuration import NO_TRIGGER
 from acquisition.aravis.device import OpenedDevice, open_device
 from acquisition.averaging import PATIENCE_S, average_frames
@@ -242,7 +242,7 @@ def test_no_handler_runs_in_the_thread_that_notices_the_loss(bench: PracticeBenc
     from gi.repository import GObject
 
     device = open_device(bench.camera.address)
-    connection = AravisConnection(device, camera_config(bench.camera.address))
+    connection = _AravisConnection(device, camera_config(bench.camera.address))
     signal_id = GObject.signal_lookup("control-lost", device.device)
     assert signal_id > 0
     assert not GObject.signal_has_handler_pending(device.device, signal_id, 0, True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.aravis.camera import require_same_camera
+from acquisition.aravis.camera import _require_same_camera
 from acquisition.aravis.features import names_for, neutral_features
 from acquisition.devices import CameraSettings, DeviceInfo
 from acquisition.errors import CameraFeatureError
@@ -20,7 +20,7 @@ INFO = DeviceInfo(vendor="V", model="M", serial_number="S1", firmware="1", drive
 
 def test_the_same_camera_set_the_same_passes() -> None:
     nearly = replace(SETTINGS, exposure_us=SETTINGS.exposure_us * (1 + 1e-9))
-    require_same_camera(INFO, INFO, SETTINGS, nearly)
+    _require_same_camera(INFO, INFO, SETTINGS, nearly)
 
 
 @pytest.mark.parametrize(
@@ -39,14 +39,14 @@ def test_the_same_camera_set_the_same_passes() -> None:
 def test_a_setting_that_differs_is_named(changes: dict[str, object], feature: str) -> None:
     now: CameraSettings = replace(SETTINGS, **changes)  # type: ignore[arg-type]  # by table
     with pytest.raises(CameraFeatureError) as caught:
-        require_same_camera(INFO, INFO, SETTINGS, now)
+        _require_same_camera(INFO, INFO, SETTINGS, now)
     assert caught.value.feature == feature
 
 
 def test_another_camera_at_the_same_address_is_named() -> None:
     other = replace(INFO, serial_number="S2")
     with pytest.raises(CameraFeatureError) as refused:
-        require_same_camera(INFO, other, SETTINGS, SETTINGS)
+        _require_same_camera(INFO, other, SETTINGS, SETTINGS)
     assert refused.value.feature == "DeviceSerialNumber"
 
 

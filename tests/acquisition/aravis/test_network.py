@@ -20,13 +20,13 @@ from acquisition.aravis.network import (
     BUSY,
     MEMORY,
     PENDING,
-    CameraMemory,
-    Place,
-    encode_read,
-    parse_reply,
-    parse_url,
+    _CameraMemory,
+    _encode_read,
+    _parse_reply,
+    _parse_url,
+    _Place,
+    _unpack,
     read_description,
-    unpack,
 )
 from acquisition.errors import (
     CameraDescriptionError,
@@ -57,17 +57,17 @@ def read(bench: PracticeBench) -> bytes:
 @pytest.mark.parametrize(
     ("url", "place"),
     [
-        ("Local:a.xml;20000;12f", Place(name="a.xml", address=0x20000, length=0x12F)),
+        ("Local:a.xml;20000;12f", _Place(name="a.xml", address=0x20000, length=0x12F)),
         ("LOCAL: a.zip ;0x8001000; 0x395C?SchemaVersion=1.1.0", None),
         ("local:///a b.zip;8001000;395C#end", None),
         ("http://www.maker.com/a.xml", None),
         ("file:///opt/maker/a.xml", Path("/opt/maker/a.xml")),
     ],
 )
-def test_urls_of_cameras_are_understood(url: str, place: Place | Path | None) -> None:
-    found = parse_url(url)
+def test_urls_of_cameras_are_understood(url: str, place: _Place | Path | None) -> None:
+    found = _parse_url(url)
     if place is None and "http" not in url:
-        assert isinstance(found, Place)
+        assert isinstance(found, _Place)
         assert (found.address, found.length) == (0x8001000, 0x395C)
     else:
         assert found == place
@@ -89,24 +89,24 @@ def test_urls_of_cameras_are_understood(url: str, place: Place | Path | None) ->
 )
 def test_urls_that_lead_elsewhere_are_refused(url: str) -> None:
     with pytest.raises(DescriptionError) as refused:
-        parse_url(url)
+        _parse_url(url)
     assert refused.value.fault == "nowhere"
 
 
 def test_a_description_of_a_size_that_no_memory_has_is_refused_unread() -> None:
     for size in (LARGEST_BYTES + 1, 0x7FFF_FFFF_FFFF_FFFF):
         with pytest.raises(DescriptionError) as refused:
-            parse_url(f"Local:a.xml;20000;{size:x}")
+            _parse_url(f"Local:a.xml;20000;{size:x}")
         assert refused.value.fault == "too large"
     with pytest.raises(DescriptionError):
-        parse_url("Local:a.xml;ffffff00;1000")
+        _parse_url("Local:a.xml;ffffff00;1000")
 
 
 @given(st.text(max_size=60))
 def test_any_url_is_understood_or_refused(url: str) -> None:
     for text in (url, f"Local:{url}", f"Local:a;{url}"):
         try:
-            parse_url(text)
+            _parse_url(text)
         except DescriptionError:
             continue
 
@@ -215,14 +215,14 @@ def test_memory_is_read_over_what_a_network_does(
     answers: tuple[bytes | None, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(network, "REPLY_S", 0.1)
-    with answering(*answers) as address, CameraMemory(address, OWN_ADDRESS) as memory:
+    with answering(*answers) as address, _CameraMemory(address, OWN_ADDRESS) as memory:
         assert memory.read(0, 4) == b"data"
 
 
 def test_who_may_not_read_is_told_that_another_program_has_the_camera() -> None:
     with (
         answering(reply(MEMORY, b"", ACCESS_DENIED)) as address,
-        CameraMemory(address, OWN_ADDRESS) as memory,
+        _CameraMemory(address, OWN_ADDRESS) as memory,
         pytest.raises(DeviceInUseError),
     ):
         memory.read(0, 4)
@@ -234,7 +234,7 @@ def test_who_may_not_read_is_told_that_another_program_has_the_camera() -> None:
 def test_an_answer_of_another_length_or_place_is_refused(payload: bytes) -> None:
     with (
         answering(reply(MEMORY, payload)) as address,
-        CameraMemory(address, OWN_ADDRESS) as memory,
+        _CameraMemory(address, OWN_ADDRESS) as memory,
         pytest.raises(DeviceProtocolError),
     ):
         memory.read(0, 4)
@@ -248,7 +248,7 @@ def test_a_camera_that_asks_for_time_without_end_gets_none(
     forever = b"SPLIT".join([reply(PENDING, struct.pack(">HH", 0, 65535))] * 3)
     with (
         answering(forever) as address,
-        CameraMemory(address, OWN_ADDRESS) as memory,
+        _CameraMemory(address, OWN_ADDRESS) as memory,
         pytest.raises(DeviceDisconnectedError),
     ):
         memory.read(0, 4)
@@ -257,20 +257,20 @@ def test_a_camera_that_asks_for_time_without_end_gets_none(
 def test_a_camera_that_takes_for_ever_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(network, "READ_MOST_S", -1.0)
     with (
-        CameraMemory("127.0.0.2", OWN_ADDRESS) as memory,
+        _CameraMemory("127.0.0.2", OWN_ADDRESS) as memory,
         pytest.raises(DeviceDisconnectedError, match="not done within"),
     ):
         memory.read(0, BLOCK_BYTES)
 
 
 def test_no_way_to_the_camera_is_an_error_of_the_connection() -> None:
-    with pytest.raises(DeviceDisconnectedError), CameraMemory("127.0.0.2", "192.0.2.1"):
+    with pytest.raises(DeviceDisconnectedError), _CameraMemory("127.0.0.2", "192.0.2.1"):
         pass
 
 
 @given(st.binary(max_size=40))
 def test_any_datagram_is_a_reply_or_none(datagram: bytes) -> None:
-    found = parse_reply(datagram)
+    found = _parse_reply(datagram)
     assert found is None or datagram[8:].startswith(found.payload)
 
 
@@ -278,7 +278,7 @@ def test_any_datagram_is_a_reply_or_none(datagram: bytes) -> None:
 def test_a_request_is_what_the_simulated_camera_understands(
     address: int, words: int, request_id: int
 ) -> None:
-    command = parse_command(encode_read(4 * address % 2**32, 4 * words, request_id))
+    command = parse_command(_encode_read(4 * address % 2**32, 4 * words, request_id))
     asked = parse_read_memory(command.payload)
     assert (asked.address, asked.length) == (4 * address % 2**32, 4 * words)
     assert command.request_id == request_id
@@ -305,19 +305,19 @@ def packed(*files: bytes, method: int = zipfile.ZIP_DEFLATED) -> bytes:
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED])
 def test_what_was_packed_comes_out(method: int) -> None:
-    assert unpack(packed(TEXT, method=method)) == TEXT
-    assert unpack(b"before the archive" + packed(TEXT, method=method) + b"\0" * 100) == TEXT
+    assert _unpack(packed(TEXT, method=method)) == TEXT
+    assert _unpack(b"before the archive" + packed(TEXT, method=method) + b"\0" * 100) == TEXT
 
 
 def test_of_several_files_it_is_the_last_which_aravis_takes() -> None:
-    assert unpack(packed(b"one", TEXT)) == TEXT
+    assert _unpack(packed(b"one", TEXT)) == TEXT
 
 
 def test_a_file_that_unpacks_to_more_than_any_description_is_refused_by_what_it_says() -> None:
     bomb = packed(bytes(LARGEST_BYTES + 1))
     assert len(bomb) < 20_000
     with pytest.raises(DescriptionError) as refused:
-        unpack(bomb)
+        _unpack(bomb)
     assert refused.value.fault == "too large"
 
 
@@ -326,7 +326,7 @@ def test_a_file_that_unpacks_to_more_than_it_says_is_refused() -> None:
     entry = archive.index(b"PK\x01\x02")
     struct.pack_into("<I", archive, entry + 24, len(TEXT) - 1)
     with pytest.raises(DescriptionError) as refused:
-        unpack(bytes(archive))
+        _unpack(bytes(archive))
     assert refused.value.fault == "packed"
 
 
@@ -336,7 +336,7 @@ def test_places_outside_the_archive_are_refused(place: int) -> None:
     end = archive.index(b"PK\x05\x06")
     struct.pack_into("<I", archive, end + place, 0x7FFFFFFF)
     with pytest.raises(DescriptionError):
-        unpack(bytes(archive))
+        _unpack(bytes(archive))
 
 
 @given(st.data())
@@ -345,6 +345,6 @@ def test_a_damaged_archive_is_unpacked_or_refused(data: st.DataObject) -> None:
     for _ in range(data.draw(st.integers(1, 4))):
         archive[data.draw(st.integers(0, len(archive) - 1))] = data.draw(st.integers(0, 255))
     with suppress(DescriptionError):
-        unpack(bytes(archive[: data.draw(st.integers(0, len(archive)))]))
+        _unpack(bytes(archive[: data.draw(st.integers(0, len(archive)))]))
     with suppress(DescriptionError):
-        unpack(bytes(archive))
+        _unpack(bytes(archive))

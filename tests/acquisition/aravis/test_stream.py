@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from acquisition.aravis.device import AravisLibrary
 from acquisition.aravis.stream import (
     SENTINEL,
-    FrameMemory,
+    _decode_pixels,
+    _encoded_bytes,
+    _FrameMemory,
     can_decode,
-    decode_pixels,
-    encoded_bytes,
 )
 from tests.acquisition.aravis_bench import needs_aravis, opened, sent_image
 from tests.hil_mocks.gige_bench import gige_bench
@@ -42,14 +42,14 @@ twelve_bit = hnp.arrays(
 
 
 def test_the_low_nibble_belongs_to_the_first_pixel_and_the_high_one_to_the_second() -> None:
-    image_dn = decode_pixels(bytes([0x12, 0x63, 0x45]), "Mono12Packed", (1, 2))  # by hand
+    image_dn = _decode_pixels(bytes([0x12, 0x63, 0x45]), "Mono12Packed", (1, 2))  # by hand
     assert image_dn.tolist() == [[0x123, 0x456]]
 
 
 def test_an_odd_last_pixel_takes_two_bytes() -> None:
     data = bytes([0x12, 0x63, 0x45, 0xAB, 0x0C])
-    assert decode_pixels(data, "Mono12Packed", (3, 1)).tolist() == [[0x123], [0x456], [0xABC]]
-    assert encoded_bytes("Mono12Packed", (3, 1)) == 5
+    assert _decode_pixels(data, "Mono12Packed", (3, 1)).tolist() == [[0x123], [0x456], [0xABC]]
+    assert _encoded_bytes("Mono12Packed", (3, 1)) == 5
 
 
 @pytest.mark.slow
@@ -57,8 +57,8 @@ def test_an_odd_last_pixel_takes_two_bytes() -> None:
 @given(twelve_bit)
 def test_packed_pixels_come_back_bit_exact(pixel_format: str, levels: NDArray[np.uint16]) -> None:
     data = pack_12(levels)
-    assert encoded_bytes(pixel_format, levels.shape) == len(data)
-    np.testing.assert_array_equal(decode_pixels(data, pixel_format, levels.shape), levels)
+    assert _encoded_bytes(pixel_format, levels.shape) == len(data)
+    np.testing.assert_array_equal(_decode_pixels(data, pixel_format, levels.shape), levels)
 
 
 @pytest.mark.slow
@@ -68,34 +68,34 @@ def test_two_byte_pixels_are_little_endian_in_the_low_bits(
     pixel_format: str, levels: NDArray[np.uint16]
 ) -> None:
     data = levels.astype("<u2").tobytes()
-    image_dn = decode_pixels(data, pixel_format, levels.shape)
+    image_dn = _decode_pixels(data, pixel_format, levels.shape)
     assert image_dn.dtype == np.uint16
     np.testing.assert_array_equal(image_dn, levels)
 
 
 @pytest.mark.parametrize("pixel_format", ["Mono8", "BayerRG8"])
 def test_one_byte_pixels_stay_bytes(pixel_format: str) -> None:
-    image_dn = decode_pixels(bytes(range(6)), pixel_format, (2, 3))
+    image_dn = _decode_pixels(bytes(range(6)), pixel_format, (2, 3))
     assert image_dn.dtype == np.uint8
     assert image_dn.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
 def test_padding_after_the_picture_is_not_read() -> None:
-    assert decode_pixels(bytes([1, 2, 9, 9]), "Mono8", (1, 2)).tolist() == [[1, 2]]
+    assert _decode_pixels(bytes([1, 2, 9, 9]), "Mono8", (1, 2)).tolist() == [[1, 2]]
 
 
 @pytest.mark.parametrize("pixel_format", ["Mono8", "Mono12", "Mono12Packed"])
 def test_a_short_block_is_refused_not_read_beyond_its_end(pixel_format: str) -> None:
-    data = bytes(encoded_bytes(pixel_format, (3, 5)) - 1)
+    data = bytes(_encoded_bytes(pixel_format, (3, 5)) - 1)
     with pytest.raises(ValueError):
-        decode_pixels(data, pixel_format, (3, 5))
+        _decode_pixels(data, pixel_format, (3, 5))
 
 
 @pytest.mark.parametrize("pixel_format", ["Mono12p", "RGB8", "YUV422Packed", "Mono8Packed", ""])
 def test_a_format_without_a_decoder_is_named(pixel_format: str) -> None:
     assert not can_decode(pixel_format)
     with pytest.raises(ValueError) as refused:
-        decode_pixels(bytes(64), pixel_format, (2, 2))
+        _decode_pixels(bytes(64), pixel_format, (2, 2))
     assert repr(pixel_format) in str(refused.value)
 
 
@@ -123,9 +123,9 @@ class FakeStream:
         self.waiting.append(buffer)
 
 
-def memory_of(stream: FakeStream, lent_most: int = LENT_MOST) -> FrameMemory:
+def memory_of(stream: FakeStream, lent_most: int = LENT_MOST) -> _FrameMemory:
     library = SimpleNamespace(api=SimpleNamespace(Buffer=SimpleNamespace(new=FakeBuffer)))
-    return FrameMemory(
+    return _FrameMemory(
         cast(AravisLibrary, library),
         stream,
         buffers=BUFFERS,
@@ -135,7 +135,7 @@ def memory_of(stream: FakeStream, lent_most: int = LENT_MOST) -> FrameMemory:
     )
 
 
-def received(memory: FrameMemory, stream: FakeStream, level: int) -> Any:
+def received(memory: _FrameMemory, stream: FakeStream, level: int) -> Any:
     """An image of one level, received into the next buffer that waits."""
     buffer = stream.waiting.pop(0)
     buffer.fill(level)

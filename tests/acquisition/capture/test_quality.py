@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from acquisition.capture.quality import check_capture, drift_between, estimate_motion
+from acquisition.capture.quality import _estimate_motion, check_capture, drift_between
 from acquisition.session.capture_files import CaptureImages
 from acquisition.session.record import CaptureRecord
 from tests.acquisition.records import RECORD
@@ -69,7 +69,7 @@ def test_a_picture_that_trembles_is_found_and_measured(rms_px: float, asks_retak
     capture = frames(shifts_px)
     assert problems(capture) == [("motion", asks_retake)]
     assert capture.variance_dn2 is not None
-    motion = estimate_motion(
+    motion = _estimate_motion(
         capture.mean_dn, capture.variance_dn2, FRAMES, black_level_dn=BLACK_DN, max_level_dn=MAX_DN
     )
     # Central differences of a sharp edge, and its blur by the motion, make it no exact measure:
@@ -83,8 +83,8 @@ def test_scaling_the_light_does_not_change_the_motion(gain: float, seed: int) ->
     rng = np.random.default_rng(seed)
     variance_dn2 = rng.uniform(50, 60, EDGE_DN.shape) + 0.01 * np.gradient(EDGE_DN, axis=1) ** 2
     mean_dn, variance_dn2 = (np.tile(a, (ROWS, 1)) for a in (EDGE_DN, variance_dn2))
-    one = estimate_motion(mean_dn, variance_dn2, 10, black_level_dn=BLACK_DN, max_level_dn=MAX_DN)
-    other = estimate_motion(
+    one = _estimate_motion(mean_dn, variance_dn2, 10, black_level_dn=BLACK_DN, max_level_dn=MAX_DN)
+    other = _estimate_motion(
         gain * mean_dn,
         gain**2 * variance_dn2,
         10,
@@ -97,7 +97,7 @@ def test_scaling_the_light_does_not_change_the_motion(gain: float, seed: int) ->
 @pytest.mark.parametrize("mean_dn", [0.0, 500.0, 4095.0])
 def test_a_picture_without_gradient_tells_nothing_of_motion(mean_dn: float) -> None:
     flat = np.full((ROWS, COLS), mean_dn)
-    motion = estimate_motion(flat, flat, 10, black_level_dn=BLACK_DN, max_level_dn=MAX_DN)
+    motion = _estimate_motion(flat, flat, 10, black_level_dn=BLACK_DN, max_level_dn=MAX_DN)
     assert (motion.rms_px, motion.variance_px2) == (0.0, 0.0)
 
 

@@ -14,9 +14,9 @@ from acquisition.bench import BenchDevices
 from acquisition.capture.quality import bracket_remarks
 from acquisition.capture.runner import RunOperator, RunSummary, run_plan
 from acquisition.capture.step import (
-    bracket_exposures_us,
+    _bracket_exposures_us,
+    _next_exposure,
     flicker_fraction,
-    next_exposure,
     without_flicker,
 )
 from acquisition.errors import PlanError, SessionError
@@ -47,7 +47,7 @@ def test_a_linear_camera_is_well_exposed_within_eight_pictures(
 ) -> None:
     exposure_us = start_us
     for _ in range(8):
-        step = next_exposure(
+        step = _next_exposure(
             exposure_us,
             bright(exposure_us, dn_per_us),
             black_level_dn=BLACK_DN,
@@ -70,7 +70,7 @@ def test_a_linear_camera_is_well_exposed_within_eight_pictures(
 
 
 def test_a_saturated_picture_says_only_shorter() -> None:
-    step = next_exposure(
+    step = _next_exposure(
         8000.0, MAX_DN, black_level_dn=BLACK_DN, max_level_dn=MAX_DN, limits_us=LIMITS_US
     )
     assert (step.exposure_us, step.is_settled) == (2000.0, False)
@@ -94,7 +94,7 @@ def test_what_keeps_the_exposure_from_seventy_per_cent_is_said(
 ) -> None:
     exposure_us = 2000.0
     for _ in range(8):
-        step = next_exposure(
+        step = _next_exposure(
             exposure_us,
             bright(exposure_us, dn_per_us),
             black_level_dn=BLACK_DN,
@@ -110,7 +110,7 @@ def test_what_keeps_the_exposure_from_seventy_per_cent_is_said(
 @pytest.mark.parametrize("limits_us", [(0.0, 1.0), (2.0, 1.0), (math.nan, 1.0)])
 def test_limits_out_of_order_are_refused(limits_us: tuple[float, float]) -> None:
     with pytest.raises(ValueError):
-        next_exposure(1.0, 1.0, black_level_dn=0, max_level_dn=9, limits_us=limits_us)
+        _next_exposure(1.0, 1.0, black_level_dn=0, max_level_dn=9, limits_us=limits_us)
 
 
 @given(exposure_us=st.floats(1.0, 1e6), mains_hz=st.sampled_from([50.0, 60.0]))
@@ -128,16 +128,16 @@ def test_the_flicker_that_is_left_is_a_sinc() -> None:
 
 
 def test_longer_exposures_of_a_bracket_are_whole_periods_of_the_flicker() -> None:
-    assert bracket_exposures_us(9000.0, (1.0, 4.0, 16.0), 50) == (9000.0, 30_000.0, 140_000.0)
-    assert bracket_exposures_us(500.0, (1.0, 8.0), 50) == (500.0, 4000.0)
-    assert bracket_exposures_us(9000.0, (1.0, 4.0, 16.0), 0) == (9000.0, 36_000.0, 144_000.0)
+    assert _bracket_exposures_us(9000.0, (1.0, 4.0, 16.0), 50) == (9000.0, 30_000.0, 140_000.0)
+    assert _bracket_exposures_us(500.0, (1.0, 8.0), 50) == (500.0, 4000.0)
+    assert _bracket_exposures_us(9000.0, (1.0, 4.0, 16.0), 0) == (9000.0, 36_000.0, 144_000.0)
 
 
 @given(st.floats(21.0, 1e6), st.floats(1.5, 32.0), st.integers(2, 12), st.sampled_from([0, 50, 60]))
 def test_exposures_of_a_bracket_ascend(
     shortest_us: float, ratio: float, count: int, mains_hz: float
 ) -> None:
-    exposures_us = bracket_exposures_us(
+    exposures_us = _bracket_exposures_us(
         shortest_us, [ratio**number for number in range(count)], mains_hz
     )
     assert exposures_us[0] == shortest_us

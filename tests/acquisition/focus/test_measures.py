@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 from acquisition.choices import FocusMeasure
-from acquisition.focus.live import variance_between
+from acquisition.focus.live import _variance_between
 from acquisition.focus.measures import FOCUS_MEASURES, focus_value
 
 MEASURES: tuple[FocusMeasure, ...] = get_args(FocusMeasure)
@@ -104,14 +104,14 @@ def test_the_noise_between_two_frames_does_not_hold_flicker(flicker: float, sigm
     clean = scene()
     first = clean + sigma * rng.standard_normal(clean.shape)
     second = BLACK_DN + flicker * (clean - BLACK_DN) + sigma * rng.standard_normal(clean.shape)
-    found = variance_between(first, second, BLACK_DN)
+    found = _variance_between(first, second, BLACK_DN)
     # 7700 px: 1.6 % each, and the scale is known to sigma / level / sqrt(n).
     assert found == pytest.approx(sigma**2, rel=0.1)
 
 
 def test_frames_of_two_shapes_are_refused() -> None:
     with pytest.raises(ValueError):
-        variance_between(np.zeros((4, 5)), np.zeros((5, 4)), 0.0)
+        _variance_between(np.zeros((4, 5)), np.zeros((5, 4)), 0.0)
 
 
 @pytest.mark.parametrize("measure", MEASURES[1:])

@@ -21,7 +21,7 @@ from acquisition.session.journal import (
     JournalReading,
     JournalWriter,
     Stamps,
-    read_journal,
+    _read_journal,
     read_journal_file,
 )
 from tests.acquisition.fakes import FakeUids, FakeUtc
@@ -49,7 +49,7 @@ def path(tmp_path: Path) -> Path:
 
 @both
 def test_events_read_back_as_they_were_written(data: bytes) -> None:
-    reading = read_journal(data)
+    reading = _read_journal(data)
     assert reading.events == EVENTS
     assert (reading.sound_bytes, reading.torn_tail) == (len(data), b"")
     assert reading.unchained == (0 if data == JOURNAL else len(EVENTS))
@@ -61,7 +61,7 @@ def test_a_journal_cut_at_any_byte_gives_every_event_before(data: bytes) -> None
     # A line is whole once its last brace is there, with or without the newline after it.
     ends = [start + len(line) for start, line in zip(starts, data.splitlines(), strict=True)]
     for length in range(len(data) + 1):
-        reading = read_journal(data[:length])
+        reading = _read_journal(data[:length])
         whole = sum(end <= length for end in ends)
         assert reading.events == EVENTS[:whole]
         cut = whole < len(EVENTS) and length > starts[whole]
@@ -74,7 +74,7 @@ def test_a_journal_cut_at_any_byte_goes_on_after_being_mended(path: Path, data: 
     for length in range(len(data) + 1):
         path.with_name(HEAD_NAME).unlink(missing_ok=True)
         path.write_bytes(data[:length])
-        cut = read_journal(data[:length])
+        cut = _read_journal(data[:length])
         if cut.events and not cut.unchained:
             # As after a power cut: the head counts the lines that were whole before.
             counted = JournalHead(lines=len(cut.events), chain=cut.chain)
@@ -96,7 +96,7 @@ def test_whatever_a_power_cut_leaves_at_the_end_is_ignored_and_reported(
     data: bytes, tail: bytes
 ) -> None:
     tail = tail.replace(b"\n", b"\0")
-    reading = read_journal(data + tail)
+    reading = _read_journal(data + tail)
     assert reading.events == EVENTS
     assert reading.torn_tail == tail
     assert any("cut short" in remark for remark in reading.remarks) == bool(tail)
@@ -105,9 +105,9 @@ def test_whatever_a_power_cut_leaves_at_the_end_is_ignored_and_reported(
 @pytest.mark.parametrize("byte", [b"a", b"\0", b"\xff"])
 def test_an_end_longer_than_any_line_that_is_written_is_damage(path: Path, byte: bytes) -> None:
     longest = JOURNAL + byte * LARGEST_LINE_BYTES
-    assert read_journal(longest).torn_tail == longest[len(JOURNAL) :]
+    assert _read_journal(longest).torn_tail == longest[len(JOURNAL) :]
     with pytest.raises(SessionError, match=f"line {len(EVENTS) + 1}: damaged"):
-        read_journal(longest + byte)
+        _read_journal(longest + byte)
     path.write_bytes(longest)
     with writer(path) as journal:
         note = journal.events[len(EVENTS)]
@@ -127,7 +127,7 @@ def test_a_note_longer_than_a_line_is_refused_and_nothing_is_written(path: Path)
 
 
 def test_a_remark_names_the_line() -> None:
-    assert any("line 3" in remark for remark in read_journal(JOURNAL[:-5]).remarks)
+    assert any("line 3" in remark for remark in _read_journal(JOURNAL[:-5]).remarks)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_damage_before_the_last_line_is_an_error_that_names_the_line(
     lines = data.splitlines()
     lines[1] = bad
     with pytest.raises(SessionError) as refused:
-        read_journal(b"\n".join(lines) + b"\n")
+        _read_journal(b"\n".join(lines) + b"\n")
     assert (refused.value.fault, refused.value.line) == ("damaged", 2)
 
 
@@ -206,7 +206,7 @@ def test_a_full_disk_takes_the_half_written_line_back(
             assert refused.value.fault == "unwritable"
         after = journal.append("note", {"text": "third"})
         assert journal.events == (before, after)
-    assert read_journal(path.read_bytes()).events == (before, after)
+    assert _read_journal(path.read_bytes()).events == (before, after)
 
 
 def test_facts_cannot_take_the_place_of_the_kind() -> None:
@@ -317,7 +317,7 @@ def test_of_10000_alterations_none_that_changes_an_event_is_read() -> None:
     found = 0
     for what, journal, head in altered(10_000, 1):
         try:
-            reading = read_journal(journal, head=JournalHead.from_bytes(head))
+            reading = _read_journal(journal, head=JournalHead.from_bytes(head))
         except (SessionError, ValueError):
             found += 1
             continue
@@ -332,25 +332,25 @@ def test_the_line_that_was_altered_is_named(line: int) -> None:
     lines = list(LINES)
     lines[line - 1] = lines[line - 1].replace(b'"utc": "2025', b'"utc": "2026')
     with pytest.raises(SessionError) as refused:
-        read_journal(b"".join(lines), head=HEAD)
+        _read_journal(b"".join(lines), head=HEAD)
     assert (refused.value.fault, refused.value.line) == ("damaged", line)
 
 
 @pytest.mark.parametrize("line", range(1, len(LINES) + 1))
 def test_the_line_that_is_missing_is_named(line: int) -> None:
     with pytest.raises(SessionError) as refused:
-        read_journal(b"".join([*LINES[: line - 1], *LINES[line:]]), head=HEAD)
+        _read_journal(b"".join([*LINES[: line - 1], *LINES[line:]]), head=HEAD)
     assert (refused.value.fault, refused.value.line) == ("damaged", line)
 
 
 def test_a_head_that_lags_behind_is_no_fault() -> None:
     for lines in range(1, len(LINES)):
         head = JournalHead(lines=lines, chain=json.loads(LINES[lines - 1])["chain"])
-        assert read_journal(CHAINED, head=head).events == CHAINED_EVENTS
+        assert _read_journal(CHAINED, head=head).events == CHAINED_EVENTS
 
 
 def test_a_journal_of_an_older_version_is_read_and_said_to_be_unchained() -> None:
-    reading = read_journal(unchained_journal(CHAINED_EVENTS))
+    reading = _read_journal(unchained_journal(CHAINED_EVENTS))
     assert (reading.events, reading.unchained) == (CHAINED_EVENTS, len(CHAINED_EVENTS))
     assert any("unchained" in remark for remark in reading.remarks)
 
@@ -372,7 +372,7 @@ def test_a_repeated_key_in_an_unchained_line_is_damage() -> None:
     line = unchained_journal(CHAINED_EVENTS[:1])
     repeated = line.replace(b'"uid": "a"', b'"uid": "a", "uid": "z"')
     with pytest.raises(SessionError) as refused:
-        read_journal(repeated + line)
+        _read_journal(repeated + line)
     assert refused.value.line == 1
 
 

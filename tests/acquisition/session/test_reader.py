@@ -15,7 +15,7 @@ from acquisition.session.journal import (
     JournalWriter,
     Stamps,
 )
-from acquisition.session.reader import FileCheck, Session, verify
+from acquisition.session.reader import Session, _FileCheck, verify
 from acquisition.session.repair import repair_session
 from acquisition.session.writer import SessionNotes
 from tests.acquisition.fakes import FakeUids, FakeUtc
@@ -41,7 +41,7 @@ def notes(path: Path) -> SessionNotes:
     )
 
 
-def bad(path: Path) -> list[FileCheck]:
+def bad(path: Path) -> list[_FileCheck]:
     return [check for check in verify(path).files if check.state != "ok"]
 
 

@@ -20,10 +20,10 @@ from acquisition.errors import (
 )
 from acquisition.stages.grbl import OFFSET_REPORTS, reference_error_mm
 from acquisition.stages.grbl_controller import (
-    Heard,
-    no_version_error,
-    read_firmware,
-    too_old_error,
+    _Heard,
+    _no_version_error,
+    _read_firmware,
+    _too_old_error,
     waiting_error,
 )
 from acquisition.stages.grbl_setup import GrblSetup
@@ -361,14 +361,14 @@ def feedback(*lines: bytes) -> tuple[Feedback, ...]:
 
 
 def test_the_answer_of_grblhal_is_read() -> None:
-    firmware = read_firmware(feedback(*GRBLHAL))
+    firmware = _read_firmware(feedback(*GRBLHAL))
     assert (firmware.family, firmware.version) == ("grblHAL", "1.1f.20260817")
     assert (firmware.user_text, firmware.board) == ("stand 7", "PicoCNC")
     assert firmware.sets_origin
 
 
 def test_the_answer_of_grbl_is_read() -> None:
-    firmware = read_firmware(feedback(b"[VER:1.1h.20190830:]", b"[OPT:V,15,128]"))
+    firmware = _read_firmware(feedback(b"[VER:1.1h.20190830:]", b"[OPT:V,15,128]"))
     assert (firmware.family, firmware.version, firmware.board) == ("Grbl", "1.1h.20190830", "")
     assert not firmware.sets_origin
 
@@ -380,11 +380,11 @@ def test_the_answer_of_grbl_is_read() -> None:
 )
 def test_lines_that_newer_firmware_adds_change_nothing(added: list[tuple[str, str]]) -> None:
     extra = tuple(Feedback(kind, text) for kind, text in added)
-    assert read_firmware((*feedback(*GRBLHAL), *extra)) == read_firmware(feedback(*GRBLHAL))
+    assert _read_firmware((*feedback(*GRBLHAL), *extra)) == _read_firmware(feedback(*GRBLHAL))
 
 
 def test_an_old_grbl_is_told_with_its_version_the_one_that_is_needed_and_the_remedy() -> None:
-    text = str(too_old_error("the Grbl stage on /dev/ttyUSB0", "0.9j"))
+    text = str(_too_old_error("the Grbl stage on /dev/ttyUSB0", "0.9j"))
     assert "Grbl 0.9j; Grbl 1.1 is needed" in text
     assert "flash Grbl 1.1 or grblHAL" in text
     assert "\n" not in text
@@ -393,17 +393,17 @@ def test_an_old_grbl_is_told_with_its_version_the_one_that_is_needed_and_the_rem
 @pytest.mark.parametrize(
     ("refusal", "heard", "alarm", "kind"),
     [
-        (ErrorReply(8), Heard(garbage=b"x"), Alarm(1), DeviceTimeoutError),
-        (ErrorReply(3), Heard(), None, DeviceProtocolError),
-        (None, Heard(garbage=b"$GPGGA"), Alarm(1), DeviceProtocolError),
-        (None, Heard(), Alarm(1), StageAlarmError),
-        (None, Heard(), None, DeviceTimeoutError),
+        (ErrorReply(8), _Heard(garbage=b"x"), Alarm(1), DeviceTimeoutError),
+        (ErrorReply(3), _Heard(), None, DeviceProtocolError),
+        (None, _Heard(garbage=b"$GPGGA"), Alarm(1), DeviceProtocolError),
+        (None, _Heard(), Alarm(1), StageAlarmError),
+        (None, _Heard(), None, DeviceTimeoutError),
     ],
 )
 def test_a_controller_without_a_version_is_told_by_what_it_said_instead(
-    refusal: ErrorReply | None, heard: Heard, alarm: Alarm | None, kind: type[DeviceError]
+    refusal: ErrorReply | None, heard: _Heard, alarm: Alarm | None, kind: type[DeviceError]
 ) -> None:
-    assert type(no_version_error("it", refusal, heard, alarm)) is kind
+    assert type(_no_version_error("it", refusal, heard, alarm)) is kind
 
 
 @pytest.mark.parametrize("state", ["Hold", "Door", "Tool", "Check", "Sleep", "Cooling"])

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from acquisition.bench import StageConfig
 from acquisition.errors import DeviceProtocolError, DeviceSettingsError
 from acquisition.stages.grbl_setup import (
-    WorkEnvelope,
+    _WorkEnvelope,
     check_settings,
     expected_envelopes,
     height_axis,
@@ -114,7 +114,7 @@ Family = Literal["Grbl", "grblHAL"]
 
 def envelope(
     family: Family = "grblHAL", *, sets_origin: bool = False, keys: Any = None, **changed: float
-) -> WorkEnvelope:
+) -> _WorkEnvelope:
     settings = HOMING | {int(name.removeprefix("s")): value for name, value in changed.items()}
     found = work_envelope(settings, config(**(keys or {})), family=family, sets_origin=sets_origin)
     assert found is not None

@@ -16,7 +16,7 @@ from acquisition.errors import (
     DeviceProtocolError,
     DeviceTimeoutError,
 )
-from acquisition.stages.serial_link import SerialLink, SerialPort, WireLog, open_serial_port
+from acquisition.stages.serial_link import SerialLink, _SerialPort, _WireLog, open_serial_port
 from tests.busy_machine import BUSY_S
 
 
@@ -47,7 +47,7 @@ class ScriptedPort:
         self.closed += 1
 
 
-def link(port: ScriptedPort, log: WireLog | None = None) -> SerialLink:
+def link(port: ScriptedPort, log: _WireLog | None = None) -> SerialLink:
     return SerialLink(port, name="the stage", clock=port.clock, log=log)
 
 
@@ -110,7 +110,7 @@ def at_noon() -> datetime:
 def test_the_log_has_every_line_with_time_and_direction(tmp_path: Path) -> None:
     path = tmp_path / "wire.log"
     port = ScriptedPort(b"ok\r\n\xffx\r\n")
-    opened = link(port, WireLog(path, utc_now=at_noon))
+    opened = link(port, _WireLog(path, utc_now=at_noon))
     opened.write(b"$H\n")
     opened.write(b"\x85")
     opened.read_line(1)
@@ -124,7 +124,7 @@ def test_the_log_has_every_line_with_time_and_direction(tmp_path: Path) -> None:
 
 def test_the_log_keeps_two_files_of_bounded_size(tmp_path: Path) -> None:
     path = tmp_path / "wire.log"
-    with WireLog(path, max_bytes=1000, utc_now=at_noon) as log:
+    with _WireLog(path, max_bytes=1000, utc_now=at_noon) as log:
         for number in range(200):
             log.sent(b"%d\n" % number)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["wire.log", "wire.log.1"]
@@ -134,7 +134,7 @@ def test_the_log_keeps_two_files_of_bounded_size(tmp_path: Path) -> None:
 
 def test_the_log_goes_on_where_the_last_session_ended(tmp_path: Path) -> None:
     for _ in range(2):
-        with WireLog(tmp_path / "wire.log", utc_now=at_noon) as log:
+        with _WireLog(tmp_path / "wire.log", utc_now=at_noon) as log:
             log.received(b"ok")
     assert (tmp_path / "wire.log").read_text().count("< ok") == 2
 
@@ -216,4 +216,4 @@ def test_a_port_that_takes_no_data_is_a_timeout() -> None:
             raise serial.SerialTimeoutException("Write timeout")
 
     with pytest.raises(DeviceTimeoutError):
-        SerialPort(Full()).write(b"?")
+        _SerialPort(Full()).write(b"?")

@@ -15,7 +15,7 @@ from acquisition.errors import (
 )
 from acquisition.stages.control import ManualStage
 from acquisition.stages.motor import (
-    approach_heights_mm,
+    _approach_heights_mm,
     home_timeout_s,
     move_timeout_s,
     refuse_beyond_limits,
@@ -57,7 +57,7 @@ def test_heights_outside_are_refused(height_mm: float) -> None:
 def test_the_target_is_reached_from_one_side(
     approach: str, target_mm: float, is_flank_taken: bool, stops_mm: list[float]
 ) -> None:
-    heights = approach_heights_mm(
+    heights = _approach_heights_mm(
         config(approach=approach),
         start_mm=100.0,
         target_mm=target_mm,
@@ -70,7 +70,7 @@ def test_the_target_is_reached_from_one_side(
 def test_every_stop_is_within_the_limits_and_the_last_is_the_target(
     start_mm: float, target_mm: float, is_flank_taken: bool, side: str
 ) -> None:
-    heights = approach_heights_mm(
+    heights = _approach_heights_mm(
         config(approach=f"from_{side}"),
         start_mm=start_mm,
         target_mm=target_mm,

@@ -18,11 +18,11 @@ from acquisition.errors import (
 from acquisition.stages.serial_link import SerialLink
 from acquisition.stages.zaber import (
     READ_TRIES,
-    ZaberAlert,
-    ZaberDevice,
-    ZaberInfo,
-    ZaberReply,
-    ZaberScale,
+    _ZaberAlert,
+    _ZaberDevice,
+    _ZaberInfo,
+    _ZaberReply,
+    _ZaberScale,
     checksum,
     encode_command,
     parse_message,
@@ -81,8 +81,8 @@ class PlannedLink:
         self._waiting = []
 
 
-def device_on(link: PlannedLink) -> ZaberDevice:
-    return ZaberDevice(cast("SerialLink", link), device=1, axis=1, clock=lambda: 0.0)
+def device_on(link: PlannedLink) -> _ZaberDevice:
+    return _ZaberDevice(cast("SerialLink", link), device=1, axis=1, clock=lambda: 0.0)
 
 
 def test_replies_of_others_alerts_and_stale_ones_answer_nothing() -> None:
@@ -201,7 +201,7 @@ def test_what_is_not_one_command_is_refused(
 
 def test_a_rejection_keeps_its_reason() -> None:
     reply = parse_message(sealed("@01 1 07 RJ BUSY WR BADDATA"))
-    assert reply == ZaberReply(
+    assert reply == _ZaberReply(
         device=1,
         axis=1,
         message_id=7,
@@ -215,9 +215,9 @@ def test_a_rejection_keeps_its_reason() -> None:
 
 def test_alerts_and_info_are_told_from_replies() -> None:
     alert = parse_message(b"!01 1 IDLE FS")
-    assert alert == ZaberAlert(device=1, axis=1, is_busy=False, warning="FS", data="")
+    assert alert == _ZaberAlert(device=1, axis=1, is_busy=False, warning="FS", data="")
     info = parse_message(sealed("#01 0 09 some text"))
-    assert info == ZaberInfo(device=1, axis=0, message_id=9, text="some text")
+    assert info == _ZaberInfo(device=1, axis=0, message_id=9, text="some text")
 
 
 @given(
@@ -241,7 +241,7 @@ def test_a_reply_is_read_as_it_was_written(
     assume(data)
     result = f"{'OK' if is_ok else 'RJ'} {'BUSY' if is_busy else 'IDLE'} {warning or '--'} {data}"
     reply = parse_message(sealed(f"@{device:02d} {axis} {message_id:02d} {result}"))
-    assert reply == ZaberReply(
+    assert reply == _ZaberReply(
         device=device,
         axis=axis,
         message_id=message_id,
@@ -264,7 +264,9 @@ def test_one_changed_byte_never_passes_as_the_same_reply(place: int, change: int
         return
     # What is left are a kind that is not checked, letters of another case in the checksum,
     # and a colon that is none: then the data has no checksum, which the driver refuses.
-    assert not isinstance(changed, ZaberReply) or not changed.has_checksum or place >= len(line) - 2
+    assert (
+        not isinstance(changed, _ZaberReply) or not changed.has_checksum or place >= len(line) - 2
+    )
 
 
 @given(st.binary(max_size=120))
@@ -283,8 +285,8 @@ def test_text_that_looks_like_zaber_never_crashes_the_parser(text: str) -> None:
         return
 
 
-def scale(**keys: Any) -> ZaberScale:
-    return ZaberScale.of(
+def scale(**keys: Any) -> _ZaberScale:
+    return _ZaberScale.of(
         StageConfig.model_validate(
             {
                 "driver": "zaber",
@@ -323,5 +325,5 @@ def test_a_feed_is_the_protocols_unit_of_speed() -> None:
 def test_a_stage_without_its_microstep_has_no_scale() -> None:
     manual = StageConfig.model_validate({"driver": "manual", "limits_mm": [10.0, 100.0]})
     with pytest.raises(BenchConfigError) as missing:
-        ZaberScale.of(manual)
+        _ZaberScale.of(manual)
     assert missing.value.keys == ("stage.microstep_um",)

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from acquisition.bench import load_bench
 from calibration.blind import calibrate_from_distances, calibrate_from_scene
-from calibration.blind.calibration import FEWEST_EDGES, _log_modified_gaussian, fit_sharpest_widths
+from calibration.blind.calibration import FEWEST_EDGES, _fit_sharpest_widths, _log_modified_gaussian
 from calibration.edges import EdgeImage, Region
 from calibration.errors import NoEdgeError, PairError
 from calibration.noise import LevelNoise
@@ -48,7 +48,7 @@ def drawn(
 @pytest.mark.parametrize("softness_px2", [0.0, 0.2, 1.0])
 def test_the_sharpest_edges_tell_the_psf(softness_px2: float) -> None:
     psf = np.array([[0.49, 0.03], [0.03, 0.40]])
-    found = fit_sharpest_widths(*drawn(800, psf, softness_px2))
+    found = _fit_sharpest_widths(*drawn(800, psf, softness_px2))
     widths = np.sqrt(np.diag(found.covariance_px2))
     np.testing.assert_allclose(widths, np.sqrt(np.diag(psf)), rtol=0.04)
     assert found.softness_px2 == pytest.approx(softness_px2, abs=0.05 + 0.15 * softness_px2)
@@ -90,7 +90,7 @@ def test_a_hundred_edges_give_the_width_to_a_seventh(
     width: float, softness: float, seed: int
 ) -> None:
     psf = width**2 * np.eye(2)
-    found = fit_sharpest_widths(*drawn(100, psf, softness * width**2, seed=seed))
+    found = _fit_sharpest_widths(*drawn(100, psf, softness * width**2, seed=seed))
     mean_width = np.linalg.det(found.covariance_px2) ** 0.25
     assert mean_width == pytest.approx(width, rel=1 / 7)
 
@@ -98,7 +98,7 @@ def test_a_hundred_edges_give_the_width_to_a_seventh(
 @pytest.mark.slow
 def test_the_claimed_error_is_that_of_the_scatter() -> None:
     psf = 0.36 * np.eye(2)
-    fits = [fit_sharpest_widths(*drawn(60, psf, 0.3, seed=seed)) for seed in range(40)]
+    fits = [_fit_sharpest_widths(*drawn(60, psf, 0.3, seed=seed)) for seed in range(40)]
     values = np.array([fit.covariance_px2[0, 0] for fit in fits])
     claimed = np.sqrt([fit.covariance_err_px2[0, 0] for fit in fits])
     assert 0.6 < np.std(values) / np.median(claimed) < 1.6
@@ -108,7 +108,7 @@ def test_outliers_do_not_pull() -> None:
     psf = 0.36 * np.eye(2)
     angles, widths, errs = drawn(300, psf, 0.2)
     widths[::25] = 0.2  # thin lines taken for edges
-    found = fit_sharpest_widths(angles, widths, errs)
+    found = _fit_sharpest_widths(angles, widths, errs)
     assert np.linalg.det(found.covariance_px2) ** 0.25 == pytest.approx(0.6, rel=0.06)
 
 
@@ -116,9 +116,9 @@ def test_too_few_sure_edges_are_refused() -> None:
     angles, widths, errs = drawn(30, 0.36 * np.eye(2), 0.2)
     errs[FEWEST_EDGES - 1 :] = widths[FEWEST_EDGES - 1 :]
     with pytest.raises(ValueError):
-        fit_sharpest_widths(angles, widths, errs)
+        _fit_sharpest_widths(angles, widths, errs)
     errs[FEWEST_EDGES - 1] = 0.1 * widths[FEWEST_EDGES - 1]
-    assert fit_sharpest_widths(angles, widths, errs).edges_used == FEWEST_EDGES
+    assert _fit_sharpest_widths(angles, widths, errs).edges_used == FEWEST_EDGES
 
 
 CONFIG = Path(__file__).parents[3] / "configs" / "simulated.toml"

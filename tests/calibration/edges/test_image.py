@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from calibration.choices import PATTERNS, Pattern
 from calibration.edges import EdgeImage, EdgeSelection, Region, find_edges, fit_edge, plane_places
-from calibration.edges.image import in_sensor_pixels, optical_of_total
+from calibration.edges.image import _optical_of_total, in_sensor_pixels
 from calibration.errors import NoEdgeError
 from calibration.psf import calibrate_mosaic
 from simulation.arrays import FloatArray
@@ -96,11 +96,11 @@ def test_the_optical_width_of_a_total_one_against_least_squares_on_the_closed_fo
     total = minimize_scalar(
         lambda s: float(np.sum((profile - ndtr(distance / s)) ** 2)), bounds=(0.2, 3.0)
     ).x
-    assert optical_of_total(float(total), turn) == pytest.approx(optical_px, rel=2e-3)
+    assert _optical_of_total(float(total), turn) == pytest.approx(optical_px, rel=2e-3)
 
 
 def test_an_edge_as_sharp_as_the_pixel_has_no_optical_width() -> None:
-    assert optical_of_total(0.25, 0.1) is None
+    assert _optical_of_total(0.25, 0.1) is None
 
 
 def test_a_colour_without_an_edge_is_named() -> None:

@@ -23,7 +23,7 @@ from calibration.edges import (
     least_side_px,
     mean_transfer,
 )
-from calibration.edges.measurement import BIN_PX, lsf_fit, told_apart
+from calibration.edges.measurement import BIN_PX, _lsf_fit, _told_apart
 from calibration.errors import NoEdgeError, PsfFileError
 from calibration.psf import PsfCalibration, psf_of_images
 from calibration.psf.covariance import median_width
@@ -142,7 +142,7 @@ def test_pixels_that_tell_no_width_have_none(reach_px: float, rise: float) -> No
         normal_rad=0.1,
         half_length_px=30.0,
     )
-    assert lsf_fit(samples, fit) is None
+    assert _lsf_fit(samples, fit) is None
 
 
 LOW_DN, HIGH_DN = 8_000.0, 40_000.0
@@ -379,7 +379,7 @@ def test_a_chart_alone_is_the_target_in_the_pixels_of_any_plane(pitch_px: int) -
     image = WHITE_DN - (WHITE_DN - BLACK_DN) * chart(240, 288, turn_deg=5.0, shear=12.0)
     image += np.random.default_rng(4).normal(0.0, 200.0, image.shape)
     source = EdgeImage(name="chart", image_dn=image, pitch_px=pitch_px)
-    edges = told_apart(edges_of_image(source), pitch_px)
+    edges = _told_apart(edges_of_image(source), pitch_px)
     assert len(edges) >= 100  # 30 squares
     assert not any("beside_target" in edge.flags for edge in edges)
 
@@ -389,6 +389,6 @@ def test_no_good_edge_of_a_target_of_the_simulated_bench_is_thrown_away(target: 
     bench = BenchTruth(bench_config(simulated__width_px=480, simulated__height_px=360))
     image = bench.expected_image_dn(target, 5.0, 150.0, exposure_us=4_000.0)
     image = image + np.random.default_rng(5).normal(0.0, 5.0, image.shape)
-    edges = told_apart(edges_of_image(EdgeImage(name=target, image_dn=image)))
+    edges = _told_apart(edges_of_image(EdgeImage(name=target, image_dn=image)))
     assert edges
     assert not any("beside_target" in edge.flags for edge in edges)

@@ -18,7 +18,7 @@ from calibration.edges import (
     edges_of_image,
     gaussian_mtf50,
 )
-from calibration.edges.measurement import told_apart
+from calibration.edges.measurement import _told_apart
 from calibration.psf import PsfCalibration, psf_of_images
 from simulation.arrays import FloatArray
 
@@ -174,7 +174,7 @@ def test_every_side_of_the_chessboards_is_measured_and_told_from_the_room(is_srg
         sides = board_sides(image)
         level = linear_from_srgb(image) if is_srgb else image
         source = EdgeImage(name=path.name, image_dn=level, saturation_dn=255.0, is_jpeg=True)
-        edges = told_apart(edges_of_image(source))
+        edges = _told_apart(edges_of_image(source))
         on_board = [[edge for edge in edges if lies_on(edge, side)] for side in sides]
         count += len(sides)
         measured += sum(any(edge.is_used for edge in found) for found in on_board)

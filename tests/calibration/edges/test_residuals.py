@@ -8,14 +8,14 @@ from scipy.special import log_ndtr, ndtr
 from calibration.edges import EdgeImage, edges_of_image, gaussian_mtf50
 from calibration.edges.residuals import (
     Rounding,
+    _outlier_weights,
     level_steps,
     noise_part,
-    outlier_weights,
     profile_figures,
     profile_flags,
     rounding_bias,
 )
-from calibration.edges.rounded import interval_terms
+from calibration.edges.rounded import _interval_terms
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image, point_edge
 
@@ -62,13 +62,15 @@ def test_the_order_of_the_pixels_does_not_matter(order_seed: int) -> None:
 def test_gaussian_noise_holds_no_outliers() -> None:
     # Beyond 6 sigma lie 2e-9 of all pixels.
     for seed in range(20):
-        assert not outlier_weights(gaussian_noise(10.0, seed), UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[0]
+        assert not _outlier_weights(gaussian_noise(10.0, seed), UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[
+            0
+        ]
 
 
 def test_an_outlier_weighs_nothing_and_its_neighbours_nearly_all() -> None:
     noise = gaussian_noise(3.0)
     noise[17] = 200.0
-    found, weights = outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)
+    found, weights = _outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)
     assert found
     assert weights[17] == 0.0
     # Tukey's (1 - (r / 6 sigma)^2)^2 averages 1 - 2 / 36 + 3 / 36^2 over a Gaussian.
@@ -78,21 +80,21 @@ def test_an_outlier_weighs_nothing_and_its_neighbours_nearly_all() -> None:
 def test_a_deviation_below_one_percent_of_the_contrast_is_no_outlier() -> None:
     noise = gaussian_noise(0.01)
     noise[17] = 9.0
-    assert not outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[0]
+    assert not _outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[0]
 
 
 def test_clipped_pixels_do_not_set_the_scale() -> None:
     # Two thirds that do not scatter: the median of all moduli is 0, and each other an outlier.
     is_clipped = np.arange(PIXELS) % 3 > 0
     noise = np.where(is_clipped, 0.0, gaussian_noise(10.0))
-    assert not outlier_weights(noise, is_clipped, EVEN, CONTRAST_DN, 0.0)[0]
+    assert not _outlier_weights(noise, is_clipped, EVEN, CONTRAST_DN, 0.0)[0]
 
 
 def test_the_noisier_side_of_an_edge_is_not_taken_for_outliers() -> None:
     spread = np.where(np.arange(PIXELS) < PIXELS // 5, 10.0, 1.0)
     noise = 5.0 * spread * gaussian_noise(1.0)
-    assert not outlier_weights(noise, UNCLIPPED, spread, CONTRAST_DN, 0.0)[0]
-    assert outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[0]
+    assert not _outlier_weights(noise, UNCLIPPED, spread, CONTRAST_DN, 0.0)[0]
+    assert _outlier_weights(noise, UNCLIPPED, EVEN, CONTRAST_DN, 0.0)[0]
 
 
 def test_the_models_own_edge_has_no_flags() -> None:
@@ -188,7 +190,7 @@ def test_the_derivatives_of_the_likelihood_are_its_differences(
 
     def terms(level: float, log_s: float) -> np.ndarray:
         away = below - level
-        return np.array(interval_terms(away, away + width, float(np.exp(log_s))))
+        return np.array(_interval_terms(away, away + width, float(np.exp(log_s))))
 
     here = terms(0.0, np.log(s))
     by_level = (terms(step, np.log(s)) - terms(-step, np.log(s))) / (2 * step)
@@ -201,15 +203,15 @@ def test_the_derivatives_of_the_likelihood_are_its_differences(
 
 
 def test_a_level_far_outside_its_interval_still_pulls_towards_it() -> None:
-    far = interval_terms(-2000.0, -1999.0, 0.5)
+    far = _interval_terms(-2000.0, -1999.0, 0.5)
     # Towards it, by the distance over the variance: the tail's slope, to 1 / distance^2.
     assert far[1] == pytest.approx(-1999.0 / 0.25, rel=1e-5)
-    assert interval_terms(1999.0, 2000.0, 0.5)[1] == pytest.approx(-far[1])
+    assert _interval_terms(1999.0, 2000.0, 0.5)[1] == pytest.approx(-far[1])
 
 
 @given(away=st.floats(9.0, 11.0), width=st.floats(0.1, 4.0), s=st.floats(0.05, 3.0))
 def test_the_far_tail_continues_the_near_one(away: float, width: float, s: float) -> None:
-    found = interval_terms(away * s, away * s + width, s)
+    found = _interval_terms(away * s, away * s + width, s)
     upper = log_ndtr(-away) + np.log1p(-np.exp(log_ndtr(-away - width / s) - log_ndtr(-away)))
     # The density over the probability, in logarithms as scipy computes them.
     first = np.exp(-0.5 * away**2 - 0.5 * np.log(2 * np.pi) - upper)

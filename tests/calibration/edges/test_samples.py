@@ -23,7 +23,7 @@ from calibration.edges import (
     fit_edge,
     roughness_px,
 )
-from calibration.edges.samples import Deviations, _deviations
+from calibration.edges.samples import _Deviations, _deviations
 from calibration.errors import NoEdgeError
 from calibration.psf import psf_of_images
 from simulation.arrays import FloatArray
@@ -170,7 +170,7 @@ def test_what_neighbours_share_is_their_covariance_and_not_their_noise() -> None
     y, x = np.mgrid[:rows, :cols].astype(np.float64)
     distance = (x - 10).ravel()
     levels += ndtr(distance / 0.8).reshape(rows, cols)
-    found = Deviations(*_deviations(distance, y.ravel() - 99.5, levels.ravel(), 0.8, 0.0, 1.0))
+    found = _Deviations(*_deviations(distance, y.ravel() - 99.5, levels.ravel(), 0.8, 0.0, 1.0))
     # Within 4 x 0.8 + 2 = 5.2 px of the edge lie 11 pixels of each row, and 10 pairs.
     assert found.pairs == 10 * rows
     # Of 2000 pairs; means of 200 pixels take 0.5 % off. The errors are some 3 % and 5 %.

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from calibration.edges import EdgeImage, EdgeLine, edges_of_image, pixel_mtf50
-from calibration.edges.shading import Shading, is_even, slope_left, slopes_across
+from calibration.edges.shading import _Shading, is_even, slope_left, slopes_across
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.squares import square_cover
@@ -11,7 +11,7 @@ DARK_DN, BRIGHT_DN = 8_000.0, 52_000.0
 ROWS, COLS = 120, 160
 
 
-def shading(image: FloatArray, x_px: float, normal_deg: float) -> Shading:
+def shading(image: FloatArray, x_px: float, normal_deg: float) -> _Shading:
     """Of an edge of 80 px, from 11 px beside it on."""
     line = EdgeLine(x_px, 0.5 * ROWS, float(np.deg2rad(normal_deg)), 40.0)
     return slopes_across(image.astype(np.float32), line, 11.0, np.inf, BRIGHT_DN - DARK_DN)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from calibration.geometry import Levelling, level_by_board, level_by_focus
-from calibration.geometry.board import BoardCorners, FittedCorners, fit_corners
+from calibration.geometry.board import BoardCorners, _fit_corners, _FittedCorners
 from simulation.arrays import FloatArray
 
 SHAPE = (60, 80)
@@ -38,9 +38,9 @@ def corner(
     return 1000.0 - contrast_dn * product
 
 
-def fitted(image: FloatArray, *points: tuple[float, float]) -> FittedCorners:
+def fitted(image: FloatArray, *points: tuple[float, float]) -> _FittedCorners:
     at = np.array(points)
-    return fit_corners(image, at, np.tile(UPRIGHT, (len(at), 1, 1)), CLEAR)
+    return _fit_corners(image, at, np.tile(UPRIGHT, (len(at), 1, 1)), CLEAR)
 
 
 @settings(max_examples=25)
@@ -80,7 +80,7 @@ def test_a_corner_whose_cross_leaves_the_frame_is_not_good(x_px: float, y_px: fl
 
 def test_squares_too_small_for_a_fit_are_not_good() -> None:
     at = np.array([[40.0, 30.0]])
-    assert not fit_corners(corner(40.0, 30.0), at, UPRIGHT[None] * 0.25, CLEAR).is_good.any()
+    assert not _fit_corners(corner(40.0, 30.0), at, UPRIGHT[None] * 0.25, CLEAR).is_good.any()
 
 
 def test_where_there_is_no_corner_none_is_good() -> None:

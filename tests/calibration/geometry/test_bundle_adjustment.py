@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibration.geometry.bundle_adjustment import Adjustment, PlaneMatches, adjust
-from calibration.geometry.calibration import stage_axis
-from calibration.geometry.pupil import PupilFit, SeriesDistances, fit_pupil
+from calibration.geometry.calibration import _stage_axis
+from calibration.geometry.pupil import PupilFit, SeriesDistances, _fit_pupil
 from tests.calibration.geometry_bench import (
     FOCAL_PX,
     HEIGHTS_MM,
@@ -20,7 +20,7 @@ CAPTURES = blank_captures(HEIGHTS_MM)
 
 
 def pupil_of(found: Adjustment) -> PupilFit:
-    return fit_pupil(SeriesDistances.of(found))
+    return _fit_pupil(SeriesDistances.of(found))
 
 
 def adjusted(matches: list[PlaneMatches]) -> Adjustment:
@@ -45,7 +45,7 @@ def test_a_leaning_stage_pierces_the_image_where_it_leans() -> None:
     # 0.01 focal lengths to the left, as a thing seen there keeps its place.
     poses = poses_over(HEIGHTS_MM, drift_mm_per_mm=(0.01, -0.004))
     found = adjusted(exact_matches(pinhole(k1=0.0), CAPTURES, poses))
-    axis = stage_axis(found, 0)
+    axis = _stage_axis(found, 0)
     np.testing.assert_allclose(axis.offset_px, [-0.01 * FOCAL_PX, 0.004 * FOCAL_PX], atol=2e-3)
     assert np.abs(axis.sideways).max() < 1e-5
 
@@ -53,7 +53,7 @@ def test_a_leaning_stage_pierces_the_image_where_it_leans() -> None:
 def test_the_pierced_pixel_stands_still() -> None:
     camera = pinhole()
     poses = poses_over(HEIGHTS_MM, drift_mm_per_mm=(0.02, 0.01), tilt_deg=(1.0, -2.0))
-    x, y = stage_axis(adjusted(exact_matches(camera, CAPTURES, poses)), 0).pierce_px
+    x, y = _stage_axis(adjusted(exact_matches(camera, CAPTURES, poses)), 0).pierce_px
     plane = camera.to_plane_mm(np.array([x]), np.array([y]), poses[0])
     for pose in poses[1:]:
         np.testing.assert_allclose(camera.to_pixel(*plane, pose), [[x], [y]], atol=0.01)
@@ -78,7 +78,7 @@ def test_standard_errors_cover_the_truth() -> None:
         found = adjusted(matches)
         lens, errs = found.series[0].lens, np.sqrt(np.diag(found.covariance))
         pupil = pupil_of(found)
-        axis = stage_axis(found, 0)
+        axis = _stage_axis(found, 0)
         axis_err_px = np.sqrt(axis.covariance_px2[0, 0])
         inside["pupil"] += abs(pupil.pupil_offset_mm - PUPIL_MM) < 2 * pupil.pupil_offset_err_mm
         inside["k1"] += abs(lens.k1 + 0.01) < 2 * errs[0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry import GeometryCapture, PlaneLens
-from calibration.geometry.matching import MatchedSeries, match_textures
+from calibration.geometry.matching import _match_textures, _MatchedSeries
 from simulation.arrays import FloatArray
 from tests.simulation.closed_form import photograph, random_scene
 
@@ -22,14 +22,14 @@ def view(zoom: float, middle_x_px: float, seed: int = 3) -> FloatArray:
     return photograph(random_scene(seed, 900, 1500), SHAPE, zoom, 0.6, corner)
 
 
-def matched(*images: FloatArray) -> tuple[MatchedSeries, list[GeometryCapture]]:
+def matched(*images: FloatArray) -> tuple[_MatchedSeries, list[GeometryCapture]]:
     captures = [
         GeometryCapture(
             name=str(n), kind="texture", target="t", orientation_deg=0.0, height_mm=n, image=image
         )
         for n, image in enumerate(images)
     ]
-    return match_textures(captures, LENS), captures
+    return _match_textures(captures, LENS), captures
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from calibration.geometry import (
 )
 from calibration.geometry.bundle_adjustment import Exclusion
 from calibration.geometry.calibration import length_of
-from calibration.geometry.matching import MatchedCaptures
+from calibration.geometry.matching import _MatchedCaptures
 from tests.calibration.exact_survey import Survey
 from tests.calibration.geometry_bench import FOCAL_PX, HEIGHTS_MM, PUPIL_MM, poses_over
 
@@ -40,8 +40,8 @@ def calibrated(monkeypatch: pytest.MonkeyPatch) -> Calibrate:
             lens: PlaneLens,
             _board: CharucoBoard,
             _progress: Callable[[int], None],
-        ) -> MatchedCaptures:
-            return MatchedCaptures(adjustment=survey.adjusted(captures, lens), exclusions=())
+        ) -> _MatchedCaptures:
+            return _MatchedCaptures(adjustment=survey.adjusted(captures, lens), exclusions=())
 
         monkeypatch.setattr(calibration, "adjust_captures", matched)
         return geometry_of_captures(survey.captures, options)
@@ -218,7 +218,7 @@ def test_a_capture_that_is_left_alone_is_named(monkeypatch: pytest.MonkeyPatch) 
     # One capture of a texture says nothing: the other goes with it.
     survey = Survey().add("brick", poses_over(HEIGHTS_MM)).add("grass", poses_over(HEIGHTS_MM[:2]))
     gone = survey.captures[5]
-    matched = MatchedCaptures(
+    matched = _MatchedCaptures(
         adjustment=survey.adjusted().without([gone]),
         exclusions=(Exclusion(capture=gone, reason="it is blurred"),),
     )

@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 from acquisition.untrusted import TiffDamageError
 from calibration.documents import json_object
 from calibration.errors import NoiseFileError
-from calibration.files import read_correction, read_noise, write_noise_files
+from calibration.files import _write_noise_files, read_correction, read_noise
 from calibration.noise import (
     CorrectionMaps,
     NoiseCalibration,
@@ -138,7 +138,7 @@ def noise(tmp_path_factory: pytest.TempPathFactory) -> NoiseMeasurement:
 
 def test_maps_are_read_back_to_the_bit(tmp_path: Path, noise: NoiseMeasurement) -> None:
     path = tmp_path / "noise.json"
-    write_noise_files(path, noise)
+    _write_noise_files(path, noise)
     found = read_correction(path)
     np.testing.assert_array_equal(found.dark_dn, noise.maps.dark_dn)
     np.testing.assert_array_equal(found.response, noise.maps.response)
@@ -149,7 +149,7 @@ def test_maps_are_read_back_to_the_bit(tmp_path: Path, noise: NoiseMeasurement) 
 
 def test_what_was_written_is_what_is_read(tmp_path: Path, noise: NoiseMeasurement) -> None:
     path = tmp_path / "noise.json"
-    written = write_noise_files(path, noise)
+    written = _write_noise_files(path, noise)
     read = read_noise(path)
     assert json_object(read) == json_object(written) == json.loads(path.read_text("utf-8"))
     assert read.capture_noise == noise.calibration.capture_noise
@@ -201,7 +201,7 @@ def test_a_map_that_is_no_name_of_a_file_is_named(
     tmp_path: Path, noise: NoiseMeasurement, name: str
 ) -> None:
     path = tmp_path / "noise.json"
-    write_noise_files(path, noise)
+    _write_noise_files(path, noise)
     rewritten(path, lambda document: document["maps"]["flat"].update(file=name))
     assert refusal(path).key == "maps.flat"
 
@@ -210,7 +210,7 @@ def test_a_map_that_is_no_tiff_is_named_though_it_is_the_one_that_was_written(
     tmp_path: Path, noise: NoiseMeasurement
 ) -> None:
     path = tmp_path / "noise.json"
-    write_noise_files(path, noise)
+    _write_noise_files(path, noise)
     dark = tmp_path / "noise_dark.tif"
     data = b"no picture"
     dark.write_bytes(data)
@@ -223,7 +223,7 @@ def test_a_map_that_is_no_tiff_is_named_though_it_is_the_one_that_was_written(
 
 def test_maps_of_two_cameras_are_refused(tmp_path: Path, noise: NoiseMeasurement) -> None:
     path = tmp_path / "noise.json"
-    write_noise_files(path, noise)
+    _write_noise_files(path, noise)
     smaller = tmp_path / "other" / "noise.json"
     smaller.parent.mkdir()
     part = np.s_[:-1, :]
@@ -245,7 +245,7 @@ def test_a_folder_that_is_not_there_is_named_before_anything_is_written(
     tmp_path: Path, noise: NoiseMeasurement
 ) -> None:
     with pytest.raises(NoiseFileError) as refused:
-        write_noise_files(tmp_path / "nowhere" / "noise.json", noise)
+        _write_noise_files(tmp_path / "nowhere" / "noise.json", noise)
     assert refused.value.source == str(tmp_path / "nowhere" / "noise_dark.tif")
     assert list(tmp_path.iterdir()) == []
 
@@ -255,5 +255,5 @@ def test_a_noise_json_that_cannot_be_written_is_named(
 ) -> None:
     (tmp_path / "noise.json").mkdir()
     with pytest.raises(NoiseFileError) as refused:
-        write_noise_files(tmp_path / "noise.json", noise)
+        _write_noise_files(tmp_path / "noise.json", noise)
     assert refused.value.source == str(tmp_path / "noise.json")

@@ -10,7 +10,7 @@ from acquisition.session.reader import Session
 from calibration.errors import NoiseError
 from calibration.noise import noise_of_captures
 from calibration.noise.document import NOISE_DEFECT
-from calibration.noise.measurement import noise_records
+from calibration.noise.measurement import _noise_records
 from tests.acquisition.session_fixtures import session_with
 from tests.calibration.noise_session import DARKS_US, FLATS_US, FRAMES, SHAPE, noise_session
 from tests.calibration.poisson_frames import BLACK_DN, GAIN_E_PER_DN, READ_NOISE_E
@@ -38,7 +38,7 @@ def test_the_camera_model_is_read_back_from_a_session(tmp_path: Path) -> None:
 def test_captures_of_two_gains_are_refused_with_both(tmp_path: Path) -> None:
     session = noise_session(tmp_path / "s", flat_gain_db=6.0)
     with pytest.raises(NoiseError) as refused:
-        noise_records(session)
+        _noise_records(session)
     assert refused.value.reason == "settings"
     for setting in ("0.0 dB Mono12", "6.0 dB Mono12"):
         assert setting in str(refused.value)

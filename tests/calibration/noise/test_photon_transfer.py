@@ -16,8 +16,8 @@ from calibration.noise import (
     fit_level_noise,
     fit_photon_transfer,
 )
-from calibration.noise.measurement import VarianceByLevel
-from calibration.noise.photon_transfer import measure_linearity
+from calibration.noise.measurement import _VarianceByLevel
+from calibration.noise.photon_transfer import _measure_linearity
 from simulation.arrays import FloatArray
 from tests.calibration.poisson_frames import (
     BLACK_DN,
@@ -156,7 +156,7 @@ def test_a_dark_level_cut_off_at_zero_is_noted() -> None:
 @pytest.mark.parametrize("top_e", [15_000.0, 1e9])
 def test_saturation_is_where_the_variance_collapses(top_e: float) -> None:
     rng = np.random.default_rng(4)
-    levels = VarianceByLevel(TOP_DN)
+    levels = _VarianceByLevel(TOP_DN)
     for electrons in (5000.0, 10_000.0, 14_000.0, 19_000.0, 30_000.0):
         collected = np.minimum(rng.poisson(electrons, (6, 60, 80)), top_e)
         noisy = collected + READ_NOISE_E * rng.standard_normal(collected.shape)
@@ -169,7 +169,7 @@ def test_saturation_is_where_the_variance_collapses(top_e: float) -> None:
 
 
 def test_saturation_that_no_flat_reached_is_the_formats() -> None:
-    levels = VarianceByLevel(TOP_DN)
+    levels = _VarianceByLevel(TOP_DN)
     stack = frames_dn(np.random.default_rng(1), 5000.0)
     levels.add(stack.mean(axis=0), stack.var(axis=0, ddof=1))
     assert levels.saturation() == Saturation(level_dn=TOP_DN, err_dn=None)
@@ -216,12 +216,12 @@ def test_a_variance_that_bends_down_is_noted_and_its_slope_in_the_dark_is_the_ga
 def test_two_exposures_tell_no_linearity() -> None:
     # Of four flats two lie between 5 and 95 % of the range.
     levels = [(e, 0.0, light) for e, light in ((10.0, 10.0), (500.0, 500.0), (900.0, 900.0))]
-    assert measure_linearity([*levels, (990.0, 0.0, 990.0)], range_dn=1000.0) is None
-    assert measure_linearity([*levels, (700.0, 0.0, 700.0)], range_dn=1000.0) is not None
+    assert _measure_linearity([*levels, (990.0, 0.0, 990.0)], range_dn=1000.0) is None
+    assert _measure_linearity([*levels, (700.0, 0.0, 700.0)], range_dn=1000.0) is not None
 
 
 def test_a_few_pixels_tell_no_saturation() -> None:
-    levels = VarianceByLevel(TOP_DN)
+    levels = _VarianceByLevel(TOP_DN)
     # 20 pixels at each of two levels, the upper without variance as if clipped.
     levels.add(np.repeat([1000.0, 3000.0], 20), np.repeat([200.0, 0.0], 20))
     assert levels.saturation() == Saturation(level_dn=TOP_DN, err_dn=None)

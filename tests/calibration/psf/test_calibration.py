@@ -20,7 +20,7 @@ from calibration.edges import (
 )
 from calibration.errors import NoEdgeError
 from calibration.psf import psf_of_images
-from calibration.psf.calibration import psf_of_edges
+from calibration.psf.calibration import _psf_of_edges
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_photographs import (
@@ -265,8 +265,8 @@ def test_short_edges_beside_one_that_decides_do_not_decide_what_is_lost() -> Non
         edge(sigma_px=1.0, angle_deg=angle).model_copy(update={"sigma_err_px": err})
         for angle, err in zip(angles, errs, strict=False)
     ]
-    whole = psf_of_edges([one.model_copy(update={"flags": ("jpeg",)}) for one in plain])
-    own = known(psf_of_edges(plain).sigma_x_err_px)
+    whole = _psf_of_edges([one.model_copy(update={"flags": ("jpeg",)}) for one in plain])
+    own = known(_psf_of_edges(plain).sigma_x_err_px)
     assert whole.sigma_x_err_px is not None
     # By hand: weights of 1e4 and 30 of 1/0.15^2 = 44.4, so (100 + 30/0.15) / (1e4 + 1333) = 0.0265.
     assert np.sqrt(whole.sigma_x_err_px**2 - own**2) == pytest.approx(0.25 * 0.0265, rel=0.01)

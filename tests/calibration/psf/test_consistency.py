@@ -7,8 +7,8 @@ import pytest
 
 from calibration.edges import EdgeMeasurement
 from calibration.psf import HeightTrend, psf_of_images
-from calibration.psf.calibration import psf_of_edges
-from calibration.psf.consistency import check_edges, check_heights, fit_height_trend
+from calibration.psf.calibration import _psf_of_edges
+from calibration.psf.consistency import _check_edges, _check_heights, fit_height_trend
 from tests.calibration.edge_photographs import photographs
 from tests.calibration.known import known
 from tests.calibration.psf.measured_edges import edge, series, square
@@ -17,7 +17,7 @@ HEIGHTS_MM = (180.0, 220.0, 270.0, 330.0, 400.0)
 
 
 def named(edges: list[EdgeMeasurement]) -> set[str]:
-    found = known(psf_of_edges(edges).cross_validation)
+    found = known(_psf_of_edges(edges).cross_validation)
     return {one.kind for one in found.named}
 
 
@@ -60,15 +60,15 @@ def test_a_stage_that_wanders_is_named() -> None:
 def test_halves_that_agree_have_a_chi_squared_of_one() -> None:
     rng = np.random.default_rng(6)
     edges = [one for k in range(60) for one in square(0.5, 200.0 + 3.0 * k, k, rng)]
-    for found in (check_edges(edges), check_heights(edges)):
+    for found in (_check_edges(edges), _check_heights(edges)):
         assert found is not None
         # 120 edges: a reduced chi-squared scatters by 0.13, three and a half of those.
         assert found.chi2_reduced == pytest.approx(1.0, abs=0.45)
 
 
 def test_too_few_edges_have_no_halves() -> None:
-    assert check_edges([edge()]) is None
-    assert check_heights([edge()]) is None
+    assert _check_edges([edge()]) is None
+    assert _check_heights([edge()]) is None
 
 
 TREND_HEIGHTS_MM = np.repeat([100.0, 200.0, 300.0, 400.0], 8)

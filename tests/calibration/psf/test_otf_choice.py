@@ -5,7 +5,7 @@ import pytest
 
 from calibration.edges import BinnedEdge, edges_of_image
 from calibration.psf.otf_forms import ELLIPTIC, EdgeStack, StackedBins
-from calibration.psf.transfer_2d import choose_otf, distinct_directions_deg, widest_gap_deg
+from calibration.psf.transfer_2d import _choose_otf, _distinct_directions_deg, _widest_gap_deg
 from simulation.arrays import FloatArray
 from tests.calibration.known import known
 from tests.calibration.lens_edges import AstigmaticLens, Lens, edge_photographs, pupil_transfer
@@ -54,14 +54,14 @@ class TotalGaussian(Lens):
     ],
 )
 def test_the_form_is_the_simplest_that_the_lens_asks_for(lens: Lens, form: str) -> None:
-    choice = known(choose_otf(binned(lens, EIGHT_DEG, snr=500)))
+    choice = known(_choose_otf(binned(lens, EIGHT_DEG, snr=500)))
     assert choice.fit.form.name == form
     # The noise within the bins explains what is left, and no form is far off.
     assert choice.chi2_reduced < 1.2
 
 
 def test_one_direction_determines_no_transfer_over_both_axes() -> None:
-    assert choose_otf(binned(Lens(0.37, 0.37), (4.0, 9.0))) is None
+    assert _choose_otf(binned(Lens(0.37, 0.37), (4.0, 9.0))) is None
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_one_direction_determines_no_transfer_over_both_axes() -> None:
     ],
 )
 def test_two_directions_give_an_upright_lens(lens: Lens, label: str) -> None:
-    choice = known(choose_otf(binned(lens, (4.0, 94.0))))
+    choice = known(_choose_otf(binned(lens, (4.0, 94.0))))
     assert choice.fit.form.label == label
     assert not choice.knows_turn
     assert "2 directions do not tell how it is turned" in choice.reason
@@ -82,13 +82,13 @@ def test_two_directions_give_an_upright_lens(lens: Lens, label: str) -> None:
 
 def test_two_directions_that_are_not_of_the_axes_give_no_transfer() -> None:
     for normals in ((4.0, 49.0), (30.0, 120.0)):
-        assert choose_otf(binned(Lens(0.5, 0.5), normals)) is None
+        assert _choose_otf(binned(Lens(0.5, 0.5), normals)) is None
 
 
 def test_widths_that_leave_the_correlation_open_give_no_form_that_is_turned() -> None:
     lens = Lens(0.6, 0.4, turn_deg=30.0)
-    turned = known(choose_otf(binned(lens, EIGHT_DEG)))
-    choice = known(choose_otf(binned(lens, EIGHT_DEG), knows_correlation=False))
+    turned = known(_choose_otf(binned(lens, EIGHT_DEG)))
+    choice = known(_choose_otf(binned(lens, EIGHT_DEG), knows_correlation=False))
     assert any("xy" in name for name in turned.fit.form.names)
     assert not any("xy" in name for name in choice.fit.form.names)
     assert "leave rho open" in choice.reason
@@ -103,7 +103,7 @@ def test_a_vertical_a_horizontal_and_a_diagonal_edge_tell_a_turned_gaussian() ->
             gauss = np.exp(-2 * np.pi**2 * (0.36 * u * u + 0.16 * v * v))
             return np.asarray(gauss * np.sinc(fx) * np.sinc(fy))
 
-    choice = known(choose_otf(binned(Turned(0.0, 0.0), (4.0, 49.0, 94.0))))
+    choice = known(_choose_otf(binned(Turned(0.0, 0.0), (4.0, 49.0, 94.0))))
     assert choice.fit.form.name == "gaussian"
     # S xy is (0.36 - 0.16) cos 30 sin 30 = 0.087.
     assert choice.fit.parameters.tolist() == pytest.approx([0.31, 0.0866, 0.21], abs=0.006)
@@ -116,7 +116,7 @@ def test_edges_that_differ_widen_the_covariance_and_do_not_change_the_form() -> 
         binned(Lens(0.0, 0.0, sigma_px=float(sigma)), (normal,), snr=500)[0]
         for sigma, normal in zip(sigmas, EIGHT_DEG, strict=True)
     ]
-    choice = known(choose_otf(edges))
+    choice = known(_choose_otf(edges))
     assert choice.fit.form.name == "gaussian"
     err = np.sqrt(choice.scale * choice.fit.inverse[0, 0])
     # 8 variances scatter by 10 %; three parameters share them: xx to about 10 % / sqrt(8 / 2.4).
@@ -143,13 +143,13 @@ def test_the_residuals_slopes_are_differences_of_the_levels() -> None:
 
 def test_directions_on_both_sides_of_0_are_one() -> None:
     turns = np.deg2rad([179.0, 1.0, 45.0, 46.0, 91.0])
-    directions = distinct_directions_deg(turns.tolist())
+    directions = _distinct_directions_deg(turns.tolist())
     assert directions.tolist() == pytest.approx([1.0, 45.0, 91.0])
-    assert widest_gap_deg(directions) == pytest.approx(90.0)
+    assert _widest_gap_deg(directions) == pytest.approx(90.0)
 
 
 def test_one_gaussian_for_lens_and_pixel_keeps_its_width_from_two_directions() -> None:
-    choice = known(choose_otf(binned(TotalGaussian(0.0, 0.0, sigma_px=0.6), (4.0, 94.0))))
+    choice = known(_choose_otf(binned(TotalGaussian(0.0, 0.0, sigma_px=0.6), (4.0, 94.0))))
     assert choice.fit.form.name == "total-gaussian"
     assert choice.fit.parameters.tolist() == pytest.approx([0.36, 0.36], rel=0.005)
 
@@ -164,7 +164,7 @@ def test_edges_along_the_rows_and_columns_measure_a_sharp_lens(
 ) -> None:
     # A Gaussian fitted to f/2.8 finds the angle and the bend of such edges up to 0.06 px wrong.
     lens = Lens(0.186, 0.186)
-    choice = known(choose_otf(binned(lens, (off_deg, 90.0 + off_deg), snr=500)))
+    choice = known(_choose_otf(binned(lens, (off_deg, 90.0 + off_deg), snr=500)))
     assert choice.fit.form.name == "round"
     assert choice.chi2_reduced < misfit  # at 0.3 degrees 16 with the places of the Gaussian
     freq = np.linspace(0.0, 0.5, 11)

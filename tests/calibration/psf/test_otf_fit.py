@@ -6,7 +6,7 @@ import pytest
 from calibration.edges import BinnedEdge, bin_centres_px
 from calibration.psf.otf_fit import OtfFit, fit_form, pooled, settled
 from calibration.psf.otf_forms import AXIAL_GAUSSIAN, ELLIPTIC, ROUND, EdgeStack, StackedBins
-from calibration.psf.transfer_2d import choose_otf
+from calibration.psf.transfer_2d import _choose_otf
 from simulation.arrays import FloatArray
 from tests.calibration.known import known
 from tests.calibration.lens_edges import Lens, profile
@@ -125,7 +125,7 @@ def test_the_95_percent_band_of_many_edges_holds_the_truth() -> None:
     inside = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        choice = known(choose_otf(edges_of(LENS, normals(120, rng), rng, noise=0.02)))
+        choice = known(_choose_otf(edges_of(LENS, normals(120, rng), rng, noise=0.02)))
         # Five of an edge's 113 levels go into its own numbers; 13,560 levels scatter by 0.012.
         assert choice.chi2_reduced == pytest.approx(108 / 113, abs=0.04)
         found = choice.fit.form.lens(choice.fit.parameters)(fx, fy)

@@ -16,7 +16,7 @@ from calibration.psf.otf_forms import (
     form_of,
 )
 from simulation.arrays import FloatArray
-from simulation.psf.lens import pupil_otf
+from simulation.psf.lens import _pupil_otf
 
 FORMS = {
     "gaussian": (GAUSSIAN, [0.3, 0.1, 0.2]),
@@ -47,7 +47,7 @@ def test_a_slice_is_the_lens_along_the_normal(name: str) -> None:
     freq = np.linspace(0.0, 1.5, 16)[:, None]
     along = form.lens(parameters)(freq * np.cos(ANGLES), freq * np.sin(ANGLES))
     gauss = np.exp(-2 * np.pi**2 * freq**2 * slices.variance_px2)
-    pupil = pupil_otf(freq * slices.period_px, np.sqrt(slices.defocus_waves2))
+    pupil = _pupil_otf(freq * slices.period_px, np.sqrt(slices.defocus_waves2))
     np.testing.assert_allclose(along, gauss * pupil, atol=1e-9)
 
 

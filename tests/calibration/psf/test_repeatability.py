@@ -46,9 +46,17 @@ def squares_of(
     return angles, np.sqrt(squares) + rng.normal(0.0, ERR_PX, group.size), group.astype(np.int64)
 
 
+def of_captures(angles: FloatArray, group: IntArray) -> SharedByCapture:
+    return SharedByCapture(
+        group=group,
+        normal_rad=np.deg2rad(angles + 90.0),
+        columns=np.empty((group.size, 0)),
+        precision=np.empty(0),
+    )
+
+
 def fitted(angles: FloatArray, sigma: FloatArray, group: IntArray) -> CovarianceFit:
-    shared = SharedByCapture.focus_alone(group, np.deg2rad(angles + 90.0))
-    return fit_covariance(angles, sigma, np.full(sigma.size, ERR_PX), shared)
+    return fit_covariance(angles, sigma, np.full(sigma.size, ERR_PX), of_captures(angles, group))
 
 
 def test_one_capture_leaves_everything_as_it_is() -> None:
@@ -76,8 +84,7 @@ def test_exact_edges_of_captures_with_known_offsets_give_their_scatter() -> None
     angles = np.tile([10.0, 100.0, 55.0, 145.0], 3)
     group = np.repeat(np.arange(3), 4).astype(np.int64)
     sigma = np.sqrt(0.5 + offset * (group - 1.0))
-    shared = SharedByCapture.focus_alone(group, np.deg2rad(angles + 90.0))
-    found = fit_covariance(angles, sigma, np.full(12, 1e-5), shared)
+    found = fit_covariance(angles, sigma, np.full(12, 1e-5), of_captures(angles, group))
     assert found.by_capture is not None
     focus = FocusScatter.of(found.by_capture)
     assert focus.scatter_px2 == pytest.approx(offset, rel=1e-3)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.psf import fit_covariance, measure_softness
-from calibration.psf.calibration import psf_of_edges
-from calibration.psf.softness import capture_scales, side_px
+from calibration.psf.calibration import _psf_of_edges
+from calibration.psf.softness import _capture_scales, side_px
 from tests.calibration.known import known
 from tests.calibration.psf.measured_edges import FOCAL_PX, PUPIL_MM, SIDE_MM, edge, series, square
 
@@ -24,7 +24,7 @@ def test_edges_that_do_not_face_each_other_are_no_sides() -> None:
 
 def test_without_squares_the_heights_tell_the_scales() -> None:
     captures = [edge(capture=k, height_mm=h) for k, h in enumerate((100.0, 200.0, 300.0))]
-    scales = known(capture_scales(captures))
+    scales = known(_capture_scales(captures))
     assert scales.source == "heights"
     assert scales.relative(100.0) == pytest.approx([1.0, 200 / 300, 200 / 400])
 
@@ -32,7 +32,7 @@ def test_without_squares_the_heights_tell_the_scales() -> None:
 @pytest.mark.parametrize("blur_mm", [0.05, 0.1, 0.3])
 def test_the_blur_of_a_print_is_taken_off(blur_mm: float) -> None:
     edges = series(np.random.default_rng(2), blur_mm=blur_mm)
-    psf = psf_of_edges(edges)
+    psf = _psf_of_edges(edges)
     soft = known(psf.target_softness)
     assert soft.is_removed
     truth_px2 = (blur_mm * FOCAL_PX / (180.0 + PUPIL_MM)) ** 2
@@ -53,7 +53,7 @@ def test_a_sharp_target_leaves_the_widths_as_they_are() -> None:
     assert found.blur_px2 == {}
     widths = np.array([(one.angle_deg, one.sigma_px, one.sigma_err_px) for one in edges]).T
     alone = fit_covariance(*widths)
-    assert psf_of_edges(edges).total.sigma_x_px == alone.sigma_x_px
+    assert _psf_of_edges(edges).total.sigma_x_px == alone.sigma_x_px
 
 
 def test_a_focus_that_drifts_is_not_taken_for_a_soft_target() -> None:

@@ -33,7 +33,7 @@ from calibration.registration.candidates import (
 from calibration.registration.distorted_pose import SmoothDisplacement
 from calibration.registration.features import features_of
 from calibration.registration.hypotheses import PoseHypothesis
-from calibration.registration.refinement import PlaceErrors
+from calibration.registration.refinement import _PlaceErrors
 from simulation.arrays import FloatArray
 from tests.calibration.known import known
 from tests.calibration.registration.test_any_two import (
@@ -128,7 +128,7 @@ def test_a_pose_that_outlines_alone_agree_with_is_refused(monkeypatch: pytest.Mo
     # As if the refinement had been drawn there.
     refined = RefinedPose(
         pose=wrong.directed.pose,
-        errors=PlaceErrors(place_err_px=0.05, k1_err=0.0),
+        errors=_PlaceErrors(place_err_px=0.05, k1_err=0.0),
         correlation=0.98,
         residual_rms=0.1,
     )

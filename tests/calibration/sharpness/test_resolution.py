@@ -12,10 +12,10 @@ from calibration.edges import (
 )
 from calibration.sharpness import lp_per_mm, lw_per_ph, reported_mtf50, with_sharpness
 from calibration.sharpness.resolution import (
-    edge_place,
-    gaussian_mtf50_err,
+    _edge_place,
+    _gaussian_mtf50_err,
+    _with_colour_shifts,
     picture_height_px,
-    with_colour_shifts,
 )
 from simulation.arrays import FloatArray
 from tests.calibration.closed_form import edge_image
@@ -40,7 +40,7 @@ def test_a_frequency_inverse_to_the_width_has_its_relative_error(
         optical_sigma_err_px=None,
         mtf50_cy_per_px=gaussian_mtf50(sigma),
     )
-    assert gaussian_mtf50_err(edge) == pytest.approx(share * gaussian_mtf50(sigma), rel=1e-12)
+    assert _gaussian_mtf50_err(edge) == pytest.approx(share * gaussian_mtf50(sigma), rel=1e-12)
 
 
 @given(sigma=st.floats(0.2, 3.0), angle_deg=st.floats(0, 180, exclude_max=True))
@@ -57,7 +57,7 @@ def test_the_error_behind_a_pixel_is_the_slope_of_the_frequency_over_the_width(
     step = 1e-5
     slope = (pixel_mtf50(sigma - step, normal) - pixel_mtf50(sigma + step, normal)) / (2 * step)
     # Central differences of a root known to 1e-12 are good to 1e-7.
-    assert gaussian_mtf50_err(edge) == pytest.approx(slope, rel=1e-5)
+    assert _gaussian_mtf50_err(edge) == pytest.approx(slope, rel=1e-5)
 
 
 def test_the_e_sfr_is_reported_where_it_has_an_error_and_else_the_gaussian() -> None:
@@ -120,7 +120,7 @@ def test_the_shifts_of_a_colour_photograph_come_back_outwards(
 ) -> None:
     planes = np.dstack([colour_edge(normal_deg, x_px, c) for c in ("red", "green", "blue")])
     source = EdgeImage(name="rgb", image_dn=planes[:, :, 1].copy(), colours_dn=planes)
-    [edge] = with_colour_shifts(edges_of_image(source), source)
+    [edge] = _with_colour_shifts(edges_of_image(source), source)
     assert edge.red_shift_px is not None
     assert edge.blue_shift_px is not None
     # The profile behind the pixel is symmetric: the fit's Gaussian moves no place.
@@ -135,7 +135,7 @@ def test_the_shifts_of_a_mosaic_come_back_from_its_own_pixels() -> None:
         mosaic[part] = colour_edge(5.0, 100.3, place.colour)[part]
     grey = EdgeImage(name="raw", image_dn=colour_edge(5.0, 100.3, "green"))
     edges = edges_of_image(grey)
-    [edge] = with_colour_shifts(edges, EdgeImage(name="raw", image_dn=mosaic, pattern="GRBG"))
+    [edge] = _with_colour_shifts(edges, EdgeImage(name="raw", image_dn=mosaic, pattern="GRBG"))
     # A quarter of the pixels, at two phases of the rows: 1e-3 px of aliasing.
     assert edge.red_shift_px == pytest.approx(SHIFTS_PX["red"], abs=2e-3)
     assert edge.blue_shift_px == pytest.approx(SHIFTS_PX["blue"], abs=2e-3)
@@ -144,7 +144,7 @@ def test_the_shifts_of_a_mosaic_come_back_from_its_own_pixels() -> None:
 def test_a_grey_photograph_stored_in_colour_has_no_lateral_colour() -> None:
     plane = colour_edge(5.0, 100.3, "green")
     source = EdgeImage(name="grey", image_dn=plane, colours_dn=np.dstack([plane] * 3))
-    [edge] = with_colour_shifts(edges_of_image(source), source)
+    [edge] = _with_colour_shifts(edges_of_image(source), source)
     assert edge.red_shift_px is None
 
 
@@ -152,7 +152,7 @@ def test_the_stated_error_of_a_place_is_the_scatter_over_noise() -> None:
     rng = np.random.default_rng(4)
     distance = np.sort(rng.uniform(-5, 5, 700))
     clean = 100.0 + 50.0 * edge_profile(distance - 0.2, 0.8)
-    trials = [edge_place(distance, clean + rng.normal(0, 1.5, 700), 0.9) for _ in range(400)]
+    trials = [_edge_place(distance, clean + rng.normal(0, 1.5, 700), 0.9) for _ in range(400)]
     places, errs = np.array([trial for trial in trials if trial is not None]).T
     assert places.size == 400
     # 400 trials tell a standard deviation to 3.5 %: 4 of these.
@@ -172,12 +172,12 @@ def test_a_place_is_found_from_any_likely_start(
 ) -> None:
     distance = np.linspace(-9, 9, 800)
     levels = edge_profile(distance - shift, sigma)
-    found = known(edge_place(distance, 1 - levels if is_falling else levels, guess * sigma))
+    found = known(_edge_place(distance, 1 - levels if is_falling else levels, guess * sigma))
     assert found[0] == pytest.approx(shift, abs=1e-5)
 
 
 def test_flat_levels_have_no_place() -> None:
     rng = np.random.default_rng(1)
-    assert edge_place(np.linspace(-5, 5, 20), np.ones(20), 0.8) is None
-    found = edge_place(np.linspace(-5, 5, 500), rng.normal(0, 1, 500), 0.8)
+    assert _edge_place(np.linspace(-5, 5, 20), np.ones(20), 0.8) is None
+    found = _edge_place(np.linspace(-5, 5, 500), rng.normal(0, 1, 500), 0.8)
     assert found is None or found[1] > 0.05

@@ -15,7 +15,7 @@ from acquisition.errors import (
 )
 from acquisition.stages.grbl_setup import work_envelope
 from acquisition.stages.grbl_wire import BEYOND_TRAVEL, jog_command
-from acquisition.stages.serial_link import WireLog
+from acquisition.stages.serial_link import _WireLog
 from hil_mocks.stages.grbl import GrblFirmware
 from hil_mocks.stages.grbl_protocol import GrblDialect
 from hil_mocks.stages.plant import PlantFaults, StagePlant
@@ -35,8 +35,8 @@ REPORTS_ALARMS = {10: 511.0 + 1024.0}
 
 
 @pytest.fixture
-def log(tmp_path: Path) -> Iterator[WireLog]:
-    with WireLog(tmp_path / "stage.log") as opened:
+def log(tmp_path: Path) -> Iterator[_WireLog]:
+    with _WireLog(tmp_path / "stage.log") as opened:
         yield opened
 
 
@@ -210,7 +210,7 @@ class TestStart:
 
 class TestWhatItSays:
     def test_what_is_not_known_is_noted_once_and_changes_nothing(
-        self, log: WireLog, tmp_path: Path
+        self, log: _WireLog, tmp_path: Path
     ) -> None:
         rig = homed_grbl("grblhal", settings=REPORTS_ALARMS, log=log)
         rig.fail(adds_fields="|$Q:1|New:a,b|SP9:0,,C")
@@ -225,12 +225,12 @@ class TestWhatItSays:
         assert passed_over == [f"not known, passed over: {kind}" for kind in kinds]
 
     def test_after_a_hard_limit_the_field_that_says_so_is_noted(
-        self, log: WireLog, tmp_path: Path
+        self, log: _WireLog, tmp_path: Path
     ) -> None:
         struck(log=log).reopen()
         assert "not known, passed over: field $C" in notes(tmp_path)
 
-    def test_noise_does_not_fill_the_log_with_notes(self, log: WireLog, tmp_path: Path) -> None:
+    def test_noise_does_not_fill_the_log_with_notes(self, log: _WireLog, tmp_path: Path) -> None:
         rig = grbl_rig("grblhal", log=log)
         for number in range(100):
             rig.fail(adds_fields=f"|N{number}:1")

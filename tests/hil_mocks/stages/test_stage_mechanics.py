@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from acquisition.errors import StageStalledError
-from calibration.geometry.pupil import PupilFit, SeriesDistances, fit_pupil
+from calibration.geometry.pupil import PupilFit, SeriesDistances, _fit_pupil
 from hil_mocks.stages.plant import PlantFaults
 from tests.hil_mocks.stage_rigs import GrblRig, ZaberRig, grbl_rig, zaber_rig
 
@@ -50,7 +50,7 @@ def fit_of(rig: Rig, faults_at: dict[float, PlantFaults]) -> PupilFit:
         rig.plant.faults = faults_at.get(height_mm, PlantFaults())
         read_mm.append(rig.stage.move_to(height_mm, 120))
         true_mm.append(rig.plant.true_height_mm)
-    return fit_pupil(
+    return _fit_pupil(
         SeriesDistances(
             heights_mm=np.array(read_mm),
             series=np.zeros(len(read_mm), dtype=np.intp),

@@ -18,7 +18,7 @@ from simulation.kernelgan import (
     estimate_kernel,
     kernel_operator,
 )
-from simulation.kernelgan.crops import OUTPUT_SIDE_PX, TorchMissingError, nearest_positions
+from simulation.kernelgan.crops import OUTPUT_SIDE_PX, TorchMissingError, _nearest_positions
 from simulation.kernelgan.estimate import KERNEL_SIZE, centre_half
 from tests.simulation.dead_leaves import dead_leaves
 
@@ -59,8 +59,8 @@ def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
 
 def test_nearest_positions_by_hand() -> None:
     # 0.75, 2.25, 3.75, 5.25 and 1, 3, 5
-    np.testing.assert_array_equal(nearest_positions(4, 1.5), [0, 2, 3, 5])
-    np.testing.assert_array_equal(nearest_positions(3, 2.0), [1, 3, 5])
+    np.testing.assert_array_equal(_nearest_positions(4, 1.5), [0, 2, 3, 5])
+    np.testing.assert_array_equal(_nearest_positions(3, 2.0), [1, 3, 5])
 
 
 def test_crops_are_drawn_where_the_gradient_is() -> None:
@@ -195,7 +195,7 @@ def test_nearest_equals_a_correlation_sampled_at_the_published_positions() -> No
     for zoom in (2.0, 1.5, 3.0):  # all divide 60 and 90
         made = kernel_operator(SHAPE, SamplingGrid.centred(SHAPE, zoom), kernel, "nearest")
         blurred = ndimage.correlate(image, kernel.weights, mode="reflect")
-        rows, cols = (nearest_positions(int(size / zoom), zoom) for size in SHAPE)
+        rows, cols = (_nearest_positions(int(size / zoom), zoom) for size in SHAPE)
         np.testing.assert_allclose(made.apply(image), blurred[np.ix_(rows, cols)], atol=1e-10)
 
 

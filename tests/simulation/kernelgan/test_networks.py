@@ -13,15 +13,15 @@ from torch.nn import functional  # noqa: E402
 from simulation.kernelgan.crops import (  # noqa: E402
     CropPicker,
     KernelGanError,
-    nearest_positions,
+    _nearest_positions,
 )
 from simulation.kernelgan.training import (  # noqa: E402
     DeepLinearGenerator,
-    GaussianGenerator,
     KernelGanTraining,
-    KernelRegulariser,
-    PatchDiscriminator,
-    boundary_mask,
+    _boundary_mask,
+    _GaussianGenerator,
+    _KernelRegulariser,
+    _PatchDiscriminator,
     composed_kernel,
     sampled,
 )
@@ -37,7 +37,7 @@ def _random(*shape: int, seed: int = 0) -> Tensor:
 def test_the_composed_generator_equals_its_layers_forward_and_gradient(zoom: float) -> None:
     generator = DeepLinearGenerator(torch.Generator().manual_seed(1), 1.0, torch.float64)
     crop = _random(60, 60)
-    taps = torch.from_numpy(nearest_positions(12, zoom))
+    taps = torch.from_numpy(_nearest_positions(12, zoom))
     judged = _random(12, 12, seed=2)
 
     def gradients(made: Tensor) -> list[Tensor]:
@@ -76,7 +76,7 @@ def test_the_first_kernel_is_a_blur_of_13_px_that_adds_up_to_1() -> None:
 
 
 def test_the_gaussian_generator_is_the_closed_form() -> None:
-    generator = GaussianGenerator(1.0, torch.float64)
+    generator = _GaussianGenerator(1.0, torch.float64)
     sigma_y, sigma_x, rho = 1.2, 0.8, 0.3
     generator.log_sigma_px.data = torch.tensor([sigma_y, sigma_x], dtype=torch.float64).log()
     generator.atanh_rho.data = torch.tensor(np.arctanh(rho))
@@ -93,7 +93,7 @@ def test_the_gaussian_generator_is_the_closed_form() -> None:
 
 
 def test_the_discriminator_sees_7_px_and_its_layers_have_unit_norm() -> None:
-    judge = PatchDiscriminator(torch.Generator().manual_seed(0), torch.float64)
+    judge = _PatchDiscriminator(torch.Generator().manual_seed(0), torch.float64)
     image = _random(1, 1, 20, 22)
     assert judge(image).shape == (1, 1, 14, 16)
     judge.normalise(200)
@@ -105,7 +105,7 @@ def test_the_discriminator_sees_7_px_and_its_layers_have_unit_norm() -> None:
 
 
 def test_without_its_layers_the_discriminator_passes_a_gradient_to_the_image_only() -> None:
-    judge = PatchDiscriminator(torch.Generator().manual_seed(0), torch.float64)
+    judge = _PatchDiscriminator(torch.Generator().manual_seed(0), torch.float64)
     image = _random(1, 1, 12, 12).requires_grad_()
     judge(image).sum().backward()  # type: ignore[no-untyped-call]
     assert image.grad is not None
@@ -115,7 +115,7 @@ def test_without_its_layers_the_discriminator_passes_a_gradient_to_the_image_onl
 
 
 def test_the_regulariser_prefers_a_centred_compact_kernel_of_sum_1() -> None:
-    penalty = KernelRegulariser(13, torch.float64)
+    penalty = _KernelRegulariser(13, torch.float64)
     best = torch.zeros(13, 13, dtype=torch.float64)
     best[6, 6] = 1.0
     for worse in (
@@ -128,12 +128,12 @@ def test_the_regulariser_prefers_a_centred_compact_kernel_of_sum_1() -> None:
         assert float(penalty(worse)) > float(penalty(best))
     # One whole pixel off: delta times 1 px, and beta times the mask there.
     off = float(penalty(best.roll(1, 1)) - penalty(best))
-    mask = float(boundary_mask(13, torch.float64)[6, 7])
+    mask = float(_boundary_mask(13, torch.float64)[6, 7])
     assert off == pytest.approx(1.0 + 0.5 * mask, abs=2e-3)  # the root is rounded at 0
 
 
 def test_the_boundary_mask_grows_to_1_in_the_corner() -> None:
-    mask = boundary_mask(13, torch.float64)
+    mask = _boundary_mask(13, torch.float64)
     assert float(mask[6, 6]) == 0.0
     assert float(mask[0, 0]) == 1.0
     along = mask[6, 6:].tolist()

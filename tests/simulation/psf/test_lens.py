@@ -11,10 +11,10 @@ from simulation.psf.lens import (
     CORRECTION_SPLINES,
     LensOtf,
     OtfCorrection,
+    _pupil_otf,
     correction_harmonics,
     correction_roughness,
     correction_splines,
-    pupil_otf,
     pupil_slopes,
 )
 from tests.calibration.lens_edges import AstigmaticLens, pupil_transfer
@@ -28,7 +28,7 @@ def test_a_pupil_in_focus_has_the_transfer_of_two_overlapping_circles() -> None:
     for nu in (0.0, 0.1, 0.5, 0.9, 0.999, 1.0):
         expected = 2 / pi * (acos(nu) - nu * sqrt(1 - nu**2))
         # Interpolated in a table of 1025 values.
-        assert float(pupil_otf(np.array(nu), 0.0)) == pytest.approx(expected, abs=1e-9)
+        assert float(_pupil_otf(np.array(nu), 0.0)) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.slow
@@ -42,7 +42,7 @@ def test_a_pupil_out_of_focus_has_the_autocorrelation_of_its_phases() -> None:
         correlated = np.fft.ifft2(np.abs(np.fft.fft2(pupil)) ** 2)[0].real
         nu = np.array([0.05, 0.2, 0.4, 0.6, 0.8])
         expected = correlated[np.round(2 * radius * nu).astype(int)] / correlated[0]
-        assert pupil_otf(nu, defocus) == pytest.approx(expected, abs=3e-4)
+        assert _pupil_otf(nu, defocus) == pytest.approx(expected, abs=3e-4)
 
 
 def test_along_its_axes_an_astigmatic_pupil_has_the_autocorrelation_of_its_phases() -> None:
@@ -65,12 +65,12 @@ def test_along_its_axes_an_astigmatic_pupil_has_the_autocorrelation_of_its_phase
 @given(nu=st.floats(0.01, 0.99), low=st.floats(0, 2), more=st.floats(0, 4))
 def test_between_tables_a_pupil_is_what_each_table_says(nu: float, low: float, more: float) -> None:
     at = low + more * np.linspace(0, 1, 7)
-    each = [float(pupil_otf(np.array(nu), one)) for one in at.tolist()]
-    assert pupil_otf(np.full(7, nu), at) == pytest.approx(each, abs=1e-7)
+    each = [float(_pupil_otf(np.array(nu), one)) for one in at.tolist()]
+    assert _pupil_otf(np.full(7, nu), at) == pytest.approx(each, abs=1e-7)
 
 
 def test_defocus_turns_the_sign_of_the_contrast() -> None:
-    assert float(pupil_otf(np.array(0.4), 0.7)) < -0.01
+    assert float(_pupil_otf(np.array(0.4), 0.7)) < -0.01
 
 
 @given(xx=periods, yy=periods, share=st.floats(-0.9, 0.9), defocus=waves)
@@ -125,20 +125,20 @@ NU = np.linspace(0.0, 1.2, 61)
 
 @pytest.mark.parametrize("waves", [0.0, 0.3, 1.0, 2.5])
 def test_the_pupils_transfer_is_hopkins_integral(waves: float) -> None:
-    np.testing.assert_allclose(pupil_otf(NU, waves), pupil_transfer(NU, waves), atol=1e-8)
+    np.testing.assert_allclose(_pupil_otf(NU, waves), pupil_transfer(NU, waves), atol=1e-8)
 
 
 @pytest.mark.parametrize("waves", [0.0, 0.3, 1.0, 2.0, 5.0])
 def test_the_slopes_are_differences_of_the_transfer(waves: float) -> None:
     slopes = pupil_slopes(NU, np.array([waves**2]))
-    np.testing.assert_allclose(slopes.otf, pupil_otf(NU, waves), atol=3e-5)
+    np.testing.assert_allclose(slopes.otf, _pupil_otf(NU, waves), atol=3e-5)
     # At 0 and at the cut-off the curve has a corner or a half power: differences straddle it.
     inner = (NU > 0.01) & (abs(NU - 1) > 0.01)
     step = 1e-4
-    by_freq = (pupil_otf(NU + step, waves) - pupil_otf(abs(NU - step), waves)) / (2 * step)
+    by_freq = (_pupil_otf(NU + step, waves) - _pupil_otf(abs(NU - step), waves)) / (2 * step)
     np.testing.assert_allclose(slopes.by_freq[inner], by_freq[inner], atol=1e-3)
     above, below = waves**2 + step, max(waves**2 - step, 0.0)
-    change = pupil_otf(NU, float(np.sqrt(above))) - pupil_otf(NU, float(np.sqrt(below)))
+    change = _pupil_otf(NU, float(np.sqrt(above))) - _pupil_otf(NU, float(np.sqrt(below)))
     by_defocus = change / (above - below)
     # One-sided at 0, where the second derivative is of the order of 10: hence 1e-3.
     np.testing.assert_allclose(slopes.by_defocus_waves2, by_defocus, atol=1e-3)

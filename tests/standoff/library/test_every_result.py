@@ -15,7 +15,7 @@ import pytest
 import standoff
 from acquisition.aravis import FoundCamera
 from scripts.example_files import make_example_files
-from simulation.by_value import ByValue, is_same
+from simulation.by_value import ByValue, _is_same
 from standoff.errors import REPORTED_ERRORS
 from tests.standoff.library.every_result import RESULTS, result_of
 
@@ -284,5 +284,5 @@ def test_what_differs_is_not_equal(there: Path) -> None:
 def test_values_are_the_same_where_they_say_the_same(
     first: object, second: object, same: bool
 ) -> None:
-    assert is_same(first, second) is same
-    assert is_same(second, first) is same
+    assert _is_same(first, second) is same
+    assert _is_same(second, first) is same
