@@ -1,5 +1,7 @@
-from .demo import DEMO_FILES as DEMO_FILES, DemoResult as DemoResult, run_demo as run_demo
-from .paper import (
+from .experiments import (
+    DEMO_FILES as DEMO_FILES,
+    DemoResult as DemoResult,
+    run_demo as run_demo,
     run_paper as run_paper,
     short_bench as short_bench,
 )
