@@ -5,4 +5,4 @@ from .experiments import (
     run_paper as run_paper,
     short_bench as short_bench,
 )
-from .real_pair import DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS, RealPair as RealPair
+from .real_pair import DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS
