@@ -49,7 +49,13 @@ from analysis.detectability import (
     read_curves as read_curves,
 )
 from analysis.detectors import Detector as Detector
-from analysis.detectors.learned import TrainingPair as TrainingPair, load_learned as load_learned
+from analysis.detectors.learned import (
+    LearnedDetector as LearnedDetector,
+    TrainingOptions as TrainingOptions,
+    TrainingPair as TrainingPair,
+    load_learned as load_learned,
+    train_detector as train_detector,
+)
 from analysis.evaluation import (
     Condition as Condition,
     Evaluation as Evaluation,
@@ -143,15 +149,12 @@ from .library.evaluation import (
     ChangePairsTask as ChangePairsTask,
     EvaluatedDetector as EvaluatedDetector,
     EvaluationTask as EvaluationTask,
-    LearnedDetector as LearnedDetector,
     Patch as Patch,
     Spot as Spot,
-    TrainingOptions as TrainingOptions,
     change_pairs as change_pairs,
     evaluate as evaluate,
     patch_of as patch_of,
     read_change_pairs as read_change_pairs,
-    train_detector as train_detector,
 )
 from .library.geometry import (
     calibrate_geometry as calibrate_geometry,

@@ -541,7 +541,7 @@ class BenchCapture(ByValue):
             ("height / mm", f"{self.height_mm:.3f}"),
             ("frames", str(self.frames_used)),
             ("exposure / us", f"{self.exposure_us:g}"),
-            ("gain / dB", f"{self.settings.gain_db:g}"),
+            ("gain / dB", "" if self.settings.gain_db is None else f"{self.settings.gain_db:g}"),
             ("saturated pixels", str(self.saturated_pixels)),
             ("focus value", f"{self.focus_value:.4g}"),
         ]

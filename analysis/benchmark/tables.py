@@ -21,6 +21,16 @@ class ScoreTable:
     rows: tuple[tuple[str, ...], ...]
     best: frozenset[tuple[int, int]]
 
+    def marked_rows(self, mark: str) -> tuple[tuple[str, ...], ...]:
+        """Return the rows, with a mark behind the best values."""
+        return tuple(
+            tuple(
+                f"{cell} {mark}" if (at, column) in self.best else cell
+                for column, cell in enumerate(row)
+            )
+            for at, row in enumerate(self.rows)
+        )
+
 
 def score_tables(scores: BenchmarkScores) -> list[ScoreTable]:
     """Return the tables of all tracks, in their order.

@@ -11,34 +11,33 @@ from .change_pictures import (
     limit_figure as limit_figure,
     view_figures as view_figures,
 )
-from .change_series import render_series_report as render_series_report
+from .change_series import series_report as series_report
 from .changes import (
+    changes_report as changes_report,
     changes_section as changes_section,
     count_text as count_text,
     limit_section as limit_section,
     q_text as q_text,
-    render_changes_report as render_changes_report,
     stored_changes_section as stored_changes_section,
     stored_pose_section as stored_pose_section,
 )
 from .evaluation import (
+    benchmark_report as benchmark_report,
     evaluation_figures as evaluation_figures,
+    evaluation_report as evaluation_report,
     plot_changes as plot_changes,
     plot_detectability as plot_detectability,
     plot_limits as plot_limits,
     plot_pose as plot_pose,
-    render_benchmark_report as render_benchmark_report,
-    render_evaluation_report as render_evaluation_report,
 )
 from .geometry import geometry_sections as geometry_sections, geometry_verdicts as geometry_verdicts
-from .noise import render_noise_report as render_noise_report
+from .noise import noise_report as noise_report
 from .page import (
     Report as Report,
     ReportSection as ReportSection,
     in_report_style as in_report_style,
     new_figure as new_figure,
     png_bytes as png_bytes,
-    render_report as render_report,
     svg_bytes as svg_bytes,
     views_script as views_script,
     write_figure as write_figure,
@@ -60,14 +59,14 @@ from .psf_history import (
 from .psf_remarks import psf_remarks as psf_remarks
 from .session import (
     SessionNotes as SessionNotes,
-    render_calibration_report as render_calibration_report,
-    render_geometry_report as render_geometry_report,
-    render_history_report as render_history_report,
-    render_session_report as render_session_report,
+    calibration_report as calibration_report,
+    geometry_report as geometry_report,
+    history_report as history_report,
+    session_report as session_report,
 )
 from .validation import (
     plot_curves as plot_curves,
     plot_furthest as plot_furthest,
     plot_images as plot_images,
-    render_validation as render_validation,
+    validation_report as validation_report,
 )

@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from acquisition.focus import FocusPeak
-from acquisition.session import CaptureRecord, Session
+from acquisition.session import CaptureRecord, Session, SessionCapture
 from analysis.reports.page import (
     ReportFigure,
     ReportSection,
     ReportTable,
     in_report_style,
-    new_figure,
+    new_plot,
+    number_text,
 )
 from calibration.edges import REJECTING_FLAGS
 from calibration.noise import LevelNoise, fit_level_noise
@@ -65,8 +66,7 @@ def plot_noise(sample: NoiseSample) -> Figure:
     level = np.bincount(bin_index, mean, minlength=_BINS)[used] / count[used]
     spread = np.bincount(bin_index, variance, minlength=_BINS)[used] / count[used]
     reach = NORMAL_95 * spread * np.sqrt(2 / (max(sample.frames - 1, 1) * count[used]))
-    figure = new_figure(6.4, 3.2)
-    axes = figure.subplots()
+    figure, axes = new_plot()
     axes.errorbar(
         level, spread, yerr=reach, fmt="o", markersize=3.5, color=BLUE, label="binned pixels"
     )
@@ -87,8 +87,7 @@ def plot_stage(records: Sequence[CaptureRecord]) -> Figure:
     """Plot the heights read back against those requested."""
     asked = np.array([record.height_asked_mm for record in records])
     away_um = 1e3 * np.array([record.height_mm - record.height_asked_mm for record in records])
-    figure = new_figure(6.4, 2.6)
-    axes = figure.subplots()
+    figure, axes = new_plot(6.4, 2.6)
     axes.plot(asked, away_um, "o", markersize=4, color=BLUE)
     axes.axhline(0, color=INK, linewidth=0.6)
     reach = max(1.0, 1.2 * float(np.abs(away_um).max()))
@@ -104,44 +103,28 @@ _FEWEST_FRAMES = 3
 
 def captures_section(session: Session) -> ReportSection:
     """List every capture, with those excluded and why."""
-    rows = tuple(
-        (
-            str(capture.record.index),
-            capture.record.kind,
-            capture.record.target,
-            f"{capture.record.orientation_deg:g}",
-            f"{capture.record.height_asked_mm:.3f}",
-            f"{capture.record.height_mm:.3f}",
-            str(capture.record.frames_used),
-            str(capture.record.incomplete_frames),
-            str(capture.record.saturated_pixels),
-            "" if capture.record.focus_value is None else f"{capture.record.focus_value:.4g}",
-            _standing(capture.is_superseded, capture.excluded_because),
-        )
-        for capture in session.captures
-    )
-    columns = (
-        "capture",
-        "kind",
-        "target",
-        "orientation / deg",
-        "requested / mm",
-        "height / mm",
-        "frames",
-        "lost",
-        "saturated",
-        "focus",
-        "remarks",
-    )
     complete = "complete" if session.is_complete else "incomplete: run the capture again"
-    return ReportSection(
-        title="Captures",
-        text=(
-            f"{len(session.records)} of {len(session.entries)} planned; {complete}.",
-            "Columns: requested, the height in the plan; height, the one read back; lost, "
-            "incomplete frames that were replaced; saturated, pixels clipped in any frame.",
+    return ReportSection.of(
+        "Captures",
+        f"{len(session.records)} of {len(session.entries)} planned; {complete}.",
+        "Columns: requested, the height in the plan; height, the one read back; lost, "
+        "incomplete frames that were replaced; saturated, pixels clipped in any frame.",
+        ReportTable.of(
+            session.captures,
+            {
+                "capture": lambda one: str(one.record.index),
+                "kind": lambda one: one.record.kind,
+                "target": lambda one: one.record.target,
+                "orientation / deg": lambda one: f"{one.record.orientation_deg:g}",
+                "requested / mm": lambda one: f"{one.record.height_asked_mm:.3f}",
+                "height / mm": lambda one: f"{one.record.height_mm:.3f}",
+                "frames": lambda one: str(one.record.frames_used),
+                "lost": lambda one: str(one.record.incomplete_frames),
+                "saturated": lambda one: str(one.record.saturated_pixels),
+                "focus": lambda one: number_text(one.record.focus_value, ".4g"),
+                "remarks": _standing,
+            },
         ),
-        tables=(ReportTable(columns=columns, rows=rows),),
     )
 
 
@@ -150,34 +133,26 @@ def noise_section(session: Session, psf: PsfCalibration | None) -> ReportSection
     sample = _noise_sample(session)
     if sample is None:
         return None
-    gain = sample.gain_e_per_dn
-    text = [
+    gain, read_noise_dn = sample.gain_e_per_dn, sample.read_noise_dn
+    row = (
+        number_text(gain, ".3f", "not determined"),
+        f"{read_noise_dn:.3f}",
+        number_text(None if gain is None else gain * read_noise_dn, ".2f"),
+        str(sample.frames),
+    )
+    return ReportSection.of(
+        "Noise",
         f"Temporal variance of {sample.frames} frames against their mean, pixel by pixel. The "
         "slope of the line gives the shot noise, its value at the black level the read noise.",
-        *_averaging(psf, sample.frames),
-    ]
-    if gain is None:
-        text.append("The variance does not rise with the level: the gain is not determined.")
-    electrons = "" if gain is None else f"{gain * sample.read_noise_dn:.2f}"
-    return ReportSection(
-        title="Noise",
-        text=tuple(text),
-        tables=(
-            ReportTable(
-                columns=("gain / (e/DN)", "read noise / DN", "read noise / e", "frames averaged"),
-                rows=(
-                    (
-                        "not determined" if gain is None else f"{gain:.3f}",
-                        f"{sample.read_noise_dn:.3f}",
-                        electrons,
-                        str(sample.frames),
-                    ),
-                ),
-            ),
+        _averaging(psf, sample.frames),
+        "The variance does not rise with the level: the gain is not determined."
+        if gain is None
+        else None,
+        ReportTable(
+            columns=("gain / (e/DN)", "read noise / DN", "read noise / e", "frames averaged"),
+            rows=(row,),
         ),
-        figures=(
-            ReportFigure.of(plot_noise(sample), "Photon transfer of one capture, with 95 % bars."),
-        ),
+        ReportFigure.of(plot_noise(sample), "Photon transfer of one capture, with 95 % bars."),
     )
 
 
@@ -187,17 +162,11 @@ def stage_section(session: Session) -> ReportSection | None:
     if not records:
         return None
     away_um = np.array([1e3 * (r.height_mm - r.height_asked_mm) for r in records])
-    return ReportSection(
-        title="Stage",
-        text=(
-            f"Read back minus requested: mean {away_um.mean():+.1f} µm, largest "
-            f"{np.abs(away_um).max():.1f} µm, over {len(records)} captures.",
-        ),
-        figures=(
-            ReportFigure.of(
-                plot_stage(records), "Height read back minus requested, at each height."
-            ),
-        ),
+    return ReportSection.of(
+        "Stage",
+        f"Read back minus requested: mean {away_um.mean():+.1f} µm, largest "
+        f"{np.abs(away_um).max():.1f} µm, over {len(records)} captures.",
+        ReportFigure.of(plot_stage(records), "Height read back minus requested, at each height."),
     )
 
 
@@ -229,31 +198,30 @@ def _noise_sample(session: Session) -> NoiseSample | None:
     return None
 
 
-def _averaging(psf: PsfCalibration | None, frames: int) -> tuple[str, ...]:
+def _averaging(psf: PsfCalibration | None, frames: int) -> str | None:
     """What is left of a frame's noise in the mean, by what the edge fits leave over."""
-    if psf is None:
-        return ()
     known = [
         edge.chi2_reduced
-        for edge in psf.edges
+        for edge in (psf.edges if psf else ())
         if edge.chi2_reduced is not None and not REJECTING_FLAGS & set(edge.flags)
     ]
     if not known:
-        return ()
+        return None
     ideal = 1 / np.sqrt(frames)
     measured = float(np.sqrt(np.median(known))) * ideal
     return (
         f"Averaging {frames} frames leaves {measured:.3f} of a frame's noise around the fitted "
         f"edges (median of {len(known)}); 1/√{frames} = {ideal:.3f} is expected of independent "
         "frames. A larger value means structure that the edge model does not describe, or noise "
-        "that the frames share.",
+        "that the frames share."
     )
 
 
-def _standing(is_superseded: bool, excluded_because: str | None) -> str:
-    if is_superseded:
+def _standing(capture: SessionCapture) -> str:
+    if capture.is_superseded:
         return "superseded"
-    return "" if excluded_because is None else f"excluded: {excluded_because}"
+    because = capture.excluded_because
+    return "" if because is None else f"excluded: {because}"
 
 
 def _snapshot(snapshot: Mapping[str, object]) -> str:
@@ -277,7 +245,7 @@ def plot_focus_sweep(
     ax: Axes | None = None,
 ) -> Figure:
     """Plot focus values by height, with the fitted curve and the peak where there is one."""
-    axes = new_figure(6.4, 3.4).subplots() if ax is None else ax
+    axes = new_plot(6.4, 3.4)[1] if ax is None else ax
     axes.errorbar(
         heights_mm, values, yerr=errs, fmt="o", markersize=4, linewidth=0.9, color=BLUE,
         label="measured",

@@ -1,6 +1,7 @@
 """The page on several follow-ups: each with its result, and each change over all of them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from urllib.parse import quote
 
 import numpy as np
@@ -26,8 +27,9 @@ from analysis.reports.page import (
     Verdict,
     encodings_text,
     in_report_style,
-    new_figure,
-    render_report,
+    new_plot,
+    number_text,
+    present,
 )
 from calibration.estimate import NORMAL_95
 from simulation.arrays import AnyArray
@@ -43,107 +45,92 @@ _COLOURS = (*PALETTE, "#7A5C00", "#000000")
 _SEEN, _NOT_SEEN, _NOT_COMPARED = VERMILION, "#DDE3E9", "#FFFFFF"
 
 
-def render_series_report(
+def series_report(
     series: ChangesSeries,
     followups: Sequence[ComparedFollowup],
     time_line: ChangeTimeLine | None,
     reference_dn: AnyArray | None,
-) -> str:
-    """Return the report of several follow-ups as one HTML document.
+) -> Report:
+    """Return the report of several follow-ups.
 
     ``time_line``: of the changes; None for pairs, or for very many follow-ups. ``reference_dn``:
     the reference, for a map of the tracks: shape ``(rows, cols)``, or ``(rows, cols, 3)`` in
     colour, linear in light.
     """
-    sections = [] if time_line is None else [_time_line_section(time_line, reference_dn)]
-    return render_report(
-        Report(
-            title="Changes over several photographs",
-            subtitle=series.reference,
-            verdicts=_verdicts(series, time_line),
-            sections=(*sections, _followups_section(followups, series.compared + series.refused)),
-            provenance=versions(),
-            origin=series.provenance,
-            front=ReportFront(
-                outcome="unsure" if series.changed else "none",
-                label=f"{series.changed} of {series.compared} changed",
-                verdict="Each follow-up was compared with its reference by itself.",
-                facts=(("encoding", encodings_text(series.provenance) or "not stated"),),
-                warnings=(
-                    *(f"no partner: {name}" for name in series.unpaired),
-                    *(f"not compared: {one.refused}" for one in followups if one.refused),
-                ),
-            ),
-        )
-    )
-
-
-def _verdicts(series: ChangesSeries, time_line: ChangeTimeLine | None) -> tuple[Verdict, ...]:
-    counts = (
-        ("compared", series.compared, "follow-ups"),
-        ("changed", series.changed, "with at least one changed pixel"),
-        ("refused", series.refused, "could not be read or aligned"),
-    )
-    shown = [Verdict(name=name, value=str(value), remark=remark) for name, value, remark in counts]
+    tracks = None
     if time_line is not None:
         lasting = sum(track.seen > 1 for track in time_line.tracks)
-        shown.append(
-            Verdict(
-                name="tracks",
-                value=str(len(time_line.tracks)),
-                remark=f"{lasting} seen in several follow-ups",
-            )
-        )
-    return tuple(shown)
-
-
-def _followups_section(followups: Sequence[ComparedFollowup], count: int) -> ReportSection:
-    shown = followups[:_LISTED]
-    text = ["Click a follow-up for its own page."]
-    if len(shown) < count:
-        text.append(f"{len(shown)} of {count} are listed; changes.csv has all.")
-    return ReportSection(
-        title="Follow-ups",
-        text=tuple(text),
-        tables=(
-            ReportTable(
-                columns=("follow-up", "taken", "changes", "changed px", "zoom", "remarks"),
-                rows=tuple(_followup_row(one) for one in shown),
-                links=tuple("" if one.folder is None else _address(one.folder) for one in shown),
-                ends_in_words=True,
+        told = f"{lasting} seen in several follow-ups"
+        tracks = Verdict("tracks", str(len(time_line.tracks)), told)
+    return Report(
+        title="Changes over several photographs",
+        subtitle=series.reference,
+        verdicts=present(
+            Verdict("compared", str(series.compared), "follow-ups"),
+            Verdict("changed", str(series.changed), "with at least one changed pixel"),
+            Verdict("refused", str(series.refused), "could not be read or aligned"),
+            tracks,
+        ),
+        sections=present(
+            None if time_line is None else _time_line_section(time_line, reference_dn),
+            _followups_section(followups, series.compared + series.refused),
+        ),
+        provenance=versions(),
+        origin=series.provenance,
+        front=ReportFront(
+            outcome="unsure" if series.changed else "none",
+            label=f"{series.changed} of {series.compared} changed",
+            verdict="Each follow-up was compared with its reference by itself.",
+            facts=(("encoding", encodings_text(series.provenance) or "not stated"),),
+            warnings=(
+                *(f"no partner: {name}" for name in series.unpaired),
+                *(f"not compared: {one.refused}" for one in followups if one.refused),
             ),
         ),
     )
 
 
-def _followup_row(one: ComparedFollowup) -> tuple[str, ...]:
-    name = one.folder or one.followup
-    if one.zoom is None:
-        return name, one.taken or "", "", "", "", one.refused or ""
-    return (
-        name,
-        one.taken or "",
-        str(one.changes),
-        str(one.changed_px),
-        f"{one.zoom:.3f}",
-        one.warnings or "",
+def _followups_section(followups: Sequence[ComparedFollowup], count: int) -> ReportSection:
+    shown = followups[:_LISTED]
+    table = ReportTable.of(
+        shown,
+        {
+            "follow-up": lambda one: one.folder or one.followup,
+            "taken": lambda one: one.taken or "",
+            "changes": lambda one: "" if one.zoom is None else str(one.changes),
+            "changed px": lambda one: "" if one.zoom is None else str(one.changed_px),
+            "zoom": lambda one: number_text(one.zoom, ".3f"),
+            "remarks": lambda one: (one.refused if one.zoom is None else one.warnings) or "",
+        },
+        ends_in_words=True,
+    )
+    return ReportSection.of(
+        "Follow-ups",
+        "Click a follow-up for its own page.",
+        f"{len(shown)} of {count} are listed; changes.csv has all." if len(shown) < count else None,
+        replace(table, links=tuple(_address(one.folder) for one in shown)),
     )
 
 
-def _address(folder: str) -> str:
-    return f"{quote(folder)}/report.html"
+def _address(folder: str | None) -> str:
+    return "" if folder is None else f"{quote(folder)}/report.html"
 
 
 def _time_line_section(line: ChangeTimeLine, reference_dn: AnyArray | None) -> ReportSection:
+    if not line.tracks:
+        return ReportSection.of("Time line", "No follow-up has a change.")
     order = "the time that their files state" if line.order == "time" else "their names"
-    text = [
+    return ReportSection.of(
+        "Time line",
         f"Follow-ups are in the order of {order}. A track is a change at the same place of the "
         "reference and of the same sign; where the list of a follow-up does not have it, the "
-        "amplitude that is excluded at 95 % stands in its stead."
-    ]
-    if not line.tracks:
-        return ReportSection(title="Time line", text=("No follow-up has a change.",))
-    figures = [
+        "amplitude that is excluded at 95 % stands in its stead.",
+        _tracks_table(line),
+        None
+        if reference_dn is None
+        else ReportFigure.of(
+            plot_track_map(line, reference_dn), "The tracks in the reference.", form="png"
+        ),
         ReportFigure.of(
             _plot_time_line(line),
             f"Amplitude of the {min(len(line.tracks), _TRACKS_DRAWN)} tracks seen most often, "
@@ -153,44 +140,23 @@ def _time_line_section(line: ChangeTimeLine, reference_dn: AnyArray | None) -> R
             _plot_sightings(line),
             "Where each track was seen (orange), not seen (grey) or not compared (white).",
         ),
-    ]
-    if reference_dn is not None:
-        figures.insert(
-            0,
-            ReportFigure.of(
-                plot_track_map(line, reference_dn), "The tracks in the reference.", form="png"
-            ),
-        )
-    return ReportSection(
-        title="Time line", text=tuple(text), tables=(_tracks_table(line),), figures=tuple(figures)
     )
 
 
 def _tracks_table(line: ChangeTimeLine) -> ReportTable:
     names = [_short(one) for one in line.followups]
-    return ReportTable(
-        columns=(
-            "track",
-            "reference x / px",
-            "reference y / px",
-            "seen",
-            "first",
-            "last",
-            "strongest / DN",
-        ),
-        rows=tuple(
-            (
-                str(number),
-                f"{track.reference_x_px:.1f}",
-                f"{track.reference_y_px:.1f}",
-                f"{track.seen} of {len(track.points)}",
-                names[track.first_seen],
-                names[track.last_seen],
-                f"{_strongest_dn(track):+.3g}",
-            )
-            for number, track in enumerate(line.tracks[:_TRACKS_LISTED], 1)
-        ),
-        caption="Tracks, the longest seen first; series.json has all of them with every follow-up.",
+    return ReportTable.of(
+        enumerate(line.tracks[:_TRACKS_LISTED], 1),
+        {
+            "track": lambda one: str(one[0]),
+            "reference x / px": lambda one: f"{one[1].reference_x_px:.1f}",
+            "reference y / px": lambda one: f"{one[1].reference_y_px:.1f}",
+            "seen": lambda one: f"{one[1].seen} of {len(one[1].points)}",
+            "first": lambda one: names[one[1].first_seen],
+            "last": lambda one: names[one[1].last_seen],
+            "strongest / DN": lambda one: f"{_strongest_dn(one[1]):+.3g}",
+        },
+        "Tracks, the longest seen first; series.json has all of them with every follow-up.",
     )
 
 
@@ -210,8 +176,7 @@ def _short(one: TimeLineFollowup) -> str:
 @in_report_style
 def _plot_time_line(line: ChangeTimeLine) -> Figure:
     """Draw the amplitudes of the first tracks over the follow-ups."""
-    figure = new_figure(7.2, 4.0)
-    axes = figure.subplots()
+    figure, axes = new_plot(7.2, 4.0)
     drawn = line.tracks[:_TRACKS_DRAWN]
     for number, (track, colour) in enumerate(zip(drawn, _COLOURS, strict=False), 1):
         # Side by side, where bars would hide each other.
@@ -255,8 +220,7 @@ def _plot_sightings(line: ChangeTimeLine) -> Figure:
     colours = np.array(
         [[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in (_SEEN, _NOT_SEEN, _NOT_COMPARED)]
     )
-    figure = new_figure(7.2, 2.1 + 0.16 * len(drawn))
-    axes = figure.subplots()
+    figure, axes = new_plot(7.2, 2.1 + 0.16 * len(drawn))
     axes.imshow(colours[cells], aspect="auto", interpolation="nearest")
     step = max(1, len(drawn) // 20)
     axes.set_yticks(
@@ -272,8 +236,7 @@ def _plot_sightings(line: ChangeTimeLine) -> Figure:
 def plot_track_map(line: ChangeTimeLine, reference_dn: AnyArray) -> Figure:
     """Draw the tracks on the reference, which may be in colour."""
     rows, cols = reference_dn.shape[:2]
-    figure = new_figure(5.6, min(5.6 * rows / cols, 6.5))
-    axes = figure.subplots()
+    figure, axes = new_plot(5.6, min(5.6 * rows / cols, 6.5))
     if reference_dn.ndim == 3:
         step = -(-max(rows, cols) // _DRAWN_PX)
         drawn, extent = reference_dn[::step, ::step], (-0.5, cols - 0.5, rows - 0.5, -0.5)

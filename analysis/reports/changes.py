@@ -1,10 +1,9 @@
 """The sections of a comparison: verdict, views with the list of changes, and how it was made."""
 
-from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from math import isfinite
-
-from markupsafe import Markup
+from typing import TypeAlias
 
 from analysis.changes import (
     Change,
@@ -16,7 +15,7 @@ from analysis.changes import (
     describe_prediction,
 )
 from analysis.choices import acceptance
-from analysis.detection_limits import DetectionLimit, size_text
+from analysis.detection_limits import DetectionLimit, SpotLimit, size_text
 from analysis.pose import PoseSummary
 from analysis.reports.bench import versions
 from analysis.reports.page import (
@@ -26,8 +25,10 @@ from analysis.reports.page import (
     ReportSection,
     ReportTable,
     Verdict,
+    as_sentence,
     encodings_text,
-    render_report,
+    number_text,
+    present,
 )
 from calibration.estimate import NORMAL_95
 
@@ -42,63 +43,57 @@ _KERNELS = {
 _LEAST_Q = 1e-6
 
 
-def render_changes_report(
+def changes_report(
     summary: ChangeSummary,
     views: Sequence[ReportFigure],
     limit_map: ReportFigure | None = None,
     facts: Sequence[tuple[str, str]] = (),
-) -> str:
-    """Return the report of a comparison as one HTML document.
+) -> Report:
+    """Return the report of a comparison.
 
     ``facts``: names and values to add to the front page, such as when the photographs were taken.
     """
-    return render_report(
-        Report(
-            title="Changes",
-            subtitle=f"{summary.followup} against {summary.reference}",
-            verdicts=_verdicts(summary),
-            sections=(
-                changes_section(summary, views),
-                *(
-                    (limit_section(summary.detection_limit, limit_map),)
-                    if summary.detection_limit is not None
-                    else ()
-                ),
-                _comparison_section(summary),
+    limit = summary.detection_limit
+    return Report(
+        title="Changes",
+        subtitle=f"{summary.followup} against {summary.reference}",
+        verdicts=_verdicts(summary),
+        sections=present(
+            changes_section(summary, views),
+            None if limit is None else limit_section(limit, limit_map),
+            _comparison_section(summary),
+        ),
+        provenance=versions(),
+        origin=summary.provenance,
+        front=ReportFront(
+            outcome="unsure" if summary.changes else "none",
+            label=count_text(len(summary.changes)),
+            verdict=" ".join(
+                [f"{_comparison_sentence(summary)}.", *_told(summary, _LIMIT_AND_PREDICTION)]
             ),
-            provenance=versions(),
-            origin=summary.provenance,
-            front=_front(summary, facts),
-        )
+            facts=(
+                *facts,
+                ("encoding", encodings_text(summary.provenance) or "not stated"),
+                ("zoom, follow-up over reference", f"{summary.zoom:.3f}"),
+                ("clipped", f"{summary.saturated_px} px"),
+            ),
+            warnings=summary.warnings,
+        ),
     )
+
+
+_Describe: TypeAlias = Callable[[ChangeSummary], str | None]
+_LIMIT_AND_PREDICTION: tuple[_Describe, ...] = (describe_limit, describe_prediction)
+
+
+def _told(summary: ChangeSummary, those: Iterable[_Describe]) -> Iterator[str]:
+    """What there is to say of a comparison, in sentences."""
+    return (as_sentence(text) for describe in those if (text := describe(summary)) is not None)
 
 
 def count_text(count: int) -> str:
     """Return how many changes there are, as people say it."""
     return {0: "no change", 1: "1 change"}.get(count, f"{count} changes")
-
-
-def _front(summary: ChangeSummary, facts: Sequence[tuple[str, str]]) -> ReportFront:
-    return ReportFront(
-        outcome="unsure" if summary.changes else "none",
-        label=count_text(len(summary.changes)),
-        verdict=_front_sentence(summary),
-        facts=(
-            *facts,
-            ("encoding", encodings_text(summary.provenance) or "not stated"),
-            ("zoom, follow-up over reference", f"{summary.zoom:.3f}"),
-            ("clipped", f"{summary.saturated_px} px"),
-        ),
-        warnings=summary.warnings,
-    )
-
-
-def _front_sentence(summary: ChangeSummary) -> str:
-    said = f"{_comparison_sentence(summary)}."
-    for sentence in (describe_limit(summary), describe_prediction(summary)):
-        if sentence is not None:
-            said += f" {sentence[0].upper()}{sentence[1:]}."
-    return said
 
 
 def _comparison_sentence(summary: ChangeSummary) -> str:
@@ -117,129 +112,91 @@ def _comparison_sentence(summary: ChangeSummary) -> str:
 
 def _verdicts(summary: ChangeSummary) -> tuple[Verdict, ...]:
     strongest = max(summary.changes, key=lambda one: one.significance, default=None)
-    return (
-        Verdict(name="changes", value=str(len(summary.changes)), remark=_strongest(strongest)),
-        Verdict(
-            name="changed pixels",
-            value=str(summary.changed_px),
-            remark=f"of {summary.compared_px} that were compared",
-        ),
-        Verdict(
-            name="blur", value=_blur_value(summary), remark=_KERNELS.get(summary.kernel or "", "")
-        ),
-        Verdict(name="light", value=f"x {summary.gain:.3f}", remark="follow-up over reference"),
-    )
-
-
-def _strongest(change: Change | None) -> str:
-    if change is None:
-        return ""
-    return f"the strongest {_amplitude(change)} DN, {change.significance:.1f} standard deviations"
-
-
-def _blur_value(summary: ChangeSummary) -> str:
+    told = ""
+    if strongest is not None:
+        deviations = f"{strongest.significance:.1f} standard deviations"
+        told = f"the strongest {_amplitude(strongest)} DN, {deviations}"
+    compared = f"of {summary.compared_px} that were compared"
     err = summary.extra_blur_err_px2
     reach = f" ± {NORMAL_95 * err:.2f}" if isfinite(err) else ""
-    return f"{summary.extra_blur_px2:z.2f}{reach} px²"
+    blur = f"{summary.extra_blur_px2:z.2f}{reach} px²"
+    return (
+        Verdict("changes", str(len(summary.changes)), told),
+        Verdict("changed pixels", str(summary.changed_px), compared),
+        Verdict("blur", blur, _KERNELS.get(summary.kernel or "", "")),
+        Verdict("light", f"x {summary.gain:.3f}", "follow-up over reference"),
+    )
 
 
 def changes_section(summary: ChangeSummary, views: Sequence[ReportFigure]) -> ReportSection:
     """Show the views, and under them the list of changes that they number."""
-    text = [
+    small, count = describe_least(summary), len(summary.changes)
+    cut = f"The first {_LISTED} of {count} changes are listed; changes.csv has all."
+    moved = tuple(_told(summary, (describe_moved,)))
+    return ReportSection.of(
+        "Before and after",
         "Grey hatching: not compared, since one of the photographs does not show it. Orange: "
-        "clipped. Violet: left out by the mask. Click a row of the list to see its change."
-    ]
-    if len(summary.changes) > _LISTED:
-        text.append(
-            f"The first {_LISTED} of {len(summary.changes)} changes are listed; changes.csv has "
-            "all."
-        )
-    tables = (_list_table(summary.changes),) if summary.changes else ()
-    small = describe_least(summary)
-    if small is not None:
-        text.append(f"{small}.")
-    moved = describe_moved(summary)
-    if moved is not None:
-        text.append(f"{moved[0].upper()}{moved[1:]}.")
-        tables = (*tables, _moved_table(summary.moved))
-    return ReportSection(
-        title="Before and after", text=tuple(text), figures=tuple(views), tables=tables,
+        "clipped. Violet: left out by the mask. Click a row of the list to see its change.",
+        cut if count > _LISTED else None,
+        None if small is None else f"{small}.",
+        *moved,
+        _list_table(summary.changes) if summary.changes else None,
+        _moved_table(summary.moved) if moved else None,
+        *views,
         has_views=True,
-    )  # fmt: skip
+    )
 
 
 def limit_section(limit: DetectionLimit, limit_map: ReportFigure | None) -> ReportSection:
     """Show what would have been found: the map, and the limits for several widths."""
-    text = (
+    columns: dict[str, Callable[[SpotLimit], str]] = {
+        "spot, sigma": lambda spot: size_text(spot, limit),
+        "half the area / DN": lambda spot: f"{spot.median_dn:.3g}",
+        "95 % of it / DN": lambda spot: f"{spot.p95_dn:.3g}",
+        "worst place / DN": lambda spot: f"{spot.worst_dn:.3g}",
+    }
+    if limit.contrast_dn is not None:
+        columns[f"found at {limit.contrast_dn:g} DN"] = lambda spot: (
+            ""
+            if spot.reached_fraction is None
+            else f"{100 * spot.reached_fraction:.1f} % of the area"
+        )
+    return ReportSection.of(
+        "What would have been found",
         f"The amplitude that a Gaussian spot needs to be found {100 * limit.power:.0f} times of "
         "100, at the stated false alarms. The width is the spot's as the follow-up shows it; it "
         "is listed if it stands out at any of the filters. What is no spot, such as a line, is "
         "found at a lower amplitude if it is longer, and at a higher one if it is narrower.",
-    )
-    asked = () if limit.contrast_dn is None else (f"found at {limit.contrast_dn:g} DN",)
-    rows = []
-    for spot in limit.spots:
-        row = [size_text(spot, limit)]
-        row += [f"{value:.3g}" for value in (spot.median_dn, spot.p95_dn, spot.worst_dn)]
-        if asked and spot.reached_fraction is not None:
-            row.append(f"{100 * spot.reached_fraction:.1f} % of the area")
-        rows.append(tuple(row))
-    return ReportSection(
-        title="What would have been found",
-        text=text,
-        figures=() if limit_map is None else (limit_map,),
-        tables=(
-            ReportTable(
-                columns=(
-                    "spot, sigma",
-                    "half the area / DN",
-                    "95 % of it / DN",
-                    "worst place / DN",
-                    *asked,
-                ),
-                rows=tuple(rows),
-                caption="Amplitudes in the follow-up's levels, over the compared pixels.",
-            ),
+        limit_map,
+        ReportTable.of(
+            limit.spots,
+            columns,
+            "Amplitudes in the follow-up's levels, over the compared pixels.",
         ),
     )
 
 
 def _list_table(changes: Sequence[Change]) -> ReportTable:
     """Tabulate changes, numbered from 1."""
-    return ReportTable(
-        columns=(
-            "change",
-            "what",
-            "x / px",
-            "y / px",
-            "reference x / px",
-            "reference y / px",
-            "area / px",
-            "sigma / px",
-            "amplitude / DN",
-            "significance",
-            "q value",
-        ),
-        rows=tuple(
-            (
-                str(number),
-                _what(change),
-                f"{change.x_px:.1f}",
-                f"{change.y_px:.1f}",
-                f"{change.reference_x_px:.1f}",
-                f"{change.reference_y_px:.1f}",
-                f"{change.area_px:.0f}",
-                "" if change.spot_sigma_px is None else f"{change.spot_sigma_px:.1f}",
-                _amplitude(change),
-                f"{change.significance:.1f}",
-                q_text(change.q_value),
-            )
-            for number, change in enumerate(changes[:_LISTED], 1)
-        ),
-        caption="Changes, first what catches the eye first; amplitudes are after minus before in "
+    table = ReportTable.of(
+        enumerate(changes[:_LISTED], 1),
+        {
+            "change": lambda one: str(one[0]),
+            "what": lambda one: _what(one[1]),
+            "x / px": lambda one: f"{one[1].x_px:.1f}",
+            "y / px": lambda one: f"{one[1].y_px:.1f}",
+            "reference x / px": lambda one: f"{one[1].reference_x_px:.1f}",
+            "reference y / px": lambda one: f"{one[1].reference_y_px:.1f}",
+            "area / px": lambda one: f"{one[1].area_px:.0f}",
+            "sigma / px": lambda one: number_text(one[1].spot_sigma_px, ".1f"),
+            "amplitude / DN": lambda one: _amplitude(one[1]),
+            "significance": lambda one: f"{one[1].significance:.1f}",
+            "q value": lambda one: q_text(one[1].q_value),
+        },
+        "Changes, first what catches the eye first; amplitudes are after minus before in "
         "the follow-up's levels.",
-        is_of_changes=True,
     )
+    return replace(table, is_of_changes=True)
 
 
 def _what(change: Change) -> str:
@@ -249,28 +206,25 @@ def _what(change: Change) -> str:
 
 def _moved_table(moved: Sequence[Change]) -> ReportTable:
     """Tabulate movements, in their order."""
-    return ReportTable(
-        columns=("x / px", "y / px", "moved right / px", "moved down / px", "area / px",
-                 "significance"),
-        rows=tuple(
-            (
-                f"{change.x_px:.1f}",
-                f"{change.y_px:.1f}",
-                *_displacement(change),
-                f"{change.area_px:.0f}",
-                f"{change.significance:.1f}",
-            )
-            for change in moved[:_LISTED]
-        ),
-        caption="Movements: what a shift of what was there explains, with its 95 % interval.",
-    )  # fmt: skip
+    return ReportTable.of(
+        moved[:_LISTED],
+        {
+            "x / px": lambda change: f"{change.x_px:.1f}",
+            "y / px": lambda change: f"{change.y_px:.1f}",
+            "moved right / px": lambda change: _displacement(change, 0),
+            "moved down / px": lambda change: _displacement(change, 1),
+            "area / px": lambda change: f"{change.area_px:.0f}",
+            "significance": lambda change: f"{change.significance:.1f}",
+        },
+        "Movements: what a shift of what was there explains, with its 95 % interval.",
+    )
 
 
-def _displacement(change: Change) -> tuple[str, str]:
+def _displacement(change: Change, axis: int) -> str:
     if change.displacement_px is None or change.displacement_err_px is None:
-        return "", ""
-    (x, y), (x_err, y_err) = change.displacement_px, change.displacement_err_px
-    return (f"{x:+.1f} ± {NORMAL_95 * x_err:.1f}", f"{y:+.1f} ± {NORMAL_95 * y_err:.1f}")
+        return ""
+    reach_px = NORMAL_95 * change.displacement_err_px[axis]
+    return f"{change.displacement_px[axis]:+.1f} ± {reach_px:.1f}"
 
 
 def q_text(q_value: float) -> str:
@@ -279,45 +233,40 @@ def q_text(q_value: float) -> str:
 
 
 def _amplitude(change: Change) -> str:
-    return f"{change.amplitude_dn:+.3g} ± {NORMAL_95 * change.amplitude_err_dn:.2g}"
+    return f"{change.amplitude_dn:+.3g}{_reach(change.amplitude_err_dn)}"
 
 
 def _comparison_section(summary: ChangeSummary) -> ReportSection:
-    focus = describe_focus(summary)
-    text = [f"{focus[0].upper()}{focus[1:]}."] if focus else []
-    if summary.kernel is not None:
-        text.append(f"The blur between the photographs was {_KERNELS[summary.kernel]}.")
-    rows = [
-        ("distortion of the lens, k1", _with_err(summary.distortion_k1, summary.distortion_k1_err)),
-        ("noise variance", _noise_text(summary)),
+    k1, k1_err = summary.distortion_k1, summary.distortion_k1_err
+    noise = f"{summary.noise_factor:.3g} DN², fitted"
+    if summary.is_noise_known:
+        noise = f"{summary.noise_factor:.2f} of noise.json's"
+    rows = (
+        ("distortion of the lens, k1", f"{k1:.5f}{_reach(k1_err)}"),
+        ("noise variance", noise),
         ("registration along the gradient", f"{summary.registration_err_px:.3f} px"),
         ("error of the blur", f"{summary.width_err_px2:.3f} px²"),
-    ]
-    matrix = tuple(
-        (f"homography, row {number}", "  ".join(f"{value:.8g}" for value in row))
-        for number, row in enumerate(summary.homography, 1)
+        *(
+            (f"homography, row {number}", "  ".join(f"{value:.8g}" for value in row))
+            for number, row in enumerate(summary.homography, 1)
+        ),
     )
-    return ReportSection(
-        title="How the photographs were compared",
-        text=tuple(text),
-        tables=(
-            ReportTable(
-                columns=("", "value"),
-                rows=(*rows, *matrix),
-                caption="The homography takes follow-up pixels (x, y, 1) to reference pixels.",
-            ),
+    return ReportSection.of(
+        "How the photographs were compared",
+        *_told(summary, (describe_focus,)),
+        None
+        if summary.kernel is None
+        else f"The blur between the photographs was {_KERNELS[summary.kernel]}.",
+        ReportTable(
+            columns=("", "value"),
+            rows=rows,
+            caption="The homography takes follow-up pixels (x, y, 1) to reference pixels.",
         ),
     )
 
 
-def _with_err(value: float, err: float | None) -> str:
-    return f"{value:.5f}" if err is None else f"{value:.5f} ± {NORMAL_95 * err:.2g}"
-
-
-def _noise_text(summary: ChangeSummary) -> str:
-    if summary.is_noise_known:
-        return f"{summary.noise_factor:.2f} of noise.json's"
-    return f"{summary.noise_factor:.3g} DN², fitted"
+def _reach(err: float | None) -> str:
+    return "" if err is None else f" ± {NORMAL_95 * err:.2g}"
 
 
 _STORED_LISTED = 20
@@ -328,56 +277,46 @@ def stored_changes_section(
     name: str, summary: ChangeSummary, figure_png: bytes | None
 ) -> ReportSection:
     """Show a stored changes.json, and its figure if it is there."""
-    text = [
+    caption = "The follow-up with its changes outlined, both differences, and the significance."
+    cut = f"The first {_STORED_LISTED} changes are listed."
+    return ReportSection.of(
+        f"Changes: {name}",
         f"{summary.followup} against {summary.reference}: {count_text(len(summary.changes))}. "
-        f"{_comparison_sentence(summary)}."
-    ]
-    said = (describe_limit(summary), describe_prediction(summary), describe_focus(summary))
-    text += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in said if sentence is not None]
-    text += [f"Warning: {warning}." for warning in summary.warnings]
-    if len(summary.changes) > _STORED_LISTED:
-        text.append(f"The first {_STORED_LISTED} changes are listed.")
-    figures: tuple[ReportFigure, ...] = ()
-    if figure_png is not None:
-        encoded = b64encode(figure_png).decode("ascii")
-        image = Markup(f'<img alt="" src="data:image/png;base64,{encoded}">')  # noqa: S704 - base64
-        caption = "The follow-up with its changes outlined, both differences, and the significance."
-        figures = (ReportFigure(markup=image, caption=caption, width_in=_FIGURE_WIDTH_IN),)
-    return ReportSection(
-        title=f"Changes: {name}",
-        text=tuple(text),
-        tables=(_list_table(summary.changes[:_STORED_LISTED]),) if summary.changes else (),
-        figures=figures,
+        f"{_comparison_sentence(summary)}.",
+        *_told(summary, (*_LIMIT_AND_PREDICTION, describe_focus)),
+        *(f"Warning: {warning}." for warning in summary.warnings),
+        cut if len(summary.changes) > _STORED_LISTED else None,
+        _list_table(summary.changes[:_STORED_LISTED]) if summary.changes else None,
+        None if figure_png is None else ReportFigure.of_png(figure_png, caption, _FIGURE_WIDTH_IN),
     )
 
 
 def stored_pose_section(name: str, verdict: PoseSummary) -> ReportSection:
     """Show a stored pose.json; ``name`` is that of its file or folder."""
-    rows: tuple[tuple[str, str], ...] = (
+    chance = verdict.verdict is not None and verdict.probability is not None
+    rows = present(
+        ("verdict", verdict.verdict or "") if chance else None,
+        (
+            "probability that d' reaches the threshold",
+            f"{100 * (verdict.probability or 0.0):.1f} %",
+        )
+        if chance
+        else None,
         ("d' by the criterion", f"{verdict.dprime_decisive:.2f}"),
         ("threshold", f"{verdict.min_dprime:g}"),
         ("local zoom", f"{verdict.zoom_min:.3f} to {verdict.zoom_max:.3f}"),
         ("anisotropy, up to", f"{verdict.anisotropy_max:.3f}"),
         ("overlap", f"{100 * verdict.overlap:.0f} % of the follow-up"),
+        *(
+            (f"share of {one.source} in the uncertainty", f"{100 * one.share:.0f} %")
+            for one in (verdict.budget if chance else ())
+        ),
     )
-    if verdict.verdict is not None and verdict.probability is not None:
-        rows = (
-            ("verdict", verdict.verdict),
-            ("probability that d' reaches the threshold", f"{100 * verdict.probability:.1f} %"),
-            *rows,
-            *(
-                (f"share of {one.source} in the uncertainty", f"{100 * one.share:.0f} %")
-                for one in verdict.budget
-            ),
-        )
-    text = [
+    return ReportSection.of(
+        f"Pose: {name}",
         f"The pose is {acceptance(verdict.is_accepted)} by criterion "
         f"{verdict.criterion}. d' is an upper bound: registration, light, gloss, parallax and "
-        "defocus only lower it."
-    ]
-    text += [f"Warning: {warning}." for warning in verdict.warnings]
-    return ReportSection(
-        title=f"Pose: {name}",
-        text=tuple(text),
-        tables=(ReportTable(columns=("", "value"), rows=rows),),
+        "defocus only lower it.",
+        *(f"Warning: {warning}." for warning in verdict.warnings),
+        ReportTable(columns=("", "value"), rows=rows),
     )

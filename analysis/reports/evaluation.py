@@ -7,7 +7,6 @@ from analysis.benchmark import (
     LEGEND,
     TITLES,
     BenchmarkScores,
-    ScoreTable,
     Track,
     main_groups,
     parts_of,
@@ -25,7 +24,8 @@ from analysis.reports.page import (
     ReportTable,
     Verdict,
     in_report_style,
-    render_report,
+    number_text,
+    present,
 )
 
 _plot_scores = in_report_style(score_figure)
@@ -33,24 +33,22 @@ _plot_scores = in_report_style(score_figure)
 _HEADLINES_SHOWN = 6
 
 
-def render_benchmark_report(scores: BenchmarkScores) -> str:
-    """Return the report as one HTML page."""
+def benchmark_report(scores: BenchmarkScores) -> Report:
+    """Return the report of programs on the public benchmark."""
     names = ", ".join(one.name for one in scores.programs)
-    return render_report(
-        Report(
-            title="Benchmark",
-            subtitle=f"{names} on the {scores.data_size} set, seed {scores.data_seed}",
-            verdicts=_verdicts(scores),
-            sections=tuple(_section(scores, track) for track in scores.tracks),
-            provenance=(
-                ("data set", f"sha256 {scores.data_sha256}"),
-                *(
-                    (one.name, " ".join(part for part in (one.version, one.note) if part))
-                    for one in scores.programs
-                ),
+    return Report(
+        title="Benchmark",
+        subtitle=f"{names} on the {scores.data_size} set, seed {scores.data_seed}",
+        verdicts=_verdicts(scores),
+        sections=tuple(_section(scores, track) for track in scores.tracks),
+        provenance=(
+            ("data set", f"sha256 {scores.data_sha256}"),
+            *(
+                (one.name, " ".join(part for part in (one.version, one.note) if part))
+                for one in scores.programs
             ),
-            origin=scores.provenance,
-        )
+        ),
+        origin=scores.provenance,
     )
 
 
@@ -68,41 +66,29 @@ def _verdicts(scores: BenchmarkScores) -> tuple[Verdict, ...]:
             shown = best[0] if best else next(col for col in range(1, len(cells)) if cells[col])
             value = cells[shown].split(" (")[0].split(" [")[0]
             remark = ", ".join(table.columns[col] for col in best)
-            found.append(Verdict(name=cells[0], value=value, remark=remark))
+            found.append(Verdict(cells[0], value, remark))
     return tuple(found[:_HEADLINES_SHOWN])
 
 
 def _section(scores: BenchmarkScores, track: Track) -> ReportSection:
     groups = scores.groups(track)
-    figures = [
-        ReportFigure.of(
-            _plot_scores(scores, track, measure, [main, *parts_of(groups, main)]),
-            "Bars are 95 % intervals over scenes; an open triangle is a value beyond what was "
-            "tried.",
-        )
-        for main in main_groups(groups)
-        for measure in scores.measures(track, main)
-        if measure.is_headline
-    ]
-    return ReportSection(
-        title=TITLES[track],
-        text=(f"{LEGEND}; a star marks the best value of a row. {CHOSEN}",),
-        tables=tuple(_report_table(one) for one in track_tables(scores, track)),
-        figures=tuple(figures),
-    )
-
-
-def _report_table(table: ScoreTable) -> ReportTable:
-    return ReportTable(
-        columns=table.columns,
-        rows=tuple(
-            tuple(
-                f"{cell} ★" if (at, column) in table.best else cell
-                for column, cell in enumerate(row)
-            )
-            for at, row in enumerate(table.rows)
+    return ReportSection.of(
+        TITLES[track],
+        f"{LEGEND}; a star marks the best value of a row. {CHOSEN}",
+        *(
+            ReportTable(columns=one.columns, rows=one.marked_rows("★"), caption=one.title)
+            for one in track_tables(scores, track)
         ),
-        caption=table.title,
+        *(
+            ReportFigure.of(
+                _plot_scores(scores, track, measure, [main, *parts_of(groups, main)]),
+                "Bars are 95 % intervals over scenes; an open triangle is a value beyond what was "
+                "tried.",
+            )
+            for main in main_groups(groups)
+            for measure in scores.measures(track, main)
+            if measure.is_headline
+        ),
     )
 
 
@@ -118,42 +104,34 @@ def evaluation_figures(evaluation: Evaluation) -> tuple[Figure, Figure, Figure, 
     return areas, areas, first, first
 
 
-def render_evaluation_report(evaluation: Evaluation) -> str:
-    """Return the report as one HTML page."""
-    first = evaluation.curves[0]
+def evaluation_report(evaluation: Evaluation) -> Report:
+    """Return the report of a detector's evaluation."""
+    first, in_colour = evaluation.curves[0], evaluation.colour_photographs
     kinds = "pairs of each kind from every photograph, for each point"
-    return render_report(
-        Report(
-            title="Change detector",
-            subtitle=f"{evaluation.detector} on {evaluation.photographs} photographs, "
-            f"{evaluation.crops} {kinds}",
-            verdicts=tuple(
-                Verdict(
-                    name=f"AUC at zoom {first.zoom[at]:g}",
-                    value=f"{first.auc[at]:.3f}",
-                    remark=f"{first.auc_low[at]:.3f} to {first.auc_high[at]:.3f}",
-                )
-                for at in dict.fromkeys((0, len(first.zoom) // 2, len(first.zoom) - 1))
-            ),
-            sections=(
-                _areas(evaluation),
-                *(_curve_section(curve) for curve in evaluation.curves),
-                *_failures(evaluation),
-            ),
-            provenance=(
-                ("change", evaluation.change),
-                *(
-                    [("photographs in colour", str(evaluation.colour_photographs))]
-                    if evaluation.colour_photographs
-                    else []
-                ),
-                ("capture model", first.model),
-                ("crop", f"{evaluation.crop_px} px"),
-                ("focus scatter", f"{evaluation.focus_scatter_px2:g} px²"),
-                ("exposure scatter", f"{100 * evaluation.light_scatter:g} %"),
-            ),
-            origin=evaluation.provenance,
-        )
+    return Report(
+        title="Change detector",
+        subtitle=f"{evaluation.detector} on {evaluation.photographs} photographs, "
+        f"{evaluation.crops} {kinds}",
+        verdicts=tuple(
+            Verdict(
+                f"AUC at zoom {first.zoom[at]:g}",
+                f"{first.auc[at]:.3f}",
+                f"{first.auc_low[at]:.3f} to {first.auc_high[at]:.3f}",
+            )
+            for at in dict.fromkeys((0, len(first.zoom) // 2, len(first.zoom) - 1))
+        ),
+        sections=present(
+            _areas(evaluation), *map(_curve_section, evaluation.curves), _failures(evaluation)
+        ),
+        provenance=present(
+            ("change", evaluation.change),
+            ("photographs in colour", str(in_colour)) if in_colour else None,
+            ("capture model", first.model),
+            ("crop", f"{evaluation.crop_px} px"),
+            ("focus scatter", f"{evaluation.focus_scatter_px2:g} px²"),
+            ("exposure scatter", f"{100 * evaluation.light_scatter:g} %"),
+        ),
+        origin=evaluation.provenance,
     )
 
 
@@ -163,79 +141,62 @@ def _areas(evaluation: Evaluation) -> ReportSection:
         if all(curve.is_by_photograph for curve in evaluation.curves)
         else "over pairs, as there are too few photographs"
     )
-    return ReportSection(
-        title="AUC against zoom",
-        text=(
-            evaluation.note,
-            f"Intervals are {whence}. The ideal linear observer knows what changed and where: no "
-            "detector that has to search reaches it.",
-        ),
-        figures=(
-            ReportFigure.of(
-                _plot_auc(evaluation),
-                "Bars are 95 % intervals; dashed is Hotelling's observer with the same change.",
-            ),
+    return ReportSection.of(
+        "AUC against zoom",
+        evaluation.note,
+        f"Intervals are {whence}. The ideal linear observer knows what changed and where: no "
+        "detector that has to search reaches it.",
+        ReportFigure.of(
+            _plot_auc(evaluation),
+            "Bars are 95 % intervals; dashed is Hotelling's observer with the same change.",
         ),
     )
 
 
 def _curve_section(curve: EvaluationCurve) -> ReportSection:
-    rows = []
-    for at, zoom in enumerate(curve.zoom):
-        bound = curve.auc_bound[at]
-        rows.append(
-            (
-                f"{zoom:g}",
-                f"{curve.auc[at]:.3f}",
-                f"{curve.auc_low[at]:.3f} to {curve.auc_high[at]:.3f}",
-                f"{100 * curve.tpr[at]:.0f} %",
-                f"{100 * curve.tpr_low[at]:.0f} to {100 * curve.tpr_high[at]:.0f} %",
-                f"{curve.average_precision[at]:.3f}",
-                "" if bound is None else f"{bound:.3f}",
-                str(curve.pairs[at]),
-            )
+    rows = tuple(
+        (
+            f"{zoom:g}",
+            f"{curve.auc[at]:.3f}",
+            f"{curve.auc_low[at]:.3f} to {curve.auc_high[at]:.3f}",
+            f"{100 * curve.tpr[at]:.0f} %",
+            f"{100 * curve.tpr_low[at]:.0f} to {100 * curve.tpr_high[at]:.0f} %",
+            f"{curve.average_precision[at]:.3f}",
+            number_text(curve.auc_bound[at], ".3f"),
+            str(curve.pairs[at]),
         )
-    return ReportSection(
-        title=f"Tilt {curve.tilt_deg:g}°, noise {curve.noise_dn:g} DN, "
-        f"contrast {curve.contrast_dn:g}",
-        tables=(
-            ReportTable(
-                columns=(
-                    *("zoom", "AUC", "95 %", f"found at {100 * curve.fpr:g} % false alarms"),
-                    *("95 %", "average precision", "AUC of the bound", "pairs"),
-                ),
-                rows=tuple(rows),
-            ),
-        ),
-        figures=(
-            ReportFigure.of(
-                _plot_roc(curve),
-                "Changed pairs found against unchanged pairs flagged"
-                + (", and changes that a mark lies on against false marks." if curve.froc else "."),
-            ),
+        for at, zoom in enumerate(curve.zoom)
+    )
+    columns = (
+        *("zoom", "AUC", "95 %", f"found at {100 * curve.fpr:g} % false alarms"),
+        *("95 %", "average precision", "AUC of the bound", "pairs"),
+    )
+    marks = ", and changes that a mark lies on against false marks." if curve.froc else "."
+    return ReportSection.of(
+        f"Tilt {curve.tilt_deg:g}°, noise {curve.noise_dn:g} DN, contrast {curve.contrast_dn:g}",
+        ReportTable(columns=columns, rows=rows),
+        ReportFigure.of(
+            _plot_roc(curve), f"Changed pairs found against unchanged pairs flagged{marks}"
         ),
     )
 
 
-def _failures(evaluation: Evaluation) -> tuple[ReportSection, ...]:
+def _failures(evaluation: Evaluation) -> ReportSection | None:
     if not evaluation.failed:
-        return ()
-    return (
-        ReportSection(
-            title="Pairs without a score",
-            is_folded=True,
-            text=(f"{evaluation.failed_pairs} pairs; they are left out.",),
-            tables=(
-                ReportTable(
-                    columns=("photograph", "pair", "reason"),
-                    rows=tuple(
-                        (one.photograph, one.pair, one.message)
-                        for one in evaluation.failed[:_FAILED_SHOWN]
-                    ),
-                    ends_in_words=True,
-                ),
-            ),
+        return None
+    return ReportSection.of(
+        "Pairs without a score",
+        f"{evaluation.failed_pairs} pairs; they are left out.",
+        ReportTable.of(
+            evaluation.failed[:_FAILED_SHOWN],
+            {
+                "photograph": lambda one: one.photograph,
+                "pair": lambda one: one.pair,
+                "reason": lambda one: one.message,
+            },
+            ends_in_words=True,
         ),
+        is_folded=True,
     )
 
 

@@ -1,5 +1,7 @@
 """Report sections on the geometry: headline figures, scales, zooms, distortion, squareness."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import PurePath
 
 import numpy as np
@@ -12,6 +14,9 @@ from analysis.reports.page import (
     Verdict,
     in_report_style,
     new_figure,
+    new_plot,
+    number_text,
+    present,
 )
 from calibration.geometry import (
     CaptureGeometry,
@@ -55,13 +60,10 @@ def plot_distortion(geometry: GeometryCalibration) -> Figure | None:
     radius = np.linspace(0, 1, 200)
     k2 = geometry.k2 or 0.0
     moved = corner_px * radius**3 * (geometry.k1 + k2 * radius**2)
-    figure = new_figure(6.4, 3.0)
-    axes = figure.subplots()
+    by_k1 = corner_px * radius**3 * geometry.k1
+    figure, axes = new_plot(6.4, 3.0)
     axes.plot(radius * corner_px, moved, color=PALETTE[0], label="k1 and k2 together")
-    axes.plot(
-        radius * corner_px, corner_px * radius**3 * geometry.k1, "--", color=INK, linewidth=0.9,
-        label="k1 alone",
-    )  # fmt: skip
+    axes.plot(radius * corner_px, by_k1, "--", color=INK, linewidth=0.9, label="k1 alone")
     axes.axhline(0, color=INK, linewidth=0.8)
     for share, name in ((geometry.width_px / 2, "side"), (geometry.height_px / 2, "top")):
         axes.axvline(share, color=INK, linewidth=0.8, linestyle=":")
@@ -83,8 +85,7 @@ def plot_squareness(geometry: GeometryCalibration) -> Figure | None:
     """Plot the tilt of the target to the sensor as a point on a dial, with its 95 % cross."""
     if geometry.tilt_x_deg is None or geometry.tilt_y_deg is None:
         return None
-    figure = new_figure(3.6, 3.6)
-    axes = figure.subplots()
+    figure, axes = new_plot(3.6, 3.6)
     x_err, y_err = (
         NORMAL_95 * (e or 0.0) for e in (geometry.tilt_x_err_deg, geometry.tilt_y_err_deg)
     )
@@ -123,8 +124,7 @@ def plot_travel(geometry: GeometryCalibration) -> Figure | None:
     groups = {n: c for n, c in captures_by_target(geometry).items() if len(c) > 2}
     if not groups:
         return None
-    figure = new_figure(6.4, 2.8)
-    axes = figure.subplots()
+    figure, axes = new_plot(6.4, 2.8)
     for (name, captures), colour in zip(groups.items(), target_colours(), strict=False):
         own = [c.height_mm for c in captures]
         for axis, style in ((0, "o-"), (1, "s--")):
@@ -150,6 +150,7 @@ def _height_err_mm(geometry: GeometryCalibration, capture: CaptureGeometry) -> f
     return relative * (capture.height_mm + geometry.pupil_offset_mm)
 
 
+_UNKNOWN = "not determined"
 _SOURCES = {
     "board": "The scale is based on the size of the board's squares.",
     "given": "The scale is based on the value given for the lowest height.",
@@ -161,213 +162,149 @@ _SOURCES = {
 def geometry_verdicts(geometry: GeometryCalibration) -> tuple[Verdict, ...]:
     """Return the headline figures with their 95 % uncertainties."""
     factor, scales = geometry.fit_factor, geometry.scale_px_per_mm
-    scale_errs = geometry.scale_err_px_per_mm
-    known = (
-        ("entrance pupil above height 0", geometry.pupil_offset_mm, 3, " mm"),
-        (f"scale at {geometry.heights_mm[0]:g} mm", scales[0] if scales else None, 4, " px/mm"),
-        ("tilt of target to sensor", geometry.tilt_deg, 3, "°"),
-        ("distortion k1 at the corner", _in_percent(geometry.k1), 3, " %"),
+    errs, lowest_mm = geometry.scale_err_px_per_mm, geometry.heights_mm[0]
+    pupil = geometry.pupil_offset_mm, _times(factor, geometry.pupil_offset_err_mm)
+    scale = scales[0] if scales else None, _times(factor, errs[0] if errs else None)
+    tilt = geometry.tilt_deg, _times(NORMAL_95, geometry.tilt_err_deg)
+    k1 = _times(100, geometry.k1), _times(100 * NORMAL_95, geometry.k1_err)
+    return (
+        _verdict("entrance pupil above height 0", *pupil, 3, " mm"),
+        _verdict(f"scale at {lowest_mm:g} mm", *scale, 4, " px/mm"),
+        _verdict("tilt of target to sensor", *tilt, 3, "°"),
+        _verdict("distortion k1 at the corner", *k1, 3, " %"),
     )
-    reaches = (
-        _times(factor, geometry.pupil_offset_err_mm),
-        _times(factor, scale_errs[0] if scale_errs else None),
-        _times(NORMAL_95, geometry.tilt_err_deg),
-        _times(NORMAL_95, _in_percent(geometry.k1_err)),
-    )
-    return tuple(
-        Verdict(
-            name=name,
-            value=_value(value, digits, unit),
-            remark=""
-            if value is None or reach is None
-            else f"{with_reach(value, reach, digits)}{unit}",
-        )
-        for (name, value, digits, unit), reach in zip(known, reaches, strict=True)
-    )
+
+
+def _verdict(
+    name: str, value: float | None, reach: float | None, digits: int, unit: str
+) -> Verdict:
+    remark = ""
+    if value is not None and reach is not None:
+        remark = f"{with_reach(value, reach, digits)}{unit}"
+    return Verdict(name, number_text(value, f".{digits}f", _UNKNOWN, unit), remark)
 
 
 def geometry_sections(geometry: GeometryCalibration) -> tuple[ReportSection, ...]:
     """Return the sections on the geometry of camera and stage."""
-    sections = [_scale_section(geometry), _squareness_section(geometry)]
+    return present(
+        _scale_section(geometry),
+        _squareness_section(geometry),
+        _distortion_section(geometry),
+        _captures_section(geometry),
+    )
+
+
+def _distortion_section(geometry: GeometryCalibration) -> ReportSection | None:
     distortion = plot_distortion(geometry)
-    if distortion is not None:
-        sections.append(
-            ReportSection(
-                title="Distortion",
-                text=(
-                    "The ideal radius r, 1 at the image corner, is imaged at "
-                    "r (1 + k1 r² + k2 r⁴). Negative values are barrel distortion.",
-                ),
-                tables=(_lens_table(geometry),),
-                figures=(
-                    ReportFigure.of(
-                        distortion, "Radial displacement of a point from its ideal position."
-                    ),
-                ),
-            )
-        )
-    sections.append(_captures_section(geometry))
-    return tuple(sections)
+    if distortion is None:
+        return None
+    rows = (
+        ("k1, at the image corner", geometry.k1, geometry.k1_err),
+        ("k2, at the image corner", geometry.k2, geometry.k2_err),
+        ("k1 of OpenCV", geometry.k1_opencv, None),
+        ("k2 of OpenCV", geometry.k2_opencv, None),
+    )
+    return ReportSection.of(
+        "Distortion",
+        "The ideal radius r, 1 at the image corner, is imaged at "
+        "r (1 + k1 r² + k2 r⁴). Negative values are barrel distortion.",
+        _values_table((name, value, err, 5) for name, value, err in rows),
+        ReportFigure.of(distortion, "Radial displacement of a point from its ideal position."),
+    )
+
+
+def _values_table(rows: Iterable[tuple[str, float | None, float | None, int]]) -> ReportTable:
+    """Values, with half their 95 % intervals."""
+    return ReportTable.of(
+        rows,
+        {
+            "": lambda row: row[0],
+            "value": lambda row: number_text(row[1], f".{row[3]}f", _UNKNOWN),
+            "±": lambda row: number_text(_times(NORMAL_95, row[2]), f".{row[3]}f"),
+        },
+    )
 
 
 def _scale_section(geometry: GeometryCalibration) -> ReportSection:
-    lowest = geometry.heights_mm[0]
+    lowest, factor = geometry.heights_mm[0], geometry.fit_factor
     zooms = {z.far_height_mm: z for z in geometry.zooms if z.near_height_mm == lowest}
     nothing = (None,) * len(geometry.heights_mm)
-    scales = nothing if geometry.scale_px_per_mm is None else geometry.scale_px_per_mm
-    errs = nothing if geometry.scale_err_px_per_mm is None else geometry.scale_err_px_per_mm
-    rows = tuple(
-        (
-            f"{height:g}",
-            _value(scale, 5, ""),
-            "" if err is None else f"{geometry.fit_factor * err:.5f}",
-            f"{zooms[height].zoom:.5f}" if height in zooms else "1",
-            f"{geometry.fit_factor * zooms[height].zoom_err:.5f}" if height in zooms else "",
-        )
-        for height, scale, err in zip(geometry.heights_mm, scales, errs, strict=True)
-    )
+    scales = geometry.scale_px_per_mm or nothing
+    errs = geometry.scale_err_px_per_mm or nothing
     source = geometry.scale_source
-    text = [
+    return ReportSection.of(
+        "Scale and zoom",
         "Pinhole model at the entrance pupil: the scale is the focal length in pixels over the "
         "distance, which is the height plus the pupil's offset.",
         _SOURCES[source] if source else "No length is known, so there is no absolute scale.",
-    ]
-    text += [f"{name} is not determined: {why}." for name, why in geometry.undetermined.items()]
-    return ReportSection(
-        title="Scale and zoom",
-        text=(*text, *geometry.notes),
-        tables=(
-            ReportTable(
-                columns=(
-                    "height / mm",
-                    "scale / (px/mm)",
-                    "± px/mm",
-                    f"zoom from {lowest:g} mm",
-                    "± zoom",
+        *(f"{name} is not determined: {why}." for name, why in geometry.undetermined.items()),
+        *geometry.notes,
+        ReportTable.of(
+            zip(geometry.heights_mm, scales, errs, strict=True),
+            {
+                "height / mm": lambda row: f"{row[0]:g}",
+                "scale / (px/mm)": lambda row: number_text(row[1], ".5f", _UNKNOWN),
+                "± px/mm": lambda row: number_text(_times(factor, row[2]), ".5f"),
+                f"zoom from {lowest:g} mm": lambda row: (
+                    f"{zooms[row[0]].zoom:.5f}" if row[0] in zooms else "1"
                 ),
-                rows=rows,
-            ),
+                "± zoom": lambda row: (
+                    f"{factor * zooms[row[0]].zoom_err:.5f}" if row[0] in zooms else ""
+                ),
+            },
         ),
-        figures=(
-            ReportFigure.of(
-                plot_scale_by_height(geometry),
-                "Scale of every capture, and the height read back minus the one fitted to its "
-                "image, with the 95 % interval of the fit.",
-            ),
+        ReportFigure.of(
+            plot_scale_by_height(geometry),
+            "Scale of every capture, and the height read back minus the one fitted to its "
+            "image, with the 95 % interval of the fit.",
         ),
     )
 
 
 def _squareness_section(geometry: GeometryCalibration) -> ReportSection:
-    figures = []
-    squareness = plot_squareness(geometry)
-    if squareness is not None:
-        figures.append(
-            ReportFigure.of(
-                squareness,
-                "Direction in which the optical axis leans, as seen in the image; the cross is "
-                "the 95 % interval, the centre is square.",
+    tilt = geometry.tilt_deg, geometry.tilt_err_deg, 4
+    drift = geometry.axis_drift_px_per_mm, geometry.axis_drift_err_px_per_mm, 5
+    line_of_sight = geometry.stage_angle_deg, geometry.stage_angle_err_deg, 4
+    return ReportSection.of(
+        "Squareness",
+        _values_table(
+            (
+                ("tilt of target to sensor / deg", *tilt),
+                (f"drift of the axis at {geometry.heights_mm[0]:g} mm / (px/mm)", *drift),
+                ("stage travel to line of sight / deg", *line_of_sight),
             )
-        )
-    travel = plot_travel(geometry)
-    if travel is not None:
-        figures.append(
-            ReportFigure.of(travel, "Sideways deviation of the camera from straight travel.")
-        )
-    rows = [
-        ("tilt of target to sensor / deg", geometry.tilt_deg, geometry.tilt_err_deg, 4),
-        (
-            f"drift of the axis at {geometry.heights_mm[0]:g} mm / (px/mm)",
-            geometry.axis_drift_px_per_mm,
-            geometry.axis_drift_err_px_per_mm,
-            5,
         ),
-        (
-            "stage travel to line of sight / deg",
-            geometry.stage_angle_deg,
-            geometry.stage_angle_err_deg,
-            4,
+        ReportFigure.if_drawn(
+            plot_squareness(geometry),
+            "Direction in which the optical axis leans, as seen in the image; the cross is "
+            "the 95 % interval, the centre is square.",
         ),
-    ]
-    return ReportSection(
-        title="Squareness",
-        tables=(
-            ReportTable(
-                columns=("", "value", "±"),
-                rows=tuple(
-                    (
-                        name,
-                        _value(value, digits, ""),
-                        "" if err is None else f"{NORMAL_95 * err:.{digits}f}",
-                    )
-                    for name, value, err, digits in rows
-                ),
-            ),
-        ),
-        figures=tuple(figures),
-    )
-
-
-def _lens_table(geometry: GeometryCalibration) -> ReportTable:
-    rows = [
-        ("k1, at the image corner", geometry.k1, geometry.k1_err),
-        ("k2, at the image corner", geometry.k2, geometry.k2_err),
-        ("k1 of OpenCV", geometry.k1_opencv, None),
-        ("k2 of OpenCV", geometry.k2_opencv, None),
-    ]
-    return ReportTable(
-        columns=("", "value", "±"),
-        rows=tuple(
-            (name, _value(value, 5, ""), "" if err is None else f"{NORMAL_95 * err:.5f}")
-            for name, value, err in rows
+        ReportFigure.if_drawn(
+            plot_travel(geometry), "Sideways deviation of the camera from straight travel."
         ),
     )
 
 
 def _captures_section(geometry: GeometryCalibration) -> ReportSection:
-    used = tuple(
-        (
-            PurePath(capture.image).name,
-            f"{capture.height_mm:.3f}",
-            _value(capture.scale_px_per_mm, 5, ""),
-            f"{1e3 * capture.height_residual_mm:.1f}",
-            str(capture.matches),
-            f"{capture.rms_px:.4f}",
-            "",
-        )
-        for capture in geometry.captures
+    used = ReportTable.of(
+        geometry.captures,
+        {
+            "image": lambda one: PurePath(one.image).name,
+            "height / mm": lambda one: f"{one.height_mm:.3f}",
+            "scale / (px/mm)": lambda one: number_text(one.scale_px_per_mm, ".5f", _UNKNOWN),
+            "height residual / µm": lambda one: f"{1e3 * one.height_residual_mm:.1f}",
+            "matches": lambda one: str(one.matches),
+            "rms / px": lambda one: f"{one.rms_px:.4f}",
+            "remarks": lambda one: "",
+        },
     )
     left_out = tuple(
         (PurePath(item.image).name, "", "", "", "", "", f"excluded: {item.reason}")
         for item in geometry.excluded
     )
-    return ReportSection(
-        title="Captures",
-        is_folded=True,
-        tables=(
-            ReportTable(
-                columns=(
-                    "image",
-                    "height / mm",
-                    "scale / (px/mm)",
-                    "height residual / µm",
-                    "matches",
-                    "rms / px",
-                    "remarks",
-                ),
-                rows=(*used, *left_out),
-            ),
-        ),
-    )
-
-
-def _value(value: float | None, digits: int, unit: str) -> str:
-    return "not determined" if value is None else f"{value:.{digits}f}{unit}"
+    table = replace(used, rows=(*used.rows, *left_out))
+    return ReportSection.of("Captures", table, is_folded=True)
 
 
 def _times(factor: float, err: float | None) -> float | None:
     return None if err is None else factor * err
-
-
-def _in_percent(share: float | None) -> float | None:
-    return None if share is None else 100 * share

@@ -11,7 +11,9 @@ from analysis.reports.page import (
     Verdict,
     in_report_style,
     new_figure,
-    render_report,
+    new_plot,
+    number_text,
+    present,
 )
 from calibration.noise import (
     CorrectionMaps,
@@ -55,8 +57,7 @@ def _plot_photon_transfer(transfer: PhotonTransfer) -> Figure:
 @in_report_style
 def _plot_linearity(linearity: Linearity) -> Figure:
     """Plot the deviation of each level from a line through the exposures, in percent."""
-    figure = new_figure(6.4, 2.6)
-    axes = figure.subplots()
+    figure, axes = new_plot(6.4, 2.6)
     axes.plot(
         linearity.light_dn, 100 * np.array(linearity.deviations), "o", markersize=4, color=BLUE
     )
@@ -87,96 +88,77 @@ def _plot_maps(maps: CorrectionMaps) -> Figure:
     return figure
 
 
-def render_noise_report(noise: NoiseMeasurement, source: str) -> str:
-    """Return the report as one HTML page; ``source`` says where the captures are from."""
+def noise_report(noise: NoiseMeasurement, source: str) -> Report:
+    """Return the report; ``source`` says where the captures are from."""
     transfer, known = noise.transfer, noise.calibration
-    return render_report(
-        Report(
-            title="Camera noise",
-            subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures"
-            + (f", {known.captured_utc[:10]}" if known.captured_utc else ""),
-            verdicts=_verdicts(noise),
-            sections=tuple(
-                section
-                for section in (
-                    _transfer_section(noise),
-                    _linearity_section(noise),
-                    _maps_section(noise),
-                    _captures_section(noise),
-                )
-                if section is not None
+    return Report(
+        title="Camera noise",
+        subtitle=f"{source}: {known.darks} dark and {known.flats} flat captures"
+        + (f", {known.captured_utc[:10]}" if known.captured_utc else ""),
+        verdicts=_verdicts(noise),
+        sections=present(
+            _transfer_section(transfer),
+            _linearity_section(transfer.linearity),
+            _maps_section(noise),
+            _captures_section(transfer),
+        ),
+        provenance=(
+            (
+                "camera",
+                f"{known.camera_model or 'unknown'}, {known.camera_serial or 'no serial'}",
             ),
-            provenance=(
-                (
-                    "camera",
-                    f"{known.camera_model or 'unknown'}, {known.camera_serial or 'no serial'}",
-                ),
-                ("gain", "unknown" if known.gain_db is None else f"{known.gain_db:g} dB"),
-                ("pixel format", known.pixel_format or "unknown"),
-                ("fitted levels", f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"),
-            ),
-            origin=known.provenance,
-        )
+            ("gain", "unknown" if known.gain_db is None else f"{known.gain_db:g} dB"),
+            ("pixel format", known.pixel_format or "unknown"),
+            ("fitted levels", f"{transfer.fit_low_dn:.0f} to {transfer.fit_high_dn:.0f} DN"),
+        ),
+        origin=known.provenance,
     )
 
 
 def _verdicts(noise: NoiseMeasurement) -> tuple[Verdict, ...]:
     transfer = noise.transfer
     dark, saturation = transfer.dark, transfer.saturation
+    measured = (
+        ("Gain", transfer.gain_e_per_dn, transfer.gain_e_per_dn_err, 4, "e/DN"),
+        ("Read noise", transfer.read_noise_e, transfer.read_noise_e_err, 3, "e"),
+        ("Black level", dark.black_level_dn, dark.black_level_dn_err, 3, "DN"),
+    )
+    electrons = f"{transfer.saturation_e:.0f} e"
     return (
-        Verdict(
-            name="Gain",
-            value=f"{transfer.gain_e_per_dn:.4f} e/DN",
-            remark=_known(transfer.gain_e_per_dn, transfer.gain_e_per_dn_err, 4, "e/DN"),
+        *(
+            Verdict(
+                name,
+                f"{value:.{digits}f} {unit}",
+                f"{with_reach(value, NORMAL_95 * err, digits)} {unit}",
+            )
+            for name, value, err, digits, unit in measured
         ),
         Verdict(
-            name="Read noise",
-            value=f"{transfer.read_noise_e:.3f} e",
-            remark=_known(transfer.read_noise_e, transfer.read_noise_e_err, 3, "e"),
-        ),
-        Verdict(
-            name="Black level",
-            value=f"{dark.black_level_dn:.3f} DN",
-            remark=_known(dark.black_level_dn, dark.black_level_dn_err, 3, "DN"),
-        ),
-        Verdict(
-            name="Saturation",
-            value=f"{saturation.level_dn:.0f} DN",
-            remark=f"{transfer.saturation_e:.0f} e"
-            if saturation.is_reached
-            else "not reached; from the pixel format",
+            "Saturation",
+            f"{saturation.level_dn:.0f} DN",
+            electrons if saturation.is_reached else "not reached; from the pixel format",
         ),
     )
 
 
-def _known(value: float, err: float, digits: int, unit: str) -> str:
-    return f"{with_reach(value, NORMAL_95 * err, digits)} {unit}"
-
-
-def _transfer_section(noise: NoiseMeasurement) -> ReportSection:
-    transfer = noise.transfer
-    return ReportSection(
-        title="Photon transfer",
-        text=(
-            "The variance of one frame rises with the light: its slope is 1 over the gain, its "
-            "value without light the read noise (minus 1/12 DN² of rounding). Flats above 70 % of "
-            "saturation are not fitted.",
-            f"Scatter about the line: {transfer.chi2_reduced:.2f} times that expected from the "
-            "number of pixels; above 1, the errors are widened by its square root.",
-            *transfer.notes,
-        ),
-        figures=(
-            ReportFigure.of(
-                _plot_photon_transfer(transfer),
-                "Mean of all good pixels of each capture. Below: deviation from the fit, with the "
-                "95 % interval that the number of pixels gives.",
-            ),
+def _transfer_section(transfer: PhotonTransfer) -> ReportSection:
+    return ReportSection.of(
+        "Photon transfer",
+        "The variance of one frame rises with the light: its slope is 1 over the gain, its "
+        "value without light the read noise (minus 1/12 DN² of rounding). Flats above 70 % of "
+        "saturation are not fitted.",
+        f"Scatter about the line: {transfer.chi2_reduced:.2f} times that expected from the "
+        "number of pixels; above 1, the errors are widened by its square root.",
+        *transfer.notes,
+        ReportFigure.of(
+            _plot_photon_transfer(transfer),
+            "Mean of all good pixels of each capture. Below: deviation from the fit, with the "
+            "95 % interval that the number of pixels gives.",
         ),
     )
 
 
-def _linearity_section(noise: NoiseMeasurement) -> ReportSection | None:
-    linearity = noise.transfer.linearity
+def _linearity_section(linearity: Linearity | None) -> ReportSection | None:
     if linearity is None:
         return None
     drift = (
@@ -185,62 +167,48 @@ def _linearity_section(noise: NoiseMeasurement) -> ReportSection | None:
         else f"The light drifted by {100 * linearity.light_drift_per_s:.2g} % per second; this "
         "drift is removed."
     )
-    return ReportSection(
-        title="Linearity",
-        text=(
-            f"Mean deviation {100 * linearity.mean_deviation:.3f} %, worst "
-            f"{100 * linearity.worst_deviation:.3f} %, between 5 and 95 % of saturation. {drift}",
-        ),
-        figures=(
-            ReportFigure.of(_plot_linearity(linearity), "Deviation of the level from a line."),
-        ),
+    return ReportSection.of(
+        "Linearity",
+        f"Mean deviation {100 * linearity.mean_deviation:.3f} %, worst "
+        f"{100 * linearity.worst_deviation:.3f} %, between 5 and 95 % of saturation. {drift}",
+        ReportFigure.of(_plot_linearity(linearity), "Deviation of the level from a line."),
     )
 
 
 def _maps_section(noise: NoiseMeasurement) -> ReportSection:
     pixels, gain = noise.nonuniformity, noise.transfer.gain_e_per_dn
-    return ReportSection(
-        title="Sensor maps",
-        text=(
-            "The flat map contains the lens's fall-off, the unevenness of the light and the "
-            "response of the pixels; it is valid only for this lens, aperture and light.",
-        ),
-        tables=(
-            ReportTable(
-                columns=("", "value"),
-                rows=(
-                    ("dark pattern (DSNU)", f"{gain * pixels.dsnu_dn:.2f} e"),
-                    ("response pattern (PRNU)", f"{100 * pixels.prnu:.3f} %"),
-                    ("shading, smallest to largest", f"{100 * pixels.shading:.1f} %"),
-                    ("defect pixels", str(pixels.defects)),
-                ),
-                caption="Patterns are standard deviations between pixels, with temporal noise "
-                "and large structures removed.",
+    return ReportSection.of(
+        "Sensor maps",
+        "The flat map contains the lens's fall-off, the unevenness of the light and the "
+        "response of the pixels; it is valid only for this lens, aperture and light.",
+        ReportTable(
+            columns=("", "value"),
+            rows=(
+                ("dark pattern (DSNU)", f"{gain * pixels.dsnu_dn:.2f} e"),
+                ("response pattern (PRNU)", f"{100 * pixels.prnu:.3f} %"),
+                ("shading, smallest to largest", f"{100 * pixels.shading:.1f} %"),
+                ("defect pixels", str(pixels.defects)),
             ),
+            caption="Patterns are standard deviations between pixels, with temporal noise "
+            "and large structures removed.",
         ),
-        figures=(ReportFigure.of(_plot_maps(noise.maps), "Defects are circled.", "png"),),
+        ReportFigure.of(_plot_maps(noise.maps), "Defects are circled.", "png"),
     )
 
 
-def _captures_section(noise: NoiseMeasurement) -> ReportSection:
-    transfer = noise.transfer
-    return ReportSection(
-        title="Captures",
-        is_folded=True,
-        tables=(
-            ReportTable(
-                columns=("capture", "exposure / µs", "level / DN", "variance / DN²", "clipped", ""),
-                rows=tuple(
-                    (
-                        sample.capture,
-                        "" if sample.exposure_us is None else f"{sample.exposure_us:g}",
-                        f"{sample.mean_dn:.3f}",
-                        f"{sample.variance_dn2:.3f}",
-                        f"{100 * sample.clipped_fraction:.2f} %",
-                        "fitted" if sample.is_fitted else "not fitted",
-                    )
-                    for sample in transfer.samples
-                ),
-            ),
+def _captures_section(transfer: PhotonTransfer) -> ReportSection:
+    return ReportSection.of(
+        "Captures",
+        ReportTable.of(
+            transfer.samples,
+            {
+                "capture": lambda one: one.capture,
+                "exposure / µs": lambda one: number_text(one.exposure_us, "g"),
+                "level / DN": lambda one: f"{one.mean_dn:.3f}",
+                "variance / DN²": lambda one: f"{one.variance_dn2:.3f}",
+                "clipped": lambda one: f"{100 * one.clipped_fraction:.2f} %",
+                "": lambda one: "fitted" if one.is_fitted else "not fitted",
+            },
         ),
+        is_folded=True,
     )

@@ -2,18 +2,19 @@
 
 import warnings
 from base64 import b64encode
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec, TypeAlias, TypeVar
 
 import matplotlib as mpl
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from acquisition.files import Provenance, write_file
@@ -46,7 +47,7 @@ _WIDE_COLUMNS = 11  # that fit on the short side of A4 at 8 pt
 CONVENTION = "Uncertainties are 95 % intervals: ± is half of one, bars and bands are whole ones."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Verdict:
     """One headline figure: what it is, its value with unit, and its uncertainty."""
 
@@ -71,6 +72,19 @@ class ReportTable:
     links: tuple[str, ...] = ()
     is_of_changes: bool = False
 
+    @classmethod
+    def of(
+        cls,
+        items: Iterable[_T],
+        cells: Mapping[str, Callable[[_T], str]],
+        caption: str = "",
+        *,
+        ends_in_words: bool = False,
+    ) -> "ReportTable":
+        """Make a row of each item, by columns that say what stands in them."""
+        rows = tuple(tuple(cell(one) for cell in cells.values()) for one in items)
+        return cls(columns=tuple(cells), rows=rows, caption=caption, ends_in_words=ends_in_words)
+
     @property
     def is_short(self) -> bool:
         """Whether it stays on one page; rows of words may take half a page and may be parted."""
@@ -94,14 +108,28 @@ class ReportFigure:
         cls, figure: Figure, caption: str, form: Literal["svg", "png"] = "svg"
     ) -> "ReportFigure":
         """Render a matplotlib figure for the page: ``svg`` for lines, ``png`` for photographs."""
-        if form == "svg":
-            markup = svg_bytes(figure).decode("utf-8")
-            markup = markup[markup.index("<svg") :]
-        else:
-            encoded = b64encode(png_bytes(figure)).decode("ascii")
-            markup = f'<img alt="" src="data:image/png;base64,{encoded}">'
-        safe = Markup(markup)  # noqa: S704 - matplotlib's own output
-        return cls(markup=safe, caption=caption, width_in=float(figure.get_figwidth()))
+        width_in = float(figure.get_figwidth())
+        if form == "png":
+            return cls.of_png(png_bytes(figure), caption, width_in)
+        markup = svg_bytes(figure).decode("utf-8")
+        safe = Markup(markup[markup.index("<svg") :])  # noqa: S704 - matplotlib's own output
+        return cls(markup=safe, caption=caption, width_in=width_in)
+
+    @classmethod
+    def if_drawn(cls, figure: Figure | None, caption: str) -> "ReportFigure | None":
+        """Render a figure where there is one."""
+        return None if figure is None else cls.of(figure, caption)
+
+    @classmethod
+    def of_png(cls, data: bytes, caption: str, width_in: float) -> "ReportFigure":
+        """Embed a PNG file."""
+        encoded = b64encode(data).decode("ascii")
+        markup = Markup(f'<img alt="" src="data:image/png;base64,{encoded}">')  # noqa: S704 - base64
+        return cls(markup=markup, caption=caption, width_in=width_in)
+
+
+Part: TypeAlias = str | ReportTable | ReportFigure | None
+"""What a section says: a sentence, a table, a figure, or nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +147,20 @@ class ReportSection:
     text: tuple[str, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
+
+    @classmethod
+    def of(
+        cls, title: str, *parts: Part, is_folded: bool = False, has_views: bool = False
+    ) -> "ReportSection":
+        """Make a section of its sentences, tables and figures, each kind in its order."""
+        return cls(
+            title=title,
+            is_folded=is_folded,
+            has_views=has_views,
+            text=tuple(part for part in parts if isinstance(part, str)),
+            tables=tuple(part for part in parts if isinstance(part, ReportTable)),
+            figures=tuple(part for part in parts if isinstance(part, ReportFigure)),
+        )
 
     @property
     def is_wide(self) -> bool:
@@ -163,9 +205,9 @@ class Report:
 
     title: str
     subtitle: str
-    verdicts: tuple[Verdict, ...]
     sections: tuple[ReportSection, ...]
     provenance: tuple[tuple[str, str], ...]
+    verdicts: tuple[Verdict, ...] = ()
     origin: Provenance | None = None
     front: ReportFront | None = None
     has_uncertainties: bool = True
@@ -179,6 +221,34 @@ class Report:
     def has_contents(self) -> bool:
         """Whether the page, on a screen, lists its sections first."""
         return len(self.sections) >= _LISTED_SECTIONS
+
+    def html(self) -> str:
+        """Return the report as one HTML document that needs no other file and no network."""
+        environment = _environment()
+        environment.filters["unbroken"] = _unbroken
+        return environment.get_template("report.html").render(
+            report=self,
+            script=Markup(views_script()),  # noqa: S704 - a file of this package
+            convention=CONVENTION if self.has_uncertainties else "",
+            provenance=(*_inputs(self.origin), *self.provenance),
+            encodings=encodings_text(self.origin),
+            written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        )
+
+
+def present(*those: _T | None) -> tuple[_T, ...]:
+    """Return those that are there."""
+    return tuple(one for one in those if one is not None)
+
+
+def number_text(value: float | None, form: str, unknown: str = "", unit: str = "") -> str:
+    """Return a number in a format, with its unit; ``unknown`` of none."""
+    return unknown if value is None else f"{value:{form}}{unit}"
+
+
+def as_sentence(text: str) -> str:
+    """Return what is said as a sentence of its own."""
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
@@ -195,6 +265,12 @@ def in_report_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
 def new_figure(width_in: float = 6.4, height_in: float = 3.2) -> Figure:
     """Return an empty figure that belongs to no window."""
     return InlineFigure(figsize=(width_in, height_in), layout="constrained")
+
+
+def new_plot(width_in: float = 6.4, height_in: float = 3.2) -> tuple[Figure, Axes]:
+    """Return an empty figure of one plot, and its axes."""
+    figure = new_figure(width_in, height_in)
+    return figure, figure.subplots()
 
 
 def write_figure(path: Path, figure: Figure) -> None:
@@ -236,20 +312,6 @@ def _lay_out(figure: Figure) -> None:
     if figure.axes and engine is not None:
         engine.execute(figure)
         figure.set_layout_engine(None)
-
-
-def render_report(report: Report) -> str:
-    """Return the report as one HTML document that needs no other file and no network."""
-    environment = _environment()
-    environment.filters["unbroken"] = _unbroken
-    return environment.get_template("report.html").render(
-        report=report,
-        script=Markup(views_script()),  # noqa: S704 - a file of this package
-        convention=CONVENTION if report.has_uncertainties else "",
-        provenance=(*_inputs(report.origin), *report.provenance),
-        encodings=encodings_text(report.origin),
-        written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-    )
 
 
 def views_script() -> str:

@@ -10,6 +10,8 @@ from analysis.reports.page import (
     ReportTable,
     Verdict,
     encodings_text,
+    number_text,
+    present,
 )
 from analysis.reports.psf_edges import curves_section, plot_edges, plot_profile
 from analysis.reports.psf_field import (
@@ -50,31 +52,30 @@ def calibration_verdicts(psf: PsfCalibration) -> tuple[Verdict, ...]:
 
     What the edges do not determine is left out.
     """
-    verdicts = [*_mtf50_verdicts(psf)]
-    for name, key, unit in (
-        ("total sigma x", "sigma_x_px", " px"),
-        ("total sigma y", "sigma_y_px", " px"),
-        ("correlation rho", "rho", ""),
-    ):
-        value: float | None = getattr(psf, key)
-        if value is not None:
-            verdicts.append(
-                Verdict(name=name, value=_figure(value, unit), remark=_remark(psf, key, value))
-            )
     used, found = len(psf.edges_used), len(psf.edges)
-    verdicts.append(Verdict(name="edges used", value=str(used), remark=f"of {found} found"))
-    return tuple(verdicts)
+    return (
+        *_mtf50_verdicts(psf),
+        *(
+            Verdict(name, f"{value:.4f}{unit}", f"95 %: {interval}" if interval else "")
+            for name, key, unit in (
+                ("total sigma x", "sigma_x_px", " px"),
+                ("total sigma y", "sigma_y_px", " px"),
+                ("correlation rho", "rho", ""),
+            )
+            for value, interval in [_value_and_interval(psf, key)]
+            if value is not None
+        ),
+        Verdict("edges used", str(used), f"of {found} found"),
+    )
 
 
 def _mtf50_verdicts(psf: PsfCalibration) -> list[Verdict]:
     """MTF50 of the only edge, or the median of many and the softest."""
     ranked = sorted(psf.edges_used, key=lambda edge: reported_mtf50(edge).cy_per_px)
-    if not ranked:
-        return []
-    if len(ranked) == 1:
-        return [_mtf50_verdict("MTF50", ranked[0], psf.pixel_pitch_um)]
-    middle = median_of_edges(ranked)
     height, pitch_um = psf.picture_height_px, psf.pixel_pitch_um
+    if len(ranked) < 2:
+        return [_mtf50_verdict("MTF50", edge, pitch_um) for edge in ranked]
+    middle = median_of_edges(ranked)
     units = [(1.0, 4, "cy/px")]
     units += [] if height is None else [(lw_per_ph(1.0, height), 1, "LW/PH")]
     units += [] if pitch_um is None else [(lp_per_mm(1.0, pitch_um), 2, "lp/mm")]
@@ -83,11 +84,7 @@ def _mtf50_verdicts(psf: PsfCalibration) -> list[Verdict]:
         for factor, digits, unit in units
     )
     return [
-        Verdict(
-            name=f"MTF50, median of {len(ranked)} edges",
-            value=f"{middle.value:.3f} cy/px",
-            remark=said,
-        ),
+        Verdict(f"MTF50, median of {len(ranked)} edges", f"{middle.value:.3f} cy/px", said),
         _mtf50_verdict("MTF50, softest edge", ranked[0], pitch_um),
         _mtf50_verdict("MTF50, sharpest edge", ranked[-1], pitch_um),
     ]
@@ -103,7 +100,7 @@ def _mtf50_verdict(name: str, edge: EdgeMeasurement, pixel_pitch_um: float | Non
         if cell
     )
     model = "" if known.is_model_free else ", of the fitted Gaussian"
-    return Verdict(name=name, value=f"{known.cy_per_px:.3f} cy/px", remark=f"{said}{model}")
+    return Verdict(name, f"{known.cy_per_px:.3f} cy/px", f"{said}{model}")
 
 
 def calibration_sections(
@@ -118,7 +115,7 @@ def calibration_sections(
     drawn = [edge for edge in psf.edges if images is None or edge.image in images]
     curves = curves_section(psf)
     is_short = len(psf.edges_used) <= _EDGES_WITH_CURVES_FIRST
-    sections = [
+    return present(
         _edges_section(psf, drawn, load_image) if psf.edges else None,
         curves if is_short else None,
         field_map_section(psf),
@@ -128,115 +125,96 @@ def calibration_sections(
         widths_section(psf),
         field_section(psf),
         None if is_short else curves,
-    ]
-    return tuple(section for section in sections if section is not None)
+    )
 
 
-def _missing_text(missing: int) -> tuple[str, ...]:
+def _missing_text(missing: int) -> str | None:
     if missing == 0:
-        return ()
+        return None
     return (
         f"{missing} edges of this psf.json are on photographs that are not available here: they "
-        "count in the widths and are listed in the tables, but are not drawn.",
+        "count in the widths and are listed in the tables, but are not drawn."
     )
 
 
 def _psf_section(psf: PsfCalibration) -> ReportSection:
-    rows, missing = [], []
-    for name, key, unit in (
-        ("sigma x", "sigma_x_px", "px"),
-        ("sigma y", "sigma_y_px", "px"),
-        ("rho", "rho", ""),
-    ):
-        cells = []
-        for prefix in ("", "optical_"):
-            value = getattr(psf, f"{prefix}{key}")
-            cells += [_figure(value, ""), _interval(psf, f"{prefix}{key}", value)]
-        if getattr(psf, key) is None:
-            missing.append(name)
-            continue
-        rows.append((f"{name} / {unit}" if unit else name, *cells))
-    mtf = plot_mtf(psf)
-    figures = []
-    if mtf is not None:
-        figures.append(
-            ReportFigure.of(
-                mtf,
-                "Contrast at each frequency, optics and pixel together. The e-SFR is measured "
-                "without a model (median over edges); where it departs from the Gaussian curve, "
-                "the PSF is not Gaussian.",
-            )
+    parameters = (("sigma x", "sigma_x_px"), ("sigma y", "sigma_y_px"), ("rho", "rho"))
+    missing = [name for name, key in parameters if getattr(psf, key) is None]
+    rows = tuple(
+        (
+            f"{name} / px" if key != "rho" else name,
+            *_cells(*_value_and_interval(psf, key)),
+            *_cells(*_value_and_interval(psf, f"optical_{key}")),
         )
-    if psf.transfer_2d is not None:
-        figures.append(
-            ReportFigure.of(
-                plot_transfer_2d(psf.transfer_2d),
-                "Transfer function of optics and pixel, fitted to the pixels of all edges at once, "
-                f"with its pointwise 95 % band: {psf.transfer_2d}. Below 0, light and dark are "
-                "exchanged. Where a band leaves the figure, no edge tells that direction.",
-            )
-        )
-    return ReportSection(
-        title="Point spread function",
-        text=(
-            "Total is what the image shows: optics and square pixel together, the Sigma of the "
-            "capture model. Optical is the lens alone.",
-            *_origin(psf),
-            *([f"Not determined by these edges: {', '.join(missing)}."] if missing else []),
-        ),
-        tables=(
-            ReportTable(
-                columns=("", "total", "95 % interval", "optical", "95 % interval"), rows=tuple(rows)
-            ),
-            *_channels_table(psf),
-        ),
-        figures=tuple(figures),
+        for name, key in parameters
+        if name not in missing
     )
+    columns = ("", "total", "95 % interval", "optical", "95 % interval")
+    transfer = psf.transfer_2d
+    return ReportSection.of(
+        "Point spread function",
+        "Total is what the image shows: optics and square pixel together, the Sigma of the "
+        "capture model. Optical is the lens alone.",
+        *_origin(psf),
+        f"Not determined by these edges: {', '.join(missing)}." if missing else None,
+        ReportTable(columns=columns, rows=rows),
+        _channels_table(psf),
+        ReportFigure.if_drawn(
+            plot_mtf(psf),
+            "Contrast at each frequency, optics and pixel together. The e-SFR is measured "
+            "without a model (median over edges); where it departs from the Gaussian curve, "
+            "the PSF is not Gaussian.",
+        ),
+        ReportFigure.if_drawn(
+            None if transfer is None else plot_transfer_2d(transfer),
+            "Transfer function of optics and pixel, fitted to the pixels of all edges at once, "
+            f"with its pointwise 95 % band: {transfer}. Below 0, light and dark are "
+            "exchanged. Where a band leaves the figure, no edge tells that direction.",
+        ),
+    )
+
+
+def _cells(value: float | None, interval: str) -> tuple[str, str]:
+    return number_text(value, ".4f", "not determined"), interval
 
 
 def _origin(psf: PsfCalibration) -> tuple[str, ...]:
-    lines = []
-    if psf.method == "paper":
-        lines.append(
-            "Method paper: medians of Gaussians fitted to binned line spread functions. It is "
-            "biased by +5 % at 0.5 px and +1.3 % at 1 px, and gives no optical width and no rho."
-        )
-    if psf.region is not None:
-        lines.append(f"Only the region {psf.region} of the frame was used.")
-    if psf.channel is not None:
-        lines.append(f"Colour: {psf.channel}.")
-    return tuple(lines)
+    return present(
+        "Method paper: medians of Gaussians fitted to binned line spread functions. It is "
+        "biased by +5 % at 0.5 px and +1.3 % at 1 px, and gives no optical width and no rho."
+        if psf.method == "paper"
+        else None,
+        None if psf.region is None else f"Only the region {psf.region} of the frame was used.",
+        None if psf.channel is None else f"Colour: {psf.channel}.",
+    )
 
 
-def _channels_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
+def _channels_table(psf: PsfCalibration) -> ReportTable | None:
     if not psf.channels:
-        return ()
-    rows = tuple(
-        (
-            name,
-            with_err(one.sigma_x_px, one.sigma_x_err_px),
-            with_err(one.sigma_y_px, one.sigma_y_err_px),
-            with_err(one.optical_sigma_x_px, one.optical_sigma_x_err_px),
-            with_err(one.optical_sigma_y_px, one.optical_sigma_y_err_px),
-        )
-        for name, one in psf.channels.items()
+        return None
+    return ReportTable.of(
+        psf.channels.items(),
+        {
+            "colour": lambda row: row[0],
+            "total sigma x / px": lambda row: with_err(row[1].sigma_x_px, row[1].sigma_x_err_px),
+            "total sigma y / px": lambda row: with_err(row[1].sigma_y_px, row[1].sigma_y_err_px),
+            "optical sigma x / px": lambda row: with_err(
+                row[1].optical_sigma_x_px, row[1].optical_sigma_x_err_px
+            ),
+            "optical sigma y / px": lambda row: with_err(
+                row[1].optical_sigma_y_px, row[1].optical_sigma_y_err_px
+            ),
+        },
+        "Widths by colour of the mosaic.",
     )
-    columns = (
-        "colour",
-        "total sigma x / px",
-        "total sigma y / px",
-        "optical sigma x / px",
-        "optical sigma y / px",
-    )
-    return (ReportTable(columns=columns, rows=rows, caption="Widths by colour of the mosaic."),)
 
 
 def _edges_section(
     psf: PsfCalibration, found: list[EdgeMeasurement], load_image: _ImageLoader
 ) -> ReportSection:
-    missing = len(psf.edges) - len(found)
+    missing = _missing_text(len(psf.edges) - len(found))
     if not found:
-        return ReportSection(title="Edges", text=_missing_text(missing))
+        return ReportSection.of("Edges", missing)
     by_image = {
         name: list(edges)
         for name, edges in groupby(sorted(found, key=lambda e: e.image), lambda e: e.image)
@@ -244,24 +222,30 @@ def _edges_section(
     # Photographs whose edges point in other directions than those already shown.
     by_direction = {_directions(edges): name for name, edges in reversed(by_image.items())}
     shown = sorted(by_direction.values())[:_IMAGES_SHOWN]
-    figures = []
-    for name in shown:
-        edges = by_image[name]
-        width_in = _WHOLE_WIDTH_IN if len(shown) == 1 else _HALF_WIDTH_IN
-        figure = plot_edges(load_image(edges[0]), edges, REJECTING_FLAGS, width_in)
-        caption = f"Edges of {name} and their MTF50 in cy/px."
-        figures.append(ReportFigure.of(figure, caption, form="png"))
-    text = ["The edge that was found and fitted, with its MTF50 in cy/px."]
+    width_in = _WHOLE_WIDTH_IN if len(shown) == 1 else _HALF_WIDTH_IN
+    text = "The edge that was found and fitted, with its MTF50 in cy/px."
     if len(found) > 1:
-        text = [
+        text = (
             "Every straight edge that was found and fitted, with its MTF50 in cy/px; long ones are "
             "cut into pieces. Labels that would overlap are left out, never those of the softest "
             "and the sharpest edge."
-        ]
-    if len(by_image) > len(shown):
-        text.append(f"{len(shown)} of {len(by_image)} photographs are shown.")
-    text += _missing_text(missing)
-    return ReportSection(title="Edges", text=tuple(text), figures=tuple(figures))
+        )
+    is_cut = len(by_image) > len(shown)
+    return ReportSection.of(
+        "Edges",
+        text,
+        f"{len(shown)} of {len(by_image)} photographs are shown." if is_cut else None,
+        missing,
+        *(
+            ReportFigure.of(
+                plot_edges(load_image(edges[0]), edges, REJECTING_FLAGS, width_in),
+                f"Edges of {name} and their MTF50 in cy/px.",
+                form="png",
+            )
+            for name in shown
+            for edges in [by_image[name]]
+        ),
+    )
 
 
 def _directions(edges: list[EdgeMeasurement]) -> frozenset[int]:
@@ -280,36 +264,26 @@ def _profiles_section(found: list[EdgeMeasurement], load_image: _ImageLoader) ->
             continue
         # The edge in the middle of the ranking: neither the best nor the worst.
         typical = sorted(edges, key=lambda edge: edge.sigma_px)[len(edges) // 2]
-        figure = plot_profile(load_image(typical), typical)
         caption = (
             f"A typical {orientation} edge: {typical.angle_deg:.1f} degrees, "
             f"{typical.length_px:.0f} px long, at ({typical.x_px:.0f}, {typical.y_px:.0f})."
         )
-        figures.append(ReportFigure.of(figure, caption))
-    return ReportSection(
-        title="Edge profiles",
-        text=(
-            "Raw pixels by distance from the edge, the fitted edge, and the residuals. Residuals "
-            "that oscillate about zero at the edge mean that the PSF is not Gaussian.",
-        ),
-        figures=tuple(figures),
+        figures.append(ReportFigure.of(plot_profile(load_image(typical), typical), caption))
+    return ReportSection.of(
+        "Edge profiles",
+        "Raw pixels by distance from the edge, the fitted edge, and the residuals. Residuals "
+        "that oscillate about zero at the edge mean that the PSF is not Gaussian.",
+        *figures,
     )
 
 
-def _figure(value: float | None, unit: str) -> str:
-    return "not determined" if value is None else f"{value:.4f}{unit}"
-
-
-def _remark(psf: PsfCalibration, key: str, value: float | None) -> str:
-    interval = _interval(psf, key, value)
-    return f"95 %: {interval}" if interval else ""
-
-
-def _interval(psf: PsfCalibration, key: str, value: float | None) -> str:
+def _value_and_interval(psf: PsfCalibration, key: str) -> tuple[float | None, str]:
+    """A parameter and its 95 % interval in words, which is empty where it is not known."""
+    value: float | None = getattr(psf, key)
     if value is None or key not in psf.intervals_95:
-        return ""
+        return value, ""
     low, high = psf.intervals_95[key]
-    return f"{low:.4f} to {high:.4f}"
+    return value, f"{low:.4f} to {high:.4f}"
 
 
 _UNSTATED = "not stated"
@@ -392,16 +366,10 @@ def verdict_section(psf: PsfCalibration) -> ReportSection | None:
     """Tabulate every limit with its figure; None without limits."""
     if psf.verdict is None:
         return None
-    return ReportSection(
-        title="Limits",
-        text=(
-            "A limit is passed where the whole interval keeps it, failed where none of it does, "
-            "and unsure where the interval straddles it. Over several edges or corners the "
-            "intervals are widened so that they hold all together (Bonferroni).",
-        ),
-        tables=(
-            ReportTable(
-                columns=VERDICT_COLUMNS, rows=verdict_rows(psf.verdict), ends_in_words=True
-            ),
-        ),
+    return ReportSection.of(
+        "Limits",
+        "A limit is passed where the whole interval keeps it, failed where none of it does, "
+        "and unsure where the interval straddles it. Over several edges or corners the "
+        "intervals are widened so that they hold all together (Bonferroni).",
+        ReportTable(columns=VERDICT_COLUMNS, rows=verdict_rows(psf.verdict), ends_in_words=True),
     )

@@ -17,6 +17,8 @@ from analysis.reports.page import (
     ReportTable,
     in_report_style,
     new_figure,
+    new_plot,
+    number_text,
 )
 from calibration.edges import SFR_FREQ_CY_PER_PX, EdgeMeasurement, edge_profile
 from calibration.psf import ORIENTATION_COLOURS, PsfCalibration, draw_widths_by_angle
@@ -115,8 +117,7 @@ def plot_edges(
     image_dn = _filled(image_dn)
     highest_in = _HIGHEST_OF_FEW_IN if len(edges) <= _FEW else _HIGHEST_IN
     drawn_in = min(width_in - _AXES_IN, highest_in * cols / rows)
-    figure = new_figure(drawn_in + _AXES_IN, drawn_in * rows / cols + _LEGEND_IN)
-    axes = figure.subplots()
+    figure, axes = new_plot(drawn_in + _AXES_IN, drawn_in * rows / cols + _LEGEND_IN)
     low, high = np.percentile(image_dn, [0.5, 99.5])
     axes.imshow(image_dn, cmap="gray", vmin=low, vmax=max(high, low + 1e-9))
     labels = set()
@@ -201,8 +202,7 @@ def plot_profile(image_dn: FloatImage, edge: EdgeMeasurement) -> Figure:
 @in_report_style
 def plot_widths_by_angle(psf: PsfCalibration, rejected: frozenset[str]) -> Figure:
     """Plot the width across every edge against its angle, with the fitted covariance."""
-    figure = new_figure(6.4, 3.4)
-    axes = figure.subplots()
+    figure, axes = new_plot(6.4, 3.4)
     draw_widths_by_angle(axes, psf, rejected)
     entries = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     order = [name for name in ORIENTATION_COLOURS if name in entries]
@@ -272,19 +272,19 @@ def curves_section(psf: PsfCalibration) -> ReportSection | None:
     count = -(-len(shown) // _ROWS_A_FIGURE)
     per_figure = -(-len(shown) // count)
     pages = [shown[k : k + per_figure] for k in range(0, len(shown), per_figure)]
-    figures = tuple(
-        ReportFigure.of(plot_curves_of_edges(page, has_image=has_image), _CAPTION) for page in pages
-    )
-    text = [
+    return ReportSection.of(
+        "Curves of the edges",
         "Distances run from the dark to the bright side, across the edge; the dashed curve is "
-        "the fitted Gaussian with its pixel, the solid one the e-SFR's, which assumes no shape."
-    ]
-    if len(shown) < len(known):
-        text.append(
-            f"{len(shown)} of {len(known)} edges are shown: the softest, the sharpest and others "
-            "spread over the frame. The table that --csv writes has the SFR of all of them."
-        )
-    return ReportSection(title="Curves of the edges", text=tuple(text), figures=figures)
+        "the fitted Gaussian with its pixel, the solid one the e-SFR's, which assumes no shape.",
+        f"{len(shown)} of {len(known)} edges are shown: the softest, the sharpest and others "
+        "spread over the frame. The table that --csv writes has the SFR of all of them."
+        if len(shown) < len(known)
+        else None,
+        *(
+            ReportFigure.of(plot_curves_of_edges(page, has_image=has_image), _CAPTION)
+            for page in pages
+        ),
+    )
 
 
 _CAPTION = (
@@ -414,61 +414,62 @@ def edge_table_section(psf: PsfCalibration) -> ReportSection:
     if len(edges) > 1:
         shared = frozenset.intersection(*(frozenset(edge.flags) for edge in edges))
     quality = [_quality_cells(edge, shared) for edge in edges]
-    text = ["An edge is named by its middle in px and the direction of its line."]
-    if shared:
-        text.append(f"Remarks on all edges: {_remarks(sorted(shared))}.")
-    if any(" *" in cell for row in sharpness for cell in row):
-        text.append(MODEL_REMARK)
     more = len(psf.edges) - len(edges)
-    if more > 0:
-        text.append(f"{more} more edges are in psf.json.")
+    is_long = len(edges) > _EDGES_IN_FULL
+    has_model = any(" *" in cell for row in sharpness for cell in row)
+    text = (
+        "An edge is named by its middle in px and the direction of its line.",
+        f"Remarks on all edges: {_remarks(sorted(shared))}." if shared else None,
+        MODEL_REMARK if has_model else None,
+        f"{more} more edges are in psf.json." if more > 0 else None,
+        "psf.json and the table of --csv also have contrast, roughness and clipping."
+        if is_long
+        else None,
+    )
     joined = list(zip(sharpness, quality, strict=True))
-    tables: tuple[ReportTable, ...]
-    if len(edges) <= _EDGES_IN_FULL:
-        tables = (
-            ReportTable(columns=columns, rows=_grouped(edges, sharpness), caption="Sharpness."),
-            ReportTable(
-                columns=("edge", *_QUALITY_COLUMNS),
-                rows=_grouped(edges, [(one[0], *other) for one, other in joined]),
-                caption="Quality.",
-                ends_in_words=True,
-            ),
-        )
-    else:  # a row each on one line: five pages at most
-        text.append("psf.json and the table of --csv also have contrast, roughness and clipping.")
-        kept = (0, 1, len(_QUALITY_COLUMNS) - 1)
-        rows = [(*one[:-1], *(other[k] for k in kept)) for one, other in joined]
-        tables = (
-            ReportTable(
-                columns=(*columns[:-1], *(_QUALITY_COLUMNS[k] for k in kept)),
-                rows=_grouped(edges, rows),
-                ends_in_words=True,
-            ),
-        )
-    return ReportSection(title="All edges", text=tuple(text), is_folded=True, tables=tables)
+    if is_long:  # a row each on one line: five pages at most
+        shown = (0, 1, len(_QUALITY_COLUMNS) - 1)
+        rows = [(*one[:-1], *(other[k] for k in shown)) for one, other in joined]
+        together = (*columns[:-1], *(_QUALITY_COLUMNS[k] for k in shown))
+        tables = [_edges_table(edges, together, rows, "", ends_in_words=True)]
+    else:
+        rows = [(one[0], *other) for one, other in joined]
+        tables = [
+            _edges_table(edges, columns, sharpness, "Sharpness."),
+            _edges_table(edges, ("edge", *_QUALITY_COLUMNS), rows, "Quality.", ends_in_words=True),
+        ]
+    return ReportSection.of("All edges", *text, *tables, is_folded=True)
 
 
-def _grouped(
-    edges: Sequence[EdgeMeasurement], rows: Sequence[tuple[str, ...]]
-) -> tuple[tuple[str, ...], ...]:
-    """The rows of edges, those of several photographs each under its name."""
-    if len({edge.image for edge in edges}) < 2:
-        return tuple(rows)
-    found: list[tuple[str, ...]] = []
-    pairs = zip(edges, rows, strict=True)
-    for image, group in groupby(pairs, lambda pair: pair[0].image):
-        found += [(image,), *(row for _, row in group)]
-    return tuple(found)
+def _edges_table(
+    edges: Sequence[EdgeMeasurement],
+    columns: tuple[str, ...],
+    rows: Sequence[tuple[str, ...]],
+    caption: str,
+    *,
+    ends_in_words: bool = False,
+) -> ReportTable:
+    """Tabulate edges; those of several photographs stand each under its name."""
+    grouped = list(rows)
+    if len({edge.image for edge in edges}) > 1:
+        grouped = []
+        pairs = zip(edges, rows, strict=True)
+        for image, group in groupby(pairs, lambda pair: pair[0].image):
+            grouped += [(image,), *(row for _, row in group)]
+    return ReportTable(
+        columns=columns, rows=tuple(grouped), caption=caption, ends_in_words=ends_in_words
+    )
 
 
 def _quality_cells(edge: EdgeMeasurement, shared: frozenset[str]) -> tuple[str, ...]:
+    clipped = edge.clipped_fraction
     return (
         f"{edge.length_px:.0f}",
         "over 9999" if edge.snr is None or edge.snr > 9999 else f"{edge.snr:.0f}",
-        _optional(edge.contrast, ".2f"),
-        _optional(edge.roughness_px, ".3f"),
-        _percent(edge.clipped_fraction),
-        "" if edge.chi2_reduced is None else f"{edge.chi2_reduced:.2f}",
+        number_text(edge.contrast, ".2f"),
+        number_text(edge.roughness_px, ".3f"),
+        number_text(None if clipped is None else 100 * clipped, ".2f"),
+        number_text(edge.chi2_reduced, ".2f"),
         _remarks([flag for flag in edge.flags if flag not in shared]),
     )
 
@@ -486,14 +487,6 @@ _QUALITY_COLUMNS = (
     "reduced chi²",
     "remarks",
 )
-
-
-def _optional(value: float | None, form: str) -> str:
-    return "" if value is None else format(value, form)
-
-
-def _percent(fraction: float | None) -> str:
-    return "" if fraction is None else f"{100 * fraction:.2f}"
 
 
 def edge_csv(calibration: PsfCalibration) -> str:

@@ -13,6 +13,7 @@ from analysis.reports.page import (
     ReportTable,
     in_report_style,
     new_figure,
+    new_plot,
 )
 from analysis.reports.psf_edges import plot_widths_by_angle
 from calibration.edges import REJECTING_FLAGS, EdgeMeasurement
@@ -51,8 +52,8 @@ _ELLIPSE_SHARE = 0.055  # of the frame's width, for the widest one
 @in_report_style
 def plot_mtf(psf: PsfCalibration) -> Figure | None:
     """Plot the contrast by frequency along x and y; None where it is not known."""
-    figure = new_figure(6.4, 3.4)
-    return figure if draw_mtf(figure.subplots(), psf) else None
+    figure, axes = new_plot(6.4, 3.4)
+    return figure if draw_mtf(axes, psf) else None
 
 
 @in_report_style
@@ -61,8 +62,7 @@ def plot_transfer_2d(transfer: Transfer2d) -> Figure:
 
     The band of a direction that no edge tells leaves the figure: it does not set the scale.
     """
-    figure = new_figure(6.4, 3.4)
-    axes = figure.subplots()
+    figure, axes = new_plot(6.4, 3.4)
     draw_transfer_2d(axes, transfer)
     lowest = min(float(np.min(line.get_ydata())) for line in axes.lines)
     axes.set_ylim(lowest - _TRANSFER_ROOM, 1 + _TRANSFER_ROOM)
@@ -77,8 +77,7 @@ def plot_field(psf: PsfCalibration, field: PsfField) -> Figure:
     x, y = np.linspace(0, width - 1, _MAP_POINTS), np.linspace(0, height - 1, _MAP_POINTS)
     covariance = field.covariance_px2(x[None, :], y[:, None])
     mean_width = np.linalg.det(covariance) ** 0.25
-    figure = new_figure(6.4, 6.4 * height / width * 0.8 + 0.6)
-    axes = figure.subplots()
+    figure, axes = new_plot(6.4, 6.4 * height / width * 0.8 + 0.6)
     shown = axes.imshow(
         mean_width,
         extent=(-0.5, width - 0.5, height - 0.5, -0.5),
@@ -193,89 +192,77 @@ def widths_section(psf: PsfCalibration) -> ReportSection | None:
 
     None for few edges at one height: their widths stand in the table.
     """
-    figures = []
-    if len(psf.edges_used) >= _FEWEST_DRAWN:
-        caption = "Width across each edge with its 95 % bar."
-        if psf.covariance_px2 is not None:
-            caption += " The curves are the fitted covariances."
-        figures.append(ReportFigure.of(plot_widths_by_angle(psf, REJECTING_FLAGS), caption))
+    caption = "Width across each edge with its 95 % bar."
+    if psf.covariance_px2 is not None:
+        caption += " The curves are the fitted covariances."
+    is_drawn = len(psf.edges_used) >= _FEWEST_DRAWN
     by_height = plot_heights(psf, REJECTING_FLAGS)
-    if by_height is not None:
-        figures.append(
-            ReportFigure.of(
-                by_height,
-                "Width against the height of the camera: every edge, and all edges at a height "
-                "relative to the mean of the calibration.",
-            )
-        )
-    if not figures:
+    if not is_drawn and by_height is None:
         return None
-    return ReportSection(
-        title="Width by angle" if by_height is None else "Width by angle and height",
-        text=_trend_text(psf),
-        tables=_heights_table(psf),
-        figures=tuple(figures),
+    return ReportSection.of(
+        "Width by angle" if by_height is None else "Width by angle and height",
+        _trend_text(psf.height_trend),
+        _heights_table(psf.height_trend),
+        ReportFigure.if_drawn(
+            plot_widths_by_angle(psf, REJECTING_FLAGS) if is_drawn else None, caption
+        ),
+        ReportFigure.if_drawn(
+            by_height,
+            "Width against the height of the camera: every edge, and all edges at a height "
+            "relative to the mean of the calibration.",
+        ),
     )
 
 
-def _trend_text(psf: PsfCalibration) -> tuple[str, ...]:
-    trend = psf.height_trend
+def _trend_text(trend: HeightTrend | None) -> str | None:
     if trend is None:
-        return ()
+        return None
     p_value = min(trend.p_value, trend.p_value_between)
     if trend.is_drift:
         return (
             f"The width changes with the height (p = {p_value:.2g}): the focus drifts, or the "
             "target is not sharp enough for the nearest height. Calibrate at one height, or "
-            "refocus.",
+            "refocus."
         )
     return (
         "The change of the width with the height is not significant, or below 1 % "
-        f"(p = {p_value:.2g}).",
+        f"(p = {p_value:.2g})."
     )
 
 
-def _heights_table(psf: PsfCalibration) -> tuple[ReportTable, ...]:
-    if psf.height_trend is None:
-        return ()
-    rows = tuple(
-        (
-            f"{group.height_mm:.3f}",
-            str(group.edges),
-            with_err(group.sigma_x_px, group.sigma_x_err_px),
-            with_err(group.sigma_y_px, group.sigma_y_err_px),
-            f"{100 * (group.relative_width - 1):+.2f} ± {196 * group.relative_width_err:.2f}",
-        )
-        for group in psf.height_trend.heights
+def _heights_table(trend: HeightTrend | None) -> ReportTable | None:
+    if trend is None:
+        return None
+    return ReportTable.of(
+        trend.heights,
+        {
+            "height / mm": lambda group: f"{group.height_mm:.3f}",
+            "edges": lambda group: str(group.edges),
+            "median sigma x / px": lambda group: with_err(group.sigma_x_px, group.sigma_x_err_px),
+            "median sigma y / px": lambda group: with_err(group.sigma_y_px, group.sigma_y_err_px),
+            "deviation from the mean / %": lambda group: (
+                f"{100 * (group.relative_width - 1):+.2f} ± {196 * group.relative_width_err:.2f}"
+            ),
+        },
+        "Total widths by height.",
     )
-    columns = (
-        "height / mm",
-        "edges",
-        "median sigma x / px",
-        "median sigma y / px",
-        "deviation from the mean / %",
-    )
-    return (ReportTable(columns=columns, rows=rows, caption="Total widths by height."),)
 
 
 def field_section(psf: PsfCalibration) -> ReportSection | None:
     """Show the PSF from centre to corner; None for a psf.json without edges and field."""
+    title = "From centre to corner"
     try:
         field = psf.total_field("psf.json")
     except PsfFileError as error:
-        return ReportSection(title="From centre to corner", text=(f"Left out: {error}.",))
+        return ReportSection.of(title, f"Left out: {error}.")
     if field is None:
         if len(psf.edges_used) < _FEWEST_DRAWN:
             return None
-        return ReportSection(
-            title="From centre to corner",
-            text=(
-                f"No PSF field: {psf.no_field_because}."
-                if psf.no_field_because
-                else "No PSF field: there are too few edges over the frame to determine one (at "
-                "least 36 in several directions), or the PSF does not change significantly.",
-            ),
+        why = psf.no_field_because or (
+            "there are too few edges over the frame to determine one (at "
+            "least 36 in several directions), or the PSF does not change significantly"
         )
+        return ReportSection.of(title, f"No PSF field: {why}.")
     width, height = field.width_px, field.height_px
     positions = (
         ("centre", (width - 1) / 2, (height - 1) / 2),
@@ -296,21 +283,15 @@ def field_section(psf: PsfCalibration) -> ReportSection | None:
             f"width in the frame is known to ± {100 * NORMAL_95 * stored.worst_err:.1f} % or "
             "better."
         )
-    return ReportSection(
-        title="From centre to corner",
-        text=("Each element of the covariance is a quadratic polynomial over the frame." + sure,),
-        tables=(
-            ReportTable(
-                columns=("position", "total sigma x / px", "total sigma y / px", "rho"),
-                rows=tuple(rows),
-            ),
-        ),
-        figures=(
-            ReportFigure.of(
-                plot_field(psf, field),
-                "Total width over the frame. Ellipses: local shape of the PSF, enlarged, all to "
-                "one scale. Dots: positions of the edges.",
-            ),
+    columns = ("position", "total sigma x / px", "total sigma y / px", "rho")
+    return ReportSection.of(
+        title,
+        f"Each element of the covariance is a quadratic polynomial over the frame.{sure}",
+        ReportTable(columns=columns, rows=tuple(rows)),
+        ReportFigure.of(
+            plot_field(psf, field),
+            "Total width over the frame. Ellipses: local shape of the PSF, enlarged, all to "
+            "one scale. Dots: positions of the edges.",
         ),
     )
 
@@ -331,7 +312,6 @@ _RINGS = 6
 _OUTLIER_QUARTILES = 3.0  # between the quartiles lie 1.35 sigma of Gaussian scatter
 _LEAST_SCALE = 0.02  # of the median: finer differences are not worth a colour
 _FEWEST_IN_RING = 3
-_COLOUR_TITLE = "Lateral colour"
 _COLOURS = (("red", "#c0392b"), ("blue", "#2457c5"))
 
 
@@ -347,25 +327,21 @@ def field_map_section(psf: PsfCalibration) -> ReportSection | None:
     ]
     if len(edges) < _FEWEST_DRAWN:
         return None
-    return ReportSection(
-        title="MTF50 over the field",
-        text=(
-            "Meridional is the resolution along the radius from the centre of the frame (of edges "
-            "whose normal is within 45 degrees of it), sagittal that across it. The optical axis "
-            "is taken to be at the centre of the frame.",
+    return ReportSection.of(
+        "MTF50 over the field",
+        "Meridional is the resolution along the radius from the centre of the frame (of edges "
+        "whose normal is within 45 degrees of it), sagittal that across it. The optical axis "
+        "is taken to be at the centre of the frame.",
+        ReportFigure.of(
+            plot_field_map(edges, width, height),
+            "MTF50 of every edge at its position; each stroke lies along its edge. Outliers "
+            "have the colour of the scale's end.",
         ),
-        figures=(
-            ReportFigure.of(
-                plot_field_map(edges, width, height),
-                "MTF50 of every edge at its position; each stroke lies along its edge. Outliers "
-                "have the colour of the scale's end.",
-            ),
-            ReportFigure.of(
-                plot_by_radius(edges, width, height),
-                "MTF50 against the distance from the centre, 1 at the corners, with 95 % bars; "
-                "lines are medians of rings with three edges or more. Outliers stand at the "
-                "border.",
-            ),
+        ReportFigure.of(
+            plot_by_radius(edges, width, height),
+            "MTF50 against the distance from the centre, 1 at the corners, with 95 % bars; "
+            "lines are medians of rings with three edges or more. Outliers stand at the "
+            "border.",
         ),
     )
 
@@ -434,8 +410,7 @@ def plot_field_map(edges: Sequence[EdgeMeasurement], width_px: int, height_px: i
 @in_report_style
 def plot_by_radius(edges: Sequence[EdgeMeasurement], width_px: int, height_px: int) -> Figure:
     """Draw MTF50 against the distance from the centre in half diagonals."""
-    figure = new_figure(7.2, 3.0)
-    axes = figure.subplots()
+    figure, axes = new_plot(7.2, 3.0)
     low, high = _scale(np.array([reported_mtf50(edge).cy_per_px for edge in edges]))
     for direction, colour in _DIRECTIONS:
         points = []
@@ -484,42 +459,31 @@ def lateral_colour_section(psf: PsfCalibration) -> ReportSection | None:
     edges = [edge for edge in psf.edges_used if edge.red_shift_px is not None]
     if not edges or width is None or height is None:
         return None
-    text = (
-        "The same edge, fitted in red, green and blue: how far red and blue stand from green along "
-        "its normal, positive away from the centre of the frame.",
-    )
     most_red = max(edges, key=lambda edge: abs(edge.red_shift_px or 0.0))
     most_blue = max(edges, key=lambda edge: abs(edge.blue_shift_px or 0.0))
-    shown = [most_red] if most_red is most_blue else [most_red, most_blue]
-    if len(edges) < _FEWEST_DRAWN:
-        return ReportSection(
-            title=_COLOUR_TITLE, text=text, tables=(_shifts_table(psf, edges, ""),)
-        )
-    return ReportSection(
-        title=_COLOUR_TITLE,
-        text=text,
-        tables=(_shifts_table(psf, shown, "The largest shifts of red and of blue."),),
-        figures=(
-            ReportFigure.of(
-                plot_lateral_colour(edges, width, height),
-                "Shift of red and blue from green across each edge, with 95 % bars, against the "
-                "part of the radius that lies along the edge's normal: lateral colour that grows "
-                "with the radius is a straight line through 0.",
-            ),
+    largest = [most_red] if most_red is most_blue else [most_red, most_blue]
+    is_few = len(edges) < _FEWEST_DRAWN
+    has_image = len({edge.image for edge in psf.edges}) > 1
+    return ReportSection.of(
+        "Lateral colour",
+        "The same edge, fitted in red, green and blue: how far red and blue stand from green along "
+        "its normal, positive away from the centre of the frame.",
+        ReportTable.of(
+            edges if is_few else largest,
+            {
+                "edge": lambda edge: edge_name(edge, has_image=has_image),
+                "red from green / px": lambda edge: _shift(edge, "red"),
+                "blue from green / px": lambda edge: _shift(edge, "blue"),
+            },
+            "" if is_few else "The largest shifts of red and of blue.",
+        ),
+        ReportFigure.if_drawn(
+            None if is_few else plot_lateral_colour(edges, width, height),
+            "Shift of red and blue from green across each edge, with 95 % bars, against the "
+            "part of the radius that lies along the edge's normal: lateral colour that grows "
+            "with the radius is a straight line through 0.",
         ),
     )
-
-
-def _shifts_table(
-    psf: PsfCalibration, edges: Sequence[EdgeMeasurement], caption: str
-) -> ReportTable:
-    has_image = len({edge.image for edge in psf.edges}) > 1
-    rows = tuple(
-        (edge_name(edge, has_image=has_image), *(_shift(edge, colour) for colour, _ in _COLOURS))
-        for edge in edges
-    )
-    columns = ("edge", "red from green / px", "blue from green / px")
-    return ReportTable(columns=columns, rows=rows, caption=caption)
 
 
 def _shift(edge: EdgeMeasurement, colour: str) -> str:
@@ -531,8 +495,7 @@ def _shift(edge: EdgeMeasurement, colour: str) -> str:
 @in_report_style
 def plot_lateral_colour(edges: Sequence[EdgeMeasurement], width_px: int, height_px: int) -> Figure:
     """Draw the shifts of red and blue against the radius along the edges' normals."""
-    figure = new_figure(7.2, 2.9)
-    axes = figure.subplots()
+    figure, axes = new_plot(7.2, 2.9)
     along = [_radius_along_normal(edge, width_px, height_px) for edge in edges]
     for colour, ink in _COLOURS:
         axes.errorbar(

@@ -14,7 +14,7 @@ from analysis.reports.page import (
     ReportSection,
     ReportTable,
     in_report_style,
-    new_figure,
+    new_plot,
 )
 from calibration.errors import CalibrationError
 from calibration.psf import PsfCalibration, focus_repeatability, psf_change
@@ -116,7 +116,7 @@ def plot_history(entries: Sequence[HistoryEntry], ax: Axes | None = None) -> Fig
     dated = [entry for entry in entries if entry.psf.captured_utc is not None]
     if len(dated) < 2:
         return None
-    axes = new_figure(6.4, 3.2).subplots() if ax is None else ax
+    axes = new_plot()[1] if ax is None else ax
     figure = figure_of(axes)
     axes.tick_params(axis="x", labelrotation=20)
     for key, colour in _COLOURS.items():
@@ -162,34 +162,25 @@ def _compared(entries: list[HistoryEntry]) -> list[HistoryEntry]:
 
 
 def _camera_section(serial: str, entries: list[HistoryEntry]) -> ReportSection:
-    rows = tuple(
-        (
-            entry.name,
-            entry.captured_utc[:19].replace("T", " "),
-            _width(entry.psf.sigma_x_px, entry.psf.sigma_x_err_px),
-            _width(entry.psf.sigma_y_px, entry.psf.sigma_y_err_px),
-            _width(entry.psf.rho, entry.psf.rho_err),
-            entry.verdict or "first",
-        )
-        for entry in entries
-    )
-    figure = plot_history(entries)
     focus = focus_repeatability([entry.psf for entry in entries])
-    repeats = () if focus is None else (f"{str(focus).capitalize()}.",)
-    return ReportSection(
-        title=f"Camera {serial}",
-        text=("Every calibration is compared with the first one of its camera.", *repeats),
-        tables=(
-            ReportTable(
-                columns=("file", "captured (UTC)", "sigma x / px", "sigma y / px", "rho", "change"),
-                rows=rows,
-                ends_in_words=True,
-            ),
+    return ReportSection.of(
+        f"Camera {serial}",
+        "Every calibration is compared with the first one of its camera.",
+        None if focus is None else f"{str(focus).capitalize()}.",
+        ReportTable.of(
+            entries,
+            {
+                "file": lambda one: one.name,
+                "captured (UTC)": lambda one: one.captured_utc[:19].replace("T", " "),
+                "sigma x / px": lambda one: _width(one.psf.sigma_x_px, one.psf.sigma_x_err_px),
+                "sigma y / px": lambda one: _width(one.psf.sigma_y_px, one.psf.sigma_y_err_px),
+                "rho": lambda one: _width(one.psf.rho, one.psf.rho_err),
+                "change": lambda one: one.verdict or "first",
+            },
+            ends_in_words=True,
         ),
-        figures=(
-            ()
-            if figure is None
-            else (ReportFigure.of(figure, "Total widths over time; bars are 95 % intervals."),)
+        ReportFigure.if_drawn(
+            plot_history(entries), "Total widths over time; bars are 95 % intervals."
         ),
     )
 

@@ -23,7 +23,7 @@ from analysis.reports.page import (
     ReportSection,
     ReportTable,
     Verdict,
-    render_report,
+    present,
 )
 from analysis.reports.psf import (
     calibration_front,
@@ -34,82 +34,75 @@ from analysis.reports.psf import (
 from analysis.reports.psf_edges import edge_table_section
 from analysis.reports.psf_history import HistoryEntry, history_sections
 from analysis.reports.validation import plot_curves, plot_furthest
-from analysis.validation import ShownPair, Validation, furthest_pair
+from analysis.validation import Validation, furthest_pair
 from calibration.edges import EdgeMeasurement, edges_of_image
 from calibration.geometry import GeometryCalibration
 from calibration.psf import PsfCalibration, capture_images
+from simulation.arrays import Float32Array
 
 
-def render_calibration_report(
+def calibration_report(
     psf: PsfCalibration,
     load: Callable[[str], NDArray[np.floating[Any]]],
     session: Session | None = None,
-) -> str:
-    """Return the report of a PSF calibration as one HTML document.
+) -> Report:
+    """Return the report of a PSF calibration.
 
     ``load``: returns a photograph by its name, shape ``(rows, cols)``, linear in light.
     ``session``: where the photographs are from: captures, noise and stage are reported, too.
     """
     names = list(dict.fromkeys(edge.image for edge in psf.edges))
     subtitle = names[0] if len(names) == 1 else f"{len(names)} photographs"
-    before: list[ReportSection] = []
-    after: list[ReportSection] = []
-    if session is None:
-        rows: tuple[tuple[str, str], ...] = ()
-    else:
+    captures: ReportSection | None = None
+    bench: tuple[ReportSection, ...] = ()
+    rows: tuple[tuple[str, str], ...] = ()
+    if session is not None:
         subtitle = f"Session {session.plan.name}: {subtitle}"
-        before = [captures_section(session)]
-        after = [s for s in (noise_section(session, psf), stage_section(session)) if s]
-        rows = (
-            ("session.json", f"sha256 {file_sha256(session.path / MANIFEST_NAME)}"),
-            *device_rows(session),
-        )
-    limits = verdict_section(psf)
-    return render_report(
-        Report(
-            title="PSF calibration",
-            subtitle=subtitle,
-            verdicts=calibration_verdicts(psf),
-            sections=(
-                *([] if limits is None else [limits]),
-                *before,
-                *calibration_sections(psf, lambda edge: load(edge.image)),
-                *after,
-                edge_table_section(psf),
-            ),
-            provenance=(("method", psf.method or ""), *rows, *versions()),
-            origin=psf.provenance,
-            front=calibration_front(psf, psf.notes),
-        )
+        captures, bench = captures_section(session), _bench_sections(session, psf)
+        digest = file_sha256(session.path / MANIFEST_NAME)
+        rows = (("session.json", f"sha256 {digest}"), *device_rows(session))
+    return Report(
+        title="PSF calibration",
+        subtitle=subtitle,
+        verdicts=calibration_verdicts(psf),
+        sections=present(
+            verdict_section(psf),
+            captures,
+            *calibration_sections(psf, lambda edge: load(edge.image)),
+            *bench,
+            edge_table_section(psf),
+        ),
+        provenance=(("method", psf.method or ""), *rows, *versions()),
+        origin=psf.provenance,
+        front=calibration_front(psf, psf.notes),
     )
 
 
-def render_history_report(calibrations: dict[str, list[HistoryEntry]], origin: Provenance) -> str:
-    """Return the report on several calibrations, by camera, as one HTML document."""
+def _bench_sections(session: Session, psf: PsfCalibration | None) -> tuple[ReportSection, ...]:
+    return present(noise_section(session, psf), stage_section(session))
+
+
+def history_report(calibrations: dict[str, list[HistoryEntry]], origin: Provenance) -> Report:
+    """Return the report on several calibrations, by camera."""
     count = sum(map(len, calibrations.values()))
-    return render_report(
-        Report(
-            title="PSF history",
-            subtitle=f"Calibrations: {count}; cameras: {len(calibrations)}",
-            verdicts=(),
-            sections=history_sections(calibrations),
-            provenance=versions(),
-            origin=origin,
-        )
+    return Report(
+        title="PSF history",
+        subtitle=f"Calibrations: {count}; cameras: {len(calibrations)}",
+        sections=history_sections(calibrations),
+        provenance=versions(),
+        origin=origin,
     )
 
 
-def render_geometry_report(geometry: GeometryCalibration, subtitle: str) -> str:
-    """Return the report of a geometry calibration as one HTML document."""
-    return render_report(
-        Report(
-            title="Geometry",
-            subtitle=subtitle,
-            verdicts=geometry_verdicts(geometry),
-            sections=geometry_sections(geometry),
-            provenance=versions(),
-            origin=geometry.provenance,
-        )
+def geometry_report(geometry: GeometryCalibration, subtitle: str) -> Report:
+    """Return the report of a geometry calibration."""
+    return Report(
+        title="Geometry",
+        subtitle=subtitle,
+        verdicts=geometry_verdicts(geometry),
+        sections=geometry_sections(geometry),
+        provenance=versions(),
+        origin=geometry.provenance,
     )
 
 
@@ -131,54 +124,41 @@ class SessionNotes:
     origin: Provenance | None = None
 
 
-def render_session_report(
+def session_report(
     session: Session,
     psf: PsfCalibration | None,
     validation: Validation | None,
     notes: SessionNotes = SessionNotes(),
-) -> str:
-    """Return the report of a session as one HTML document.
+) -> Report:
+    """Return the report of a session.
 
     ``session``: the session; its edge captures are read again for the figures. ``psf, validation``:
     what has been worked out from it so far; the furthest pair is simulated again for its figure.
     """
-    verdicts: tuple[Verdict, ...] = ()
-    sections = [captures_section(session)]
-    front = None
+    left_out = ReportSection.of("Left out", *notes.remarks) if notes.remarks else None
+    sections = [left_out, None if psf is None else verdict_section(psf), captures_section(session)]
     if psf is not None:
         records = {record.file: record for record in session.records}
 
-        def load(edge: EdgeMeasurement) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
+        def load(edge: EdgeMeasurement) -> Float32Array:
             return session.load(records[edge.image]).mean_dn
 
-        verdicts = calibration_verdicts(psf)
-        front = calibration_front(psf, notes.warnings)
-        limits = verdict_section(psf)
-        sections = [*([] if limits is None else [limits]), *sections]
         sections += calibration_sections(with_curves(psf, session), load, frozenset(records))
     if validation is not None:
-        shown = None
-        if psf is not None:
-            shown = furthest_pair(session, validation, psf.best_psf(validation.psf))
-        sections.append(_agreement_section(validation, shown))
-        verdicts += _agreement_verdicts(validation)
-    sections += notes.comparisons
-    sections += [s for s in (noise_section(session, psf), stage_section(session)) if s]
-    if psf is not None:
-        sections.append(edge_table_section(psf))
-    if notes.remarks:
-        sections.insert(0, ReportSection(title="Left out", text=notes.remarks))
-    return render_report(
-        Report(
-            title=f"Session {session.plan.name}",
-            subtitle=f"{session.path.resolve().name}, captured by {session.manifest.operator}",
-            verdicts=verdicts,
-            sections=tuple(sections),
-            provenance=(*device_rows(session), *versions()),
-            origin=notes.origin,
-            front=front,
-            has_uncertainties=psf is not None,
-        )
+        sections.append(_agreement_section(session, validation, psf))
+    sections += [*notes.comparisons, *_bench_sections(session, psf)]
+    return Report(
+        title=f"Session {session.plan.name}",
+        subtitle=f"{session.path.resolve().name}, captured by {session.manifest.operator}",
+        verdicts=(
+            *(() if psf is None else calibration_verdicts(psf)),
+            *(() if validation is None else _agreement_verdicts(validation)),
+        ),
+        sections=present(*sections, None if psf is None else edge_table_section(psf)),
+        provenance=(*device_rows(session), *versions()),
+        origin=notes.origin,
+        front=None if psf is None else calibration_front(psf, notes.warnings),
+        has_uncertainties=psf is not None,
     )
 
 
@@ -218,72 +198,51 @@ def _agreement_verdicts(validation: Validation) -> tuple[Verdict, ...]:
     if matched is None:
         return ()
     peer = "" if bicubic is None else f"; bicubic {bicubic.mse_dn2:.2f}"
-    return (
-        Verdict(
-            name="simulated follow-ups",
-            value=f"MSE {matched.mse_dn2:.2f}",
-            remark=f"model matched{peer}",
-        ),
-    )
+    mse = f"MSE {matched.mse_dn2:.2f}"
+    return (Verdict("simulated follow-ups", mse, f"model matched{peer}"),)
 
 
-def _agreement_section(validation: Validation, furthest: ShownPair | None) -> ReportSection:
+def _agreement_section(
+    session: Session, validation: Validation, psf: PsfCalibration | None
+) -> ReportSection:
     """Say how well each model predicts the captured follow-ups: Table II and its figures.
 
-    ``furthest`` is drawn where the PSF to simulate it with is at hand.
+    The furthest pair is drawn where the PSF to simulate it with is at hand.
     """
-    rows = tuple(
-        (
-            model,
-            f"{mean.correlation:.4f}",
-            f"{mean.mse_dn2:.2f}",
-            f"{mean.nmi:.4f}",
-            f"{mean.psnr_db:.2f}",
-            f"{mean.psnr_of_mean_db:.2f}",
-            f"{mean.ssim:.4f}",
+    furthest = None
+    if psf is not None:
+        pair = furthest_pair(session, validation, psf.best_psf(validation.psf))
+        furthest = ReportFigure.of(
+            plot_furthest(pair),
+            f"{pair.pair.target} from {pair.pair.zoom:.2f} times further away: "
+            "captured, simulated by each model, and their differences.",
+            form="png",
         )
-        for model, mean in validation.means("followup-grid").items()
-    )
-    return ReportSection(
-        title="Simulated against captured follow-ups",
-        text=(
-            "Each height was simulated from the nearest ones, on the captured follow-up's own "
-            "pixels, and compared with what was captured there, after the paper's processing: "
-            "normalised to 0 to 255, a Gaussian of sigma 10 px subtracted, centre half. The "
-            "captures' own noise is part of the error. validation.json has the other alignments.",
-            *(f"Left out: {one.text}." for one in validation.excluded),
-            *(f"Remark: {remark}." for remark in validation.remarks),
+    return ReportSection.of(
+        "Simulated against captured follow-ups",
+        "Each height was simulated from the nearest ones, on the captured follow-up's own "
+        "pixels, and compared with what was captured there, after the paper's processing: "
+        "normalised to 0 to 255, a Gaussian of sigma 10 px subtracted, centre half. The "
+        "captures' own noise is part of the error. validation.json has the other alignments.",
+        *(f"Left out: {one.text}." for one in validation.excluded),
+        *(f"Remark: {remark}." for remark in validation.remarks),
+        ReportTable.of(
+            validation.means("followup-grid").items(),
+            {
+                "model": lambda row: row[0],
+                "correlation": lambda row: f"{row[1].correlation:.4f}",
+                "MSE": lambda row: f"{row[1].mse_dn2:.2f}",
+                "NMI": lambda row: f"{row[1].nmi:.4f}",
+                "PSNR / dB": lambda row: f"{row[1].psnr_db:.2f}",
+                "PSNR of mean MSE / dB": lambda row: f"{row[1].psnr_of_mean_db:.2f}",
+                "SSIM": lambda row: f"{row[1].ssim:.4f}",
+            },
+            f"Means over {len(validation.pairs)} pairs.",
         ),
-        tables=(
-            ReportTable(
-                columns=(
-                    "model",
-                    "correlation",
-                    "MSE",
-                    "NMI",
-                    "PSNR / dB",
-                    "PSNR of mean MSE / dB",
-                    "SSIM",
-                ),
-                rows=rows,
-                caption=f"Means over {len(validation.pairs)} pairs.",
-            ),
+        ReportFigure.of(
+            plot_curves(validation),
+            "Each metric between a reference and a follow-up aligned to it, against the "
+            "zoom-out. Dashed: the second reference.",
         ),
-        figures=(
-            ReportFigure.of(
-                plot_curves(validation),
-                "Each metric between a reference and a follow-up aligned to it, against the "
-                "zoom-out. Dashed: the second reference.",
-            ),
-            *([] if furthest is None else [_furthest_figure(furthest)]),
-        ),
-    )
-
-
-def _furthest_figure(furthest: ShownPair) -> ReportFigure:
-    return ReportFigure.of(
-        plot_furthest(furthest),
-        f"{furthest.pair.target} from {furthest.pair.zoom:.2f} times further away: "
-        "captured, simulated by each model, and their differences.",
-        form="png",
+        furthest,
     )

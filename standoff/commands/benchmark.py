@@ -73,11 +73,7 @@ def _show(scores: BenchmarkScores, out: Path | None) -> None:
     from analysis.benchmark import LEGEND, score_tables
 
     for table in score_tables(scores):
-        rows = [
-            [f"{cell} *" if (at, column) in table.best else cell for column, cell in enumerate(row)]
-            for at, row in enumerate(table.rows)
-        ]
-        terminal.print_table(table.title, table.columns, rows)
+        terminal.print_table(table.title, table.columns, table.marked_rows("*"))
     terminal.say(f"{LEGEND}; * is the best of a row" if len(scores.programs) > 1 else LEGEND)
     if out is not None:
         terminal.say(f"wrote {', '.join(str(out / name) for name in library.SCORE_FILES)}")

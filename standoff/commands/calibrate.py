@@ -166,21 +166,18 @@ def compare(
 def _show_change(change: PsfComparison) -> None:
     from calibration.sharpness import NORMAL_95, with_reach
 
-    terminal.print_table(
+    terminal.print_items(
         "PSF, ± at 95 %",
-        ["", "first", "second", "difference", "z", "p", "p (Holm)"],
-        [
-            [
-                one.name,
-                with_reach(one.first, NORMAL_95 * one.first_err, 4),
-                with_reach(one.second, NORMAL_95 * one.second_err, 4),
-                with_reach(one.difference, NORMAL_95 * one.difference_err, 4),
-                f"{one.z:+.2f}",
-                f"{one.p_value:.2g}",
-                f"{one.p_value_holm:.2g}",
-            ]
-            for one in change.parameters
-        ],
+        change.parameters,
+        {
+            "": lambda one: one.name,
+            "first": lambda one: with_reach(one.first, NORMAL_95 * one.first_err, 4),
+            "second": lambda one: with_reach(one.second, NORMAL_95 * one.second_err, 4),
+            "difference": lambda one: with_reach(one.difference, NORMAL_95 * one.difference_err, 4),
+            "z": lambda one: f"{one.z:+.2f}",
+            "p": lambda one: f"{one.p_value:.2g}",
+            "p (Holm)": lambda one: f"{one.p_value_holm:.2g}",
+        },
     )
     terminal.say(change.verdict)
 

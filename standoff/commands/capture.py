@@ -137,13 +137,16 @@ def _captured_text(done: CaptureProgress) -> str:
 
 
 def _print_plan(preview: PlanPreview, out: Path) -> None:
-    terminal.print_table(
+    terminal.print_items(
         f"{len(preview.entries)} captures",
-        ["index", "kind", "target", "orientation / deg", "height / mm"],
-        [
-            [str(e.index), e.kind, e.target, f"{e.orientation_deg:g}", f"{e.height_mm:g}"]
-            for e in preview.entries
-        ],
+        preview.entries,
+        {
+            "index": lambda entry: str(entry.index),
+            "kind": lambda entry: entry.kind,
+            "target": lambda entry: entry.target,
+            "orientation / deg": lambda entry: f"{entry.orientation_deg:g}",
+            "height / mm": lambda entry: f"{entry.height_mm:g}",
+        },
     )
     terminal.say(terminal.preview_line(preview.estimate, out))
 

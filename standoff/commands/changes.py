@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,10 +18,6 @@ if TYPE_CHECKING:
 
 _SHOWN_WHOLE, _SHOWN_OF_MANY = 20, 10
 _UNPAIRED_SHOWN = 5
-_COLUMNS = (
-    *("change", "what", "x / px", "y / px", "area / px", "sigma / px", "amplitude / DN"),
-    *("significance", "q"),
-)
 
 
 def _limit(
@@ -143,17 +140,7 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
         describe_prediction,
     )
 
-    found, count = summary.changes, len(summary.changes)
-    if found:
-        shown = found if count <= _SHOWN_WHOLE else found[:_SHOWN_OF_MANY]
-        title = "1 change" if count == 1 else f"{count} changes"
-        if len(shown) < count:
-            title = f"The first {len(shown)} of {title}"
-        terminal.print_table(
-            title,
-            _COLUMNS,
-            [_change_cells(number, change) for number, change in enumerate(shown, 1)],
-        )
+    _print_changes(summary.changes)
     terminal.say(
         f"{summary.changed_px} of {summary.compared_px} pixels changed by more than "
         f"{summary.threshold_sd:.2f} standard deviations (zoom {summary.zoom:.3f}); wrote {out}"
@@ -165,22 +152,35 @@ def _show_one(out: Path, summary: ChangeSummary) -> None:
         terminal.say(focus)
 
 
-def _change_cells(number: int, change: Change) -> list[str]:
-    from analysis.reports import q_text
+def _print_changes(found: Sequence[Change]) -> None:
+    from analysis.reports import count_text, q_text
     from calibration.sharpness import NORMAL_95
 
-    reach_dn = NORMAL_95 * change.amplitude_err_dn
-    return [
-        str(number),
-        change.what or "",
-        f"{change.x_px:.1f}",
-        f"{change.y_px:.1f}",
-        f"{change.area_px:.0f}",
-        "" if change.spot_sigma_px is None else f"{change.spot_sigma_px:.1f}",
-        f"{change.amplitude_dn:+.3g} ± {reach_dn:.2g}",
-        f"{change.significance:.1f}",
-        q_text(change.q_value),
-    ]
+    if not found:
+        return
+    shown = found if len(found) <= _SHOWN_WHOLE else found[:_SHOWN_OF_MANY]
+    title = count_text(len(found))
+    if len(shown) < len(found):
+        title = f"The first {len(shown)} of {title}"
+    terminal.print_items(
+        title,
+        enumerate(shown, 1),
+        {
+            "change": lambda one: str(one[0]),
+            "what": lambda one: one[1].what or "",
+            "x / px": lambda one: f"{one[1].x_px:.1f}",
+            "y / px": lambda one: f"{one[1].y_px:.1f}",
+            "area / px": lambda one: f"{one[1].area_px:.0f}",
+            "sigma / px": lambda one: (
+                "" if one[1].spot_sigma_px is None else f"{one[1].spot_sigma_px:.1f}"
+            ),
+            "amplitude / DN": lambda one: (
+                f"{one[1].amplitude_dn:+.3g} ± {NORMAL_95 * one[1].amplitude_err_dn:.2g}"
+            ),
+            "significance": lambda one: f"{one[1].significance:.1f}",
+            "q": lambda one: q_text(one[1].q_value),
+        },
+    )
 
 
 def _show_series(
@@ -195,29 +195,22 @@ def _show_series(
         terminal.note(
             f"{count} photographs without a partner of their name, or with several: {listed}{more}"
         )
-    terminal.note_once(found.notes)
-    if document is None:
-        done = f"follow-ups done, {found.sweep.refused} refused"
-        terminal.say_part(options, found.sweep, done, out=out)
-    elif terminal.wants_json():
-        terminal.print_json_file(found.summary)
-    else:
-        terminal.print_few(
-            ["folder", "changes", "changed px", "compared px", "zoom", "limit / DN"],
-            _cells,
-            found,
-            "Follow-ups with the most changed pixels",
-        )
+
+    def show(document: ChangesSeries) -> None:
+        terminal.print_few(found, _CELLS, "Follow-ups with the most changed pixels")
         terminal.say(
             f"{document.compared} follow-ups compared, {document.changed} with changed pixels "
             f"({found.sweep.found_done} already done); wrote {out}"
         )
-    terminal.report_refused(found.sweep, "the results of the others are complete")
+
+    terminal.show_series(found, options, out, show, "the results of the others are complete")
 
 
-def _cells(one: ComparedFollowup) -> list[str]:
-    if one.folder is None:
-        return [Path(one.followup).name, "", "", "", "none", ""]
-    counts = (one.changes, one.changed_px, one.compared_px)
-    limit = "" if one.limit_p95_dn is None else f"{one.limit_p95_dn:.2g}"
-    return [one.folder, *map(str, counts), f"{one.zoom:.3f}", limit]
+_CELLS: dict[str, Callable[[ComparedFollowup], str]] = {
+    "folder": lambda one: one.folder or Path(one.followup).name,
+    "changes": lambda one: "" if one.folder is None else str(one.changes),
+    "changed px": lambda one: "" if one.folder is None else str(one.changed_px),
+    "compared px": lambda one: "" if one.folder is None else str(one.compared_px),
+    "zoom": lambda one: "none" if one.folder is None else f"{one.zoom:.3f}",
+    "limit / DN": lambda one: "" if one.limit_p95_dn is None else f"{one.limit_p95_dn:.2g}",
+}

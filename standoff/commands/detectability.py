@@ -126,13 +126,7 @@ def detectability(
             lambda: {"out": url_of(out), "figures": files, **json_object(found)},
             lambda: _show_curves(out, files, found),
         )
-    terminal.end_refused(
-        done,
-        "the curves are of the others"
-        if done.refused == 1
-        else f"{done.refused} photographs could not be measured ({done.refused_list} lists them); "
-        f"the curves are of the {done.images} others",
-    )
+    terminal.end_refused(done, "measured", "the curves are of the {count}others")
 
 
 def _show_curves(out: Path, files: list[str], found: DetectabilityCurves) -> None:

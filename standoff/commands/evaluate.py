@@ -118,13 +118,7 @@ def evaluate(
         terminal.say_part(sweep, done, "photographs scored", writes="writes the curves")
     else:
         _show(out, found.write(out, report=report), found.evaluation)
-    terminal.end_refused(
-        done,
-        "the curves are of the others"
-        if done.refused == 1
-        else f"{done.refused} photographs could not be used ({done.refused_list} lists them); "
-        f"the curves are of the {done.images} others",
-    )
+    terminal.end_refused(done, "used", "the curves are of the {count}others")
 
 
 def _task(**values: object) -> EvaluationTask:

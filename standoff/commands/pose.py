@@ -5,7 +5,7 @@ Those of follow-ups, once or live; and how far the camera may be moved.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -155,43 +155,26 @@ def _show_series(
     found: library.SeriesResult[PoseSeries, JudgedFollowup],
     options: SweepOptions,
 ) -> None:
-    document = found.document
-    terminal.note_once(found.notes)
-    if document is None:
-        done = f"follow-ups done, {found.sweep.refused} refused"
-        terminal.say_part(options, found.sweep, done, out=out)
-    elif terminal.wants_json():
-        terminal.print_json_file(found.summary)
-    else:
-        terminal.print_few(
-            ["follow-up", "verdict", "d'", "zoom", "overlap"],
-            _cells,
-            found,
-            "Follow-ups with the least d'",
-        )
+    def show(document: PoseSeries) -> None:
+        terminal.print_few(found, _CELLS, "Follow-ups with the least d'")
+        unsure = f", {document.unsure} of all unsure" if document.unsure else ""
         terminal.say(
             f"{document.accepted} of {document.accepted + document.rejected} poses accepted"
-            f"{_of_unsure(document.unsure)}: {document.criterion} d' of at least "
+            f"{unsure}: {document.criterion} d' of at least "
             f"{document.min_dprime:g} ({found.sweep.found_done} already done); wrote {out}",
             terminal.UPPER_BOUND,
         )
-    terminal.report_refused(found.sweep, "the verdicts on the others are complete")
+
+    terminal.show_series(found, options, out, show, "the verdicts on the others are complete")
 
 
-def _cells(one: JudgedFollowup) -> list[str]:
-    if one.overlap is None:
-        return [Path(one.followup).name, "none", "", "", ""]
-    return [
-        Path(one.followup).name,
-        one.verdict or "",
-        f"{one.dprime_decisive:.2f}",
-        f"{one.zoom_min:.3f} to {one.zoom_max:.3f}",
-        f"{100 * one.overlap:.0f} %",
-    ]
-
-
-def _of_unsure(count: int | None) -> str:
-    return f", {count} of all unsure" if count else ""
+_CELLS: dict[str, Callable[[JudgedFollowup], str]] = {
+    "follow-up": lambda one: Path(one.followup).name,
+    "verdict": lambda one: "none" if one.overlap is None else one.verdict or "",
+    "d'": lambda one: "" if one.overlap is None else f"{one.dprime_decisive:.2f}",
+    "zoom": lambda one: "" if one.overlap is None else f"{one.zoom_min:.3f} to {one.zoom_max:.3f}",
+    "overlap": lambda one: "" if one.overlap is None else f"{100 * one.overlap:.0f} %",
+}
 
 
 def _show_stream(watched: library.PoseWatch) -> None:

@@ -84,22 +84,19 @@ def list_sessions(
 
 
 def _show_list(folder: Path, rows: list[dict[str, Any]]) -> None:
-    terminal.print_table(
+    terminal.print_items(
         f"{len(rows)} sessions in {folder}",
-        ["session", "plan", "captured", "excluded", "created (UTC)", "operator"],
-        [
-            [Path(row["session"]).name, "cannot be read", "", "", "", ""]
-            if "error" in row
-            else [
-                Path(row["session"]).name,
-                row["plan"],
-                f"{row['captured']} of {row['planned']}",
-                str(row["excluded"]),
-                row["created_utc"][:16],
-                row["operator"],
-            ]
-            for row in rows
-        ],
+        ({"plan": "cannot be read"} | row for row in rows),
+        {
+            "session": lambda row: Path(row["session"]).name,
+            "plan": lambda row: row["plan"],
+            "captured": lambda row: (
+                f"{row['captured']} of {row['planned']}" if "planned" in row else ""
+            ),
+            "excluded": lambda row: str(row.get("excluded", "")),
+            "created (UTC)": lambda row: row.get("created_utc", "")[:16],
+            "operator": lambda row: row.get("operator", ""),
+        },
     )
 
 
@@ -115,17 +112,38 @@ def show(directory: terminal.SessionFolder) -> None:
 
 
 def _show(directory: Path, opened: Session, facts: dict[str, Any]) -> None:
-    captures = sorted(opened.captures, key=lambda capture: capture.record.index)
     terminal.note(*opened.remarks)
-    terminal.print_table(
+    terminal.print_items(
         f"{directory}: {facts['plan']}, {facts['captured']} of {facts['planned']} captured",
-        ["index", "target", "orientation / deg", "height / mm", "exposure / us", "focus", "state"],
-        [_cells(capture) for capture in captures],
+        sorted(opened.captures, key=lambda capture: capture.record.index),
+        {
+            "index": lambda one: str(one.record.index),
+            "target": lambda one: f"{one.record.kind} {one.record.target}",
+            "orientation / deg": lambda one: f"{one.record.orientation_deg:g}",
+            "height / mm": lambda one: f"{one.record.height_mm:.3f}",
+            "exposure / us": lambda one: (
+                "" if one.record.exposure_us is None else f"{one.record.exposure_us:g}"
+            ),
+            "focus": lambda one: (
+                "" if one.record.focus_value is None else f"{one.record.focus_value:.3g}"
+            ),
+            "state": _state,
+        },
     )
     for written in facts["notes"]:
         index = written.get("index")
         about = "" if index is None else f"capture {index}: "
         terminal.say(f"{written['utc'][:16]}  {about}{written.get('text', '')}")
+
+
+def _state(capture: SessionCapture) -> str:
+    because = capture.excluded_because
+    state = "used" if because is None else f"excluded: {because}"
+    if capture.is_superseded:
+        state = "superseded"
+    if capture.uncorrected_height_mm is not None:
+        state += f", recorded at {capture.uncorrected_height_mm:.3f} mm"
+    return state
 
 
 @session.command("exclude")
@@ -207,25 +225,6 @@ def write_note(
     """
     library.add_note(directory, text, operator=operator)
     terminal.say(f"{directory}: noted")
-
-
-def _cells(capture: SessionCapture) -> list[str]:
-    record = capture.record
-    because = capture.excluded_because
-    state = "used" if because is None else f"excluded: {because}"
-    if capture.is_superseded:
-        state = "superseded"
-    if capture.uncorrected_height_mm is not None:
-        state += f", recorded at {capture.uncorrected_height_mm:.3f} mm"
-    return [
-        str(record.index),
-        f"{record.kind} {record.target}",
-        f"{record.orientation_deg:g}",
-        f"{record.height_mm:.3f}",
-        "" if record.exposure_us is None else f"{record.exposure_us:g}",
-        "" if record.focus_value is None else f"{record.focus_value:.3g}",
-        state,
-    ]
 
 
 @terminal.command()

@@ -169,13 +169,7 @@ def change_pairs(
                 "done)"
             ),
         )
-    terminal.end_refused(
-        done,
-        "the pairs of the others are complete"
-        if done.refused == 1
-        else f"{done.refused} photographs could not be used ({done.refused_list} lists them); "
-        "the pairs of the others are complete",
-    )
+    terminal.end_refused(done, "used", "the pairs of the others are complete")
 
 
 def _ends(text: str, option: str) -> tuple[float, float]:

@@ -103,47 +103,46 @@ def demo(
 
 
 def _print_summary(result: library.DemoResult, out: Path) -> None:
-    terminal.print_table(
+    terminal.print_items(
         "Calibration against the bench's truth",
-        ["", "truth", "measured", "95 % interval", "error", "inside"],
-        [
-            [
-                row.name,
-                f"{row.truth:.4f}",
-                f"{row.estimate.value:.4f}",
-                f"{row.estimate.low:.4f} to {row.estimate.high:.4f}",
+        result.truth,
+        {
+            "": lambda row: row.name,
+            "truth": lambda row: f"{row.truth:.4f}",
+            "measured": lambda row: f"{row.estimate.value:.4f}",
+            "95 % interval": lambda row: f"{row.estimate.low:.4f} to {row.estimate.high:.4f}",
+            "error": lambda row: (
                 f"{row.error:+.4f}"
                 if row.relative_error is None
-                else f"{100 * row.relative_error:+.2f} %",
-                "yes" if row.is_inside else "no",
-            ]
-            for row in result.truth
-        ],
+                else f"{100 * row.relative_error:+.2f} %"
+            ),
+            "inside": lambda row: "yes" if row.is_inside else "no",
+        },
     )
     means = result.validation.means("followup-grid")
-    terminal.print_table(
+    terminal.print_items(
         "Simulated against captured follow-ups, after the paper's processing",
-        ["model", "correlation", "MSE", "NMI", "PSNR / dB", "SSIM", "MSE of bicubic / MSE"],
-        [
-            [
-                model,
-                f"{means[model].correlation:.4f}",
-                f"{means[model].mse_dn2:.2f}",
-                f"{means[model].nmi:.3f}",
-                f"{means[model].psnr_db:.1f}",
-                f"{means[model].ssim:.4f}",
-                f"{means['bicubic'].mse_dn2 / means[model].mse_dn2:.1f}",
-            ]
-            for model in MODELS
-        ],
+        MODELS,
+        {
+            "model": str,
+            "correlation": lambda model: f"{means[model].correlation:.4f}",
+            "MSE": lambda model: f"{means[model].mse_dn2:.2f}",
+            "NMI": lambda model: f"{means[model].nmi:.3f}",
+            "PSNR / dB": lambda model: f"{means[model].psnr_db:.1f}",
+            "SSIM": lambda model: f"{means[model].ssim:.4f}",
+            "MSE of bicubic / MSE": lambda model: (
+                f"{means['bicubic'].mse_dn2 / means[model].mse_dn2:.1f}"
+            ),
+        },
     )
-    terminal.print_table(
+    terminal.print_items(
         "Zoom-out between the captures",
-        ["", "truth", "measured"],
-        [
-            [f"pair {number}", f"{true:.5f}", f"{found:.5f}"]
-            for number, (true, found) in enumerate(result.zooms, start=1)
-        ],
+        enumerate(result.zooms, start=1),
+        {
+            "": lambda row: f"pair {row[0]}",
+            "truth": lambda row: f"{row[1][0]:.5f}",
+            "measured": lambda row: f"{row[1][1]:.5f}",
+        },
     )
     terminal.say(result.real_pair.sentence, f"report: {result.report}")
     terminal.print_next_steps(_next_steps(out, result))

@@ -29,10 +29,10 @@ from analysis.choices import FALSE_ALARMS
 from analysis.errors import AnalysisError
 from analysis.reports import (
     ColourPair,
+    changes_report,
     compared_pictures,
     limit_figure,
     plot_changes,
-    render_changes_report,
     view_figures,
     write_figure,
 )
@@ -147,7 +147,7 @@ class ComparedPhotographs(ChangeResult):
         """Return the report as one HTML document."""
         rows, cols = self.valid.shape
         pictures = compared_pictures(self.reference.grey_dn, self, self.left_out, self.colours)
-        return render_changes_report(
+        return changes_report(
             self.summary,
             view_figures(pictures, self.summary.changes, (cols, rows), self.summary.moved),
             limit_figure(self),
@@ -155,7 +155,7 @@ class ComparedPhotographs(ChangeResult):
                 (f"{when}, taken", photograph.facts.taken or "not stated")
                 for when, photograph in (("before", self.reference), ("after", self.followup))
             ),
-        )
+        ).html()
 
     def write_report(self, path: FilePath) -> None:
         """Write the report, HTML or PDF.

@@ -345,7 +345,7 @@ def pose_limits(
     >>> limits.zoom > 1, limits.tilt_deg > 0
     (True, True)
     """
-    camera = viewing_camera(geometry, focal_length_px, image_size)
+    camera = _viewing_camera(geometry, focal_length_px, image_size)
     found = given_curve(curve, min_d_prime, choice, focus_scatter_px2)
     if aim_px is not None:
         try:
@@ -418,7 +418,7 @@ def read_any_curves(path: Path) -> DetectabilityCurves:
     return read_evaluation(path).as_d_prime() if is_evaluation(path) else read_curves(path)
 
 
-def viewing_camera(
+def _viewing_camera(
     geometry: FilePath | None, focal_length_px: float | None, image_size: tuple[int, int] | None
 ) -> ViewingCamera:
     """Return the camera of a geometry.json, or that of these figures."""

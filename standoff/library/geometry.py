@@ -2,7 +2,7 @@
 
 from acquisition.files import PAGES, write_page
 from acquisition.session import Session
-from analysis.reports import render_geometry_report
+from analysis.reports import geometry_report
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.geometry import (
     CharucoBoard,
@@ -86,5 +86,5 @@ def calibrate_geometry(
     if found.scale_source == "board":
         call.note(f"the scale comes from the board {layout}; --board names another")
     if page is not None:
-        write_page(page, render_geometry_report(found, str(opened.path)))
+        write_page(page, geometry_report(found, str(opened.path)).html())
     return found

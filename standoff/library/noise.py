@@ -16,7 +16,7 @@ from acquisition.files import PAGES, require_writable, write_page
 from acquisition.photographs import IMAGE_SUFFIXES, Photograph, ReadOptions, frames_of
 from acquisition.printable import on_one_line
 from acquisition.session import Session
-from analysis.reports import render_noise_report
+from analysis.reports import noise_report
 from calibration.errors import NoiseError
 from calibration.noise import (
     FrameGroup,
@@ -497,7 +497,7 @@ def measure_noise(
         call.note(text)
     if page is not None:
         source = "Frames given" if opened is None else str(opened.path)
-        write_page(page, render_noise_report(found, source))
+        write_page(page, noise_report(found, source).html())
     return found
 
 

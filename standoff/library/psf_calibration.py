@@ -191,9 +191,9 @@ def calibrate_psf(
 def _write_report(path: Path, psf: PsfCalibration, edges: EdgeSources | None) -> None:
     if edges is None:
         raise ArgumentError(f"report is on an edge target, not for method {psf.method}")
-    from analysis.reports import render_calibration_report  # loads what plots
+    from analysis.reports import calibration_report  # loads what plots
 
-    write_page(path, render_calibration_report(psf, edges.load, edges.session))
+    write_page(path, calibration_report(psf, edges.load, edges.session).html())
 
 
 def _refuse_wrong_count(request: _Request) -> None:

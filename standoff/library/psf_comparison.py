@@ -13,10 +13,10 @@ from analysis.reports import (
     HistoryEntry,
     ReportSection,
     history_document,
+    history_report,
     history_sections,
     ordered_history,
     plot_history,
-    render_history_report,
 )
 from calibration.errors import CalibrationError
 from calibration.files import read_psf
@@ -191,7 +191,7 @@ class PsfHistory(Shown):
         """
         out = output_path(path, "path", PAGES)
         require_writable([out])
-        write_page(out, render_history_report(self.calibrations, self.provenance))
+        write_page(out, history_report(self.calibrations, self.provenance).html())
 
 
 @checked

@@ -5,8 +5,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from acquisition.files import is_there, write_file
 from acquisition.photographs import ReadOptions, each_image, marked_png, read_photograph
-from acquisition.remote_files import url_of
+from acquisition.regular_files import LARGEST_IMAGE_BYTES, read_regular_file
+from acquisition.remote_files import is_url, remote_status, url_of
 from analysis.choices import PairFormat
 from analysis.errors import SrDatasetError
 from analysis.sr_dataset import (
@@ -23,7 +25,6 @@ from simulation.choices import DEFAULT_MODEL, Model, PsfShape
 from standoff.errors import ApplicationError
 from standoff.library.call import Call, FilePath, Progress, PsfLike, listed_paths, path_of
 from standoff.library.psf import psf_and_field
-from standoff.library.remote_folder import copied, made_in
 from standoff.library.swept_photographs import refusing
 
 
@@ -126,13 +127,13 @@ def training_pairs(
     paths = each_image(listed_paths(images, "images"))
     source = partial(pair_photograph, options)
     target = path_of(out, "out")
-    folder = made_in(target)
+    folder = _made_in(target)
     try:
         found = write_sr_dataset(call, folder, paths, settings, source, sweep)
     except SrDatasetError as error:
         raise ApplicationError(str(error)) from error
     if folder != target and (sweep or SweepOptions()).part[1] == 1:
-        count = copied(folder, target, pair_files_in(folder), folder / DATASET_NAME)
+        count = _copied(folder, target, pair_files_in(folder), folder / DATASET_NAME)
         call.announce(f"{count} files were copied from {folder} to {url_of(target)}")
     return replace(found, notes=call.notes)
 
@@ -151,3 +152,44 @@ def pair_photograph(options: ReadOptions, path: Path) -> PairPhotograph:
             sha256=photograph.sha256 or "",
             notes=photograph.remarks,
         )
+
+
+_NAMED_BY_CONTENT = frozenset({".png", ".tif"})
+
+
+def _made_in(out: Path) -> Path:
+    """Return where a folder of results is made: of a URL, under its last name right here."""
+    if not is_url(out):
+        return out
+    is_there(out)
+    return Path(out.name)
+
+
+def _copied(folder: Path, out: Path, files: Iterable[Path], last: Path) -> int:
+    """Copy files of a folder to a URL; return how many those were.
+
+    Images that are there with their size are not copied again. ``last`` is copied when all others
+    are there.
+    """
+    count = 0
+    for file in (*sorted(files), last):
+        target = out / file.relative_to(folder)
+        try:
+            size_bytes = file.stat().st_size
+            if file.suffix in _NAMED_BY_CONTENT and _size_bytes(target) == size_bytes:
+                continue
+            data = read_regular_file(file, max(size_bytes, LARGEST_IMAGE_BYTES))
+        except OSError as error:
+            raise ApplicationError(
+                f"cannot copy {file} to {url_of(out)}: {error.strerror}"
+            ) from error
+        write_file(target, data)
+        count += 1
+    return count
+
+
+def _size_bytes(path: Path) -> int:
+    try:
+        return remote_status(path).size_bytes
+    except FileNotFoundError:
+        return -1

@@ -22,15 +22,15 @@ _MOST_INPUTS = 10_000
 _LIST_NAME = "photographs.sha256"
 
 
-class SweptPhotograph(Protocol):
+class _SweptPhotograph(Protocol):
     """What a sweep keeps of a photograph: its path as it is printed, its content and encoding."""
 
     @property
-    def path(self) -> str: ...  # noqa: D102
+    def path(self) -> str: ...
     @property
-    def sha256(self) -> str: ...  # noqa: D102
+    def sha256(self) -> str: ...
     @property
-    def encoding(self) -> str: ...  # noqa: D102
+    def encoding(self) -> str: ...
 
 
 @contextmanager
@@ -66,7 +66,7 @@ def _colours_dn(photograph: Photograph) -> FloatArray:
 
 
 def list_inputs(
-    inputs: Inputs, count: int, photographs: Iterable[SweptPhotograph], state: Path
+    inputs: Inputs, count: int, photographs: Iterable[_SweptPhotograph], state: Path
 ) -> None:
     """List so many photographs among the inputs; of very many a file in ``state`` with hashes."""
     listed = state / _LIST_NAME

@@ -31,11 +31,11 @@ from analysis.reports import (
     plot_images,
     png_bytes,
     psf_remarks,
-    render_session_report,
-    render_validation,
+    session_report,
     stored_changes_section,
     stored_pose_section,
     svg_bytes,
+    validation_report,
 )
 from analysis.results_file import write_results
 from analysis.validation import (
@@ -196,7 +196,7 @@ def run_validation(
         ):
             write_file(folder / f"{name}.png", png_bytes(figure))
             write_file(folder / f"{name}.svg", svg_bytes(figure))
-        write_page(folder / _PAGE, render_validation(session, validation, shown))
+        write_page(folder / _PAGE, validation_report(session, validation, shown).html())
         write_results(folder / _FILE, validation)
     return validation
 
@@ -397,8 +397,7 @@ def write_session_report(
         comparisons=(*comparisons, *more),
         origin=origin,
     )
-    page = render_session_report(session, psf, validation, notes)
-    write_page(path, page)
+    write_page(path, session_report(session, psf, validation, notes).html())
 
 
 def _validation(call: Call, session: Session, psf: PsfCalibration, psf_path: Path) -> Validation:

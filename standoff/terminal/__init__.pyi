@@ -77,8 +77,8 @@ from .output import (
     note as note,
     note_in_passing as note_in_passing,
     note_once as note_once,
+    print_items as print_items,
     print_json as print_json,
-    print_json_file as print_json_file,
     print_next_steps as print_next_steps,
     print_table as print_table,
     say as say,
@@ -93,8 +93,8 @@ from .tables import (
     print_validation as print_validation,
     print_verdict as print_verdict,
     refuse_sweep_of_one as refuse_sweep_of_one,
-    report_refused as report_refused,
     say_part as say_part,
+    show_series as show_series,
     value_cells as value_cells,
 )
 from .words import EXAMPLES as EXAMPLES

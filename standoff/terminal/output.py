@@ -12,11 +12,11 @@ import shlex
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from pydantic import BaseModel
 from rich.console import Console
@@ -39,6 +39,8 @@ from standoff.streams import as_shown
 if TYPE_CHECKING:
     from acquisition.focus import FocusReading
     from analysis.pose import PoseVerdict
+
+_Item = TypeVar("_Item")
 
 ERRORS = Console(stderr=True, soft_wrap=True, highlight=False)
 NOTED: ContextVar[list[str] | None] = ContextVar("NOTED", default=None)
@@ -243,6 +245,18 @@ def print_table(
     for row in rows:
         table.add_row(*map(Text, row))
     _RESULTS.print(table, width=min(_RESULTS.width, _WIDEST_TEXT) if ends_in_words else None)
+
+
+def print_items(
+    title: str,
+    items: Iterable[_Item],
+    cells: Mapping[str, Callable[[_Item], str]],
+    *,
+    ends_in_words: bool = False,
+) -> None:
+    """Print a table with a row of each item, by columns that say what stands in them."""
+    rows = [[cell(one) for cell in cells.values()] for one in items]
+    print_table(title, tuple(cells), rows, ends_in_words=ends_in_words)
 
 
 def _as_shown(text: str) -> str:

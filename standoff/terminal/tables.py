@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -22,8 +22,15 @@ from calibration.sharpness import (
     with_reach,
 )
 from standoff.errors import ApplicationError
-from standoff.terminal.declaration import answer
-from standoff.terminal.output import note, print_table, say
+from standoff.terminal.declaration import answer, wants_json
+from standoff.terminal.output import (
+    note,
+    note_once,
+    print_items,
+    print_json_file,
+    print_table,
+    say,
+)
 
 if TYPE_CHECKING:
     from analysis.results_file import StoredValues
@@ -57,18 +64,15 @@ def print_psf(calibration: PsfCalibration) -> None:
     if calibration.transfer_2d is not None:
         say(f"measured transfer: {calibration.transfer_2d}")
     if calibration.channels is not None:
-        print_table(
+        print_items(
             "Colours",
-            ["", "total sigma_x / px", "total sigma_y / px", "edges"],
-            [
-                [
-                    name,
-                    _cells(one.total.sigma_x_px)[0],
-                    _cells(one.total.sigma_y_px)[0],
-                    "" if one.edge_count is None else str(one.edge_count),
-                ]
-                for name, one in calibration.channels.items()
-            ],
+            calibration.channels.items(),
+            {
+                "": lambda row: row[0],
+                "total sigma_x / px": lambda row: _cells(row[1].total.sigma_x_px)[0],
+                "total sigma_y / px": lambda row: _cells(row[1].total.sigma_y_px)[0],
+                "edges": lambda row: "" if row[1].edge_count is None else str(row[1].edge_count),
+            },
         )
     if calibration.field is not None and calibration.field.worst_err is not None:
         say(
@@ -88,19 +92,20 @@ def print_psf(calibration: PsfCalibration) -> None:
 def _print_source(calibration: PsfCalibration) -> None:
     """Print the pairs, or how many edges counted."""
     if calibration.pairs:
-        print_table(
+        print_items(
             "Pairs, ± at 95 %",
-            ["near", "far", "zoom", "sigma_x / px", "sigma_y / px"],
-            [
-                [
-                    Path(pair.near).name,
-                    Path(pair.far).name,
-                    f"{pair.zoom:.4f}",
-                    with_reach(pair.sigma_x_px, NORMAL_95 * pair.sigma_x_err_px, 4),
-                    with_reach(pair.sigma_y_px, NORMAL_95 * pair.sigma_y_err_px, 4),
-                ]
-                for pair in calibration.pairs
-            ],
+            calibration.pairs,
+            {
+                "near": lambda pair: Path(pair.near).name,
+                "far": lambda pair: Path(pair.far).name,
+                "zoom": lambda pair: f"{pair.zoom:.4f}",
+                "sigma_x / px": lambda pair: with_reach(
+                    pair.sigma_x_px, NORMAL_95 * pair.sigma_x_err_px, 4
+                ),
+                "sigma_y / px": lambda pair: with_reach(
+                    pair.sigma_y_px, NORMAL_95 * pair.sigma_y_err_px, 4
+                ),
+            },
         )
     elif calibration.softness_px2 is not None:
         from calibration.blind import is_clear  # with what optimises a scene's edges, .1 s
@@ -214,17 +219,40 @@ def refuse_sweep_of_one(options: SweepOptions, *, parquet: bool) -> None:
         raise BadParameter(f"{option} needs several follow-ups, or a folder of them")
 
 
+def show_series(
+    found: SeriesResult[Any, Any],
+    options: SweepOptions,
+    out: Path,
+    show: Callable[[Any], None],
+    others: str,
+) -> None:
+    """Show the results of several follow-ups, or of a part; ``others`` is said if some are refused.
+
+    ``show`` shows their document to people.
+    """
+    note_once(found.notes)
+    sweep = found.sweep
+    if found.document is None:
+        say_part(options, sweep, f"follow-ups done, {sweep.refused} refused", out=out)
+    elif wants_json():
+        print_json_file(found.summary)
+    else:
+        show(found.document)
+    is_cut = sweep.refused > len(sweep.refused_lines)
+    listed = f" ({sweep.refused_list} lists them)" if is_cut else ""
+    count = f"{sweep.refused} of {sweep.images + sweep.refused} follow-ups"
+    _end_refused(sweep, f"{count} gave nothing{listed}; {others}")
+
+
 def print_few(
-    columns: Sequence[str],
-    cells: Callable[[Listed], Sequence[str]],
     found: SeriesResult[Any, Listed],
+    cells: Mapping[str, Callable[[Listed], str]],
     title_of_worst: str,
 ) -> None:
     """Print a table of all follow-ups, or tables of the first and of the worst few of many."""
-    title = "First follow-ups" if found.worst else "Follow-ups"
-    print_table(title, columns, [cells(one) for one in found.first])
+    print_items("First follow-ups" if found.worst else "Follow-ups", found.first, cells)
     if found.worst:
-        print_table(title_of_worst, columns, [cells(one) for one in found.worst])
+        print_items(title_of_worst, found.worst, cells)
 
 
 def say_part(
@@ -257,19 +285,21 @@ def say_part(
     )
 
 
-def report_refused(sweep: SweepSummary, given: str) -> None:
-    """End with the number of refused follow-ups, if there are any; ``given`` is of the others."""
-    images = sweep.images + sweep.refused
-    is_cut = sweep.refused > len(sweep.refused_lines)
-    listed = f" ({sweep.refused_list} lists them)" if is_cut else ""
-    end_refused(sweep, f"{sweep.refused} of {images} follow-ups gave nothing{listed}; {given}")
+def end_refused(sweep: SweepSummary, could: str, others: str) -> None:
+    """End with the photographs that could not be measured or used, if there are any.
 
-
-def end_refused(sweep: SweepSummary, sentence: str) -> None:
-    """End with a sentence on the refused photographs, if there are any.
-
-    An error says why one was refused; remarks say it for the first of several.
+    ``others`` says what is of those that could, whose number may stand in it as ``{count}``.
     """
+    sentence = others.format(count="")
+    if sweep.refused > 1:
+        others = others.format(count=f"{sweep.images} ")
+        listed = f"({sweep.refused_list} lists them)"
+        sentence = f"{sweep.refused} photographs could not be {could} {listed}; {others}"
+    _end_refused(sweep, sentence)
+
+
+def _end_refused(sweep: SweepSummary, sentence: str) -> None:
+    """End with a sentence; an error says why one was refused, remarks for the first of several."""
     if sweep.refused == 1:
         raise ApplicationError(f"{sweep.refused_lines[0]}; {sentence}")
     note(*sweep.refused_lines)

@@ -1,5 +1,6 @@
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import pytest
 import tifffile
 
 from analysis.reports import page
+from scripts.example_files import make_example_files
 from standoff.cli import run
 from tests.calibration.closed_form import edge_image
 
@@ -33,8 +35,9 @@ class Command:
     run: Callable[[list[str]], Outcome]
 
     def __call__(self, *arguments: object) -> Outcome:
-        """Run a command line."""
-        return self.run([str(argument) for argument in arguments])
+        """Run a command line: as it is typed, with any number of single words after that."""
+        line, *words = arguments
+        return self.run([*shlex.split(str(line)), *map(str, words)])
 
     def done(self, *arguments: object) -> Outcome:
         """Run one that does what it is asked for."""
@@ -51,6 +54,14 @@ class Command:
         outcome = self(*arguments)
         assert outcome.status == status, outcome.err
         return outcome.err
+
+    def captured(self, folder: Path, bench: str, plan: str) -> Path:
+        """Take a whole session in a folder on a simulated bench, and return where it is."""
+        (folder / "b.toml").write_text(bench)
+        (folder / "p.toml").write_text(plan)
+        words = ("--bench", folder / "b.toml", "--plan", folder / "p.toml", "--yes", "--out")
+        self.done("capture", *words, folder / "s")
+        return folder / "s"
 
 
 @pytest.fixture
@@ -188,15 +199,31 @@ def plan_file(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture
+def capture_line(bench_file: Path, plan_file: Path, tmp_path: Path) -> str:
+    """A command that captures the small plan into ``tmp_path / "s"``, but for who places."""
+    return f"capture --bench {bench_file} --plan {plan_file} --out {tmp_path / 's'}"
+
+
 @pytest.fixture(scope="session")
 def captured_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A complete session of six edge captures, taken once; nobody changes it."""
-    folder = tmp_path_factory.mktemp("captured")
-    (folder / "bench.toml").write_text(SMALL_BENCH)
-    (folder / "plan.toml").write_text(SMALL_PLAN)
-    words = ("--bench", folder / "bench.toml", "--plan", folder / "plan.toml", "--yes", "--out")
-    assert run(["capture", *map(str, words), str(folder / "session")]) == 0
-    return folder / "session"
+    quiet = Command(lambda words: Outcome(status=run(words), out="", err=""))
+    return quiet.captured(tmp_path_factory.mktemp("captured"), SMALL_BENCH, SMALL_PLAN)
+
+
+@pytest.fixture(scope="session")
+def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files that the examples of the reference read, made once; nobody changes them."""
+    folder = tmp_path_factory.mktemp("examples") / "files"
+    make_example_files(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def files(example_files: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the files that the examples of the reference read, to work in."""
+    return Path(shutil.copytree(example_files, tmp_path_factory.mktemp("files") / "files"))
 
 
 @pytest.fixture

@@ -121,7 +121,7 @@ def test_a_slip_in_a_bench_file_is_a_data_error_and_a_stated_unit_is_none(
     assert_one_line(err)
     assert f"{bench}: camera.exposure_us = 9" in err
     bench.write_text(text.replace("exposure_us = 9000.0", 'exposure_us = "9 ms"'), encoding="utf-8")
-    assert command("stage", "status", "--bench", bench).status == 0
+    command.done("stage", "status", "--bench", bench)
 
 
 def _write_bad_inputs(folder: Path) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import standoff
-from scripts.example_files import make_example_files
 from scripts.library_reference import TYPES
 
 ROOT = Path(__file__).parents[2]
@@ -62,16 +61,16 @@ def test_only_what_cannot_be_run_is_left_out() -> None:
 
 
 @pytest.mark.slow
-def test_the_examples_give_what_they_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    files = tmp_path / "files"
-    make_example_files(files)
+def test_the_examples_give_what_they_say(
+    example_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[str] = []
     runner = doctest.DocTestRunner(verbose=False)
     tests = examples()
     assert len(tests) > 70
     for number, test in enumerate(tests.values()):
         folder = tmp_path / str(number)
-        shutil.copytree(files, folder)
+        shutil.copytree(example_files, folder)
         with monkeypatch.context() as here:
             here.chdir(folder)
             here.syspath_prepend(folder)  # a detector of the example's own

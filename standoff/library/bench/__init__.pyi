@@ -1,7 +1,6 @@
 from .bench import Bench as Bench, height_series as height_series
 from .devices import (
     OpenBench as OpenBench,
-    OpenCamera as OpenCamera,
     devices_of as devices_of,
     find_cameras as find_cameras,
     open_bench as open_bench,

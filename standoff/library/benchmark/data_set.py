@@ -33,18 +33,11 @@ from hil_mocks.benchmark_set import (
 from simulation.arguments import checked
 from simulation.notebook import Shown
 from standoff.errors import ApplicationError
-from standoff.library.benchmark.task_files import (
-    STATE_NAME,
-    TaskRecord,
-    file_facts,
-    found_record,
-    write_below,
-    written_record,
-)
 from standoff.library.call import Call, FilePath, Progress, path_of
 
 MANIFEST_NAME = "manifest.json"
-MADE_WITH = (
+STATE_NAME = ".progress"
+_MADE_WITH = (
     "standoff",
     "numpy",
     "scipy",
@@ -181,7 +174,7 @@ def make_benchmark(
 
 def _about(size: str, seed: int) -> dict[str, Any]:
     """Return what the manifest says beside the files."""
-    made_with = {name: version(name) for name in MADE_WITH}
+    made_with = {name: version(name) for name in _MADE_WITH}
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -235,11 +228,20 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
     write_shared(state, document_bytes(about))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _TaskRecord:
+    """What is known of a task whose files are written: ``files`` has their facts by path."""
+
+    files: dict[str, dict[str, Any]]
+    task: dict[str, Any]
+    truth: dict[str, Any]
+
+
 def _records(
     call: Call, tasks: list[Task], folder: Path, workers: int
-) -> tuple[dict[tuple[str, str], TaskRecord], int]:
+) -> tuple[dict[tuple[str, str], _TaskRecord], int]:
     """Records of all tasks, and how many were found done."""
-    found = {(task.track, task.name): found_record(task, folder) for task in tasks}
+    found = {(task.track, task.name): _found_record(task, folder) for task in tasks}
     left = [task for task in tasks if found[task.track, task.name] is None]
     records = {key: record for key, record in found.items() if record is not None}
     found_done = len(records)
@@ -251,15 +253,15 @@ def _records(
     return records, found_done
 
 
-def _rendered(tasks: list[Task], folder: Path, workers: int) -> Iterator[tuple[Task, TaskRecord]]:
+def _rendered(tasks: list[Task], folder: Path, workers: int) -> Iterator[tuple[Task, _TaskRecord]]:
     if workers == 1 or len(tasks) <= 1:
         for task in tasks:
-            yield task, written_record(task, folder)
+            yield task, _written_record(task, folder)
         return
     executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_ignore_interrupts)
     try:
         with _interrupts_ignored():
-            futures = {executor.submit(written_record, task, folder): task for task in tasks}
+            futures = {executor.submit(_written_record, task, folder): task for task in tasks}
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
@@ -288,7 +290,7 @@ def _finish(
     folder: Path,
     about: dict[str, Any],
     tasks: list[Task],
-    records: dict[tuple[str, str], TaskRecord],
+    records: dict[tuple[str, str], _TaskRecord],
 ) -> dict[str, Any]:
     """Write the lists and the truth, then the manifest; return it."""
     files = {path: facts for record in records.values() for path, facts in record.files.items()}
@@ -298,10 +300,53 @@ def _finish(
         known = [(name, records[track, name]) for name in of_track]
         documents |= track_documents(track, [(name, r.task, r.truth) for name, r in known])
     for path, data in documents.items():
-        write_below(folder, path, data)
+        _write_below(folder, path, data)
         files[path] = file_facts(data)
     lines = "".join(f"{files[path]['sha256']}  {path}\n" for path in sorted(files))
     manifest = {**about, "files": files, "sha256": hashlib.sha256(lines.encode()).hexdigest()}
     write_shared(folder / MANIFEST_NAME, document_bytes(manifest))
     shutil.rmtree(folder / STATE_NAME)
     return manifest
+
+
+def file_facts(data: bytes) -> dict[str, Any]:
+    """Return what the manifest says of a file."""
+    return {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+
+
+def _written_record(task: Task, folder: Path) -> _TaskRecord:
+    """Render a task, write its files, and its record last; in any process."""
+    rendered = task.rendered()
+    record = _TaskRecord(
+        files={path: file_facts(data) for path, data in rendered.files.items()},
+        task=rendered.task,
+        truth=rendered.truth,
+    )
+    for path, data in rendered.files.items():
+        _write_below(folder, path, data)
+    document = {"files": record.files, "task": record.task, "truth": record.truth}
+    write_shared(_record_path(task, folder), document_bytes(document))
+    return record
+
+
+def _found_record(task: Task, folder: Path) -> _TaskRecord | None:
+    """Record of a task that an earlier run wrote, if all of its files are as they were."""
+    try:
+        document: Any = parse_json(_record_path(task, folder).read_bytes(), has_file_names=True)
+        for path, facts in document["files"].items():
+            if file_facts((folder / path).read_bytes()) != facts:
+                return None
+        return _TaskRecord(**document)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _write_below(folder: Path, path: str, data: bytes) -> None:
+    """Write a file of the set, with the folders that it lies in."""
+    target = folder / path
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_shared(target, data)
+
+
+def _record_path(task: Task, folder: Path) -> Path:
+    return folder / STATE_NAME / f"{task.track}-{task.name}.json"

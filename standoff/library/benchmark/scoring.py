@@ -17,7 +17,7 @@ from analysis.benchmark import (
     score_tables,
     scored,
 )
-from analysis.reports import render_benchmark_report
+from analysis.reports import benchmark_report
 from analysis.results_file import write_results
 from calibration.documents import json_object
 from simulation.arguments import checked
@@ -76,7 +76,7 @@ class ScoredBenchmark(Shown):
         with written_together(out / SCORE_FILES[0]) as part:
             write_file(part / "scores.csv", _table(self.scores))
             write_file(part / "scores.md", markdown(self.scores).encode("utf-8"))
-            write_page(part / "scores.html", render_benchmark_report(self.scores))
+            write_page(part / "scores.html", benchmark_report(self.scores).html())
             write_results(part / SCORE_FILES[0], self.scores)
 
     def _repr_html_(self) -> str:

@@ -4,7 +4,6 @@ from .change_pairs import (
     change_pairs as change_pairs,
     read_change_pairs as read_change_pairs,
 )
-from .changes import patch_of as patch_of
 from .evaluate import (
     EvaluatedDetector as EvaluatedDetector,
     EvaluationTask as EvaluationTask,
@@ -13,9 +12,5 @@ from .evaluate import (
     evaluate as evaluate,
     evaluation_figure_paths as evaluation_figure_paths,
     evaluation_made_by as evaluation_made_by,
-)
-from .learned import (
-    LearnedDetector as LearnedDetector,
-    TrainingOptions as TrainingOptions,
-    train_detector as train_detector,
+    patch_of as patch_of,
 )

@@ -1,4 +1,7 @@
-"""Evaluates a change detector on pairs that the capture model makes from photographs."""
+"""Evaluates a change detector on pairs that the capture model makes from photographs.
+
+Changes are those of the task, a picture with alpha, or photographs of later with masks.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
@@ -6,14 +9,16 @@ from dataclasses import dataclass
 from functools import partial
 from heapq import nsmallest
 from math import ceil
+from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from acquisition.files import PAGES, write_page, written_together
-from acquisition.photographs import ReadOptions, each_image
+from acquisition.photographs import ReadOptions, each_image, read_photograph
 from acquisition.printable import on_one_line
 from analysis.choices import WINDOW_PX
 from analysis.detectability import (
@@ -23,22 +28,24 @@ from analysis.detectability import (
     curves_of_images,
 )
 from analysis.detectors import Detector, DetectorSpec
-from analysis.errors import ResultsFileError
+from analysis.errors import RefusedPhotographError, ResultsFileError
 from analysis.evaluation import (
     Evaluation,
     EvaluationTask as EvaluationTask,
     EvaluationWork,
     FailedPair,
+    LaterScene,
     Patch as Patch,
     PhotographScores,
     Spot as Spot,
     evaluation_curves,
     read_evaluation,
 )
-from analysis.reports import evaluation_figures, render_evaluation_report, write_figure
+from analysis.reports import evaluation_figures, evaluation_report, write_figure
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep, blocks_of
 from simulation.arguments import ArgumentTypeError, checked, kind_of
+from simulation.arrays import FloatArray
 from simulation.choices import PsfShape
 from simulation.notebook import Shown
 from standoff.errors import ApplicationError, ArgumentError
@@ -51,7 +58,6 @@ from standoff.library.call import (
     output_path,
     path_of,
 )
-from standoff.library.evaluation.changes import later_scene
 from standoff.library.psf import camera_psf
 from standoff.library.swept_photographs import colour_scene_image, list_inputs
 
@@ -99,7 +105,7 @@ class EvaluatedDetector(Shown):
             for name, figure in zip(evaluation_figure_paths(out), figures, strict=True):
                 write_figure(folder / name.name, figure)
         if page is not None:
-            write_page(page, render_evaluation_report(found))
+            write_page(page, evaluation_report(found).html())
         return evaluation_figure_paths(out)
 
     def _repr_html_(self) -> str:
@@ -354,3 +360,72 @@ def evaluation_made_by(path: Path) -> str | None:
     except ResultsFileError:
         return None
     return None if stored is None else stored.command
+
+
+_SAME_NAME = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".exr", ".dng")
+
+
+@checked
+def patch_of(path: FilePath, reading: ReadOptions | None = None) -> Patch:
+    """Return a picture as a change; where a PNG or TIFF has an alpha, it says what is covered.
+
+    Levels are read as those of photographs; without an alpha all is covered.
+
+    Parameters
+    ----------
+    path
+        The picture.
+    reading
+        How its levels are read; see ``standoff.reading``.
+
+    Returns
+    -------
+    Patch
+        For ``EvaluationTask(change=...)``.
+
+    Raises
+    ------
+    ApplicationError
+        If it cannot be used.
+    ImageFileError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> crack = standoff.patch_of("crack.png")
+    >>> task = standoff.EvaluationTask(change=crack, contrasts_dn=(1.0,))
+    """
+    file = Path(path)
+    levels = np.asarray(read_photograph(file, reading or ReadOptions()).shown_dn, np.float64)
+    stored = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    alpha: FloatArray = np.ones(levels.shape[:2])
+    if stored is not None and stored.ndim == 3 and stored.shape[2] == 4:
+        full = {"uint8": 255.0, "uint16": 65535.0}.get(stored.dtype.name, 1.0)
+        alpha = np.asarray(stored[:, :, 3] / full, np.float64)
+    try:
+        return Patch(levels_dn=levels, alpha=alpha, name=on_one_line(file.name))
+    except ValueError as error:
+        raise ApplicationError(f"{on_one_line(file)}: {error}") from error
+
+
+def later_scene(after: Path, masks: Path, options: ReadOptions, photograph: Path) -> LaterScene:
+    """Read the later photograph and the mask of a photograph's name; refuse it without them."""
+    later = colour_scene_image(options, _named_as(photograph, after, "photograph of later"))
+    mask = colour_scene_image(options, _named_as(photograph, masks, "mask"))
+    try:
+        after_dn = later.grey_dn if later.colours is None else later.colours()
+        return LaterScene(after_dn=after_dn, mask=mask.grey_dn > 0)
+    except ValueError as error:
+        raise RefusedPhotographError(str(error)) from error
+
+
+def _named_as(photograph: Path, folder: str | PathLike[str], kind: str) -> Path:
+    same = Path(folder) / photograph.name
+    if same.is_file():
+        return same
+    for suffix in _SAME_NAME:
+        if same.with_suffix(suffix).is_file():
+            return same.with_suffix(suffix)
+    raise RefusedPhotographError(
+        f"there is no {kind} of its name, {photograph.stem}, in {on_one_line(folder)}"
+    )

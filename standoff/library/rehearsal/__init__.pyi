@@ -1,6 +1,8 @@
-from .demo import DEMO_FILES as DEMO_FILES, DemoResult as DemoResult, run_demo as run_demo
-from .paper import (
+from .experiments import (
+    DEMO_FILES as DEMO_FILES,
+    DemoResult as DemoResult,
+    run_demo as run_demo,
     run_paper as run_paper,
     short_bench as short_bench,
 )
-from .real_pair import DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS, RealPair as RealPair
+from .real_pair import DEMO_PHOTOGRAPHS as DEMO_PHOTOGRAPHS

@@ -142,15 +142,7 @@ class RealPair:
 
 
 def compare_real_pair(call: Call, out: Path) -> RealPair:
-    """Write the photographs below ``out``, and compare them without and with the painted spots.
-
-    Raises
-    ------
-    ApplicationError
-        If the installation lacks the photographs, or a file cannot be written.
-    AnalysisError, CalibrationError
-        If they cannot be compared.
-    """
+    """Write the photographs below ``out``, and compare them without and with the painted spots."""
     pair = example_photographs()
     before, after = out / _BEFORE, out / _AFTER
     make_folder(before.parent)

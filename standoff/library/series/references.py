@@ -122,14 +122,14 @@ class ReferenceFolder(_PhotographReferences):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PairedFolders:
+class _PairedFolders:
     """Follow-ups that have one reference of their stem, and the photographs that have none."""
 
     followups: tuple[Path, ...]
     unpaired: tuple[str, ...]
 
 
-def pair_by_stem(references: Path, followups: Path) -> PairedFolders:
+def pair_by_stem(references: Path, followups: Path) -> _PairedFolders:
     """Pair the photographs of two folders; a stem that is twice in a folder pairs nothing.
 
     Raises
@@ -154,7 +154,7 @@ def pair_by_stem(references: Path, followups: Path) -> PairedFolders:
         if stem not in is_paired
         for path in own
     )
-    return PairedFolders(
+    return _PairedFolders(
         followups=tuple(after[stem][0] for stem in paired),
         unpaired=tuple(sorted(map(on_one_line, others))),
     )

@@ -25,7 +25,7 @@ from analysis.followup_series import (
     run_series,
 )
 from analysis.pose import JudgedFollowup, PoseSeries
-from analysis.reports import render_series_report
+from analysis.reports import series_report
 from analysis.results_file import write_results
 from analysis.sweep import Manifest, SweepOptions
 from calibration.registration import RegistrationHints
@@ -307,7 +307,7 @@ def _write_pages(
         call.note(
             f"no time line of more than {_TIME_LINE_MOST} follow-ups; each has its changes.json"
         )
-    page = render_series_report(series, listed, line, reference_dn)
+    page = series_report(series, listed, line, reference_dn).html()
     write_file(out / PAGE_NAME, page.encode("utf-8"))
     if report is not None:
         write_page(report, page)

@@ -23,10 +23,10 @@ from analysis.changes.filter import ChangeMasks, ChangeResult
 from analysis.changes.plot import changes_figure
 from analysis.reports import (
     ColourPair,
+    changes_report,
     compared_pictures,
     q_text,
-    render_changes_report,
-    render_series_report,
+    series_report,
     view_figures,
 )
 from analysis.reports.change_pictures import LONGEST_SIDE_PX
@@ -193,9 +193,9 @@ def test_masks_are_drawn_where_they_are_and_nowhere_else() -> None:
 def page(**others: Any) -> tuple[str, Page]:
     after = np.random.default_rng(0).normal(100, 10, SHAPE)
     pictures = compared_pictures(after, result(after), None)
-    document = render_changes_report(
+    document = changes_report(
         summary(**others), view_figures(pictures, CHANGES, (SHAPE[1], SHAPE[0]))
-    )
+    ).html()
     return document, Page(document)
 
 
@@ -279,7 +279,7 @@ def test_the_page_of_a_series_shows_the_time_line_and_links_each_follow_up() -> 
         ComparedFollowup(followup="f.tif", refused="f.tif: not an image"),
     ]
     reference = np.random.default_rng(0).normal(100, 10, SHAPE)
-    document = render_series_report(series, rows, line, reference)
+    document = series_report(series, rows, line, reference).html()
     read = Page(document)
     assert read.headings[:3] == ["Changes over several photographs", "Time line", "Follow-ups"]
     assert 'href="a%20b/report.html"' in document
@@ -287,7 +287,7 @@ def test_the_page_of_a_series_shows_the_time_line_and_links_each_follow_up() -> 
     assert "no partner: x.tif" in read.texts
     assert "3 of 4" not in read.text
     assert "2 of 4" in read.text
-    pairs = Page(render_series_report(series, rows, None, None))
+    pairs = Page(series_report(series, rows, None, None).html())
     assert "Time line" not in pairs.headings
     colours = coloured(reference, (1.0, 0.5, 0.1))
     for levels_dn, channels in ((reference, 2), (colours, 3)):
@@ -356,7 +356,7 @@ def test_what_moved_has_dashed_rings_and_rows_but_no_number() -> None:
         assert view.markup.count("stroke-dasharray") == 1
         assert view.markup.count("<g data-change=") == len(CHANGES)
     assert "dashed green: moved" in views[1].caption
-    page = Page(render_changes_report(found, views))
+    page = Page(changes_report(found, views).html())
     assert "+2.0 ± 0.2" in page.text
     assert "-1.0 ± 0.4" in page.text
     assert "1 change is listed apart" in page.text.replace("\n", " ")

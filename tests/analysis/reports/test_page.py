@@ -10,7 +10,6 @@ from analysis.reports import (
     in_report_style,
     new_figure,
     png_bytes,
-    render_report,
 )
 from analysis.reports.page import CONVENTION, ReportFigure, ReportFront, ReportTable, Verdict
 from tests.analysis.html_page import Page
@@ -30,16 +29,14 @@ def report(
     remark: str = "",
     front: ReportFront | None = None,
 ) -> str:
-    return render_report(
-        Report(
-            title=title,
-            subtitle="bench 1",
-            verdicts=(Verdict(name="total sigma x", value="0.7990 px", remark=remark),),
-            sections=sections,
-            provenance=(("Python", "3.11.0"),),
-            front=front,
-        )
-    )
+    return Report(
+        title=title,
+        subtitle="bench 1",
+        verdicts=(Verdict("total sigma x", "0.7990 px", remark),),
+        sections=sections,
+        provenance=(("Python", "3.11.0"),),
+        front=front,
+    ).html()
 
 
 def test_a_report_fetches_nothing() -> None:
@@ -213,12 +210,8 @@ def test_a_report_says_once_at_its_top_how_sure_its_figures_are() -> None:
     page = Page(report(ReportSection(title="All", text=("Known to 5 %.",))))
     assert page.texts.count(CONVENTION.replace(" %", "\u00a0%")) == 1
     assert "Known to 5\u00a0%." in page.texts  # a number stays with its sign
-    bare = render_report(
-        Report(
-            title="S", subtitle="", verdicts=(), sections=(), provenance=(), has_uncertainties=False
-        )
-    )
-    assert "Uncertainties" not in bare
+    bare = Report(title="S", subtitle="", sections=(), provenance=(), has_uncertainties=False)
+    assert "Uncertainties" not in bare.html()
 
 
 @pytest.mark.slow

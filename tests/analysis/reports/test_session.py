@@ -5,7 +5,7 @@ import pytest
 from acquisition.session import Session
 from analysis.reports.bench import versions
 from analysis.reports.page import CONVENTION
-from analysis.reports.session import SessionNotes, render_session_report, with_curves
+from analysis.reports.session import SessionNotes, session_report, with_curves
 from analysis.validation.document import ExcludedCapture, Validation
 from calibration.psf import PsfCalibration
 from calibration.sharpness import SharpnessLimits
@@ -15,7 +15,7 @@ from tests.analysis.html_page import Page
 
 @pytest.fixture(scope="module")
 def page(session: Session, psf: PsfCalibration, validation: Validation) -> Page:
-    return Page(render_session_report(session, psf, validation))
+    return Page(session_report(session, psf, validation).html())
 
 
 @pytest.mark.slow
@@ -71,7 +71,7 @@ def test_the_figures_of_the_report_are_those_of_the_results(
 
 def test_a_session_without_results_reports_its_captures(tmp_path: Path) -> None:
     whole_session(tmp_path / "s")
-    page = Page(render_session_report(Session(tmp_path / "s"), None, None))
+    page = Page(session_report(Session(tmp_path / "s"), None, None).html())
     assert page.headings == ["Session small", "Captures", "Stage", "Where this comes from"]
     assert "6 of 6 planned; complete." in page.texts
 
@@ -82,7 +82,7 @@ def test_edges_of_other_photographs_are_left_out_of_the_drawings(
 ) -> None:
     foreign = psf.edges[0].model_copy(update={"image": "elsewhere/photo.tif"})
     mixed = psf.model_copy(update={"edges": [foreign, *psf.edges[:1]]})
-    page = Page(render_session_report(session, mixed, None))
+    page = Page(session_report(session, mixed, None).html())
     # The list of all edges names it, no figure is drawn of it.
     assert "elsewhere/photo.tif" in page.texts
     assert page.tags.count("img") == 1
@@ -95,9 +95,9 @@ def test_what_is_left_out_stands_first_with_its_reason(
     other = ExcludedCapture(capture=7, target="moss", height_mm=120.0, reason="no common detail")
     lame = validation.model_copy(update={"excluded": (other,), "remarks": ("it is dim",)})
     page = Page(
-        render_session_report(
+        session_report(
             session, None, lame, SessionNotes(remarks=("The PSF: sigma_y_px is null.",))
-        )
+        ).html()
     )
     assert page.headings[:3] == ["Session small", "Left out", "Captures"]
     assert "The PSF: sigma_y_px is null." in page.texts
@@ -111,7 +111,7 @@ def test_a_session_with_a_psf_has_the_front_page_of_a_calibration(
 ) -> None:
     limits = SharpnessLimits.model_validate({"mtf50": {"min_cy_per_px": 0.9}})
     judged = psf.judged(limits, "l.toml")
-    page = Page(render_session_report(session, judged, None, SessionNotes(warnings=("beware",))))
+    page = Page(session_report(session, judged, None, SessionNotes(warnings=("beware",))).html())
     for text in ("fail", "1 limit of l.toml: 1 failed.", "photographed", "lens", "beware"):
         assert text in page.texts
     assert page.headings[1:3] == ["Limits", "Captures"]

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from acquisition.session import Session
 from analysis.choices import ValidationModel
-from analysis.reports import plot_curves, plot_images, png_bytes, render_validation
+from analysis.reports import plot_curves, plot_images, png_bytes, validation_report
 from analysis.results_file import write_results
 from analysis.validation import (
     METRICS,
@@ -218,7 +218,7 @@ def test_the_figures_and_the_report_show_every_model(
     assert len(curves.axes) == len(METRICS)
     for figure in (images, curves):
         assert png_bytes(figure).startswith(b"\x89PNG")
-    page = render_validation(series, validation, shown)
+    page = validation_report(series, validation, shown).html()
     for words in ("Table I:", "Table II:", "as-in-paper", "the paper&#39;s own", "leaves"):
         assert words in page
 

@@ -1,7 +1,6 @@
 """``standoff benchmark score``: what it writes and prints, and a program that takes part."""
 
 import csv
-import json
 import re
 import subprocess
 import sys
@@ -51,7 +50,7 @@ def test_programs_are_written_and_printed_side_by_side(
     assert page.count("<svg") == 7
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     assert "exists already" in command.refused(1, *words)
-    assert command(*words, "--force").status == 0
+    command.done(*words, "--force")
     assert (out / "scores.csv").read_bytes() == before["scores.csv"]
     assert (out / "scores.md").read_bytes() == before["scores.md"]
 
@@ -73,7 +72,7 @@ def test_without_a_data_set_it_is_wrong_usage(command: Command, tmp_path: Path) 
 @pytest.mark.slow
 def test_the_program_of_the_guide_takes_part(command: Command, tmp_path: Path) -> None:
     data, bicubic = tmp_path / "data", tmp_path / "bicubic"
-    assert command("benchmark", "make", "--out", data, "--size", "tiny").status == 0
+    command.done("benchmark", "make", "--out", data, "--size", "tiny")
     [program] = [
         code
         for code in re.findall(r"```python\n(.*?)```", GUIDE.read_text("utf-8"), re.S)
@@ -81,10 +80,9 @@ def test_the_program_of_the_guide_takes_part(command: Command, tmp_path: Path) -
     ]
     (tmp_path / "example.py").write_text(program)
     subprocess.run([sys.executable, tmp_path / "example.py", data, bicubic], check=True)
-    done = command.done("benchmark", "score", bicubic, "--data", data, "--json")
     scores = {
         (one["track"], one["measure"]): one["value"]
-        for one in json.loads(done.out)["scores"]
+        for one in command.document("benchmark", "score", bicubic, "--data", data)["scores"]
         if one["group"] == "all"
     }
     assert scores["simulation", "answered"] == scores["changes", "answered"] == 100

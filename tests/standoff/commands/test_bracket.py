@@ -25,11 +25,8 @@ bracket = {{ exposures = {exposures}, ratio = {ratio} }}
 
 
 def captured(command: Command, folder: Path, targets: str, *, top: str = "", seed: int = 1) -> Path:
-    bench, plan, path = folder / "b.toml", folder / "p.toml", folder / "s"
-    bench.write_text(SMALL_BENCH + f"seed = {seed}\n")
-    plan.write_text(PLAN + top + targets)
-    command.done("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
-    assert command("verify", path).status == 0
+    path = command.captured(folder, f"{SMALL_BENCH}seed = {seed}\n", PLAN + top + targets)
+    command.done("verify", path)
     return path
 
 

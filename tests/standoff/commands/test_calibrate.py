@@ -40,10 +40,9 @@ def test_srgb_photographs_are_linearised(command: Command, tmp_path: Path) -> No
     widths = {}
     psf = tmp_path / "p.json"
     for option in ("--srgb", "--linear"):
-        done = command(
-            "calibrate", tmp_path / "srgb.tif", option, "--out", psf, "--force", "--json"
-        )
-        widths[option] = json.loads(done.out)["sigma_x_px"]
+        widths[option] = command.document(
+            "calibrate", tmp_path / "srgb.tif", option, "--out", psf, "--force"
+        )["sigma_x_px"]
     assert widths["--srgb"] == pytest.approx(0.8, rel=1e-3)
     assert widths["--linear"] != pytest.approx(0.8, rel=0.02)
 
@@ -60,14 +59,8 @@ def test_colour_is_read_as_luma_with_a_note_and_a_channel_by_name(
     luma = command("calibrate", tmp_path / "colour.png", "--linear", "--out", psf, "--json")
     assert "Rec. 601 luma" in luma.err
     only_red = command(
-        "calibrate",
-        tmp_path / "colour.png",
-        "--channel",
-        "red",
-        "--linear",
-        "--out",
-        tmp_path / "red.json",
-        "--json",
+        f"calibrate {tmp_path / 'colour.png'} --channel red --linear "
+        f"--out {tmp_path / 'red.json'} --json"
     )
     assert "Rec. 601 luma" not in only_red.err
     assert json.loads(only_red.out)["sigma_x_px"] == pytest.approx(1.2, rel=0.01)
@@ -85,15 +78,7 @@ def test_a_region_leaves_out_what_lies_beside_it(command: Command, tmp_path: Pat
     psf = tmp_path / "p.json"
     both = np.hstack([edge_image(0.7, 3.0), edge_image(1.4, 183.0)])
     tifffile.imwrite(tmp_path / "both.tif", np.rint(both).astype(np.uint16))
-    done = command(
-        "calibrate",
-        tmp_path / "both.tif",
-        "--region",
-        "110,0,110,90",
-        "--out",
-        psf,
-        "--json",
-    )
+    done = command(f"calibrate {tmp_path / 'both.tif'} --region 110,0,110,90 --out {psf} --json")
     document = json.loads(done.out)
     assert document["sigma_x_px"] == pytest.approx(1.4, rel=1e-3)
     assert document["region"] == "110,0,110,90"
@@ -117,8 +102,7 @@ def test_a_session_is_calibrated_from_its_edge_captures(
 ) -> None:
     psf = session_dir / "results" / "psf.json"
     psf.parent.mkdir()
-    done = command("calibrate", "--session", session_dir, "--out", psf, "--json")
-    document = json.loads(done.out)
+    document = command.document("calibrate", "--session", session_dir, "--out", psf)
     # The bench's optical widths; 160-pixel edges in 4 noisy frames are good to about 0.2 %.
     assert document["optical_sigma_x_px"] == pytest.approx(0.7, rel=0.01)
     assert document["optical_sigma_y_px"] == pytest.approx(0.6, rel=0.01)

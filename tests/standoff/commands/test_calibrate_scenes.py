@@ -128,20 +128,3 @@ def test_a_region_beyond_the_nearest_photograph_is_named_as_it_was_typed(
     inside = f"region {region} is not within {photographs[0]} (320x240)"
     assert inside in err.splitlines()[-1]
     assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        ("a.tif", "--method", "two-distance"),
-        ("a.tif", "b.tif", "c.tif", "--method", "two-distance", "--zoom", "2"),
-        ("a.tif", "--zoom", "2"),
-        ("a.tif", "b.tif", "--method", "two-distance", "--zoom", "0.5"),
-        ("a.tif", "b.tif", "--method", "two-distance", "--report", "r.html"),
-        ("a.tif", "--method", "single-image", "--bayer", "RGGB"),
-    ],
-)
-def test_options_that_do_not_go_together_are_wrong_usage(
-    command: Command, tmp_path: Path, wrong: tuple[str, ...]
-) -> None:
-    assert command("calibrate", *wrong, "--out", tmp_path / "psf.json").status == 2

@@ -120,24 +120,12 @@ def test_the_table_names_its_columns_once(
     assert [float(row["sigma_px"]) for row in rows] == pytest.approx([0.8, 0.7], rel=1e-3)
 
 
-@pytest.mark.parametrize("option", ["--noise", "--correct"])
-def test_maps_and_noise_are_for_linear_levels(
-    command: Command, edge_file: Path, noise_file: Path, tmp_path: Path, option: str
-) -> None:
-    words = ("calibrate", edge_file, "--out", tmp_path / "psf.json", "--srgb")
-    err = command.refused(2, *words, option, noise_file)
-    assert "--noise and --correct apply to linear grey levels" in err
-
-
 @pytest.mark.slow
 def test_a_focus_that_drifts_over_the_heights_is_told(command: Command, tmp_path: Path) -> None:
-    bench, plan = tmp_path / "b.toml", tmp_path / "p.toml"
     # Sharp at 300 mm; at 180 mm a lens of f/8 adds a blur of its own.
-    bench.write_text(SMALL_BENCH + "focus_distance_mm = 300.0\nf_number = 8.0\n")
-    plan.write_text(SMALL_PLAN.replace("[180.0, 300.0]", "[180.0, 240.0, 300.0]"))
-    session = tmp_path / "s"
-    words = ("capture", "--bench", bench, "--plan", plan, "--out", session, "--yes")
-    assert command(*words).status == 0
+    bench = SMALL_BENCH + "focus_distance_mm = 300.0\nf_number = 8.0\n"
+    plan = SMALL_PLAN.replace("[180.0, 300.0]", "[180.0, 240.0, 300.0]")
+    session = command.captured(tmp_path, bench, plan)
     done = command.done("calibrate", "--session", session, "--out", tmp_path / "psf.json")
     assert "over the heights: the focus drifts" in done.err
     assert "calibrate at one height or refocus" in done.err
@@ -145,14 +133,8 @@ def test_a_focus_that_drifts_over_the_heights_is_told(command: Command, tmp_path
 
 @pytest.mark.slow
 def test_one_image_of_a_scene_is_told_to_be_a_guess(command: Command, tmp_path: Path) -> None:
-    bench, plan = tmp_path / "b.toml", tmp_path / "p.toml"
-    bench.write_text(SMALL_BENCH)
-    plan.write_text(
-        SMALL_PLAN.replace('kind = "edge"', 'kind = "texture"').replace('"edge"', '"coins"')
-    )
-    session = tmp_path / "s"
-    words = ("capture", "--bench", bench, "--plan", plan, "--out", session, "--yes")
-    assert command(*words).status == 0
+    plan = SMALL_PLAN.replace('kind = "edge"', 'kind = "texture"').replace('"edge"', '"coins"')
+    session = command.captured(tmp_path, SMALL_BENCH, plan)
     done = command.done(
         "calibrate", "--session", session, "--method", "single-image", "--out", tmp_path / "p.json"
     )

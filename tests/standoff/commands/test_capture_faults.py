@@ -1,9 +1,9 @@
 """Every fault of a run: one line, exit status 1, and a session that the same command resumes."""
 
 import errno
-import json
 import os
 import pty
+import shlex
 import shutil
 import signal
 import subprocess
@@ -58,8 +58,7 @@ def stop_short(bench: SimulatedBench) -> None:
 )
 def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
     command: Command,
-    bench_file: Path,
-    plan_file: Path,
+    capture_line: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     fault: Callable[[SimulatedBench], None],
@@ -82,30 +81,24 @@ def test_a_fault_of_a_device_is_one_line_and_the_same_command_resumes(
             monkeypatch.setattr(devices.simulated.stage, "move_to", move_to)
             yield devices
 
-    words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     with monkeypatch.context() as patch:
         patch.setattr("standoff.library.bench.devices.open_bench", opened)
-        done = command(*words, "--yes")
+        done = command(capture_line, "--yes")
     assert (done.status, done.out) == (1, "")
     [line] = [line for line in done.err.splitlines() if line.startswith("standoff:")]
     assert named in line
     session = Session(tmp_path / "s")
     assert 1 <= len(session.records) < 6
     assert session.events[-1].kind == "error"
-    resumed = json.loads(command(*words, "--yes", "--json").out)
+    resumed = command.document(capture_line, "--yes")
     assert resumed["captured"] == 6 - len(session.records)
     assert Session(tmp_path / "s").is_complete
     assert verify(tmp_path / "s").is_ok
 
 
 def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
-    command: Command,
-    bench_file: Path,
-    plan_file: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    command: Command, capture_line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     writes: list[Path] = []
 
     def fill_up(path: Path, parts: FileParts, *seal: Callable[[str], bytes]) -> str:
@@ -116,25 +109,18 @@ def test_a_disk_that_fills_up_is_one_line_and_the_same_command_resumes(
 
     with monkeypatch.context() as patch:
         patch.setattr("acquisition.session.writer.write_new_hashed", fill_up)
-        done = command(*words, "--yes")
+        done = command(capture_line, "--yes")
     assert done.status == 1
     assert "No space left on device; check the disk and run the same command again" in done.err
     assert len(Session(tmp_path / "s").records) == 2
-    assert json.loads(command(*words, "--yes", "--json").out)["captured"] == 4
+    assert command.document(capture_line, "--yes")["captured"] == 4
 
 
 def test_a_disk_without_room_for_the_plan_is_named_before_anything_moves(
-    command: Command,
-    bench_file: Path,
-    plan_file: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    command: Command, capture_line: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
-    err = command.refused(
-        1, "capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s", "--yes"
-    )
-    assert "has 1 MB free" in err
+    assert "has 1 MB free" in command.refused(1, capture_line, "--yes")
 
 
 @pytest.mark.slow
@@ -163,18 +149,15 @@ def test_ctrl_c_in_the_first_moments_is_one_line_and_status_130() -> None:
 
 @pytest.mark.slow
 def test_at_a_terminal_the_operator_answers_pauses_and_goes_on(
-    bench_file: Path, plan_file: Path, tmp_path: Path
+    capture_line: str, tmp_path: Path
 ) -> None:
     controller, terminal = pty.openpty()
     with subprocess.Popen(
-        [
-            sys.executable, "-c", "from standoff.cli import main; main()",
-            "capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s",
-        ],
+        [sys.executable, "-c", "from standoff.cli import main; main()", *shlex.split(capture_line)],
         stdin=terminal,
         stdout=subprocess.PIPE,
         stderr=terminal,
-    ) as process:  # fmt: skip
+    ) as process:
         os.close(terminal)
         seen = b""
         answered = paused = 0

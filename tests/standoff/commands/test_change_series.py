@@ -121,7 +121,7 @@ def test_nothing_is_compared_twice_unless_it_is_gone(
     documents = [json.loads(one.out) for one in (first, again)]
     assert documents[0]["followups"] == documents[1]["followups"]
     (out / "same" / "difference.tif").unlink()
-    assert command(*asked(root, photographs), "--out", out).status == 0
+    command.done(*asked(root, photographs), "--out", out)
     assert compared == ["same.tif"]
     assert pixels(out / "same") == pixels(root / "alone" / "same")
 
@@ -130,7 +130,7 @@ def test_maps_of_two_settings_are_never_taken_for_one_comparison(
     command: Command, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     photographs, out = root / "photographs", root / "out"
-    assert command(*asked(root, photographs), "--out", out).status == 0
+    command.done(*asked(root, photographs), "--out", out)
 
     def interrupted(folder: Path, *_: Any) -> None:
         # Of the same size, as maps of one frame are.
@@ -152,7 +152,7 @@ def test_a_follow_up_that_gives_nothing_is_listed_and_leaves_nothing_of_before(
     command: Command, root: Path
 ) -> None:
     photographs, out = root / "photographs", root / "out"
-    assert command(*asked(root, photographs), "--out", out).status == 0
+    command.done(*asked(root, photographs), "--out", out)
     (photographs / "same.tif").write_bytes((photographs / "same.tif").read_bytes()[:5000])
     shutil.copy(root / "psf.json", photographs / "text.png")
     err = command.refused(1, *asked(root, photographs), "--out", out)
@@ -172,7 +172,7 @@ def test_follow_ups_of_one_stem_get_two_folders(command: Command, root: Path) ->
     second.mkdir()
     shutil.copy(photographs / "same.tif", second / "other.tif")
     followups = (photographs / "other.tif", second / "other.tif")
-    assert command(*asked(root, *followups), "--out", out).status == 0
+    command.done(*asked(root, *followups), "--out", out)
     listed = read_changes_series(out / "summary.json").followups
     assert [one.followup for one in listed] == [str(followup) for followup in followups]
     for one, alone in zip(listed, ("other", "same"), strict=True):
@@ -188,7 +188,7 @@ def test_follow_ups_of_one_stem_get_two_folders(command: Command, root: Path) ->
 def test_parts_are_put_together_by_the_last_one(command: Command, root: Path) -> None:
     photographs = root / "photographs"
     whole, parts = root / "whole", root / "parts"
-    assert command(*asked(root, photographs), "--out", whole).status == 0
+    command.done(*asked(root, photographs), "--out", whole)
     first, last = (
         command(*asked(root, photographs), "--shard", f"{part}/2", "--out", parts, "--json")
         for part in (1, 2)
@@ -290,7 +290,7 @@ def test_photographs_of_two_folders_are_paired_by_their_names(
     # Another reference of one of them is another comparison, and the other one is kept.
     compared.clear()
     shutil.copy(photographs / "same.tif", before / "same.tif")
-    assert command(*words).status == 0
+    command.done(*words)
     assert compared == ["same.tif"]
 
 

@@ -233,25 +233,6 @@ def test_an_ordinary_follow_up_is_not_mirrored_because_somebody_says_so(
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--expect-zoom", 2, "--points", "p.csv"), "--expect-zoom cannot be used with --points"),
-        (("--homography", "h", "--points", "p"), "--homography cannot be used with --points"),
-        (("--expect-zoom", 0), "--expect-zoom"),
-        (("--transfer", "measured"), "--transfer needs --psf"),
-        (("--false-discovery-rate", 0.1, "--false-alarms", 1), "cannot be used with"),
-        (("--false-discovery-rate", 0.9), "--false-discovery-rate"),
-        (("--white-level", 0), "--white-level"),
-    ],
-)
-def test_options_that_contradict_each_other_are_wrong_usage(
-    command: Command, tmp_path: Path, words: tuple[object, ...], said: str
-) -> None:
-    err = command.refused(2, "changes", "near.tif", "far.tif", *words, "--out", tmp_path / "out")
-    assert said in " ".join(err.replace("│", " ").split())
-
-
-@pytest.mark.parametrize(
     ("option", "content", "said"),
     [
         ("--points", "1,2\n3,4\n", "no column followup_x_px"),

@@ -84,24 +84,6 @@ def test_the_history_is_a_table_and_a_page(command: Command, tmp_path: Path) -> 
     assert "the PSF has changed" in known["calibrations"][1]["change"]
 
 
-@pytest.mark.parametrize(
-    ("count", "options", "message"),
-    [
-        (1, (), "give two psf.json files, got 1; or use --history"),
-        (3, (), "give two psf.json files, got 3"),
-        (2, ("--report", "r.html"), "--report needs --history"),
-        (2, ("--history", "--report", "r.png"), "must end in"),
-    ],
-)
-def test_wrong_usage_is_one_line(
-    command: Command, tmp_path: Path, count: int, options: tuple[str, ...], message: str
-) -> None:
-    files = [psf_file(tmp_path / f"{k}.json", 0.8) for k in range(count)]
-    err = command.refused(2, "compare", *files, *options)
-    assert message in err
-    assert err.count("\n") == 1
-
-
 def test_a_folder_without_calibrations_is_named(command: Command, tmp_path: Path) -> None:
     assert f"no psf.json in {tmp_path}" in command.refused(1, "compare", "--history", tmp_path)
 

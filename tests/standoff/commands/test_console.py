@@ -88,8 +88,8 @@ def test_with_curves_the_pose_can_be_judged_and_curves_that_do_not_tell_are_refu
 ) -> None:
     curves = tmp_path / "curves.json"
     write_results(curves, DetectabilityCurves(curves=[curve()]))
-    done = command.done("console", *BENCH, "--port", 0, "--curves", curves, "--json")
-    assert json.loads(done.out)["url"].startswith("http://127.0.0.1:")
+    document = command.document("console", *BENCH, "--port", 0, "--curves", curves)
+    assert document["url"].startswith("http://127.0.0.1:")
     curves.write_text("{}")
     assert "curves.json" in command.refused(1, "console", *BENCH, "--port", 0, "--curves", curves)
     assert len(served) == 1

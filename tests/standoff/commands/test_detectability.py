@@ -115,13 +115,13 @@ def test_parts_of_a_queue_and_a_last_run_give_the_curves_of_one_run(
     for number, path in enumerate(images):
         tifffile.imwrite(path, np.roll(tifffile.imread(scene_file), 20 * number))
     asked = ("detectability", *images, "--model", "bicubic", *FAST)
-    assert command(*asked, "--out", tmp_path / "one.json").status == 0
+    command.done(*asked, "--out", tmp_path / "one.json")
     out = tmp_path / "parts.json"
     for k in (2, 1):
         done = command.done(*asked, "--out", out, "--shard", f"{k}/2")
         assert f"part {k}/2: " in done.out
         assert not out.exists()
-    assert command(*asked, "--out", out).status == 0
+    command.done(*asked, "--out", out)
     assert read_curves(out).curves == read_curves(tmp_path / "one.json").curves
 
 
@@ -144,42 +144,6 @@ def test_noise_of_a_camera_and_a_patch_as_signal(
     mean_dn = float(tifffile.imread(scene_file).astype(np.float64).mean())
     assert found.noise_dn == pytest.approx(np.sqrt((mean_dn - 20) / 10 + 0.25))
     assert found.signal_sigma_px is None
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--zooms", "0.5"), "numbers of at least 1, got 0.5"),
-        (("--noise", "0"), "numbers above 0, got 0"),
-        (("--noise", "x"), "expected numbers, got x"),
-        (("--zooms", "1,25"), "write 1.25"),
-        (("--observer", "ideal"), "'ideal' is not one of npw, hotelling, cho"),
-        (("--model", "best"), "'best' is not one of"),
-        (("--window", "16"), "odd"),
-        (("--signal-sigma", "9"), "exceeds the window"),
-        (("--shard", "3/2"), "expected K/N with K from 1 to N"),
-    ],
-)
-def test_wrong_usage_is_one_line(
-    command: Command,
-    scene_file: Path,
-    psf_file: Path,
-    tmp_path: Path,
-    options: tuple[str, ...],
-    message: str,
-) -> None:
-    err = command.refused(
-        2, "detectability", scene_file, "--psf", psf_file, "--out", tmp_path / "c.json", *options
-    )
-    assert message in err
-    assert err.count("\n") == 1
-
-
-def test_a_psf_is_asked_for_where_the_model_needs_it(
-    command: Command, scene_file: Path, tmp_path: Path
-) -> None:
-    err = command.refused(2, "detectability", scene_file, "--out", tmp_path / "c.json")
-    assert "needs --psf" in err
 
 
 LIMITS = ("--focal-length-px", 800, "--image-size", "640x480", "--observer", "npw")
@@ -217,23 +181,6 @@ def test_limits_from_a_geometry_file(command: Command, curves_file: Path, tmp_pa
     assert f"{path}: a frame of 16 to 1,000,000 px a side is needed" in err
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ((), "2 curves match; choose by --observer (hotelling, npw)"),
-        (("--observer", "cho"), "no curve matches"),
-        (("--observer", "npw", "--at-tilt", "5"), "--at-tilt needs --at-zoom"),
-    ],
-)
-def test_an_ambiguous_curve_is_wrong_usage(
-    command: Command, curves_file: Path, options: tuple[str, ...], message: str
-) -> None:
-    err = command.refused(
-        2, *("limits", "--curves", curves_file, "--min-dprime", 3, *LIMITS[:4]), *options
-    )
-    assert message in err
-
-
 def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
     command: Command, curves_file: Path, tmp_path: Path
 ) -> None:
@@ -245,28 +192,6 @@ def test_limits_towards_a_direction_are_a_table_and_a_camera_is_given_once(
     assert "give exactly one of --geometry, --focal-length-px and --homography" in err
 
 
-@pytest.mark.parametrize(
-    ("focal_length_px", "size", "message"),
-    [
-        ("800", "640xabc", "--image-size must be WxH in px, such as 780x580, got 640xabc"),
-        ("800", "640", "--image-size must be WxH in px"),
-        ("-1", "640x480", "--focal-length-px: expected a number above 0"),
-        ("8", "640x480", "divided by the pixel pitch"),
-        ("800,5", "640x480", "write 800.5"),
-        ("8 mm", "640x480", "'mm' is not one of its units"),
-        ("800", "8x8", "a frame of 16 to 1,000,000 px a side"),
-    ],
-)
-def test_a_camera_that_cannot_be_is_wrong_usage(
-    command: Command, curves_file: Path, focal_length_px: str, size: str, message: str
-) -> None:
-    camera = ("--focal-length-px", focal_length_px, "--image-size", size)
-    err = command.refused(
-        2, "limits", "--curves", curves_file, "--min-dprime", 3, *camera, "--noise", 1
-    )
-    assert message in err
-
-
 def test_a_frame_size_may_have_a_comma_and_a_focal_length_its_unit(
     command: Command, curves_file: Path
 ) -> None:
@@ -275,13 +200,6 @@ def test_a_frame_size_may_have_a_comma_and_a_focal_length_its_unit(
     same = command(*asked, "--focal-length-px", "800 px", "--image-size", "640, 480")
     assert camera.status == 0, camera.err
     assert same.out == camera.out
-
-
-def test_no_camera_and_no_threshold_are_wrong_usage(command: Command, curves_file: Path) -> None:
-    err = command.refused(2, "limits", "--curves", curves_file, "--min-dprime", 3)
-    assert "give exactly one of --geometry, --focal-length-px and --homography" in err
-    err = command.refused(2, "limits", "--curves", curves_file, "--min-dprime", 0, *LIMITS)
-    assert "a threshold must be a number above 0" in err
 
 
 @pytest.mark.slow

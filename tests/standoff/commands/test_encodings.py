@@ -69,13 +69,6 @@ def test_the_option_decides(
     assert is_near == (encoding != "linear")  # gamma 2.2 is close to sRGB
 
 
-@pytest.mark.parametrize("name", ["sRGB", "gamma:0", "gamma:nan", "log", ""])
-def test_an_unknown_encoding_is_wrong_usage(command: Command, srgb_png: Path, name: str) -> None:
-    done = command("calibrate", srgb_png, "--encoding", name, "--out", "psf.json")
-    assert (done.status, done.err.count("\n")) == (2, 1)
-    assert "gamma:2.2" in done.err
-
-
 def test_white_stays_white_in_what_is_simulated(
     command: Command, psf_file: Path, tmp_path: Path
 ) -> None:

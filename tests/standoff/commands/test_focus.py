@@ -59,27 +59,6 @@ def test_the_live_aid_ends_after_its_readings(command: Command, bench: Path, met
     assert "% of peak" in done.err
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        ("--region", "100,0,100,90"),
-        ("--region", "1,2,3"),
-        ("--from", "200"),
-        ("--sweep", "--from", "200"),
-        ("--sweep", "--from", "300", "--to", "200"),
-        ("--sweep", "--steps", "4"),
-        ("--sweep", "--frames", "1"),
-        ("--sweep", "--readings", "5"),
-        ("--metric", "sharpness"),
-        ("--target", "nothing"),
-    ],
-)
-def test_wrong_options_are_wrong_usage(
-    command: Command, bench: Path, wrong: tuple[str, ...]
-) -> None:
-    assert command("focus", "--bench", bench, *wrong).status == 2
-
-
 @pytest.mark.slow
 def test_the_peak_is_within_one_percent_at_snr_20_with_20_percent_of_drift(bench: Path) -> None:
     # White paper of 400 electrons: SNR 20 by shot noise in each frame; 10 frames as by default.

@@ -8,18 +8,9 @@ from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
 
 
-def board_session(command: Command, folder: Path) -> Path:
-    """Three captures of the board by a small camera."""
-    bench, plan, path = folder / "b.toml", folder / "p.toml", folder / "s"
-    bench.write_text(BOARD_BENCH)
-    plan.write_text(BOARD_PLAN)
-    command.done("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
-    return path
-
-
 @pytest.mark.slow
 def test_a_board_session_gives_its_geometry_and_a_report(command: Command, tmp_path: Path) -> None:
-    session = board_session(command, tmp_path)
+    session = command.captured(tmp_path, BOARD_BENCH, BOARD_PLAN)
     out, page = tmp_path / "geometry.json", tmp_path / "report.html"
     done = command.done("geometry", "--session", session, "--out", out, "--report", page, "--json")
     document = json.loads(done.out)
@@ -54,15 +45,3 @@ def test_a_session_of_edges_alone_is_refused_in_one_line(
     err = command.refused(1, "geometry", "--session", session_dir, "--out", tmp_path / "g.json")
     assert "no capture of kind board, chart, texture" in err
     assert not (tmp_path / "g.json").exists()
-
-
-@pytest.mark.parametrize(
-    "wrong", [("--board", "eleven"), ("--scale", "-1"), ("--focal-length-px", "nan")]
-)
-def test_wrong_options_are_wrong_usage(
-    command: Command, tmp_path: Path, wrong: tuple[str, str]
-) -> None:
-    err = command.refused(
-        2, "geometry", "--session", tmp_path, "--out", tmp_path / "g.json", *wrong
-    )
-    assert wrong[0] in err

@@ -54,7 +54,7 @@ def test_without_labels_the_report_names_no_customer(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:
     out, page = tmp_path / "psf.json", tmp_path / "psf.html"
-    assert command("calibrate", edge_file, "--out", out, "--report", page).status == 0
+    command.done("calibrate", edge_file, "--out", out, "--report", page)
     assert document(out)["labels"] is None
     assert "customer" not in Page(page.read_text("utf-8")).text
 

@@ -97,34 +97,6 @@ def test_a_follow_up_aimed_elsewhere_is_in_the_document(
     assert "aimed at 480,240 px of the reference" in command(*words, "--aim", "480,240").out
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--aim", "800,20"), "must lie in the reference of 640 x 480 px"),
-        (("--aim", "20"), "X,Y"),
-        (("--aim", "nan,3"), "numbers"),
-        (("--criterion", "min"), "--homography"),
-        (("--reference-size", "640x480"), "--homography"),
-    ],
-)
-def test_an_aim_at_fault_and_options_without_their_pose_are_refused(
-    command: Command, curves_file: Path, words: tuple[str, ...], message: str
-) -> None:
-    camera = ("--focal-length-px", 800, "--image-size", "640x480")
-    err = command.refused(2, "limits", "--curves", curves_file, "--min-dprime", 2, *camera, *words)
-    assert message in " ".join(err.split())
-
-
-@pytest.mark.parametrize("words", [("--aim", "20,30"), ("--plot", "l.svg"), ("--at-zoom", "1.2")])
-def test_what_a_known_pose_leaves_open_to_nobody_is_refused(
-    command: Command, curves_file: Path, tmp_path: Path, words: tuple[str, ...]
-) -> None:
-    pose = pose_file(tmp_path, np.eye(3).tolist(), (400, 300))
-    command.refused(
-        2, *("limits", "--curves", curves_file, "--min-dprime", 2, "--homography", pose, *words)
-    )
-
-
 def test_a_lens_that_distorts_is_judged_by_its_nearest_homography(
     curves_file: Path, tmp_path: Path
 ) -> None:

@@ -101,18 +101,6 @@ def test_the_end_of_its_input_does_not_end_it_but_sigterm_does(bench_file: Path)
     assert err == ""
 
 
-def test_wrong_arguments_are_wrong_usage(command: Command, bench_file: Path) -> None:
-    for arguments, fault in (
-        (["--address", "192.0.2.1"], "loopback"),
-        (["--address", "camera"], "not an IPv4 address"),
-        (["--target", "moon"], "no target 'moon'"),
-        (["--orientation", "nan"], "finite"),
-    ):
-        err = command.refused(2, "mock", "--bench", bench_file, *arguments)
-        assert fault in err
-        assert err.count("\n") == 1
-
-
 def test_an_address_in_use_and_a_bench_without_truth_are_named(
     command: Command, bench_file: Path, tmp_path: Path
 ) -> None:

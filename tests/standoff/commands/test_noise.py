@@ -35,12 +35,8 @@ LADDER = "1000.0, 2000.0, 4000.0, 6000.0, 8000.0, 16000.0"
 
 
 def captured(command: Command, folder: Path, *targets: str) -> Path:
-    bench, plan, path = folder / "b.toml", folder / "p.toml", folder / "s"
-    bench.write_text(SMALL_BENCH + "vignetting = 0.2\n")
     heads = 'schema = "standoff.plan/1"\nname = "n"\nheights_mm = [200.0]\nframes_per_capture = 6\n'
-    plan.write_text(heads + "".join(targets))
-    command.done("capture", "--bench", bench, "--plan", plan, "--out", path, "--yes")
-    return path
+    return command.captured(folder, f"{SMALL_BENCH}vignetting = 0.2\n", heads + "".join(targets))
 
 
 def test_the_shipped_plan_is_a_dark_and_a_ladder_of_flats() -> None:
@@ -147,8 +143,3 @@ def test_a_report_is_named_beside_the_maps(command: Command, tmp_path: Path) -> 
     done = command("noise", "--session", session, "--out", out, "--report", page)
     assert done.out.endswith(f"noise_defects.tif and {page}\n")
     assert "Photon transfer" in page.read_text()
-
-
-def test_a_result_that_is_no_json_is_wrong_usage(command: Command, tmp_path: Path) -> None:
-    err = command.refused(2, "noise", "--session", tmp_path, "--out", tmp_path / "noise.txt")
-    assert ".json" in err

@@ -5,7 +5,7 @@ import pytest
 
 from acquisition.bench import load_bench
 from acquisition.plan import load_plan
-from standoff.library.rehearsal.paper import short_bench
+from standoff.library.rehearsal import short_bench
 from standoff.shipped_configs import shipped_config
 from tests.standoff.conftest import Command
 

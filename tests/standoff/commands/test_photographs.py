@@ -25,9 +25,9 @@ def test_photographs_become_a_session_that_calibrates(
     np.testing.assert_array_equal(
         Session(out).load(record).mean_dn, tifffile.imread(edge_file).astype(np.float32)
     )
-    assert command("verify", out).status == 0
+    command.done("verify", out)
     psf = tmp_path / "psf.json"
-    assert command("calibrate", "--session", out, "--out", psf).status == 0
+    command.done("calibrate", "--session", out, "--out", psf)
     # As the photograph itself: total sigma 0.8 px across the vertical edge.
     assert json.loads(psf.read_text())["sigma_x_px"] == pytest.approx(0.8, rel=0.01)
     assert json.loads(command(*words, "--out", out, "--json").out)["imported"] == 0
@@ -37,7 +37,7 @@ def test_an_encoded_photograph_is_made_linear_and_grey(command: Command, tmp_pat
     path = tmp_path / "photo.png"
     Image.fromarray(np.full((20, 30, 3), 188, np.uint8)).save(path)
     words = ("import", path, "--kind", "texture", "--height-mm", 0, "--srgb")
-    assert command(*words, "--out", tmp_path / "s").status == 0
+    command.done(*words, "--out", tmp_path / "s")
     session = Session(tmp_path / "s")
     mean_dn = session.load(session.records[0]).mean_dn
     # IEC 61966-2-1: ((188 / 255 + 0.055) / 1.055)^2.4 = 0.50289 of 255.
@@ -82,7 +82,7 @@ def test_another_import_does_not_go_into_the_same_session(
     command: Command, edge_file: Path, tmp_path: Path
 ) -> None:
     words = ("import", edge_file, "--kind", "edge", "--out", tmp_path / "s", "--height-mm")
-    assert command(*words, 100).status == 0
+    command.done(*words, 100)
     err = command.refused(1, *words, 200)
     assert "made with other settings" in err
     assert "heights_mm.0 was 100.0, now 200.0" in err
@@ -109,10 +109,10 @@ def test_a_wrong_height_is_corrected_in_place(
     other.write_bytes(edge_file.read_bytes())
     out = tmp_path / "s"
     words = ("import", edge_file, other, "--kind", "edge", "--height-mm", 0, "--out", out)
-    assert command(*words).status == 0
+    command.done(*words)
     files = {path: path.read_bytes() for path in (out / "captures").iterdir()}
     correct = ("session", "set-height", 1, out, "--reason", "wrong scale", "--operator", "Ada")
-    assert command(*correct, "--height-mm", 260).status == 0
+    command.done(*correct, "--height-mm", 260)
     done = command(*correct, "--height-mm", 250.5)
     assert done.out == f"{out}: capture 1 is at 250.5 mm (was 260 mm): wrong scale\n"
     # The first capture stays, what was recorded is told, and nothing but the journal has grown.
@@ -123,13 +123,13 @@ def test_a_wrong_height_is_corrected_in_place(
     assert "250.500  " in (listing := command("session", "show", out).out).replace("│", " ")
     assert "recorded at 0.000 mm" in listing
     assert files == {path: path.read_bytes() for path in (out / "captures").iterdir()}
-    assert command("verify", out).status == 0
+    command.done("verify", out)
     # Used by what comes after, and the import goes on as before.
     psf = tmp_path / "psf.json"
-    assert command("calibrate", "--session", out, "--out", psf).status == 0
+    command.done("calibrate", "--session", out, "--out", psf)
     edges = json.loads(psf.read_text())["edges"]
     assert sorted(edge["height_mm"] for edge in edges) == [0.0, 250.5]
-    assert command(*words, "--json").status == 0
+    command.done(*words, "--json")
     assert [record.height_mm for record in Session(out).records] == [0.0, 250.5]
 
 
@@ -140,17 +140,17 @@ def test_several_heights_are_corrected_or_none(
     other.write_bytes(edge_file.read_bytes())
     out = tmp_path / "s"
     words = ("import", edge_file, other, "--kind", "edge", "--height-mm", 0, "--out", out)
-    assert command(*words).status == 0
+    command.done(*words)
     given = ("--height-mm", 9, "--reason", "r")
     refused = command("session", "set-height", 0, 2, out, *given)
     assert (refused.status, "no capture with index 2" in refused.err) == (1, True)
     assert [record.height_mm for record in Session(out).records] == [0.0, 0.0]
-    assert command("session", "set-height", 0, 1, out, *given).status == 0
+    command.done("session", "set-height", 0, 1, out, *given)
     assert [record.height_mm for record in Session(out).records] == [9.0, 9.0]
     assert command("session", "set-height", 0, out, "--height-mm", "nan").status == 2
     # After a repair, too.
     (out / "journal.head").unlink()
-    assert command("verify", "--repair", out).status == 0
+    command.done("verify", "--repair", out)
     assert [record.height_mm for record in Session(out).records] == [9.0, 9.0]
 
 

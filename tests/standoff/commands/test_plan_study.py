@@ -75,8 +75,9 @@ def test_boards_at_several_heights_tell_the_pupil(
 ) -> None:
     (tmp_path / "p.toml").write_text(PLAN + BOARDS)
     sizes = ("--set", "simulated.width_px=240", "--set", "simulated.height_px=180")
-    done = command("plan-study", *files, *sizes, "--height-scatter", 0.05, "--json")
-    found = predicted(json.loads(done.out), "pupil_offset_mm")
+    found = predicted(
+        command.document("plan-study", *files, *sizes, "--height-scatter", 0.05), "pupil_offset_mm"
+    )
     assert found["err"] > 0.05
     # Three heights leave one degree of freedom: Student's 12.7.
     assert found["half_width_95"] == pytest.approx(12.706 * found["err"], rel=1e-3)
@@ -119,34 +120,6 @@ def test_the_scatter_of_the_focus_is_taken_from_a_calibration_that_has_it(
     object.__setattr__(calibration, "focus", Focus())
     known = standoff.plan_study(plan, bench, calibration)
     assert known.of("sigma_x_px").err == pytest.approx(stated.of("sigma_x_px").err)
-
-
-@pytest.mark.parametrize(
-    "want", ["sigma", "sigma=0.5", "blur=1%", "tilt=3%", "sigma=-1%", "sigma=nan%", "dprime=0%"]
-)
-def test_a_want_that_is_not_understood_is_wrong_usage(
-    command: Command, files: tuple[object, ...], want: str
-) -> None:
-    err = command.refused(2, "plan-study", *files, "--want", want)
-    assert len(err.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    "words",
-    [("--levels", "3"), ("--levels", "9,3"), ("--contrast", "0"), ("--board", "2x2:1:1")],
-)
-def test_numbers_that_cannot_be_are_wrong_usage(
-    command: Command, files: tuple[object, ...], words: tuple[str, str]
-) -> None:
-    err = command.refused(2, "plan-study", *files, *words)
-    assert len(err.splitlines()) == 1
-
-
-def test_a_photograph_that_is_too_small_is_named(
-    command: Command, files: tuple[object, ...], image_file: Path
-) -> None:
-    err = command.refused(2, "plan-study", *files, "--photographs", image_file)
-    assert "128 a side are needed" in err
 
 
 def test_a_result_that_is_there_is_kept(

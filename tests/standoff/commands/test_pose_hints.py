@@ -108,14 +108,6 @@ def test_a_follow_up_from_nearer_is_judged_like_one_from_the_same_distance(
     np.testing.assert_allclose(place(back), place(MATRIX), atol=0.1)
 
 
-def test_hints_are_for_photographs_not_for_a_live_camera(
-    command: Command, near: Path, curves: Path, tmp_path: Path
-) -> None:
-    asked = ("pose", near, "--stream", tmp_path, "--curves", curves, "--min-dprime", 1.0)
-    err = command.refused(2, *asked, "--expect-zoom", 1.5)
-    assert "--expect-zoom needs FOLLOWUP" in " ".join(err.replace("│", " ").split())
-
-
 def test_a_mask_of_another_size_is_one_line(
     command: Command, near: Path, far: Path, curves: Path, tmp_path: Path
 ) -> None:

@@ -117,7 +117,7 @@ def test_a_session_of_five_heights_and_four_orientations_over_the_real_protocols
         mock.communicate(timeout=ENDS_WITHIN_S)
     assert summary["captured"] == 20
     assert tuple(placed) == ORIENTATIONS_DEG
-    assert command("verify", out).status == 0
+    command.done("verify", out)
     session = Session(out)
     assert session.is_complete
     assert session.devices["camera"]["driver"] == "aravis"
@@ -126,7 +126,7 @@ def test_a_session_of_five_heights_and_four_orientations_over_the_real_protocols
     assert {round(r.height_mm - r.height_asked_mm, 3) for r in session.records} != {0.0}
     assert all(abs(r.height_mm - r.height_asked_mm) <= 0.01 for r in session.records)
 
-    assert command("calibrate", "--session", out, "--out", psf).status == 0
+    command.done("calibrate", "--session", out, "--out", psf)
     found = json.loads(psf.read_text())
     truth = BenchTruth(
         load_bench(

@@ -11,14 +11,12 @@ from tests.standoff.conftest import SMALL_PLAN, Command
 
 
 def test_a_plan_is_captured_verified_and_found_again(
-    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
+    command: Command, capture_line: str, tmp_path: Path
 ) -> None:
-    arguments = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
-    first = json.loads(command(*arguments, "--yes", "--json").out)
-    assert (first["captured"], first["already_captured"]) == (6, 0)
-    again = json.loads(command(*arguments, "--yes", "--json").out)
-    assert (again["captured"], again["already_captured"]) == (0, 6)
-    verified = json.loads(command("verify", tmp_path / "s", "--json").out)
+    for captured, found_done in ((6, 0), (0, 6)):
+        document = command.document(capture_line, "--yes")
+        assert (document["captured"], document["already_captured"]) == (captured, found_done)
+    verified = command.document("verify", tmp_path / "s")
     assert verified["ok"] is True
     assert len(verified["files"]) == 7  # six captures and session.json
 
@@ -34,18 +32,10 @@ def test_a_damaged_capture_is_found_and_taken_again(
     assert done.status == 1
     assert victim.name in done.out
     again = command(
-        "capture",
-        "--bench",
-        bench_file,
-        "--plan",
-        plan_file,
-        "--out",
-        session_dir,
-        "--yes",
-        "--json",
+        f"capture --bench {bench_file} --plan {plan_file} --out {session_dir} --yes --json"
     )
     assert json.loads(again.out)["captured"] == 1
-    assert command("verify", session_dir).status == 0
+    command.done("verify", session_dir)
 
 
 def test_a_changed_plan_is_refused(
@@ -60,36 +50,32 @@ def test_a_changed_plan_is_refused(
 
 
 def test_a_dry_run_lists_the_captures_and_writes_nothing(
-    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
+    command: Command, capture_line: str, tmp_path: Path
 ) -> None:
     out = tmp_path / "s"
-    arguments = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", out, "--dry-run")
-    document = json.loads(command(*arguments, "--json").out)
+    document = command.document(capture_line, "--dry-run")
     assert [len(document["captures"]), document["placements"]] == [6, 3]
     # 128 x 160 pixels of mean and variance, 4 bytes each.
     assert document["bytes"] == 6 * 128 * 160 * 8
     # By hand: 793 mm at 5 mm/s (from 370 mm, down with 2 x 0.5 mm of backlash, up and down), six
     # ramps of 0.3 s and settlings of 0.5 s, six captures of 5 frames at 60 Hz and 0.25 s.
     assert document["seconds"] == pytest.approx(793 / 5 + 6 * (0.8 + 5 / 60 + 0.25), abs=0.1)
-    shown = command(*arguments).out
+    shown = command(capture_line, "--dry-run").out
     assert "orientation" in shown
     assert "6 captures, 3 placements: about" in shown
     assert "MB on disk" in shown
     assert not out.exists()
     out.mkdir()
     (out / "session.json").write_text("{}")
-    assert "already holds a session" in command(*arguments).err
+    assert "already holds a session" in command(capture_line, "--dry-run").err
 
 
 def test_the_operator_is_asked_at_every_new_target_and_may_skip_it(
-    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
+    command: Command, capture_line: str, tmp_path: Path
 ) -> None:
     answers = tmp_path / "answers.txt"
     answers.write_text("\nwhat?\ns\n\n")  # what is no answer is asked again
-    done = command(
-        "capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s",
-        "--answers", answers, "--json",
-    )  # fmt: skip
+    done = command(capture_line, "--answers", answers, "--json")
     summary = json.loads(done.out)
     assert (summary["captured"], summary["skipped"]) == (4, 2)
     assert "Place edge 'edge' at 50 degrees." in done.err
@@ -97,11 +83,7 @@ def test_the_operator_is_asked_at_every_new_target_and_may_skip_it(
 
 
 def test_ctrl_c_leaves_a_session_that_resumes(
-    command: Command,
-    bench_file: Path,
-    plan_file: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    command: Command, capture_line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[PlanEntry] = []
 
@@ -114,13 +96,11 @@ def test_ctrl_c_leaves_a_session_that_resumes(
 
         return place
 
-    arguments = ("capture", "--bench", bench_file, "--plan", plan_file, "--out", tmp_path / "s")
     with monkeypatch.context() as patch:
         where = "standoff.library.bench.devices.place_in_simulation"
         patch.setattr(where, interrupt_at_the_second)
-        assert command(*arguments, "--yes").status == 130
-    resumed = json.loads(command(*arguments, "--yes", "--json").out)
-    assert resumed == {
+        assert command(capture_line, "--yes").status == 130
+    assert command.document(capture_line, "--yes") == {
         "session": str(tmp_path / "s"),
         "captured": 4,
         "already_captured": 2,
@@ -139,22 +119,8 @@ def test_a_target_the_bench_does_not_have_is_named(
     assert "elephant" in err
 
 
-def test_a_driver_that_is_not_there_is_named(
-    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
-) -> None:
-    err = command.refused(
-        1,
-        "capture",
-        "--bench",
-        bench_file,
-        "--plan",
-        plan_file,
-        "--out",
-        tmp_path / "s",
-        "--set",
-        "camera.driver=files",
-        "--yes",
-    )
+def test_a_driver_that_is_not_there_is_named(command: Command, capture_line: str) -> None:
+    err = command.refused(1, f"{capture_line} --set camera.driver=files --yes")
     assert "files" in err
 
 
@@ -167,8 +133,7 @@ def test_the_report_shows_the_captures_and_then_the_psf(
     page = session_dir / "results" / "report.html"
     assert "6 of 6 planned" in page.read_text()
     command("calibrate", "--session", session_dir, "--out", session_dir / "results" / "psf.json")
-    after = command("report", session_dir, "--json")
-    assert json.loads(after.out)["report"] == str(page)
+    assert command.document("report", session_dir)["report"] == str(page)
     assert "Point spread function" in page.read_text()
 
 
@@ -182,10 +147,9 @@ REAL_STAGE = ("--set", "stage.driver=grbl", "--set", "stage.port=/dev/null")
 
 @pytest.mark.parametrize("options", [[], ["--yes"], ["--placed"]])
 def test_on_a_real_bench_somebody_has_to_place_the_targets(
-    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path, options: list[str]
+    command: Command, capture_line: str, tmp_path: Path, options: list[str]
 ) -> None:
-    words = capture_words(bench_file, plan_file, tmp_path / "s", *REAL_BENCH, *REAL_STAGE, *options)
-    done = command(*words)
+    done = command(capture_line, *REAL_BENCH, *REAL_STAGE, *options)
     assert (done.status, done.out) == (2, "")
     assert done.err.count("\n") == 1
     assert "3 target" in done.err
@@ -203,11 +167,11 @@ def test_a_manual_stage_needs_somebody_though_the_target_is_placed(
 
 
 def test_answers_that_end_too_early_are_named_and_the_session_resumes(
-    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
+    command: Command, capture_line: str, tmp_path: Path
 ) -> None:
     answers = tmp_path / "answers.txt"
     answers.write_text("\n\n")
-    words = capture_words(bench_file, plan_file, tmp_path / "s", "--answers", answers, "--json")
+    words = (capture_line, "--answers", answers, "--json")
     done = command(*words)
     assert (done.status, done.out) == (1, "")
     assert "answers.txt has no answer left for: Enter to capture" in done.err
@@ -216,10 +180,9 @@ def test_answers_that_end_too_early_are_named_and_the_session_resumes(
 
 
 def test_answers_that_are_not_there_are_named(
-    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
+    command: Command, capture_line: str, tmp_path: Path
 ) -> None:
-    words = capture_words(bench_file, plan_file, tmp_path / "s", "--answers", tmp_path / "absent")
-    assert "absent" in command.refused(1, *words)
+    assert "absent" in command.refused(1, capture_line, "--answers", tmp_path / "absent")
     assert not (tmp_path / "s").exists()
 
 
@@ -244,14 +207,14 @@ def test_a_capture_is_retaken_shown_and_verified_with_its_reason(
 def test_captures_are_excluded_and_included_with_a_reason_and_notes_are_kept(
     command: Command, session_dir: Path
 ) -> None:
-    assert command("session", "exclude", 3, session_dir, "--reason", "hair").status == 0
-    assert command("session", "note", "lamp changed", session_dir).status == 0
+    command.done("session", "exclude", 3, session_dir, "--reason", "hair")
+    command.done("session", "note", "lamp changed", session_dir)
     shown = command("session", "show", session_dir).out
     assert "excluded: hair" in shown
     assert "lamp changed" in shown
     listed = json.loads(command("session", "list", session_dir.parent, "--json").out)
     assert [(row["captured"], row["planned"], row["excluded"]) for row in listed] == [(6, 6, 1)]
-    assert command("session", "include", 3, session_dir).status == 0
+    command.done("session", "include", 3, session_dir)
     assert "not excluded" in command.refused(1, "session", "include", 3, session_dir)
     assert command("session", "exclude", 3, session_dir).status == 2  # a reason is asked for
     assert command("session", "exclude", 99, session_dir, "--reason", "x").status == 1
@@ -271,17 +234,16 @@ def test_the_catalogue_goes_on_past_a_session_that_cannot_be_read(
 
 
 def test_a_real_bench_is_warned_of_the_flicker_of_its_lamps(
-    command: Command, bench_file: Path, plan_file: Path, tmp_path: Path
+    command: Command, capture_line: str
 ) -> None:
-    words = capture_words(bench_file, plan_file, tmp_path / "s", "--dry-run", *REAL_BENCH)
-    words += ["--set", "stage.driver=manual"]
+    words = (capture_line, "--dry-run", *REAL_BENCH, "--set", "stage.driver=manual")
     warned = command(*words).err
     assert "12000 us is not a multiple of the 10 ms" in warned
     assert "use 10000 us" in warned
     assert command(*words, "--set", "capture.mains_hz=0").err == ""
     assert command(*words, "--set", "camera.exposure_us=20000").err == ""
-    assert "16667 us" in command(*words, "--set", "camera.exposure_us=17500", "--set",
-                                 "capture.mains_hz=60").err  # fmt: skip
+    other = ("--set", "camera.exposure_us=17500", "--set", "capture.mains_hz=60")
+    assert "16667 us" in command(*words, *other).err
 
 
 def test_a_journal_cut_short_is_remarked_wherever_the_session_is_read(
@@ -299,7 +261,7 @@ def test_a_session_taken_again_shows_both_captures_in_its_table(
     command: Command, session_dir: Path, bench_file: Path, plan_file: Path
 ) -> None:
     words = capture_words(bench_file, plan_file, session_dir, "--yes", "--retake", 2)
-    assert command(*words).status == 0
+    command.done(*words)
     shown = command("session", "show", session_dir).out
     assert shown.count("superseded") == 1
     assert "6 of 6 captured" in shown
@@ -361,5 +323,5 @@ def test_an_altered_journal_is_refused_by_line_and_repaired_on_demand(
         assert "standoff verify --repair" in err
     repaired = command.done("verify", session_dir, "--repair")
     assert "brought back from captures/" in repaired.err
-    assert command("verify", session_dir).status == 0
+    command.done("verify", session_dir)
     assert list(session_dir.glob("journal-damaged-*.jsonl"))

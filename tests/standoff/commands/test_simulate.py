@@ -33,15 +33,7 @@ def test_json_says_what_was_written(
     command: Command, image_file: Path, psf_file: Path, tmp_path: Path
 ) -> None:
     done = command(
-        "simulate",
-        image_file,
-        "--zoom",
-        2,
-        "--psf",
-        psf_file,
-        "--out",
-        tmp_path / "f.tif",
-        "--json",
+        f"simulate {image_file} --zoom 2 --psf {psf_file} --out {tmp_path / 'f.tif'} --json"
     )
     document = json.loads(done.out)
     assert document["size"] == [45, 30]
@@ -52,9 +44,7 @@ def test_bicubic_needs_no_psf_and_zoom_1_changes_nothing(
     command: Command, image_file: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "same.tif"
-    assert (
-        command("simulate", image_file, "--zoom", 1, "--model", "bicubic", "--out", out).status == 0
-    )
+    command.done("simulate", image_file, "--zoom", 1, "--model", "bicubic", "--out", out)
     np.testing.assert_allclose(tifffile.imread(out), TEXTURE, rtol=1e-6)
 
 
@@ -62,12 +52,7 @@ def test_colour_and_opacity(command: Command, psf_file: Path, tmp_path: Path) ->
     colour = np.random.default_rng(3).integers(0, 255, (30, 40, 4)).astype(np.uint8)
     tifffile.imwrite(tmp_path / "colour.tif", colour, photometric="rgb", extrasamples="unassalpha")
     out = tmp_path / "far.tif"
-    assert (
-        command(
-            "simulate", tmp_path / "colour.tif", "--zoom", 2, "--psf", psf_file, "--out", out
-        ).status
-        == 0
-    )
+    command.done("simulate", tmp_path / "colour.tif", "--zoom", 2, "--psf", psf_file, "--out", out)
     assert tifffile.imread(out).shape == (15, 20, 3)
 
 
@@ -76,7 +61,7 @@ def test_a_capture_of_a_session_is_simulated_from_its_mean(
 ) -> None:
     capture = sorted((session_dir / "captures").glob("*.tif"))[0]
     out = tmp_path / "far.tif"
-    assert command("simulate", capture, "--zoom", 2, "--psf", psf_file, "--out", out).status == 0
+    command.done("simulate", capture, "--zoom", 2, "--psf", psf_file, "--out", out)
     assert tifffile.imread(out).shape == (64, 80)
 
 
@@ -86,16 +71,7 @@ def test_capture_options_act_in_the_order_light_noise_sharpening(
     def simulated(*options: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
         out = tmp_path / "far.tif"
         command.done(
-            "simulate",
-            image_file,
-            "--zoom",
-            2,
-            "--psf",
-            psf_file,
-            "--out",
-            out,
-            "--force",
-            *options,
+            f"simulate {image_file} --zoom 2 --psf {psf_file} --out {out} --force", *options
         )
         return np.asarray(tifffile.imread(out))
 
@@ -116,19 +92,8 @@ def test_noise_is_that_of_a_capture_and_follows_the_seed(
     def simulated(seed: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
         out = tmp_path / "far.tif"
         command.done(
-            "simulate",
-            flat,
-            "--zoom",
-            2,
-            "--psf",
-            psf_file,
-            "--noise",
-            noise_file,
-            "--seed",
-            seed,
-            "--out",
-            out,
-            "--force",
+            f"simulate {flat} --zoom 2 --psf {psf_file} --noise {noise_file} --seed {seed} "
+            f"--out {out} --force"
         )
         return np.asarray(tifffile.imread(out))
 
@@ -162,41 +127,11 @@ def test_a_noise_file_at_fault_is_named(
     noise.write_text(text)
     err = command.refused(
         1,
-        "simulate",
-        image_file,
-        "--zoom",
-        2,
-        "--psf",
-        psf_file,
-        "--noise",
-        noise,
-        "--out",
-        tmp_path / "far.tif",
+        f"simulate {image_file} --zoom 2 --psf {psf_file} --noise {noise} "
+        f"--out {tmp_path / 'far.tif'}",
     )
     assert name in err
     assert not (tmp_path / "far.tif").exists()
-
-
-@pytest.mark.parametrize(
-    "option",
-    [
-        ("--sharpen", "much"),
-        ("--sharpen", "nan"),
-        ("--sharpen", "0.8,0"),
-        ("--sharpen", "0,8"),
-        ("--exposure", "inf"),
-        ("--vignetting", "3"),
-        ("--seed", "-1"),
-        ("--out", "far.png"),
-    ],
-)
-def test_options_that_are_no_numbers_are_wrong_usage(
-    command: Command, image_file: Path, psf_file: Path, tmp_path: Path, option: tuple[str, str]
-) -> None:
-    out = tmp_path / "far.tif"
-    command.refused(
-        2, "simulate", image_file, "--zoom", 2, "--psf", psf_file, "--out", out, *option
-    )
 
 
 def written_maps(tmp_path: Path, shape: tuple[int, int], seed: int = 1) -> tuple[Path, FloatArray]:
@@ -232,7 +167,7 @@ def test_a_fixed_pattern_is_taken_off_before_the_reference_is_zoomed_out(
     command.done(*words, "--correct", noise)
     # By hand: dark + response * 936 is an even 1000 DN once both maps are off.
     np.testing.assert_allclose(tifffile.imread(out), 1000.0, atol=0.01)
-    assert command(*words, "--force").status == 0
+    command.done(*words, "--force")
     assert tifffile.imread(out).std() > 5
 
 

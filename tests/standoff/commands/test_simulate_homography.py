@@ -68,16 +68,7 @@ def test_a_homography_that_is_a_zoom_gives_what_the_zoom_gives(
     pose = _homography_file(tmp_path / "H.json", matrix, [100, 80])
     by_pose, by_zoom, mask = (tmp_path / name for name in ("pose.tif", "zoom.tif", "nearer.png"))
     document = command.document(
-        "simulate",
-        image,
-        "--homography",
-        pose,
-        "--psf",
-        psf_file,
-        "--out",
-        by_pose,
-        "--nearer",
-        mask,
+        f"simulate {image} --homography {pose} --psf {psf_file} --out {by_pose} --nearer {mask}"
     )
     assert document["size"] == [100, 80]
     assert document["nearer_fraction"] == 0.0
@@ -119,22 +110,6 @@ def test_a_homography_at_fault_is_named(
     assert not out.exists()
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        (),
-        ("--zoom", 2, "--homography", "H.json"),
-        ("--homography", "H.json", "--model", "paper"),
-        ("--zoom", 2, "--nearer", "mask.png"),
-    ],
-)
-def test_zoom_and_homography_exclude_each_other(
-    command: Command, image_file: Path, psf_file: Path, tmp_path: Path, options: tuple[object, ...]
-) -> None:
-    out = tmp_path / "far.tif"
-    command.refused(2, "simulate", image_file, "--psf", psf_file, "--out", out, *options)
-
-
 def test_a_follow_up_from_another_pose_gets_the_noise_of_a_capture(
     command: Command, psf_file: Path, noise_file: Path, tmp_path: Path
 ) -> None:
@@ -146,16 +121,7 @@ def test_a_follow_up_from_another_pose_gets_the_noise_of_a_capture(
         tmp_path / "H.json", [[1.4, 0.2, 5], [-0.1, 1.5, 20], [0, 1e-4, 1]], [120, 100]
     )
     command.done(
-        "simulate",
-        image,
-        "--homography",
-        pose,
-        "--psf",
-        psf_file,
-        "--noise",
-        noise_file,
-        "--out",
-        out,
+        f"simulate {image} --homography {pose} --psf {psf_file} --noise {noise_file} --out {out}"
     )
     inner = tifffile.imread(out)[5:-5, 5:-5]
     # 9 900 pixels, correlated: the variance scatters by about 2 %.

@@ -105,27 +105,9 @@ def test_the_settings_reach_the_training(
 
     monkeypatch.setattr("standoff.library.simulated_photograph.estimate_kernel", recorded)
     options = ("--steps", 7, "--seed", 5, "--centre-crop")
-    assert command(*_arguments(image_file, tmp_path, *options)).status == 0
-    assert command(*_arguments(image_file, tmp_path)).status == 0
+    command.done(*_arguments(image_file, tmp_path, *options))
+    command.done(*_arguments(image_file, tmp_path))
     assert seen == [
         KernelGanSettings(zoom=2.0, model=MODEL, steps=7, seed=5, is_centre_crop=True),
         KernelGanSettings(zoom=2.0, model=MODEL),
     ]
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--model", "matched", "--steps", 5),
-        ("--model", "bicubic", "--sampler", "nearest"),
-        ("--model", "bicubic", "--centre-crop"),
-        ("--model", "bicubic", "--kernel-cache", "k"),
-        ("--model", "kernelgan", "--psf", "psf.json"),
-        ("--model", "kernelgan", "--steps", 0),
-    ],
-)
-def test_options_of_the_other_models_are_wrong_usage(
-    command: Command, image_file: Path, tmp_path: Path, options: tuple[object, ...]
-) -> None:
-    out = tmp_path / "far.tif"
-    command.refused(2, "simulate", image_file, "--zoom", 2, "--out", out, *options)

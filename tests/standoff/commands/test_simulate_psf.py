@@ -45,17 +45,7 @@ def test_the_field_of_a_psf_file_is_used_where_it_fits(
     def simulate(source: Path, psf: Path, *options: object) -> tuple[bool, str, NDArray[Any]]:
         out = tmp_path / "far.tif"
         done = command.done(
-            "simulate",
-            source,
-            "--zoom",
-            1.5,
-            "--psf",
-            psf,
-            "--out",
-            out,
-            "--force",
-            "--json",
-            *options,
+            f"simulate {source} --zoom 1.5 --psf {psf} --out {out} --force --json", *options
         )
         return json.loads(done.out)["psf_field"], done.err, tifffile.imread(out)
 

@@ -41,8 +41,8 @@ def test_noise_of_a_flat_reference_is_what_the_weights_leave(
     flat, out, err = tmp_path / "flat.tif", tmp_path / "far.tif", tmp_path / "err.tif"
     tifffile.imwrite(flat, np.full((40, 50), 300.0, np.float32))
     words = ("--psf", known_psf, "--out", out, "--uncertainty", err, "--reference-noise", 2)
-    done = command.done("simulate", flat, "--zoom", 1, *words, "--focus-scatter", 0.05, "--json")
-    document = json.loads(done.out)["uncertainty"]
+    scale = ("--zoom", 1, "--focus-scatter", 0.05)
+    document = command.document("simulate", flat, *words, *scale)["uncertainty"]
     assert tifffile.imread(err) == pytest.approx(np.full((40, 50), 2.0, np.float32), abs=1e-4)
     assert document["median_dn"] == pytest.approx(2.0, abs=1e-4)
     assert document["median_dn_by_source"]["noise"] == pytest.approx(2.0)
@@ -113,32 +113,6 @@ def test_added_noise_is_part_of_the_error(waves: Path, known_psf: Path, noise_fi
     whole = np.sqrt(np.median(added + left))
     assert whole > 1.5 * np.sqrt(np.median(left))
     assert found.to_json()["median_dn_by_source"]["added_noise"] > 0
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--model", "bicubic"), "--uncertainty"),
-        (("--sharpen", "0.5"), "sharpening"),
-        (("--reference-noise", "-1"), "negative"),
-    ],
-)
-def test_what_has_no_uncertainty_is_refused_by_name(
-    command: Command,
-    waves: Path,
-    known_psf: Path,
-    tmp_path: Path,
-    words: tuple[str, ...],
-    message: str,
-) -> None:
-    psf = () if "bicubic" in words else ("--psf", known_psf)
-    out, err = tmp_path / "far.tif", tmp_path / "err.tif"
-    done = command(
-        "simulate", waves, "--zoom", 1.5, *psf, "--out", out, "--uncertainty", err, *words
-    )
-    assert done.status == 2
-    assert message in done.err
-    assert not out.exists()
 
 
 def test_an_uncertainty_that_was_not_asked_for_is_not_written(

@@ -62,7 +62,7 @@ def test_home_and_move_are_two_processes_where_the_controller_knows_its_position
     status = json.loads(command("stage", *bench, "status", "--json").out)
     assert (status["is_homed"], status["position_mm"]) == (False, None)
 
-    assert command("stage", "home", *bench).status == 0
+    command.done("stage", "home", *bench)
     log = tmp_path / "wire.log"
     shown = command.document("stage", *bench, "--set", f"stage.wire_log={log}", "move", "140.25")
     assert shown["is_homed"]
@@ -72,13 +72,13 @@ def test_home_and_move_are_two_processes_where_the_controller_knows_its_position
     assert shown["position_mm"] == pytest.approx(140.25, abs=0.004)
     assert served.true_height_mm == pytest.approx(shown["position_mm"], abs=0.05)
     assert " > " in log.read_text()
-    assert command("stage", "stop", *bench).status == 0
+    command.done("stage", "stop", *bench)
 
 
 @pytest.mark.slow
 def test_move_homes_first_where_it_is_told_to(command: Command, serve: Serve) -> None:
     served = serve("grbl", FASTER)
-    assert command("stage", "move", "125", "--home", *options("grbl", served)).status == 0
+    command.done("stage", "move", "125", "--home", *options("grbl", served))
     assert served.true_height_mm == pytest.approx(125.0, abs=0.05)
 
 
@@ -101,7 +101,7 @@ def test_a_hard_limit_is_told_with_its_code_and_unlock_and_home_are_the_way_back
     unlocked_stage = command.document("stage", "unlock", *bench)
     assert (unlocked_stage["state"], unlocked_stage["is_homed"]) == ("idle", False)
     assert unlocked_stage["warnings"] == []
-    assert command("stage", "move", "140", "--home", *bench).status == 0
+    command.done("stage", "move", "140", "--home", *bench)
     assert served.true_height_mm == pytest.approx(140.0, abs=0.05)
 
 
@@ -207,7 +207,7 @@ def test_ctrl_c_and_sigterm_stop_the_stage_under_control(
     bench = options(protocol, served)
     served.plant.place(121.0 if action == "move" else 300.0)
     if action == "move":
-        assert command("stage", "home", *bench).status == 0
+        command.done("stage", "home", *bench)
     start_mm = served.true_height_mm
     words = ["stage", action, *(["400"] if action == "move" else []), *bench]
     process = subprocess.Popen(
@@ -236,26 +236,10 @@ def test_ctrl_c_and_sigterm_stop_the_stage_under_control(
     assert shown["is_homed"] == (action == "move")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["move"],
-        ["home", "5"],
-        ["fly"],
-        ["home", "--home"],
-        ["move", "high"],
-        ["status", "--set", "stage.speed=3"],
-    ],
-)
-def test_wrong_usage_is_status_2(command: Command, words: list[str]) -> None:
-    err = command.refused(2, "stage", *words, "--bench", shipped_config("simulated.toml"))
-    assert len(err.strip().splitlines()) == 1
-
-
 def test_the_simulated_stage_obeys_too(command: Command) -> None:
     bench = shipped_config("simulated.toml")
-    done = command("stage", "--bench", bench, "move", "200.25", "--home", "--json")
-    assert json.loads(done.out)["position_mm"] == pytest.approx(200.248)
+    moved = command.document("stage", "--bench", bench, "move", "200.25", "--home")
+    assert moved["position_mm"] == pytest.approx(200.248)
 
 
 def test_ctrl_c_tells_that_the_stage_has_stopped(
@@ -289,8 +273,9 @@ def test_the_manual_stage_asks_the_operator(
     answers = iter(["150", "200.4"])
     monkeypatch.setattr("builtins.input", lambda: next(answers))
     bench = shipped_config("manual_stage.toml")
-    done = command("stage", "move", "200", "--home", "--bench", bench, "--json")
-    assert json.loads(done.out)["position_mm"] == 200.4
+    assert (
+        command.document("stage", "move", "200", "--home", "--bench", bench)["position_mm"] == 200.4
+    )
 
 
 @pytest.mark.slow

@@ -62,7 +62,7 @@ def without_provenance(text: bytes) -> object:
 def test_curves_by_url_are_those_of_the_folder(
     command: Command, local: Path, memory: fsspec.AbstractFileSystem
 ) -> None:
-    assert command("detectability", local, *CURVES, "--out", "curves.json").status == 0
+    command.done("detectability", local, *CURVES, "--out", "curves.json")
     words = ("detectability", f"{LAB}/photographs", *CURVES, "--out", f"{LAB}/results/far.json")
     done = command.done(*words)
     assert f"wrote {LAB}/results/far.json and {LAB}/results/far-noise.png" in done.out
@@ -73,7 +73,7 @@ def test_curves_by_url_are_those_of_the_folder(
     assert len(memory.ls("/lab/results")) == 5
     err = command.refused(1, *words)
     assert f"{LAB}/results/far.json exists already; --force replaces it" in err
-    assert command(*words, "--force").status == 0
+    command.done(*words, "--force")
 
 
 @pytest.mark.parametrize("layout", ["folder", "webdataset"])
@@ -82,7 +82,7 @@ def test_pairs_by_url_are_those_of_the_folder(
 ) -> None:
     settings = ("--zoom", 2, "--crop", 32, "--test-fraction", 0, "--format", layout)
     words = ("--psf", "psf.json", *settings)
-    assert command("sr-pairs", local, *words, "--out", "here").status == 0
+    command.done("sr-pairs", local, *words, "--out", "here")
     asked = ("sr-pairs", f"{LAB}/photographs", *words, "--out", f"{LAB}/far")
     done = command.done(*asked)
     copied = {
@@ -130,7 +130,7 @@ def test_a_table_of_the_curves_is_written_beside_them(
 ) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     words = ("detectability", local, *CURVES, "--parquet", "--out")
-    assert command(*words, "curves.json").status == 0
+    command.done(*words, "curves.json")
     curves = json.loads(Path("curves.json").read_text())["curves"]
     table = parquet.read_table("curves.parquet").to_pylist()
     assert [(one["observer"], one["zoom"], one["dprime"]) for one in table] == [
@@ -138,5 +138,5 @@ def test_a_table_of_the_curves_is_written_beside_them(
         for curve in curves
         for zoom, d_prime in zip(curve["zoom"], curve["dprime"], strict=True)
     ]
-    assert command(*words, f"{LAB}/curves.json").status == 0
+    command.done(*words, f"{LAB}/curves.json")
     assert memory.cat_file("/lab/curves.parquet") == Path("curves.parquet").read_bytes()

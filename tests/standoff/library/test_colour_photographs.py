@@ -15,7 +15,7 @@ import standoff
 from acquisition.photographs import LINEAR, ReadOptions, luma_plane
 from analysis.errors import RefusedPhotographError
 from simulation.arrays import FloatArray
-from standoff.library.evaluation.changes import later_scene
+from standoff.library.evaluation.evaluate import later_scene
 from standoff.library.swept_photographs import colour_scene_image
 from tests.standoff.changed_photographs import changed_pair
 

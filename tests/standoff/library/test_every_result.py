@@ -3,6 +3,7 @@
 import copy
 import json
 import pickle
+import shutil
 from collections.abc import Callable, Iterator
 from inspect import getattr_static, isfunction, unwrap
 from pathlib import Path
@@ -14,7 +15,6 @@ import pytest
 
 import standoff
 from acquisition.aravis import FoundCamera
-from scripts.example_files import make_example_files
 from simulation.by_value import ByValue, _is_same
 from standoff.errors import REPORTED_ERRORS
 from tests.standoff.library.every_result import RESULTS, result_of
@@ -24,17 +24,10 @@ NOT_MADE = {"find_cameras", "train_detector"}
 """What needs a network or PyTorch."""
 
 
-_FOLDERS: list[Path] = []
-"""The one folder of a process: results are kept, and some name their files by where they were."""
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The files that the examples of the reference read."""
-    if not _FOLDERS:
-        _FOLDERS.append(tmp_path_factory.mktemp("every_result") / "files")
-        make_example_files(_FOLDERS[0])
-    return _FOLDERS[0]
+@pytest.fixture(scope="session")
+def files(example_files: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The one folder of a process: results are cached, and some name files by where they were."""
+    return Path(shutil.copytree(example_files, tmp_path_factory.mktemp("every_result") / "files"))
 
 
 @pytest.fixture

@@ -35,15 +35,6 @@ exposure_us = [1000.0, 2000.0, 4000.0, 6000.0, 8000.0, 16000.0]
 """
 
 
-def captured(command: Command, folder: Path, bench: str, plan: str) -> Path:
-    (folder / "b.toml").write_text(bench)
-    (folder / "p.toml").write_text(plan)
-    words = ("--bench", folder / "b.toml", "--plan", folder / "p.toml", "--out", folder / "s")
-    done = command("capture", *words, "--yes")
-    assert done.status == 0, done.err
-    return folder / "s"
-
-
 def test_simulate(
     command: Command, image_file: Path, psf_file: Path, noise_file: Path, tmp_path: Path
 ) -> None:
@@ -147,7 +138,7 @@ def test_calibrate_from_two_distances_and_one_photograph(
 def test_compare(command: Command, edge_file: Path, tmp_path: Path) -> None:
     paths = [tmp_path / "first-psf.json", tmp_path / "second-psf.json"]
     for path in paths:
-        assert command("calibrate", edge_file, "--out", path).status == 0
+        command.done("calibrate", edge_file, "--out", path)
     found = standoff.compare_psfs(*paths)
     assert printed(command("compare", *paths, "--json")) == without_caller(found.to_json())
     assert standoff.compare_psfs(*map(standoff.read_psf, paths)).verdict.startswith("no verdict")
@@ -160,7 +151,7 @@ def test_compare(command: Command, edge_file: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_noise(command: Command, tmp_path: Path) -> None:
-    session = captured(command, tmp_path, SMALL_BENCH, NOISE_PLAN)
+    session = command.captured(tmp_path, SMALL_BENCH, NOISE_PLAN)
     out, page = tmp_path / "noise.json", tmp_path / "noise.html"
     done = command("noise", "--session", session, "--out", out, "--json")
     found = standoff.measure_noise(session, report=page)
@@ -172,7 +163,7 @@ def test_noise(command: Command, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_geometry(command: Command, tmp_path: Path) -> None:
-    session = captured(command, tmp_path, BOARD_BENCH, BOARD_PLAN)
+    session = command.captured(tmp_path, BOARD_BENCH, BOARD_PLAN)
     out = tmp_path / "geometry.json"
     done = command("geometry", "--session", session, "--out", out, "--json")
     found = standoff.calibrate_geometry(session)

@@ -92,11 +92,8 @@ def test_export(command: Command, session_dir: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_validate_and_report(command: Command, tmp_path: Path, psf_file: Path) -> None:
-    bench, plan, session = (tmp_path / name for name in ("b.toml", "p.toml", "session"))
-    bench.write_text(SMALL_BENCH.replace("160", "240").replace("128", "192"))
-    plan.write_text(TEXTURE_PLAN)
-    words = ("--bench", bench, "--plan", plan, "--out", session, "--yes")
-    assert command("capture", *words).status == 0
+    larger = SMALL_BENCH.replace("160", "240").replace("128", "192")
+    session = command.captured(tmp_path, larger, TEXTURE_PLAN)
     asked = ("--session", session, "--psf", psf_file, "--models", "lmmse,paper")
     done = command("validate", *asked, "--out", tmp_path / "by-command", "--json")
     found = standoff.validate(

@@ -362,9 +362,8 @@ def test_the_command_takes_folders_and_patterns(command: Command, tmp_path: Path
     ways = every_way(tmp_path / "frames")
     darks, flats = ways["folders of folders"]
     out, page = tmp_path / "noise.json", tmp_path / "noise.html"
-    done = command("noise", "--dark", darks, "--flat", flats, "--white-level", "4095",
+    command.done("noise", "--dark", darks, "--flat", flats, "--white-level", "4095",
                    "--out", out, "--report", page)  # fmt: skip
-    assert done.status == 0, done.err
     expected = figures(standoff.measure_noise(darks=DARKS, flats=FLATS, white_level=TOP_DN))
     document = NoiseCalibration.model_validate_json(out.read_text())
     assert document.gain_e_per_dn == expected["gain_e_per_dn"]
@@ -381,8 +380,7 @@ def test_the_command_takes_exposures_that_no_file_states(command: Command, tmp_p
             words += [f"--{kind}", written(tmp_path / f"{kind}{us:05.0f}", frames)]
             words += [f"--{kind}-exposure-us", f"{us:g}"]
     out = tmp_path / "noise.json"
-    done = command("noise", *words, "--white-level", "4095", "--out", out)
-    assert done.status == 0, done.err
+    command.done("noise", *words, "--white-level", "4095", "--out", out)
     document = NoiseCalibration.model_validate_json(out.read_text())
     expected = standoff.measure_noise(darks=DARKS, flats=FLATS, white_level=TOP_DN).calibration
     assert document.linearity_error == expected.linearity_error

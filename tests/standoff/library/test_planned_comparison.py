@@ -45,13 +45,12 @@ def test_each_capture_is_compared_with_the_photograph_that_the_plan_names(
     before = tmp_path / "before"
     first = plan(tmp_path / "first.toml", [200.0])
     own = ("capture", "--bench", bench, "--yes")
-    assert command(*own, "--plan", first, "--out", before).status == 0
+    command.done(*own, "--plan", first, "--out", before)
     (photograph,) = before.glob("captures/*.tif")
     reference = f'reference = "before/captures/{photograph.name}"'
     later = plan(tmp_path / "later.toml", [200.0, 260.0], reference)
     after = tmp_path / "after"
-    done = command(*own, "--plan", later, "--out", after)
-    assert done.status == 0, done.err
+    done = command.done(*own, "--plan", later, "--out", after)
     said = [line for line in done.err.splitlines() if "against" in line]
     # The simulated stage returns to its height, and the target lies where it lay.
     assert "capture 0:" in said[0]
@@ -62,14 +61,12 @@ def test_each_capture_is_compared_with_the_photograph_that_the_plan_names(
     line = read_time_line(results / "series.json")
     assert len(line.followups) == 2
     assert f"captures differ from {photograph.name}" in done.err
-    reported = command("report", after)
-    assert reported.status == 0, reported.err
+    command.done("report", after)
     page = Page((after / "results" / "report.html").read_text("utf-8"))
     shown = [heading for heading in page.headings if heading.startswith("Changes: changes/")]
     assert len(shown) == 2
     # Nothing is compared twice.
-    again = command(*own, "--plan", later, "--out", after)
-    assert again.status == 0, again.err
+    command.done(*own, "--plan", later, "--out", after)
 
 
 def test_a_photograph_that_is_not_there_is_told_before_anything_moves(
@@ -111,8 +108,7 @@ def test_poses_and_changes_among_the_results_are_in_the_report(
         "warnings": ["the texture repeats"],
     }
     (results / "pose.json").write_text(json.dumps(verdict), encoding="utf-8")
-    done = command("report", session_dir)
-    assert done.status == 0, done.err
+    command.done("report", session_dir)
     page = Page((results / "report.html").read_text("utf-8"))
     assert "Pose: pose.json" in page.headings
     assert "Warning: the texture repeats." in page.texts

@@ -9,21 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 import standoff
-from scripts.example_files import make_example_files
 from standoff.errors import ArgumentError
 
 RNG = np.random.default_rng(1)
 SCENE: NDArray[np.float64] = RNG.normal(500, 60, (64, 64))
 PSF = standoff.GaussianPsf(sigma_px=0.7)
 Writer = Callable[[str], object]
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The files that the examples of the reference read."""
-    folder = tmp_path_factory.mktemp("written_names") / "files"
-    make_example_files(folder)
-    return folder
 
 
 def simulated(**how: Any) -> Any:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import standoff
-from scripts.example_files import make_example_files
 from scripts.library_reference import TYPES
 from simulation.arguments.errors import RANGES
 from standoff.errors import REPORTED_ERRORS, ArgumentError
@@ -160,14 +159,6 @@ def every_case() -> Iterator[tuple[str, str, int]]:
         for parameter in parameters(name):
             for number in range(len(WRONG)):
                 yield name, parameter, number
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The files that the examples of the reference read."""
-    folder = tmp_path_factory.mktemp("wrong_values") / "files"
-    make_example_files(folder)
-    return folder
 
 
 def test_all_that_is_public_is_called() -> None:

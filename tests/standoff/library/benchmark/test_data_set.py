@@ -14,7 +14,7 @@ import pytest
 import standoff
 from standoff.errors import ApplicationError
 from standoff.library.benchmark import data_set
-from standoff.library.benchmark.task_files import STATE_NAME, file_facts
+from standoff.library.benchmark.data_set import STATE_NAME, file_facts
 from tests.standoff.conftest import Command
 
 LOCKED = {
