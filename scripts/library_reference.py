@@ -207,7 +207,7 @@ _ALIASES = """
 | `ImageLike` | an array linear in light, a photograph, a capture of a bench, or a path |
 | `PsfLike` | a PSF, a calibration, or the path of one, also [of one's own](../../own-psf.md) |
 | `CurveLike` | a curve, several, or the path of a curves.json |
-| `NoiseLike` | what a noise.json says, or its path |
+| `NoiseLike` | the noise of a capture, a noise calibration, or the path of a noise.json |
 | `Progress` | an object with the two methods of [`Progress`](calls.md#progress) |
 """
 _WIDTH = 92

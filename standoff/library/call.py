@@ -27,6 +27,7 @@ from acquisition.printable import on_one_line
 from acquisition.session import Session
 from analysis.design_cache import keep_designs_on_disk
 from calibration.files import read_noise
+from calibration.noise import NoiseCalibration, NoiseMeasurement
 from calibration.psf import PsfCalibration
 from simulation import GaussianPsf, MeasuredPsf, SeparablePsf, TabulatedPsf
 from simulation.arguments import (
@@ -53,8 +54,8 @@ BarePsf: TypeAlias = GaussianPsf | MeasuredPsf | SeparablePsf | TabulatedPsf
 PsfLike: TypeAlias = BarePsf | PsfCalibration | FilePath
 """A PSF, a calibration that holds one, or the path of a psf.json or of a PSF of one's own."""
 
-NoiseLike: TypeAlias = CaptureNoise | FilePath
-"""The noise of a capture, or the path of a noise.json."""
+NoiseLike: TypeAlias = CaptureNoise | NoiseCalibration | NoiseMeasurement | FilePath
+"""The noise of a capture, what was measured of a camera's, or the path of a noise.json."""
 
 
 def listed_paths(files: FilePath | Iterable[FilePath], name: str) -> Iterator[Path]:
@@ -145,11 +146,19 @@ def with_white_level(reading: ReadOptions | None, white_level: float | None) -> 
     return options if white_level is None else replace(options, white_level=white_level)
 
 
-def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
-    """Return the noise of a capture, read from its noise.json if a path is given."""
-    if noise is None or isinstance(noise, CaptureNoise):
+def stored_noise(noise: NoiseLike | None) -> NoiseCalibration | CaptureNoise | None:
+    """Return the noise of a camera, read from its noise.json if a path is given."""
+    if noise is None or isinstance(noise, CaptureNoise | NoiseCalibration):
         return noise
-    return read_noise(path_of(noise, "noise")).capture_noise
+    if isinstance(noise, NoiseMeasurement):
+        return noise.calibration
+    return read_noise(path_of(noise, "noise"))
+
+
+def camera_noise(noise: NoiseLike | None) -> CaptureNoise | None:
+    """Return the noise of a capture, however the noise of its camera is given."""
+    known = stored_noise(noise)
+    return known.capture_noise if isinstance(known, NoiseCalibration) else known
 
 
 class Progress(Protocol):

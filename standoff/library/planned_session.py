@@ -26,7 +26,7 @@ from analysis.study import (
     edges_of_captures,
 )
 from calibration.edges import EdgeMeasurement
-from calibration.files import read_geometry, read_noise
+from calibration.files import read_geometry
 from calibration.geometry import CharucoBoard, GeometryCalibration
 from calibration.noise import LevelNoise, NoiseCalibration, level_noise
 from calibration.psf import PsfCalibration
@@ -36,7 +36,7 @@ from simulation.arrays import FloatArray
 from simulation.capture_noise import CaptureNoise
 from standoff.errors import ArgumentError
 from standoff.library.bench import bench_config, given_plan
-from standoff.library.call import Call, FilePath, NoiseLike, PsfLike
+from standoff.library.call import Call, FilePath, NoiseLike, PsfLike, stored_noise
 from standoff.library.psf import camera_psf, opened_psf
 
 _BLACK_PAPER = 0.06  # of white: toner on paper reflects a few per cent
@@ -335,7 +335,7 @@ class KnownInputs:
         call: Call,
         session: tuple[CapturePlan | FilePath, BenchConfig | FilePath, Mapping[str, Any] | None],
         psf: PsfLike,
-        noise: NoiseLike | NoiseCalibration | None,
+        noise: NoiseLike | None,
         geometry: GeometryCalibration | FilePath | None,
     ) -> Self:
         """Read what is given as a file."""
@@ -352,7 +352,7 @@ class KnownInputs:
             calibration=calibration,
             psf=best,
             gaussian=_gaussian(best) if calibration is None else calibration.total_psf(source),
-            noise=read_noise(Path(noise)) if isinstance(noise, str | PathLike) else noise,
+            noise=stored_noise(noise),
             geometry=_geometry(geometry),
         )
 

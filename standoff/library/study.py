@@ -23,7 +23,6 @@ from analysis.study import (
 )
 from calibration.choices import DEFAULT_BOARD_TEXT
 from calibration.geometry import CharucoBoard, GeometryCalibration
-from calibration.noise import NoiseCalibration
 from simulation.arguments import arguments_at_fault, checked
 from simulation.arrays import FloatArray
 from standoff.errors import ArgumentError
@@ -61,7 +60,7 @@ def plan_study(
     photograph_count: int | None = None,
     focus_scatter_px2: float | None = None,
     height_scatter_mm: float | None = None,
-    noise: NoiseLike | NoiseCalibration | None = None,
+    noise: NoiseLike | None = None,
     geometry: GeometryCalibration | FilePath | None = None,
     edges_per_capture: int | None = None,
     edge_length_px: float | None = None,

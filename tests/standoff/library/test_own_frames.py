@@ -177,6 +177,27 @@ def test_every_way_to_give_frames_gives_the_same_noise(tmp_path: Path) -> None:
     assert figures(of_four_axes) == expected
 
 
+def test_what_was_measured_is_taken_as_the_noise_of_a_capture(tmp_path: Path) -> None:
+    measured = standoff.measure_noise(darks=DARKS, flats=FLATS, white_level=TOP_DN)
+    standoff.write_noise(tmp_path / "noise.json", measured)
+    scene = FLATS[4000.0][0]
+    psf = standoff.GaussianPsf(sigma_x_px=0.7, sigma_y_px=0.7)
+    ways = (
+        tmp_path / "noise.json",
+        measured,
+        measured.calibration,
+        standoff.read_noise(tmp_path / "noise.json"),
+        measured.calibration.capture_noise,
+    )
+    expected, *others = (
+        standoff.simulate(scene, zoom=1.5, psf=psf, model="lmmse", noise=way).image for way in ways
+    )
+    without = standoff.simulate(scene, zoom=1.5, psf=psf, model="lmmse").image
+    assert np.abs(expected - without).max() > 0
+    for found in others:
+        np.testing.assert_array_equal(found, expected)
+
+
 def test_the_truth_is_in_95_percent_intervals_of_19_draws_in_20() -> None:
     errors = []
     for seed in range(60):
