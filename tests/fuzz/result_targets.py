@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tifffile
+from hypothesis import strategies as st
 
 from analysis.change_series import read_time_line
 from analysis.changes.document import read_changes
@@ -39,13 +41,18 @@ from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file
 
 
+@cache
+def sound_psf() -> dict[str, Any]:
+    """A measured psf.json; it is measured when it is first asked for. Do not write to it."""
+    return json_object(psf_of_images(photographs([4.0, 94.0])))
+
+
 def tiff(pixels: np.ndarray[Any, Any], **options: Any) -> bytes:
     buffer = BytesIO()
     tifffile.imwrite(buffer, pixels, **options)
     return buffer.getvalue()
 
 
-PSF = json_object(psf_of_images(photographs([4.0, 94.0])))
 NOISE: dict[str, Any] = {
     "schema": NOISE_SCHEMA,
     "gain_e_per_dn": 5.0,
@@ -259,7 +266,7 @@ def npy(values: np.ndarray[Any, Any]) -> bytes:
 RESULT_TARGETS = (
     FuzzTarget(
         name="psf.json",
-        data=damaged_json(PSF),
+        data=st.deferred(lambda: damaged_json(sound_psf())),
         read=from_file(use_psf, "psf.json"),
         documented=(PsfFileError,),
         examples=120,

@@ -150,6 +150,7 @@ def test_a_document_type_is_refused_before_anything_in_it_is_expanded(doctype: s
     assert "document type" in str(refused)
 
 
+@pytest.mark.slow
 def test_what_is_larger_or_deeper_than_any_camera_is_refused() -> None:
     deep = "<Group>" * DEEPEST_ELEMENT + "</Group>" * DEEPEST_ELEMENT
     for data in (

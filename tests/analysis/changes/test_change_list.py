@@ -161,6 +161,7 @@ def test_the_most_significant_comes_first_and_an_empty_frame_has_none() -> None:
     assert listed(comparison(np.zeros(SHAPE)), SAME, 5.0) == ()
 
 
+@pytest.mark.slow
 def test_errors_cover_the_truth_as_often_as_stated() -> None:
     # 10 standard deviations of the matched filter: A w sqrt(pi) = 10 sigma in white noise.
     rng = np.random.default_rng(5)

@@ -284,6 +284,7 @@ def test_limits_are_stated_over_what_was_compared() -> None:
     assert medians == sorted(medians, reverse=True)  # what is wider needs less
 
 
+@pytest.mark.slow
 @given(scale=st.floats(0.01, 100.0))
 def test_limits_scale_with_the_light(scale: float) -> None:
     field = smoothed_noise(np.random.default_rng(4), LIMIT_SHAPE, 1.0)
@@ -346,6 +347,7 @@ def test_q_values_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     assert q_values(np.zeros(0), 1000, ()).size == 0
 
 
+@pytest.mark.slow
 def test_the_false_share_is_as_asked() -> None:
     rng = np.random.default_rng(11)
     places = [(y, x) for y in range(16, 150, 24) for x in range(16, 150, 24)]

@@ -125,6 +125,7 @@ def test_a_word_that_is_gone_from_clipped_paper_is_found() -> None:
     assert (word.what, abs(word.x_px - 191.5) < 5, abs(word.y_px - 100) < 5) == ("gone", True, True)
 
 
+@pytest.mark.slow
 def test_two_levels_are_compared_with_each_other() -> None:
     before, after = chart(), chart()
     # A spot of either kind, amid the other level.
@@ -186,6 +187,7 @@ def drawn_from_aside(drawing: FloatArray, pose: FloatArray) -> FloatArray:
     return np.where(seen > 127, 255.0, 0.0)
 
 
+@pytest.mark.slow
 def test_two_drawings_from_aside_are_compared_beside_the_steps_of_their_outlines() -> None:
     turned = np.array([[0.97, -0.034, 7.0], [0.034, 0.97, -3.0], [1e-5, 2e-5, 1.0]])
     drawing = chart()
@@ -207,6 +209,7 @@ def test_two_drawings_from_aside_are_compared_beside_the_steps_of_their_outlines
     assert (first.x_px, first.y_px) == pytest.approx((x / scale, y / scale), abs=2)
 
 
+@pytest.mark.slow
 def test_a_drawing_whose_lines_moved_by_themselves_has_the_pose_at_which_most_did_not() -> None:
     rng = np.random.default_rng(5)
     before = np.full((320, 320), 255.0)
@@ -303,6 +306,7 @@ def test_a_photograph_does_not_differ_from_itself(name: str) -> None:
     assert (result.summary.changes, result.summary.warnings) == ((), ())
 
 
+@pytest.mark.slow
 def test_before_against_after_is_minus_after_against_before() -> None:
     scene = picture("coins")
     before, after = noisy(scene, 10.0, 1), noisy(scene, 10.0, 2)
@@ -323,6 +327,7 @@ def test_a_true_blur_and_a_true_gain_are_measured() -> None:
     assert found.gain == pytest.approx(1.2, abs=4 * found.gain_err + 1e-3)
 
 
+@pytest.mark.slow
 def test_a_part_cut_out_at_whole_pixels_is_compared_pixel_by_pixel() -> None:
     scene = np.rint(picture("camera") / 10)
     result = changes_between(scene, scene[31:331, 17:347])

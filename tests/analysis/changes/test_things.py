@@ -112,6 +112,7 @@ def test_things_further_apart_than_they_are_large_are_two() -> None:
     assert len(found.changes) == 2
 
 
+@pytest.mark.slow
 def test_the_same_thing_in_another_light_is_brighter_or_darker() -> None:
     plain = 300 + 4 * shipped("brick")[:260, :300]
     for factor, word in ((1.3, "brighter"), (0.75, "darker")):
@@ -141,6 +142,7 @@ def test_what_catches_the_eye_comes_first() -> None:
     assert len(order) == 3
 
 
+@pytest.mark.slow
 def test_what_is_smaller_than_asked_for_is_counted() -> None:
     plain = ground()
     other = plain.copy()

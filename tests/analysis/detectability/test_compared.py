@@ -93,6 +93,7 @@ def test_a_flat_scene_leaves_nothing_unexplained() -> None:
     assert residual.autocovariance_dn2.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_texture_costs_where_it_outweighs_the_noise() -> None:
     """White texture through a lens that passes next to all of it is aliased further away."""
     sharp = GaussianPsf(sigma_px=0.3)
@@ -105,6 +106,7 @@ def test_texture_costs_where_it_outweighs_the_noise() -> None:
     )
 
 
+@pytest.mark.slow
 def test_d_prime_is_in_proportion_to_contrast_and_on_a_flat_scene_to_noise() -> None:
     once = np.array(curve().dprime)
     assert np.array(curve(contrasts_dn=(3 * CONTRAST_DN,)).dprime) == pytest.approx(3 * once)

@@ -101,6 +101,7 @@ def test_a_second_run_asks_the_detector_nothing(photographs: Path, tmp_path: Pat
     assert [path.name for path in tmp_path.iterdir() if "partial" in path.name] == []
 
 
+@pytest.mark.slow
 def test_only_pairs_of_new_photographs_are_scored_however_they_were_cut(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
