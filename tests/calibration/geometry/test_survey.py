@@ -1,4 +1,4 @@
-"""What ``geometry_of_captures`` concludes, from points that are known exactly up to a seeded noise."""
+"""What ``geometry_of_captures`` concludes, from points known exactly up to a seeded noise."""
 
 from collections.abc import Callable
 from dataclasses import replace

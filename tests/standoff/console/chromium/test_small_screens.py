@@ -148,6 +148,7 @@ def test_four_long_notices_cover_no_control(
     browser: Browser, bench_url: tuple[BenchHub, str], path: str, options: dict[str, Any]
 ) -> None:
     hub, url = bench_url
+    wait_until(lambda: not hub.control.operator(), "the page before has left")
     with connected(browser, f"{url}{path}", **options) as page:
         page.wait_for_selector("body.mine")
         page.evaluate("for (const each of document.querySelectorAll('details')) each.open = true")
