@@ -200,6 +200,7 @@ def reached_from(graph: dict[str, list[str]], start: str) -> set[str]:
     return reached
 
 
+@pytest.mark.slow
 @given(GRAPHS)
 @example({"A": ["A"]})
 @example({"A": ["B", "C"], "B": ["D"], "C": ["D"], "D": []})

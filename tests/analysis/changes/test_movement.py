@@ -158,6 +158,7 @@ def test_a_straight_edge_that_moved_is_not_told_from_a_line_on_it() -> None:
     assert movements(compared(40 * erf((X - 44) / 2), 40 * erf((X - 45) / 2))) == ()
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(
     y=st.floats(-2.5, 2.5).filter(lambda value: abs(value) > 0.5),

@@ -42,6 +42,7 @@ def report(
     )
 
 
+@pytest.mark.slow
 def test_a_report_fetches_nothing() -> None:
     figure = new_figure()
     figure.subplots().imshow([[0, 1], [1, 0]])

@@ -18,6 +18,7 @@ def test_the_pictures_are_the_same_every_time_and_differ_from_each_other() -> No
     assert max(one.max() for one in first) < 1200
 
 
+@pytest.mark.slow
 def test_the_amplitude_falls_about_as_the_inverse_of_the_frequency() -> None:
     pictures = built_in_scenes(0.0, 1.0, PSF)
     side = len(pictures[0])
