@@ -201,7 +201,7 @@ def test_what_the_demo_says_to_try_next_works_as_it_is_printed(
         command.done(*shlex.split(arguments))
 
 
-@pytest.mark.slow(minutes=3)
+@pytest.mark.slow(minutes=1.5)
 def test_every_command_of_the_tour_runs_as_it_is_written(
     command: Command, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
