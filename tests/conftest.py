@@ -6,6 +6,7 @@
 import gc
 import os
 import signal
+import sys
 from collections import defaultdict
 
 import pytest
@@ -27,8 +28,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Freed memory is kept: a tenth of the time of all tests would go into page faults. Cycles are
     looked for as often as the command line does, not at every 700th object. No kernels are kept in
-    the user's cache folder, nor taken from there.
+    the user's cache folder, nor taken from there. Byte code is kept whatever the shell says: every
+    worker rewrites the asserts of all modules otherwise, and the tests start hundreds of processes.
     """
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
     os.environ[LIMIT_VARIABLE] = "0"
     gc.set_threshold(10_000)
     signal.signal(signal.SIGINT, signal.default_int_handler)

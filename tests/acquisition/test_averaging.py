@@ -47,6 +47,7 @@ def test_the_fakes_are_what_the_protocols_ask_for() -> None:
     assert isinstance(ScriptedStage(), Stage)
 
 
+@pytest.mark.slow
 @given(stacks)
 def test_mean_and_variance_are_those_of_numpy_in_double(stack: Stack) -> None:
     averaged = average(camera_of(stack), len(stack))
@@ -81,6 +82,7 @@ def test_sums_of_squares_beyond_32_bits_are_carried(level: int) -> None:
     assert averaged.variance_dn2 == pytest.approx(0.25 * 700 / 699, rel=1e-7)  # closed form
 
 
+@pytest.mark.slow
 @given(stacks, st.integers(0, 2**32))
 def test_the_order_of_the_frames_does_not_matter(stack: Stack, seed: int) -> None:
     shuffled = np.random.default_rng(seed).permutation(stack)

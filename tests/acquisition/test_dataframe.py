@@ -7,6 +7,7 @@ import pytest
 from acquisition.dataframe import PandasMissingError, dataframe
 
 
+@pytest.mark.slow
 def test_columns_are_the_keys_and_words_share_a_cell() -> None:
     table = dataframe(
         [

@@ -50,6 +50,7 @@ def test_a_number_inside_the_range_is_taken_as_it_is(name: str, data: st.DataObj
     assert understood(name, value) == value
 
 
+@pytest.mark.slow
 @given(names, magnitudes)
 def test_a_number_outside_is_refused_with_what_was_meant_if_a_factor_brings_it_inside(
     name: str, value: float
@@ -79,6 +80,7 @@ def test_factors_of_a_thousand_are_among_the_slips_of_times_and_lengths(name: st
         assert plausible.holds(slip.meant)
 
 
+@pytest.mark.slow
 @given(names, magnitudes)
 def test_a_number_that_states_its_unit_is_never_asked_about(name: str, value: float) -> None:
     assert understood(name, f"{value!r} {_unit_of(name)}") == pytest.approx(value, rel=1e-11)

@@ -10,6 +10,16 @@ from calibration.psf import PsfCalibration, edge_images, psf_of_images
 from tests.analysis.bench_session import PSF, bench_session
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is asked of the session as slow: the first to ask waits until it is measured."""
+    folder = Path(__file__).parent
+    costly = {"session", "psf_path", "validation"}
+    for item in items:
+        used = item.fixturenames if isinstance(item, pytest.Function) else ()
+        if item.path.is_relative_to(folder) and not costly.isdisjoint(used):
+            item.add_marker("slow")
+
+
 @pytest.fixture(scope="session")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     """Edges and a texture at three heights; nobody may change it."""

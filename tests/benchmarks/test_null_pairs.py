@@ -176,6 +176,7 @@ def test_regions_are_no_larger_than_stated(pictures: dict[str, Picture], tmp_pat
     assert stored(files.after).shape[:2] == MOST_PX
 
 
+@pytest.mark.slow
 def test_things_are_where_they_are_said_to_be(tmp_path: Path) -> None:
     photographs = suitable(catalogue().pictures)
     for number in range(3):  # one pose, on each ground
@@ -190,6 +191,7 @@ def test_things_are_where_they_are_said_to_be(tmp_path: Path) -> None:
         assert off[distance > 16].mean() < 6
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_things(tmp_path: Path) -> None:
     photographs = suitable(catalogue().pictures)
     made = []
@@ -201,6 +203,7 @@ def test_the_same_seed_makes_the_same_things(tmp_path: Path) -> None:
     assert made[0] == made[1]
 
 
+@pytest.mark.slow
 def test_an_entry_belongs_to_a_thing_up_to_its_reach(tmp_path: Path) -> None:
     pair = thing_pair(suitable(catalogue().pictures), 0, 3, tmp_path)
     for thing in pair.things:

@@ -4,12 +4,14 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tifffile
+from hypothesis import strategies as st
 
 from analysis.change_series import read_time_line
 from analysis.changes.document import read_changes
@@ -43,13 +45,18 @@ from tests.fuzz.target import FuzzTarget, from_file
 Read = Callable[[Path], object]
 
 
+@cache
+def sound_psf() -> dict[str, Any]:
+    """A measured psf.json; it is measured when it is first asked for. Do not write to it."""
+    return json_object(psf_of_images(photographs([4.0, 94.0])))
+
+
 def tiff(pixels: np.ndarray[Any, Any], **options: Any) -> bytes:
     buffer = BytesIO()
     tifffile.imwrite(buffer, pixels, **options)
     return buffer.getvalue()
 
 
-PSF = json_object(psf_of_images(photographs([4.0, 94.0])))
 NOISE: dict[str, Any] = {
     "schema": NOISE_SCHEMA,
     "gain_e_per_dn": 5.0,
@@ -266,7 +273,13 @@ def _json(document: dict[str, Any], name: str, read: Read, error: type[Exception
 
 _KERNEL = npy(np.full((13, 13), 1 / 169))
 RESULT_TARGETS = (
-    replace(_json(PSF, "psf.json", use_psf, PsfFileError), examples=120),
+    FuzzTarget(
+        "psf.json",
+        st.deferred(lambda: damaged_json(sound_psf())),
+        from_file(use_psf, "psf.json"),
+        (PsfFileError,),
+        120,
+    ),
     _json(NOISE, "noise.json", read_noise, NoiseFileError),
     replace(
         _json(NOISE | {"maps": LISTED}, "noise.json", use_correction, NoiseFileError),

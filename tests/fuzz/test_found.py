@@ -28,7 +28,7 @@ from standoff.errors import ImageFileError
 from standoff.library.registration import read_points
 from tests.acquisition.session_fixtures import writer
 from tests.fuzz.damage import DEEP
-from tests.fuzz.result_targets import MAPS, NOISE, PSF, damaged_map, read_kernel
+from tests.fuzz.result_targets import MAPS, NOISE, damaged_map, read_kernel, sound_psf
 from tests.fuzz.wire_targets import into_zaber
 from tests.standoff.changed_photographs import FAR, NEAR, ZOOM, changed_pair
 
@@ -141,7 +141,7 @@ def test_a_part_of_a_session_that_is_no_table_is_refused_by_name(
 def test_a_curve_of_unequal_lengths_is_refused_by_name(
     tmp_path: Path, axis: str, name: str
 ) -> None:
-    document = deepcopy(PSF)
+    document = deepcopy(sound_psf())
     del document["transfer"][axis][name][25]
     (tmp_path / "psf.json").write_text(json.dumps(document))
     with pytest.raises(PsfFileError, match=rf"transfer\.{axis}: mtf.* must have \d+ numbers"):

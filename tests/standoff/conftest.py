@@ -76,11 +76,12 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
     return Command(run_here)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
 def coarse_figures() -> Iterator[None]:
-    """Draw figures with few pixels, for tests that look at none."""
+    """Draw figures with few pixels and not laid out: tests of this folder look at none."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(page, "_PNG_DPI", 40)
+        patched.setattr(page, "_lay_out", lambda figure: figure.set_layout_engine(None))
         yield
 
 

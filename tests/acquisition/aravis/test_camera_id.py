@@ -60,6 +60,7 @@ def config(camera_id: str, **keys: object) -> CameraConfig:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_only_the_fake_device")
 def test_a_camera_that_is_on_no_network_is_opened_by_its_id_and_captures() -> None:
     with closing(AravisCamera.open(config("Fake_1"))) as camera:

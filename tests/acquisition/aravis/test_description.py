@@ -150,6 +150,7 @@ def test_a_document_type_is_refused_before_anything_in_it_is_expanded(doctype: s
     assert "document type" in str(refused)
 
 
+@pytest.mark.slow
 def test_what_is_larger_or_deeper_than_any_camera_is_refused() -> None:
     deep = "<Group>" * DEEPEST_ELEMENT + "</Group>" * DEEPEST_ELEMENT
     for data in (
@@ -199,6 +200,7 @@ def reached_from(graph: dict[str, list[str]], start: str) -> set[str]:
     return reached
 
 
+@pytest.mark.slow
 @given(GRAPHS)
 @example({"A": ["A"]})
 @example({"A": ["B", "C"], "B": ["D"], "C": ["D"], "D": []})

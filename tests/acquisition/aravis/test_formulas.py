@@ -119,6 +119,7 @@ def value(tree: tuple[object, ...], a: int, b: int) -> int:
     raise AssertionError(tree)
 
 
+@pytest.mark.slow
 @given(EXPRESSIONS, NUMBERS, st.integers(0, 2**20))
 def test_no_value_is_larger_than_its_extent_or_negative_against_it(
     tree: tuple[object, ...], a: int, b: int

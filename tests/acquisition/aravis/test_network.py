@@ -102,6 +102,7 @@ def test_a_description_of_a_size_that_no_memory_has_is_refused_unread() -> None:
         _parse_url("Local:a.xml;ffffff00;1000")
 
 
+@pytest.mark.slow
 @given(st.text(max_size=60))
 def test_any_url_is_understood_or_refused(url: str) -> None:
     for text in (url, f"Local:{url}", f"Local:a;{url}"):

@@ -41,6 +41,7 @@ twelve_bit = hnp.arrays(
 )
 
 
+@pytest.mark.slow
 def test_the_low_nibble_belongs_to_the_first_pixel_and_the_high_one_to_the_second() -> None:
     image_dn = _decode_pixels(bytes([0x12, 0x63, 0x45]), "Mono12Packed", (1, 2))  # by hand
     assert image_dn.tolist() == [[0x123, 0x456]]

@@ -71,6 +71,7 @@ def test_an_edge_far_out_of_focus_is_something_to_focus_on(sigma_px: float) -> N
     assert not shows_nothing(np.rint(image_dn).astype(np.uint16))
 
 
+@pytest.mark.slow
 def test_a_dull_highlight_on_paper_is_nothing_to_focus_on() -> None:
     y, x = np.mgrid[:580, :780]
     highlight = 0.2 * np.exp(-0.5 * ((x - 300.0) ** 2 + (y - 250.0) ** 2) / 150.0**2)

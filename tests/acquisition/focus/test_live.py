@@ -172,6 +172,7 @@ def test_a_single_outlier_is_not_held_as_the_peak() -> None:
     assert readings[-1].peak == 1.0
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(0.0, 1e6), min_size=1, max_size=60))
 def test_the_peak_never_falls_and_is_never_below_the_value(values: list[float]) -> None:
     readings = followed(np.array(values))

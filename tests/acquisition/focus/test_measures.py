@@ -25,6 +25,7 @@ def test_the_table_holds_every_measure() -> None:
     assert set(FOCUS_MEASURES) == set(MEASURES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
 @pytest.mark.parametrize("measure", MEASURES)
 def test_sums_agree_with_plain_numpy_and_opencv(measure: FocusMeasure, dtype: type) -> None:

@@ -24,6 +24,7 @@ def lens(focus_mm: float, width_mm: float = 8.0) -> np.ndarray:
     return np.asarray(0.01 / np.sqrt(1.0 + defocus**2))
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.floats(282.0, 318.0), st.floats(0.01, 100.0))
 def test_the_peak_of_a_thin_lens_is_found_exactly_whatever_the_scale(

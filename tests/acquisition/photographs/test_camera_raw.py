@@ -148,6 +148,7 @@ def test_a_file_that_is_cut_is_refused(length: int) -> None:
     assert found is None or np.array_equal(found, MOSAIC.astype(np.float32) - 64)
 
 
+@pytest.mark.slow
 @given(at=st.integers(len(SAMPLE) - 500, len(SAMPLE) - 1), bits=st.integers(1, 255))
 def test_flipped_bits_give_levels_or_the_one_error(at: int, bits: int) -> None:
     damaged = bytearray(SAMPLE)

@@ -135,6 +135,7 @@ def test_a_jpeg_with_noise_of_one_code_has_the_width_on_average(
     np.testing.assert_allclose(found, sigma_px, rtol=2 * NEAR)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_px", [0.8, 1.2])
 def test_a_jpeg_without_noise_is_as_good_as_its_quantisation(
     tmp_path: Path, sigma_px: float

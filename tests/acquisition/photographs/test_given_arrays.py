@@ -79,6 +79,7 @@ def test_masked_pixels_take_the_levels_beside_them() -> None:
     assert found.stored.max() == scene()[~hole()].max()
 
 
+@pytest.mark.slow
 def test_an_edge_that_a_mask_lies_on_is_flagged_and_others_are_not() -> None:
     levels, mask = noisy(edge(), 2.0), np.zeros((SIZE, SIZE), dtype=np.bool_)
     mask[60:80, :] = True
@@ -93,6 +94,7 @@ def test_an_edge_that_a_mask_lies_on_is_flagged_and_others_are_not() -> None:
     assert beside.sigma_px == whole.sigma_px
 
 
+@pytest.mark.slow
 def test_masked_pixels_of_either_photograph_are_not_compared() -> None:
     rng = np.random.default_rng(2)
     y, x = np.mgrid[:128, :128]

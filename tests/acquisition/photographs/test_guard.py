@@ -281,6 +281,7 @@ def test_levels_that_nobody_can_calculate_with_are_refused(
         photograph_of(pixels, "array")
 
 
+@pytest.mark.slow
 def test_one_odd_pixel_of_a_page_refuses_the_mean(tmp_path: Path) -> None:
     stack = np.ones((3, 9, 9), np.float32)
     stack[1, 4, 4] = np.inf

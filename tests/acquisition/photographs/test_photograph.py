@@ -183,6 +183,7 @@ def _samples() -> list[bytes]:
 SAMPLES = _samples()
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
 def test_a_file_with_damaged_bytes_gives_an_image_or_the_one_error(

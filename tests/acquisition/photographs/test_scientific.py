@@ -154,6 +154,7 @@ def damaged(sample: bytes, data: st.DataObject) -> bytes:
     return bytes(changed[: data.draw(st.integers(0, len(sample)))])
 
 
+@pytest.mark.slow
 @given(data=st.data())
 def test_a_damaged_exr_gives_an_image_or_the_one_error(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
@@ -163,12 +164,14 @@ def test_a_damaged_exr_gives_an_image_or_the_one_error(
         read_exr_image(damaged(sample, data)).page(0)
 
 
+@pytest.mark.slow
 @given(data=st.data())
 def test_a_damaged_fits_file_gives_an_image_or_the_one_error(data: st.DataObject) -> None:
     with contextlib.suppress(DecodingError):
         read_fits_image(damaged(fits(GREY_16), data)).page(0)
 
 
+@pytest.mark.slow
 @given(data=st.data())
 def test_a_file_that_is_cut_is_refused_or_whole(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -138,6 +138,7 @@ values = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from([*range(0x010F, 0x0133), 0x829A, 0x829D, 0x8827, 0x9003,
        0x920A, 0xA001, 0xA002, 0xA20E, 0xA210, 0xA433, 0xA434]), values))  # fmt: skip
 def test_no_tag_is_too_odd(tags: dict[int, Any]) -> None:

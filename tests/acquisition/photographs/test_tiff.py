@@ -453,6 +453,7 @@ SAMPLES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLES)
 @given(data=st.data())
 def test_a_file_that_is_cut_is_refused_or_whole(name: str, data: st.DataObject) -> None:
@@ -467,6 +468,7 @@ def test_a_file_that_is_cut_is_refused_or_whole(name: str, data: st.DataObject) 
         np.testing.assert_array_equal(found, pixels)
 
 
+@pytest.mark.slow
 @given(at=st.integers(8, 300), bits=st.integers(1, 255), kind=st.sampled_from(sorted(SAMPLES)))
 @example(at=8, bits=255, kind="plain")
 def test_flipped_bits_give_an_image_or_the_one_error(at: int, bits: int, kind: str) -> None:

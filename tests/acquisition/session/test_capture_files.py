@@ -49,6 +49,7 @@ def test_the_same_capture_gives_the_same_bytes() -> None:
     assert capture_bytes(images()) == capture_bytes(images())
 
 
+@pytest.mark.slow
 @given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=50))
 def test_any_text_survives_in_the_info(target: str) -> None:
     stored = images(replace(RECORD, target=target))

@@ -221,6 +221,7 @@ def test_a_second_writer_is_refused_until_the_first_has_closed(path: Path) -> No
     writer(path).close()
 
 
+@pytest.mark.slow
 def test_the_lock_holds_between_processes_and_ends_with_them(path: Path) -> None:
     script = (
         "import sys, pathlib\n"

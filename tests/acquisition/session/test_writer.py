@@ -310,6 +310,7 @@ def test_a_disk_that_fills_up_in_mid_capture_leaves_a_session_that_resumes(
     assert not list(path.rglob("*.part"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_torn", [False, True])
 def test_whichever_call_the_full_disk_refuses_a_session_error_says_so_and_the_session_resumes(
     path: Path, monkeypatch: pytest.MonkeyPatch, is_torn: bool

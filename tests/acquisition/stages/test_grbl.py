@@ -373,6 +373,7 @@ def test_the_answer_of_grbl_is_read() -> None:
     assert not firmware.sets_origin
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.tuples(st.from_regex(r"[A-Z]{3}[A-Z ]{3,9}X", fullmatch=True), st.text(max_size=20))

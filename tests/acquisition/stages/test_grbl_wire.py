@@ -251,6 +251,7 @@ UNUSED_FIELDS = st.lists(
 )
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(["Idle", "Jog", "Alarm:1", "Hold:0", "Door:1"]),
     POSITIONS,
@@ -277,6 +278,7 @@ def test_fields_that_are_not_used_never_change_state_or_position(
     assert set(report.passed_over) == {f"field {name}" for name, _ in new}
 
 
+@pytest.mark.slow
 @given(st.sampled_from(sorted(KNOWN_STATES)), VALUES, POSITIONS)
 def test_a_sub_state_never_changes_state_or_position(
     state: str, substate: str, positions: list[float]
@@ -311,6 +313,7 @@ def test_settings_are_read_as_they_were_written(number: int, value: str) -> None
     assert parse_line(f"${number}={value}".encode()) == Setting(number, value)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 9999), st.text(st.characters(exclude_categories=["C", "Z"]), max_size=30))
 def test_settings_may_be_any_text(number: int, value: str) -> None:
     assert parse_line(f"${number}={value}".encode()) == Setting(number, value)

@@ -144,6 +144,7 @@ def test_an_answer_that_cannot_be_used_is_named(fault: str, tmp_path: Path) -> N
     assert str(refused.value).isprintable()
 
 
+@pytest.mark.slow
 def test_a_folder_without_results_is_named(tmp_path: Path) -> None:
     data, program = everything(tmp_path)
     (tmp_path / "empty").mkdir()
@@ -157,6 +158,7 @@ def test_a_folder_without_results_is_named(tmp_path: Path) -> None:
         standoff.score_benchmark([program, program], data)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["truth/psf.json", "truth/changes.json", "simulation/tasks.json", "truth/simulation/s0.tif"],

@@ -112,6 +112,7 @@ def test_no_follow_up_and_no_change_make_no_track() -> None:
     assert track_changes([Followup(), Followup()]) == ()
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.lists(

@@ -161,6 +161,7 @@ def test_the_most_significant_comes_first_and_an_empty_frame_has_none() -> None:
     assert listed(comparison(np.zeros(SHAPE)), SAME, 5.0) == ()
 
 
+@pytest.mark.slow
 def test_errors_cover_the_truth_as_often_as_stated() -> None:
     # 10 standard deviations of the matched filter: A w sqrt(pi) = 10 sigma in white noise.
     rng = np.random.default_rng(5)
@@ -196,6 +197,7 @@ def noisy_spots(seed: int) -> FloatArray:
     return np.asarray(field)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), down=st.integers(-3, 3), right=st.integers(-3, 3))
 @settings(max_examples=15, deadline=None)
 def test_the_list_moves_with_the_grid(seed: int, down: int, right: int) -> None:
@@ -210,6 +212,7 @@ def test_the_list_moves_with_the_grid(seed: int, down: int, right: int) -> None:
         assert moved == pytest.approx((one.y_px, one.x_px, one.amplitude_dn), abs=1e-2)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), light=st.floats(1e-3, 1e3))
 @settings(max_examples=15, deadline=None)
 def test_amplitudes_scale_with_the_light_and_change_sign_with_the_change(
@@ -224,6 +227,7 @@ def test_amplitudes_scale_with_the_light_and_change_sign_with_the_change(
         assert other.significance == pytest.approx(one.significance)
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     shape=st.tuples(st.integers(1, 12), st.integers(1, 12)),

@@ -51,6 +51,7 @@ def compared(
     return changes_between(luma_plane(before), luma_plane(after), None, options)
 
 
+@pytest.mark.slow
 def test_a_red_for_a_green_of_one_luma_is_a_change_of_colour() -> None:
     rng = np.random.default_rng(1)
     peak = 25.0
@@ -71,6 +72,7 @@ def test_a_red_for_a_green_of_one_luma_is_a_change_of_colour() -> None:
     assert 1 < one.delta_e < 20
 
 
+@pytest.mark.slow
 def test_what_is_brighter_is_brighter_in_all_channels() -> None:
     rng = np.random.default_rng(2)
     found = compared(noisy(scene(), rng), noisy(painted((15.0, 15.0, 15.0)), rng)).summary
@@ -81,12 +83,14 @@ def test_what_is_brighter_is_brighter_in_all_channels() -> None:
     assert one.amplitude_dn == pytest.approx(LUMA @ one.amplitude_rgb_dn)
 
 
+@pytest.mark.slow
 def test_noise_alone_is_no_change_of_colour() -> None:
     rng = np.random.default_rng(3)
     found = compared(noisy(scene(), rng), noisy(scene(), rng)).summary
     assert found.changed_px <= 1  # 0.05 are stated
 
 
+@pytest.mark.slow
 def test_the_light_of_each_channel_is_its_own() -> None:
     rng = np.random.default_rng(4)
     lit = scene() * np.array([0.85, 1.0, 0.9])
@@ -94,6 +98,7 @@ def test_the_light_of_each_channel_is_its_own() -> None:
     assert found.changed_px <= 1
 
 
+@pytest.mark.slow
 def test_grey_photographs_are_compared_as_before() -> None:
     rng = np.random.default_rng(5)
     before, after = (luma_plane(noisy(scene(), rng)) for _ in range(2))
@@ -101,6 +106,7 @@ def test_grey_photographs_are_compared_as_before() -> None:
     assert all(one.amplitude_rgb_dn is None for one in found.changes)
 
 
+@pytest.mark.slow
 def test_levels_that_are_not_in_proportion_are_compared_in_grey() -> None:
     rng = np.random.default_rng(6)
     before = noisy(scene(), rng)
@@ -139,6 +145,7 @@ def test_a_lit_colour_is_no_other_colour() -> None:
     assert SeenDifference.of(colour, other, 255.0).is_of_colour
 
 
+@pytest.mark.slow
 def test_the_limit_is_that_of_the_change_that_is_named() -> None:
     rng = np.random.default_rng(9)
     before, after = noisy(scene(), rng), noisy(scene(), rng)

@@ -91,6 +91,7 @@ def test_even_areas_in_8_bits_scatter_by_no_less_than_their_rounding(noise_dn: f
     assert found.sd_dn[found.valid].min() > np.sqrt(1 / 12 / (4 * np.pi)) / found.smoothing_px
 
 
+@pytest.mark.slow
 def test_light_of_the_follow_up_does_not_matter() -> None:
     pair = photographed(1.3, (0.9, 0.9), 8.0)
     reference, followup = pair.developed(NOISE, NOISE, 2)
@@ -120,6 +121,7 @@ def test_pixels_that_are_left_out_do_not_matter() -> None:
     assert not other.is_change.any()
 
 
+@pytest.mark.slow
 def test_clipped_pixels_are_masked_and_counted() -> None:
     pair = photographed(1.0, (0.9, 0.9), 0.0)
     reference, followup = pair.developed(NOISE, NOISE, 4)

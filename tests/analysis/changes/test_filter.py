@@ -251,6 +251,7 @@ def test_a_pose_whose_horizon_is_in_the_frame_is_refused() -> None:
     assert not isinstance(refused.value, OverlapError)
 
 
+@pytest.mark.slow
 def test_the_figures_come_back_from_their_file_and_print_in_a_line(tmp_path: Path) -> None:
     result = found(pair(1, 0.0), None)
     path = tmp_path / "changes.json"

@@ -101,6 +101,7 @@ def test_chance_exceeds_a_threshold_behind_any_width_as_often_as_computed(
     assert exceeded_share(threshold, widths) == pytest.approx(found, abs=3.5 * error + 0.03 * found)
 
 
+@pytest.mark.slow
 @given(share=st.floats(1e-9, 1e-3), errors=st.lists(st.floats(0.0, 0.1), min_size=1, max_size=4))
 def test_one_threshold_gives_each_width_the_same_chance(share: float, errors: list[float]) -> None:
     widths = equally_strict(
@@ -166,6 +167,7 @@ def test_pieces_of_a_wide_change_behind_the_narrowest_filter_are_that_change() -
     assert region.level >= 2
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     holes=st.integers(1, 40),
@@ -212,6 +214,7 @@ NOISE_SD = 1 / (2 * sqrt(pi))
 """Of white noise of 1 DN behind the smoothing of 1 px."""
 
 
+@pytest.mark.slow
 @given(power=st.floats(0.01, 0.999), threshold=st.floats(3.0, 9.0))
 def test_a_spot_of_that_height_is_found_as_often_as_asked(power: float, threshold: float) -> None:
     if float(detection_power(np.array(0.0), threshold)) > power:
@@ -284,6 +287,7 @@ def test_limits_are_stated_over_what_was_compared() -> None:
     assert medians == sorted(medians, reverse=True)  # what is wider needs less
 
 
+@pytest.mark.slow
 @given(scale=st.floats(0.01, 100.0))
 def test_limits_scale_with_the_light(scale: float) -> None:
     field = smoothed_noise(np.random.default_rng(4), LIMIT_SHAPE, 1.0)
@@ -346,6 +350,7 @@ def test_q_values_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     assert q_values(np.zeros(0), 1000, ()).size == 0
 
 
+@pytest.mark.slow
 def test_the_false_share_is_as_asked() -> None:
     rng = np.random.default_rng(11)
     places = [(y, x) for y in range(16, 150, 24) for x in range(16, 150, 24)]
@@ -366,6 +371,7 @@ def test_the_false_share_is_as_asked() -> None:
     assert listed > 30 * len(places) / 2
 
 
+@pytest.mark.slow
 def test_an_unchanged_frame_lists_something_as_often_as_asked() -> None:
     rng = np.random.default_rng(4)
     frames = 60

@@ -94,6 +94,7 @@ def test_without_changes_there_is_no_movement() -> None:
     assert find_movements(compared(0 * Y, 0 * Y), []) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [(0.4, -0.7), (-2.2, 1.3), (3.0, 2.0)])
 def test_a_ground_that_moved_is_explained_with_its_shift(shift: tuple[float, float]) -> None:
     ground = waves(3, 25.0)
@@ -157,6 +158,7 @@ def test_a_straight_edge_that_moved_is_not_told_from_a_line_on_it() -> None:
     assert movements(compared(40 * erf((X - 44) / 2), 40 * erf((X - 45) / 2))) == ()
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(
     y=st.floats(-2.5, 2.5).filter(lambda value: abs(value) > 0.5),

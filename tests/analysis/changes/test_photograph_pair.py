@@ -113,6 +113,7 @@ def chart(seed: int = 3) -> FloatArray:
     return np.where(shipped("horse")[:320, :390] > 0, 255.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_word_that_is_gone_from_clipped_paper_is_found() -> None:
     page = shipped("page")
     page = np.minimum(page * 1.35, 255.0)
@@ -125,6 +126,7 @@ def test_a_word_that_is_gone_from_clipped_paper_is_found() -> None:
     assert (word.what, abs(word.x_px - 191.5) < 5, abs(word.y_px - 100) < 5) == ("gone", True, True)
 
 
+@pytest.mark.slow
 def test_two_levels_are_compared_with_each_other() -> None:
     before, after = chart(), chart()
     # A spot of either kind, amid the other level.
@@ -137,6 +139,7 @@ def test_two_levels_are_compared_with_each_other() -> None:
     assert changes_between(before, before).summary.changes == ()
 
 
+@pytest.mark.slow
 def test_where_both_are_at_one_end_nothing_is_compared() -> None:
     rng = np.random.default_rng(1)
     scene = shipped("camera")[:300, :300] * 0.8 + 20
@@ -148,6 +151,7 @@ def test_where_both_are_at_one_end_nothing_is_compared() -> None:
     assert result.summary.changes == ()
 
 
+@pytest.mark.slow
 def test_what_is_brighter_than_white_is_a_change_of_at_least_so_much() -> None:
     rng = np.random.default_rng(2)
     scene = shipped("camera")[:300, :300] * 0.7 + 20
@@ -162,6 +166,7 @@ def test_what_is_brighter_than_white_is_a_change_of_at_least_so_much() -> None:
     assert found.changes[0].amplitude_dn > 255 - scene[200:210, 200:210].max() - 5
 
 
+@pytest.mark.slow
 def test_where_the_ends_leave_nothing_it_is_said() -> None:
     dots = np.zeros((160, 160))
     dots[::6, ::6] = 255.0
@@ -186,6 +191,7 @@ def drawn_from_aside(drawing: FloatArray, pose: FloatArray) -> FloatArray:
     return np.where(seen > 127, 255.0, 0.0)
 
 
+@pytest.mark.slow
 def test_two_drawings_from_aside_are_compared_beside_the_steps_of_their_outlines() -> None:
     turned = np.array([[0.97, -0.034, 7.0], [0.034, 0.97, -3.0], [1e-5, 2e-5, 1.0]])
     drawing = chart()
@@ -207,6 +213,7 @@ def test_two_drawings_from_aside_are_compared_beside_the_steps_of_their_outlines
     assert (first.x_px, first.y_px) == pytest.approx((x / scale, y / scale), abs=2)
 
 
+@pytest.mark.slow
 def test_a_drawing_whose_lines_moved_by_themselves_has_the_pose_at_which_most_did_not() -> None:
     rng = np.random.default_rng(5)
     before = np.full((320, 320), 255.0)
@@ -226,6 +233,7 @@ def test_a_drawing_whose_lines_moved_by_themselves_has_the_pose_at_which_most_di
     assert one.area_px < 120
 
 
+@pytest.mark.slow
 def test_a_line_of_one_pixel_that_is_gone_from_a_copy_of_a_drawing_is_found() -> None:
     before = chart()
     after = before.copy()
@@ -251,6 +259,7 @@ def noisy(scene: FloatArray, noise_dn: float, seed: int) -> FloatArray:
     return scene + np.random.default_rng(seed).normal(0, noise_dn, scene.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PICTURES)
 @pytest.mark.parametrize("noise_dn", [3.0, 30.0])
 def test_equal_exposures_are_as_sharp_and_as_bright_and_nothing_changed(
@@ -265,6 +274,7 @@ def test_equal_exposures_are_as_sharp_and_as_bright_and_nothing_changed(
     assert (found.changes, found.moved) == ((), ())
 
 
+@pytest.mark.slow
 def test_a_mask_is_no_hint_of_the_pose() -> None:
     mask = np.zeros(picture("coins").shape, dtype=np.bool_)
     mask[:40] = True
@@ -293,6 +303,7 @@ def test_the_stated_errors_of_blur_and_gain_are_those_of_the_draws() -> None:
     assert (rms < 1.5).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_photograph_does_not_differ_from_itself(name: str) -> None:
     scene = np.rint(picture(name) / 10)
@@ -303,6 +314,7 @@ def test_a_photograph_does_not_differ_from_itself(name: str) -> None:
     assert (result.summary.changes, result.summary.warnings) == ((), ())
 
 
+@pytest.mark.slow
 def test_before_against_after_is_minus_after_against_before() -> None:
     scene = picture("coins")
     before, after = noisy(scene, 10.0, 1), noisy(scene, 10.0, 2)
@@ -314,6 +326,7 @@ def test_before_against_after_is_minus_after_against_before() -> None:
     assert len(there.summary.changes) == len(back.summary.changes) == 1
 
 
+@pytest.mark.slow
 def test_a_true_blur_and_a_true_gain_are_measured() -> None:
     scene = picture("camera")
     softer = 1.2 * gaussian_filter(scene, np.sqrt(0.5), truncate=7) + 30
@@ -323,6 +336,7 @@ def test_a_true_blur_and_a_true_gain_are_measured() -> None:
     assert found.gain == pytest.approx(1.2, abs=4 * found.gain_err + 1e-3)
 
 
+@pytest.mark.slow
 def test_a_part_cut_out_at_whole_pixels_is_compared_pixel_by_pixel() -> None:
     scene = np.rint(picture("camera") / 10)
     result = changes_between(scene, scene[31:331, 17:347])

@@ -45,6 +45,7 @@ def test_the_narrowest_filter_lets_as_much_noise_through_as_in_a_comparison(
     assert filters.noise_gain(narrowest) == pytest.approx(gains.source + gains.target)
 
 
+@pytest.mark.slow
 @given(zoom=ZOOMS, blur_px2=BLURS)
 def test_wider_filters_let_less_noise_through_and_count_as_strictly(
     zoom: float, blur_px2: float

@@ -62,6 +62,7 @@ def test_the_shift_is_in_followup_pixels(
     assert moved.significance == listed[0].significance
 
 
+@pytest.mark.slow
 def test_moved_things_are_counted_only_if_asked_for() -> None:
     rng = np.random.default_rng(4)
     before, after = moved_thing(waves(5, 8.0), waves(6, 12.0), SHIFT)
@@ -94,6 +95,7 @@ def with_thing(image: FloatArray, top: int, left: int) -> FloatArray:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_new", [True, False])
 def test_a_thing_of_bright_and_dark_parts_is_one_entry(is_new: bool) -> None:
     plain, thing = ground(), with_thing(ground(), 40, 200)
@@ -106,12 +108,14 @@ def test_a_thing_of_bright_and_dark_parts_is_one_entry(is_new: bool) -> None:
     assert sum(part.area_px for part in one.parts) in (0, pytest.approx(one.area_px))
 
 
+@pytest.mark.slow
 def test_things_further_apart_than_they_are_large_are_two() -> None:
     plain = ground()
     found = two(plain, with_thing(with_thing(plain, 20, 130), 20, 220))
     assert len(found.changes) == 2
 
 
+@pytest.mark.slow
 def test_the_same_thing_in_another_light_is_brighter_or_darker() -> None:
     plain = 300 + 4 * shipped("brick")[:260, :300]
     for factor, word in ((1.3, "brighter"), (0.75, "darker")):
@@ -121,6 +125,7 @@ def test_the_same_thing_in_another_light_is_brighter_or_darker() -> None:
         assert one.what == word
 
 
+@pytest.mark.slow
 def test_a_thing_that_moved_is_one_entry_of_its_own() -> None:
     plain = ground()
     found = two(with_thing(plain, 40, 200), with_thing(plain, 43, 206))
@@ -129,6 +134,7 @@ def test_a_thing_that_moved_is_one_entry_of_its_own() -> None:
     assert found.moved[0].displacement_px == pytest.approx((6, 3), abs=0.3)
 
 
+@pytest.mark.slow
 def test_what_catches_the_eye_comes_first() -> None:
     plain = ground()
     other = plain.copy()
@@ -141,6 +147,7 @@ def test_what_catches_the_eye_comes_first() -> None:
     assert len(order) == 3
 
 
+@pytest.mark.slow
 def test_what_is_smaller_than_asked_for_is_counted() -> None:
     plain = ground()
     other = plain.copy()

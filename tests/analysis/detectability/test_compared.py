@@ -48,6 +48,7 @@ def texture(shape: tuple[int, int] = (160, 190)) -> FloatArray:
     return np.asarray(np.random.default_rng(1).normal(100, 15, shape))
 
 
+@pytest.mark.slow
 def test_the_follow_up_shows_a_spot_as_two_gaussians_in_a_row() -> None:
     found = curve(zooms=(1.0, 1.5, 2.0), reference_zoom=1.0)
     assert found.seen_sigma_px is not None
@@ -65,6 +66,7 @@ def test_the_filters_make_up_for_the_blur_of_a_gaussian_lens(zoom: float) -> Non
     assert smoothing.source_px**2 - smoothing.target_px**2 == pytest.approx(blur_px2, abs=0.01)
 
 
+@pytest.mark.slow
 def test_d_prime_on_a_flat_scene_is_that_of_white_noise_behind_the_filters() -> None:
     found = curve()
     for zoom, d_prime in zip(found.zoom, found.dprime, strict=True):
@@ -93,6 +95,7 @@ def test_a_flat_scene_leaves_nothing_unexplained() -> None:
     assert residual.autocovariance_dn2.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_texture_costs_where_it_outweighs_the_noise() -> None:
     """White texture through a lens that passes next to all of it is aliased further away."""
     sharp = GaussianPsf(sigma_px=0.3)
@@ -105,12 +108,14 @@ def test_texture_costs_where_it_outweighs_the_noise() -> None:
     )
 
 
+@pytest.mark.slow
 def test_d_prime_is_in_proportion_to_contrast_and_on_a_flat_scene_to_noise() -> None:
     once = np.array(curve().dprime)
     assert np.array(curve(contrasts_dn=(3 * CONTRAST_DN,)).dprime) == pytest.approx(3 * once)
     assert np.array(curve(noises_dn=(2 * NOISE_DN,)).dprime) == pytest.approx(once / 2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_limit_turns_the_curve_round() -> None:
     found = curve()
     limits = expected_limits(found)
@@ -121,6 +126,7 @@ def test_the_limit_turns_the_curve_round() -> None:
         expected_limits(found.model_copy(update={"observer": "npw"}))
 
 
+@pytest.mark.slow
 def test_a_patch_has_no_width_and_predicts_no_limit() -> None:
     patch = np.zeros((9, 9))
     patch[2:7, 4] = 1.0
@@ -148,6 +154,7 @@ def test_a_photograph_too_small_to_be_compared_is_refused() -> None:
         curve(image=texture((60, 60)), zooms=(2.0,))
 
 
+@pytest.mark.slow
 def test_the_sums_of_residuals_follow_those_of_the_artefacts() -> None:
     asked = task(models=("bicubic", "matched"), zooms=(1.0, 1.5))
     plan = asked.plan(PSF, 1)

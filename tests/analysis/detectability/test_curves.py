@@ -124,6 +124,7 @@ def any_curve(draw: st.DrawFn, falling: bool = False) -> DetectabilityCurve:
     return on_zooms(zooms, sorted(d_primes, reverse=True) if falling else d_primes)
 
 
+@pytest.mark.slow
 @given(known=any_curve(), share=st.floats(0.0, 1.0))
 def test_the_reading_is_exact_at_the_zooms_and_never_above_the_straight_line(
     known: DetectabilityCurve, share: float
@@ -134,6 +135,7 @@ def test_the_reading_is_exact_at_the_zooms_and_never_above_the_straight_line(
     np.testing.assert_array_equal(known.d_prime_at(np.array(known.zoom)), known.dprime)
 
 
+@pytest.mark.slow
 @given(known=any_curve(), share=st.floats(0.0, 1.0))
 def test_between_two_zooms_d_prime_runs_from_one_to_the_other(
     known: DetectabilityCurve, share: float
@@ -159,6 +161,7 @@ def test_the_largest_zoom_is_where_d_prime_is_the_threshold(
     assert np.all(known.d_prime_at(further) <= threshold * (1 + 1e-6))
 
 
+@pytest.mark.slow
 @given(known=any_curve(), share=st.floats(0.0, 1.0), factor=st.floats(0.1, 10.0))
 def test_between_the_zooms_too_d_prime_is_proportional_to_contrast(
     known: DetectabilityCurve, share: float, factor: float
@@ -290,6 +293,7 @@ def test_a_figure_draws_what_is_read() -> None:
     assert len(zoom) > 100
 
 
+@pytest.mark.slow
 def test_the_figures_name_axes_units_and_every_curve() -> None:
     curves = [
         curve(model=model, observer=observer, noise_dn=noise)
@@ -349,6 +353,7 @@ def test_a_registration_error_lowers_d_prime_as_its_integral_says() -> None:
     assert np.all(spread.values <= 0)
 
 
+@pytest.mark.slow
 @given(
     st.floats(0.1, 5), st.floats(0.1, 5), st.floats(0.001, 0.3), st.floats(0, 0.2), st.floats(-3, 3)
 )

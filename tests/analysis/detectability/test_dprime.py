@@ -125,6 +125,7 @@ def test_no_linear_observer_beats_hotelling_and_d_prime_falls_with_zoom(model: M
             assert one.value <= one.high * (1 + 0.02)
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(contrast=st.floats(0.1, 50.0), noise=st.floats(0.5, 20.0))
 def test_d_prime_is_proportional_to_contrast_and_auc_lies_between_half_and_one(

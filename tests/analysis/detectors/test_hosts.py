@@ -204,6 +204,7 @@ def test_a_callable_runs_here_and_its_faults_are_caught() -> None:
         assert detector(wanting(CALLS), FOLLOWUP, SAME).score == 2
 
 
+@pytest.mark.slow
 def test_a_module_says_by_its_attribute_that_its_detector_takes_colours() -> None:
     colours = np.stack([FOLLOWUP, FOLLOWUP + 7, FOLLOWUP], axis=2)
     with open_detector(DetectorSpec.parse("failing:channels")) as detector:

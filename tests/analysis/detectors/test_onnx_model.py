@@ -150,6 +150,7 @@ def test_a_network_whose_levels_overflow_is_said(tmp_path: Path) -> None:
             assert raised.value.reason == "not_finite"
 
 
+@pytest.mark.slow
 def test_a_file_that_is_no_network_is_said_before_the_first_pair(tmp_path: Path) -> None:
     (tmp_path / "torn.onnx").write_bytes(b"\x08\x07not a network")
     spec = DetectorSpec.parse(str(tmp_path / "torn.onnx"))

@@ -111,6 +111,7 @@ def test_a_change_of_hue_at_one_luma_is_seen_in_colour_and_not_in_grey(photograp
     assert {len(shape) for one in SEEN for shape in one} == {2}
 
 
+@pytest.mark.slow
 def test_the_built_in_difference_of_colours_sees_it_too(photographs: Path) -> None:
     change = green_patch()
     in_colour, in_grey = (
@@ -124,6 +125,7 @@ def test_the_built_in_difference_of_colours_sees_it_too(photographs: Path) -> No
     assert (in_colour.colour_photographs, in_grey.colour_photographs) == (3, 0)
 
 
+@pytest.mark.slow
 def test_a_grey_detector_is_given_what_it_is_of_grey_photographs(
     photographs: Path, tmp_path: Path
 ) -> None:

@@ -82,6 +82,7 @@ def without_provenance(found: Evaluation) -> dict[str, object]:
     return found.model_dump(exclude={"provenance", "detector"})
 
 
+@pytest.mark.slow
 def test_an_interrupted_evaluation_goes_on_where_it_was(photographs: Path, tmp_path: Path) -> None:
     INTERRUPTED_AT.append(20)
     with pytest.raises(KeyboardInterrupt):
@@ -93,6 +94,7 @@ def test_an_interrupted_evaluation_goes_on_where_it_was(photographs: Path, tmp_p
     assert resumed.curves == whole.curves
 
 
+@pytest.mark.slow
 def test_a_second_run_asks_the_detector_nothing(photographs: Path, tmp_path: Path) -> None:
     found = evaluated(counted, photographs, tmp_path)
     assert len(CALLS) == 36
@@ -101,6 +103,7 @@ def test_a_second_run_asks_the_detector_nothing(photographs: Path, tmp_path: Pat
     assert [path.name for path in tmp_path.iterdir() if "partial" in path.name] == []
 
 
+@pytest.mark.slow
 def test_only_pairs_of_new_photographs_are_scored_however_they_were_cut(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,6 +172,7 @@ def once(reference: Float32Array, followup: Float32Array, homography: FloatArray
     return float(followup.max())
 
 
+@pytest.mark.slow
 def test_a_pair_that_failed_is_tried_again_by_the_next_run(
     photographs: Path, tmp_path: Path
 ) -> None:

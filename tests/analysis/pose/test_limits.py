@@ -75,6 +75,7 @@ def test_a_tilted_reference_and_a_follow_up_beside_it_are_composed_of_two_poses(
         np.testing.assert_allclose(found[:2] / found[2], expected, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(places_px, st.floats(1.0, 1.5), st.floats(1, 25), st.sampled_from([0.0, 15.0]))
 @settings(deadline=None, max_examples=20)
 def test_no_direction_of_a_lean_is_worse_than_the_worst(
@@ -151,6 +152,7 @@ def test_a_horizon_in_the_frame_is_beyond_any_zoom() -> None:
     assert worst_zoom(CAMERA, 1.0, 60.0, direction_deg=90.0) < np.inf
 
 
+@pytest.mark.slow
 @given(zooms, tilts_deg, reference_tilts_deg, directions_deg)
 @settings(deadline=None)
 def test_no_place_of_the_overlap_is_sampled_more_coarsely(
@@ -165,6 +167,7 @@ def test_no_place_of_the_overlap_is_sampled_more_coarsely(
     assert found <= coarsest * 1.05
 
 
+@pytest.mark.slow
 @given(zooms, tilts_deg, reference_tilts_deg, directions_deg)
 @settings(deadline=None)
 def test_no_direction_is_worse_than_the_worst(
@@ -176,6 +179,7 @@ def test_no_direction_is_worse_than_the_worst(
     assert there <= worst * 1.0001
 
 
+@pytest.mark.slow
 def test_the_worst_direction_is_one_that_exists() -> None:
     around = [worst_zoom(CAMERA, 1.3359375, 21.0, -10.0, b) for b in np.arange(0, 360, 0.5)]
     assert worst_zoom(CAMERA, 1.3359375, 21.0, -10.0) == pytest.approx(max(around), rel=1e-4)

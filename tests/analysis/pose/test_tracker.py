@@ -18,6 +18,7 @@ def tracker(min_d_prime: float = MIN_D_PRIME) -> PoseTracker:
     return PoseTracker(scene(), curve(), min_d_prime)
 
 
+@pytest.mark.slow
 def test_the_first_frame_is_searched_and_the_next_ones_are_followed() -> None:
     followed = tracker()
     first = followed.update(seen_from(scene(), pose(1.1)))
@@ -50,6 +51,7 @@ def test_an_oblique_view_names_the_side_that_is_too_coarse() -> None:
     assert "right" in verdict.reason
 
 
+@pytest.mark.slow
 def test_what_is_lost_is_told_and_found_again() -> None:
     followed = tracker()
     followed.update(seen_from(scene(), pose(1.1)))
@@ -98,6 +100,7 @@ def test_verdicts_at_random_poses_agree_with_the_bench() -> None:
     assert right == decided
 
 
+@pytest.mark.slow
 def test_the_same_frames_give_the_same_verdicts() -> None:
     frames = [seen_from(scene(), pose(1.1, 0.01 * k)) for k in range(3)]
     runs = []
@@ -107,6 +110,7 @@ def test_the_same_frames_give_the_same_verdicts() -> None:
     np.testing.assert_array_equal(runs[0], runs[1])
 
 
+@pytest.mark.slow
 def test_it_says_while_it_searches_and_only_then(monkeypatch: pytest.MonkeyPatch) -> None:
     followed = tracker()
     seen: dict[str, bool] = {}

@@ -28,6 +28,7 @@ def test_gain_and_read_noise_are_those_of_the_frames(session: Session, psf: PsfC
     assert row[3] == str(FRAMES)
 
 
+@pytest.mark.slow
 def test_averaging_is_measured_against_the_root_of_the_frames(
     session: Session, psf: PsfCalibration
 ) -> None:

@@ -252,6 +252,7 @@ def point(sighting: str, **values: float) -> TrackPoint:
     return TrackPoint.model_validate({"sighting": sighting, **values})
 
 
+@pytest.mark.slow
 def test_the_page_of_a_series_shows_the_time_line_and_links_each_follow_up() -> None:
     seen = point("seen", x_px=1, y_px=2, amplitude_dn=8, amplitude_err_dn=1, significance=8)
     lost = point("not seen", amplitude_dn=0.5, amplitude_err_dn=1, upper_limit_dn=2.1)

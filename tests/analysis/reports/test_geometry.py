@@ -87,6 +87,7 @@ def test_what_is_printed_after_a_value_is_half_its_95_percent_interval() -> None
     assert k1.remark.endswith(" ± 0.196 %")
 
 
+@pytest.mark.slow
 def test_what_is_not_determined_is_said_and_not_drawn() -> None:
     bare = stored(
         k1=None, k2=None, tilt_deg=None, tilt_x_deg=None, tilt_y_deg=None, focal_length_px=None,

@@ -39,6 +39,7 @@ def report(
     ).html()
 
 
+@pytest.mark.slow
 def test_a_report_fetches_nothing() -> None:
     figure = new_figure()
     figure.subplots().imshow([[0, 1], [1, 0]])

@@ -242,6 +242,7 @@ def test_a_long_list_of_edges_is_cut_and_says_so(psf: PsfCalibration) -> None:
     assert not section.is_wide
 
 
+@pytest.mark.slow
 def test_edges_of_foreign_photographs_are_counted_and_said_to_be_left_out(
     psf: PsfCalibration,
 ) -> None:
@@ -290,6 +291,7 @@ def test_a_drift_of_the_focus_is_said_in_words(psf: PsfCalibration) -> None:
     assert "1e-06" in text
 
 
+@pytest.mark.slow
 def test_how_it_was_measured_is_said(psf: PsfCalibration) -> None:
     other = PsfCalibration(sigma_x_px=0.8, method="paper", region="centre", channel="green")
     text = " ".join(calibration_sections(other, lambda _: np.zeros((2, 2)))[0].text)

@@ -85,6 +85,7 @@ def test_an_outlier_does_not_set_the_scale() -> None:
     assert plot_by_radius(edges, WIDTH, HEIGHT).axes[0].get_ylim()[1] < 0.65
 
 
+@pytest.mark.slow
 def test_few_edges_or_edges_at_the_centre_alone_are_no_map() -> None:
     assert field_map_section(calibration(ring())) is not None
     assert field_map_section(calibration(ring(4))) is None
@@ -93,6 +94,7 @@ def test_few_edges_or_edges_at_the_centre_alone_are_no_map() -> None:
     assert field_map_section(PsfCalibration(edges=tuple(ring()))) is None
 
 
+@pytest.mark.slow
 def test_lateral_colour_is_drawn_against_the_radius_along_the_normal() -> None:
     shifts = {
         "red_shift_px": 0.2, "red_shift_err_px": 0.01, "blue_shift_px": -0.1,

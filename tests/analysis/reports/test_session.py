@@ -69,6 +69,7 @@ def test_the_figures_of_the_report_are_those_of_the_results(
     assert "150.002" in page.texts
 
 
+@pytest.mark.slow
 def test_a_session_without_results_reports_its_captures(tmp_path: Path) -> None:
     whole_session(tmp_path / "s")
     page = Page(session_report(Session(tmp_path / "s"), None, None).html())
@@ -89,6 +90,7 @@ def test_edges_of_other_photographs_are_left_out_of_the_drawings(
     assert "1 edges of this psf.json are on photographs that are not available here" in page.text
 
 
+@pytest.mark.slow
 def test_what_is_left_out_stands_first_with_its_reason(
     session: Session, validation: Validation
 ) -> None:

@@ -76,6 +76,7 @@ def manifest_of(out: Path) -> list[dict[str, object]]:
     return [json.loads(line) for line in (out / "manifest.jsonl").read_text().splitlines()]
 
 
+@pytest.mark.slow
 def test_every_pair_is_listed_once_in_the_order_of_the_images(
     photographs: Path, tmp_path: Path
 ) -> None:
@@ -190,6 +191,7 @@ def test_what_a_power_cut_took_is_made_again(
     assert files_of(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_further_photograph_leaves_the_pairs_of_its_shard_as_they_are(
     photographs: Path, tmp_path: Path
 ) -> None:
@@ -239,6 +241,7 @@ def test_photographs_that_came_later_end_as_one_run_and_only_they_are_read(
     assert files_of(grown) == files_of(whole)
 
 
+@pytest.mark.slow
 def test_of_photographs_with_the_same_content_one_is_cut(photographs: Path, tmp_path: Path) -> None:
     own, out = tmp_path / "photographs", tmp_path / "pairs"
     call = Call("training_pairs")
@@ -307,6 +310,7 @@ def test_other_layouts_in_the_same_folder_are_refused(photographs: Path, tmp_pat
         write(tmp_path, photographs, format="webdataset")
 
 
+@pytest.mark.slow
 def test_a_dataset_of_before_there_was_another_layout_goes_on(
     photographs: Path, tmp_path: Path
 ) -> None:

@@ -1,6 +1,7 @@
 """Pictures that stand for photographs: seeded, within their levels, with spectra like nature's."""
 
 import numpy as np
+import pytest
 
 from analysis.study import built_in_scenes
 from simulation.psf import GaussianPsf
@@ -8,6 +9,7 @@ from simulation.psf import GaussianPsf
 PSF = GaussianPsf(sigma_px=0.3)
 
 
+@pytest.mark.slow
 def test_the_pictures_are_the_same_every_time_and_differ_from_each_other() -> None:
     first, again = built_in_scenes(100.0, 1100.0, PSF), built_in_scenes(100.0, 1100.0, PSF)
     assert all(np.array_equal(one, other) for one, other in zip(first, again, strict=True))
@@ -16,6 +18,7 @@ def test_the_pictures_are_the_same_every_time_and_differ_from_each_other() -> No
     assert max(one.max() for one in first) < 1200
 
 
+@pytest.mark.slow
 def test_the_amplitude_falls_about_as_the_inverse_of_the_frequency() -> None:
     pictures = built_in_scenes(0.0, 1.0, PSF)
     side = len(pictures[0])

@@ -32,6 +32,7 @@ def test_the_two_nearest_captures_are_references_of_all_further_ones(tmp_path: P
     assert zooms == pytest.approx([1.2, 1.5, 1.9, 1.25, 19 / 12], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_one_reference_pose_gives_the_pairs_with_the_nearest_alone(tmp_path: Path) -> None:
     screening = screen(height_series(tmp_path / "series"), PSF, references=1)
     assert pairs_of(screening) == [(0, 1), (0, 2), (0, 3)]

@@ -65,6 +65,7 @@ def test_noise_widens_nothing_where_it_is_known_and_its_errors_are_right(
     assert np.mean(plain) > 1.05 * 0.45
 
 
+@pytest.mark.slow
 def test_vignetting_and_distortion_are_taken_up(near: FloatArray) -> None:
     bent = blob_photograph(2.0, TILTED, bend=0.01)
     y, x = np.mgrid[-1:1:240j, -1:1:320j]
@@ -78,6 +79,7 @@ def test_photographs_from_one_distance_are_refused(near: FloatArray) -> None:
     assert refused.value.reason == "one_distance"
 
 
+@pytest.mark.slow
 def test_a_far_photograph_that_is_too_sharp_is_refused(near: FloatArray) -> None:
     sharp = blob_photograph(2.0, 0.02 * np.eye(2))
     with pytest.raises(PairError) as refused:

@@ -145,6 +145,7 @@ def test_pieces_that_do_not_continue_each_other_stay_apart(
     assert np.rad2deg(upper.normal_rad - lower.normal_rad) == pytest.approx(turn_deg, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_line_too_thin_for_the_fits_band_has_no_edges() -> None:
     # Its sides are 4 px apart: none has a level of its own beside it.
     x = np.tile(np.arange(110.0), (90, 1))

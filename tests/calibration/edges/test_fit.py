@@ -101,6 +101,7 @@ def test_sigma_depends_on_neither_place_nor_angle_nor_levels(
     assert only_fit(image).sigma_px == pytest.approx(sigma, rel=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snr", [100.0, 30.0])
 def test_the_standard_error_is_what_repeated_fits_scatter_by(snr: float) -> None:
     clean = edge_image(0.6, 6.0, has_pixel=True)
@@ -129,6 +130,7 @@ def test_a_known_noise_gives_a_reduced_chi_square_of_one() -> None:
     assert only_fit(image).chi2_reduced is None
 
 
+@pytest.mark.slow
 def test_shot_noise_is_weighted_also_where_it_is_not_known() -> None:
     clean = edge_image(0.6, 4.0, low_dn=500.0, high_dn=40_000.0)
     segment = find_edges(clean)[0]

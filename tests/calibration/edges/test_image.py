@@ -63,6 +63,7 @@ def test_each_colour_gives_the_optical_width_behind_one_sensor_pixel() -> None:
     assert psf.sigma_x_px == pytest.approx(sqrt(0.6**2 + 1 / 12), rel=0.005)
 
 
+@pytest.mark.slow
 def test_places_lengths_and_frequencies_are_in_pixels_of_the_sensor() -> None:
     psf = calibrate_mosaic([mosaic(5.0)], "GRBG", "red")
     [edge] = psf.edges

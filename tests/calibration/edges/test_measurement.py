@@ -44,6 +44,7 @@ def calibrated(*normals_deg: float) -> PsfCalibration:
     return psf_of_images(sources)
 
 
+@pytest.mark.slow
 def test_the_measured_transfer_is_the_product_of_lens_and_pixel() -> None:
     transfer = calibrated(2.0, 92.0).measured_transfer("psf.json")
     freq = np.linspace(0, 1, 21)

@@ -84,6 +84,7 @@ def test_the_variances_are_the_bordered_inverse() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_variances_cover_a_curve_that_is_no_spline() -> None:
     at = np.linspace(2, COUNT - 1, 60)
     pulls = []

@@ -68,6 +68,7 @@ def test_noise_is_not_taken_for_roughness() -> None:
     assert np.median([r for r in rough if r is not None]) < 0.008
 
 
+@pytest.mark.slow
 def test_another_edge_nearby_limits_the_band() -> None:
     image = edge_image(0.8, 5.0)
     [segment] = find_edges(image, cell_px=1000.0)

@@ -69,6 +69,7 @@ def test_light_from_gamma_codes_gives_the_width_in_light() -> None:
     assert fit.sigma_err_px < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quality", [75, 85, 95])
 def test_a_jpeg_gives_the_width_before_compression(quality: int) -> None:
     clean = edge_image(0.9, 12.0, low_dn=40.0, high_dn=180.0, has_pixel=True)

@@ -61,6 +61,7 @@ def by_texture(texture_series: list[GeometryCapture]) -> GeometryCalibration:
     return geometry_of_captures(texture_series, NOMINAL)
 
 
+@pytest.mark.slow
 def test_the_corners_of_a_board_are_where_the_bench_puts_them() -> None:
     nearest = captures("board", BOARD_HEIGHTS_MM[:1])[0]
     corners = find_board(nearest.image, CharucoBoard.from_text("11x8:12:9"))

@@ -71,6 +71,7 @@ def test_a_capture_without_detail_is_told_so_and_its_neighbours_are_kept(
     assert excluded.reason.startswith("it has only 0 features")
 
 
+@pytest.mark.slow
 def test_where_no_two_belong_together_all_are_refused() -> None:
     found, captures = matched(view(1.0, 0.0), view(1.2, 0.0, seed=77))
     assert found.series is None

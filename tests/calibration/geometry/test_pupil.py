@@ -51,6 +51,7 @@ def test_two_heights_give_the_pupil_in_closed_form() -> None:
     assert fit.zoom(100.0, 160.0)[0] == pytest.approx(1.5, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(
     pupil=st.floats(-50, 80),
     unit=st.floats(-5, 5),
@@ -69,6 +70,7 @@ def test_units_order_and_height_zero_do_not_matter(
     assert second.pupil_offset_err_mm == pytest.approx(first.pupil_offset_err_mm, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_heights_that_scatter_get_an_error_of_their_own() -> None:
     rng = np.random.default_rng(1)
     within, scatters = 0, []
@@ -145,6 +147,7 @@ def test_a_turned_target_is_named_with_the_angle() -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_lifted_target_is_left_out_whole_with_how_much_it_was_lifted() -> None:
     # Read 3 mm too high, or lying 3 mm above the plane of the first: the pictures are the same.
     survey = Survey().add("brick", poses_over(HEIGHTS_MM))

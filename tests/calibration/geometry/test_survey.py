@@ -81,6 +81,7 @@ def test_without_any_length_the_pupil_is_found_and_scale_and_tilt_are_left_open(
     assert found.k1_opencv is found.k2_opencv is found.stage_angle_deg is None
 
 
+@pytest.mark.slow
 def test_a_given_scale_is_exact_where_it_was_given_and_the_zooms_carry_it_on(
     calibrated: Calibrate,
 ) -> None:
@@ -149,6 +150,7 @@ def test_a_stage_that_misses_its_heights_is_noted_with_how_much(calibrated: Cali
     assert [c.height_residual_mm > 0 for c in found.captures] == [False, True] * 3
 
 
+@pytest.mark.slow
 def test_two_targets_that_lie_alike_give_one_tilt(calibrated: Calibrate) -> None:
     poses = poses_over(HEIGHTS_MM, tilt_deg=(0.5, -0.25))
     found = calibrated(Survey().add("brick", poses).add("grass", poses), NOMINAL)
@@ -159,6 +161,7 @@ def test_two_targets_that_lie_alike_give_one_tilt(calibrated: Calibrate) -> None
     assert found.tilt_y_deg == pytest.approx(-0.25, abs=4 * found.tilt_y_err_deg)
 
 
+@pytest.mark.slow
 def test_of_two_targets_that_lie_askew_the_first_gives_the_tilt_and_the_other_is_named(
     calibrated: Calibrate,
 ) -> None:

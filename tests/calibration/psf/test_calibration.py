@@ -35,6 +35,7 @@ from tests.calibration.psf.measured_edges import edge
 from tests.calibration.squares import chart
 
 
+@pytest.mark.slow
 def test_a_tilted_lens_behind_square_pixels_is_recovered_from_eight_angles() -> None:
     psf = psf_of_images(photographs(EIGHT_NORMALS_DEG))
     for estimate, truth in (
@@ -77,6 +78,7 @@ def test_a_vertical_edge_alone_leaves_sigma_y_and_rho_open() -> None:
     assert psf.covariance_px2 is None
 
 
+@pytest.mark.slow
 def test_progress_counts_the_photographs() -> None:
     seen: list[int] = []
     psf_of_images(photographs([4.0, 94.0]), progress=seen.append)
@@ -243,6 +245,7 @@ def test_short_edges_of_a_compressed_board_count_and_its_errors_hold_what_all_ha
             assert (off < 3.5 * psf.transfer_2d.otf_err(fx, fy)).all()
 
 
+@pytest.mark.slow
 def test_jpeg_adds_a_quarter_of_the_mean_error_of_the_edges_to_that_of_a_board() -> None:
     clean = board(np.random.default_rng(1))
     plain = EdgeImage(name="board.tif", image_dn=clean, saturation_dn=255.0)

@@ -35,6 +35,7 @@ def test_the_noise_is_that_of_the_mean_from_the_temporal_variance(tmp_path: Path
     assert np.std(left) == pytest.approx(np.sqrt(np.mean(expected)), rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_session_gives_the_psf_of_its_lens(tmp_path: Path) -> None:
     psf = psf_of_images(edge_images(edge_session(tmp_path / "s", EIGHT_NORMALS_DEG)))
     x, y = psf.optical.sigma_x_px, psf.optical.sigma_y_px

@@ -94,6 +94,7 @@ def test_widths_that_leave_the_correlation_open_give_no_form_that_is_turned() ->
     assert "leave rho open" in choice.reason
 
 
+@pytest.mark.slow
 def test_a_vertical_a_horizontal_and_a_diagonal_edge_tell_a_turned_gaussian() -> None:
     # As the sum of two Gaussians' variances: 0.6 px across, 0.4 px along 30 degrees.
     class Turned(Lens):
@@ -109,6 +110,7 @@ def test_a_vertical_a_horizontal_and_a_diagonal_edge_tell_a_turned_gaussian() ->
     assert choice.fit.parameters.tolist() == pytest.approx([0.31, 0.0866, 0.21], abs=0.006)
 
 
+@pytest.mark.slow
 def test_edges_that_differ_widen_the_covariance_and_do_not_change_the_form() -> None:
     # Focus drifts from edge to edge by 5 % of the width, at an SNR of 500.
     sigmas = 0.6 * (1 + 0.05 * np.array([1, -1, 0.5, -0.7, 0.9, -0.2, -1, 0.5]))

@@ -70,6 +70,7 @@ def test_the_slopes_are_differences_of_the_transfer(name: str, *, is_corrected: 
         np.testing.assert_allclose(slopes[:, k], (above - below) / 2e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [TWO_ELLIPSES, ASTIGMATIC])
 @settings(max_examples=60)
 @given(values=st.lists(st.floats(-70, 70) | st.floats(-2, 2), min_size=7, max_size=7))

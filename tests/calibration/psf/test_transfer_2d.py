@@ -85,6 +85,7 @@ def test_a_round_lens_is_measured_to_0_003_up_to_nyquist(name: str) -> None:
     assert np.abs(transfer.otf(fx, fy) - lens.otf(fx, fy)).max() < 0.006
 
 
+@pytest.mark.slow
 def test_an_astigmatic_lens_is_measured_to_0_01_from_twelve_edges_at_an_snr_of_100() -> None:
     transfer = transfer_of(calibrated(ASTIGMATIC, TWELVE_DEG, 100, length_px=200.0))
     assert transfer.form == "elliptic"
@@ -119,6 +120,7 @@ def test_a_chart_of_vertical_and_horizontal_edges_gives_the_transfer_along_eithe
     assert "between the axes not measured" in str(transfer)
 
 
+@pytest.mark.slow
 def test_what_a_chart_does_not_tell_between_the_axes_is_no_worse_than_the_gaussian() -> None:
     lens = AstigmaticLens(0.27, 0.27, turn_deg=20.0, x_waves=0.8, y_waves=0.4)
     psf = calibrated(lens, (1.0, 91.0, 181.0, 271.0), 200)
@@ -193,6 +195,7 @@ def test_noise_does_not_bias_it_as_it_does_the_mean_of_the_edges_curves() -> Non
     assert np.abs(np.mean(fitted)) < 0.004
 
 
+@pytest.mark.slow
 def test_a_gaussian_lens_keeps_its_widths() -> None:
     lens = Lens(0.0, 0.0, sigma_px=0.6)
     psf = calibrated(lens, EIGHT_DEG, 200)
@@ -227,6 +230,7 @@ def test_it_says_form_defocus_edges_and_contrast_in_one_line() -> None:
     assert f"{half:.3f} along x" in said
 
 
+@pytest.mark.slow
 def test_psf_json_stays_small_with_a_correction(tmp_path: Path) -> None:
     lens = MovedLens(0.37, 0.37)
     psf = calibrated(lens, TWELVE_DEG, 100, length_px=200.0)
@@ -239,6 +243,7 @@ def test_psf_json_stays_small_with_a_correction(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_table_holds_the_function() -> None:
     transfer = transfer_of(calibrated(ASTIGMATIC, TWELVE_DEG, 100))
     assert transfer.table is not None
@@ -253,6 +258,7 @@ def test_the_table_holds_the_function() -> None:
     assert transfer.edges >= 12
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(
     values=st.lists(st.floats(0.0, 1.5), min_size=5, max_size=5),
@@ -372,6 +378,7 @@ def test_a_field_has_the_measured_shape() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("normals_deg", "size"), [((4.0,), 1), ((4.0, 94.0), 2), (EIGHT_DEG, 3)])
 def test_the_covariance_of_the_values_has_a_row_for_each_that_is_known(
     normals_deg: tuple[float, ...], size: int

@@ -160,6 +160,7 @@ def pair(flip: str | None = None) -> tuple[FloatArray, FloatArray]:
     return near + rng.normal(0, 3, SMALL), far + rng.normal(0, 3, SMALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flip", FLIPS)
 def test_a_mirrored_photograph_is_refused_in_one_line_with_the_remedy(flip: str) -> None:
     with pytest.raises(RegistrationError) as refused:
@@ -171,6 +172,7 @@ def test_a_mirrored_photograph_is_refused_in_one_line_with_the_remedy(flip: str)
     assert "\n" not in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flip", FLIPS)
 def test_said_to_be_mirrored_it_is_aligned_by_its_true_pose(flip: str) -> None:
     found = register_images(*pair(flip), hints=RegistrationHints(mirrored=True))
@@ -180,6 +182,7 @@ def test_said_to_be_mirrored_it_is_aligned_by_its_true_pose(flip: str) -> None:
     assert not found.warnings
 
 
+@pytest.mark.slow
 def test_a_mirrored_pose_leads_back_where_it_came_from() -> None:
     pose = register_images(*pair("columns"), hints=RegistrationHints(mirrored=True)).pose
     y, x = np.mgrid[:ROWS:30, :COLS:30].astype(np.float64)
@@ -188,6 +191,7 @@ def test_a_mirrored_pose_leads_back_where_it_came_from() -> None:
     assert pose.inverse().zoom == pytest.approx(1 / pose.zoom, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_not_mirrored_but_said_to_be_is_refused() -> None:
     with pytest.raises(RegistrationError) as refused:
         register_images(*pair(), hints=RegistrationHints(mirrored=True))

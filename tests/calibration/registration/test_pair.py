@@ -196,6 +196,7 @@ def drawing(shape: tuple[int, int], seed: int = 1) -> FloatArray:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [(0, 0), (5, 3)])
 def test_a_drawing_in_two_levels_is_aligned(shift: tuple[int, int]) -> None:
     down, right = shift

@@ -16,7 +16,7 @@ from tests.analysis.benchmark.hand_made_set import everything, write_json
 from tests.analysis.height_series import height_series
 from tests.calibration.closed_form import edge_image
 from tests.calibration.edge_session import edge_session
-from tests.fuzz.result_targets import CHANGES, CURVES, GEOMETRY, HOMOGRAPHY, NOISE, POSE, PSF
+from tests.fuzz.result_targets import CHANGES, CURVES, GEOMETRY, HOMOGRAPHY, NOISE, POSE, sound_psf
 from tests.standoff.changed_photographs import FAR, NEAR, ZOOM, changed_pair
 from tests.standoff.commands.board_session import BOARD_BENCH, BOARD_PLAN
 from tests.standoff.conftest import SMALL_BENCH, SMALL_PLAN
@@ -56,9 +56,10 @@ def make_sound_files(folder: Path) -> None:
     patch = np.exp(-np.add.outer(np.arange(-4, 5) ** 2, np.arange(-4, 5) ** 2) / 2)
     tifffile.imwrite(folder / "patch.tif", (12 * patch).astype(np.float32))
     Image.fromarray(np.zeros(FAR, np.uint8)).save(folder / "mask.png")
+    psf = sound_psf()
     for name, document in {
-        "psf": PSF,
-        "other-psf": PSF | {"sigma_x_px": PSF["sigma_x_px"] * 1.01},
+        "psf": psf,
+        "other-psf": psf | {"sigma_x_px": psf["sigma_x_px"] * 1.01},
         "curves": CURVES,
         "geometry": GEOMETRY
         | {
@@ -89,7 +90,7 @@ def make_sound_files(folder: Path) -> None:
 def _make_sessions(folder: Path) -> None:
     results = height_series(folder / "series", heights_mm=(100.0, 120.0, 150.0)).path / "results"
     results.mkdir()
-    for name, document in (("psf", PSF), ("changes", CHANGES), ("pose", POSE)):
+    for name, document in (("psf", sound_psf()), ("changes", CHANGES), ("pose", POSE)):
         (results / f"{name}.json").write_text(json.dumps(document))
     edge_session(folder / "edges")
     words = ("import", str(folder / "edge.tif"), "--kind", "edge", "--height-mm", "100")

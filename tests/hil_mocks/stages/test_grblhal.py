@@ -277,6 +277,7 @@ class TestWhatItSays:
 
 
 class TestEnvelope:
+    @pytest.mark.slow
     @given(
         dialect=st.sampled_from(["grbl", "grblhal"]),
         hard=st.sampled_from([0, 1]),

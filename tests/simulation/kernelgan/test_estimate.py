@@ -142,6 +142,7 @@ def test_training_leaves_the_global_random_state_and_the_threads_alone() -> None
     assert torch.get_num_threads() == threads
 
 
+@pytest.mark.slow
 def test_progress_ends_at_the_number_of_steps() -> None:
     told: list[int] = []
     estimate_kernel(

@@ -20,7 +20,7 @@ from tests.standoff.changed_photographs import changed_pair, write_levels, write
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_figures")]
+pytestmark = pytest.mark.slow
 
 FILES = (
     *("changes-figure.png", "changes.csv", "changes.json", "changes.png", "compared.png"),

@@ -11,7 +11,6 @@ from tests.standoff.conftest import Command
 
 
 @pytest.mark.slow(minutes=0.5)
-@pytest.mark.usefixtures("coarse_figures")
 def test_the_short_experiment_puts_the_models_in_the_papers_order(
     command: Command, tmp_path: Path
 ) -> None:

@@ -7,8 +7,6 @@ from calibration.psf.document import PSF_SCHEMA
 from tests.analysis.bench_session import chart_session
 from tests.standoff.conftest import Command
 
-pytestmark = pytest.mark.usefixtures("coarse_figures")
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(

@@ -12,8 +12,6 @@ from tests.analysis.height_series import height_series
 from tests.standoff.conftest import Command
 from tests.standoff.provenance import assert_provenance
 
-pytestmark = pytest.mark.usefixtures("coarse_figures")
-
 FILES = {
     "report.html", "validation.json", "curves.csv",
     *(f"table_{n}.{suffix}" for n in (1, 2) for suffix in ("txt", "csv", "tex")),

@@ -22,6 +22,7 @@ def task(**more: object) -> ChangePairsTask:
     return ChangePairsTask.model_validate(known)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["matched", "lmmse"])
 def test_the_mask_is_the_disc_in_which_the_spot_adds_more_than_half_of_its_peak(
     model: str,
@@ -55,6 +56,7 @@ def test_the_mask_lies_where_the_photographs_differ() -> None:
             assert moved.max() < 1e-3
 
 
+@pytest.mark.slow
 def test_conditions_lie_in_their_ranges_and_differ_from_crop_to_crop() -> None:
     asked = task(
         pairs=30,

@@ -169,6 +169,7 @@ def test_copies_of_pairs_make_no_interval_narrower(pairs: Scored, copies: int) -
         assert numbers(again) == pytest.approx(numbers(estimate), rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(scored())
 def test_the_interval_holds_the_estimate_and_is_no_point(pairs: Scored) -> None:
     estimate = auc_interval(*pairs)

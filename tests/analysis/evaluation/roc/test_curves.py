@@ -22,6 +22,7 @@ def test_a_worked_curve() -> None:
     assert curve.area == pytest.approx((2 + 3 + 2.5) / 9)
 
 
+@pytest.mark.slow
 @given(some_scores, some_scores)
 def test_its_area_is_mann_and_whitneys_statistic(
     unchanged: np.ndarray, changed: np.ndarray

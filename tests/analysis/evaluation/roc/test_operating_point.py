@@ -34,6 +34,7 @@ def test_of_too_few_unchanged_pairs_the_rate_is_the_least_that_they_tell() -> No
     assert not found.is_by_photograph
 
 
+@pytest.mark.slow
 @given(st.integers(2, 6), st.integers(0, 2**32 - 1), st.sampled_from([0.02, 0.05, 0.2, 0.5]))
 def test_rising_transforms_and_other_names_of_photographs_leave_share_and_interval(
     photographs: int, seed: int, fpr: float
