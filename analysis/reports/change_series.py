@@ -31,7 +31,6 @@ from analysis.reports.page import (
     number_text,
     present,
 )
-from calibration.estimate import NORMAL_95
 from simulation.arrays import AnyArray
 from simulation.palette import BLUE, INK, PALETTE, VERMILION
 
@@ -40,6 +39,7 @@ _LISTED = 300
 
 _TRACKS_LISTED, _TRACKS_DRAWN, _TRACKS_ON_MAP = 100, 8, 40
 _DRAWN_PX = 1500  # longest side of a reference in colour
+_NORMAL_95 = 1.96
 _LEVEL_LETTERS = 6  # of names that fit side by side
 _COLOURS = (*PALETTE, "#7A5C00", "#000000")
 _SEEN, _NOT_SEEN, _NOT_COMPARED = VERMILION, "#DDE3E9", "#FFFFFF"
@@ -191,7 +191,7 @@ def _plot_time_line(line: ChangeTimeLine) -> Figure:
 
 def _draw_track(axes: Axes, track: ChangeTrack, beside: float, colour: str, label: str) -> None:
     seen = [
-        (number + beside, point.amplitude_dn, NORMAL_95 * (point.amplitude_err_dn or 0.0))
+        (number + beside, point.amplitude_dn, _NORMAL_95 * (point.amplitude_err_dn or 0.0))
         for number, point in enumerate(track.points)
         if point.sighting == "seen"
     ]
