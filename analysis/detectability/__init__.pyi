@@ -31,7 +31,6 @@ from .error_sources import (
     focus_spread as focus_spread,
     student_factor as student_factor,
 )
-from .kept_sums import SweepSums as SweepSums
 from .local import LocalChange as LocalChange, local_changes as local_changes
 from .observers import (
     auc_of as auc_of,
@@ -56,11 +55,13 @@ from .signal import (
     GaussianSignal as GaussianSignal,
     PatchSignal as PatchSignal,
 )
-from .sums import ArtefactSums as ArtefactSums, MeasuredPhotograph as MeasuredPhotograph
+from .sums import ArtefactSums as ArtefactSums
 from .sweep import (
     ArtefactWork as ArtefactWork,
+    MeasuredPhotograph as MeasuredPhotograph,
     SceneImage as SceneImage,
     SweepPlan as SweepPlan,
+    SweepSums as SweepSums,
     scene_sums as scene_sums,
     tiles_per_side as tiles_per_side,
 )

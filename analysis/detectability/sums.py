@@ -1,26 +1,83 @@
-"""Sums of the artefact over photographs: what a sweep keeps of them, and its files.
+"""Sums of the artefact over photographs: exact, so that those of any photographs can be merged.
 
-A file holds the SHA-256 of all that follows, one line of JSON, the sums model by model as float64,
-and a line for each photograph. It is read one model at a time. Sums are exact: those of any files
-together are the same bits, however the photographs were shared out among them.
+The bytes of a sum are one line of JSON and the numbers model by model as float64; they are read one
+model at a time. Sums of parts are the same bits, however the photographs were shared out.
 """
 
-import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from math import prod
-from pathlib import Path
+from typing import Self
 
 import numpy as np
 
-from acquisition.untrusted import parse_json
 from analysis.detectability.artefact import ArtefactTiles
-from analysis.sweep import ExactSum, on_own_grid
+from analysis.sweep import Stored
 from simulation.arrays import FloatArray
 
-_SCHEMA = "standoff.artefact-sums/2"
 _NUMBER = np.dtype("<f8")
+
+
+class ExactSum:
+    """The exact sum of finite float64 arrays of one shape, as terms that do not overlap.
+
+    References
+    ----------
+    J. R. Shewchuk, Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric
+    Predicates, 1997, section 2.
+    """
+
+    def __init__(self, terms: Iterable[FloatArray] = ()) -> None:
+        self._terms: list[FloatArray] = []
+        for term in terms:
+            self.add(term)
+
+    def add(self, values: FloatArray) -> None:
+        """Add an array, whose terms of no account go to further ones."""
+        for number, term in enumerate(self._terms):
+            self._terms[number], values = _two_sum(term, values)
+        if not self._terms or values.any():
+            self._terms.append(values)
+
+    def terms(self) -> list[FloatArray]:
+        """Return arrays whose sum is the exact one, each below the last bits of the one before."""
+        terms = list(self._terms)
+        is_changing = True
+        while is_changing:
+            is_changing = False
+            for number in range(len(terms) - 1, 0, -1):
+                upper, lower = _two_sum(terms[number - 1], terms[number])
+                is_changing |= not np.array_equal(upper, terms[number - 1], equal_nan=True)
+                terms[number - 1], terms[number] = upper, lower
+        while len(terms) > 1 and not terms[-1].any():
+            terms.pop()
+        return terms
+
+    def rounded(self) -> FloatArray:
+        """Return the float64 nearest to each sum; of two as near the even one."""
+        first, *rest = self.terms()
+        if len(rest) < 2:  # of two terms the first is the nearest
+            return first
+        # Half of a last bit was rounded to even, but what follows it decides.
+        twice = 2 * rest[0]
+        further = first + twice
+        is_further = (rest[0] * rest[1] > 0) & (further - first == twice)
+        return np.where(is_further, further, first)
+
+
+def on_own_grid(values: FloatArray) -> FloatArray:
+    """Round to the last bits of the largest of each last two axes, so that sums have few terms."""
+    largest = np.abs(values).max(axis=(-2, -1), keepdims=True)
+    shift = np.ldexp(3.0, np.frexp(largest)[1])
+    return np.asarray((values + shift) - shift)
+
+
+def _two_sum(one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The rounded sum, and exactly what rounding took from it; D. E. Knuth, 1969, 4.2.2."""
+    rounded = one + other
+    of_other = rounded - one
+    return rounded, (one - (rounded - of_other)) + (other - of_other)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -44,6 +101,56 @@ class ArtefactSums:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredSums:
+    """Sums in a record.
+
+    Parameters
+    ----------
+    stored
+        Where the record's bytes are.
+    images
+        The number of photographs that the sums are over.
+    shape
+        Of the products: models, terms, zooms, tiles, n, 2 n - 1.
+    first_byte
+        Where the products begin in the file.
+    """
+
+    stored: Stored
+    images: int
+    shape: tuple[int, ...]
+    first_byte: int
+
+    @classmethod
+    def of(cls, stored: Stored) -> Self:
+        """Read the line before the numbers."""
+        with stored.path.open("rb") as file:
+            file.seek(stored.at)
+            line = file.readline()
+        header = json.loads(line)
+        return cls(
+            stored=stored,
+            images=header["images"],
+            shape=tuple(header["shape"]),
+            first_byte=stored.at + len(line),
+        )
+
+    def sums(self, model: int | None = None) -> tuple[list[FloatArray], FloatArray]:
+        """Read the terms of the products, and the pixels, of one model or of all."""
+        models, _, *rest = self.shape
+        first, count = (0, models) if model is None else (model, 1)
+        products = self._floats(first * prod(self.shape[1:]), (count, *self.shape[1:]))
+        after = prod(self.shape) + first * prod(rest[:2])
+        terms = [products[:, number] for number in range(self.shape[1])]
+        return terms, self._floats(after, (count, *rest[:2]))
+
+    def _floats(self, first: int, shape: tuple[int, ...]) -> FloatArray:
+        offset = self.first_byte + first * _NUMBER.itemsize
+        found = np.fromfile(self.stored.path, dtype=_NUMBER, count=prod(shape), offset=offset)
+        return np.asarray(found.reshape(shape), np.float64)
+
+
 class SummedPhotographs:
     """Sums over photographs that are exact, so that no order of them matters.
 
@@ -61,16 +168,9 @@ class SummedPhotographs:
         """Add a photograph."""
         self._add(1, [own.products_dn2], own.pixels)
 
-    def add_file(self, file: "SumsFile", model: int | None = None) -> None:
-        """Add a file: one model of it, or all."""
-        if file.images:
-            self._add(file.images, *file.sums(model))
-
-    def terms(self) -> tuple[FloatArray, FloatArray]:
-        """Products, of shape (models, terms, ...) whose terms add up to the sums, and pixels."""
-        if self._alone is not None:
-            return self._alone.products_dn2[:, None], self._alone.pixels
-        return np.stack(self._products_dn2.terms(), axis=1), np.asarray(self._pixels)
+    def add_stored(self, stored: StoredSums, model: int | None = None) -> None:
+        """Add stored sums: one model of them, or all."""
+        self._add(stored.images, *stored.sums(model))
 
     def rounded(self) -> ArtefactSums | None:
         """Return the sums as nearest numbers; None if there is no photograph."""
@@ -79,6 +179,17 @@ class SummedPhotographs:
         return ArtefactSums(
             products_dn2=self._products_dn2.rounded(), pixels=np.asarray(self._pixels)
         )
+
+    def stored_bytes(self) -> bytes:
+        """Return the sums as bytes, the terms of each model's products together."""
+        if self._alone is not None:
+            terms, pixels = self._alone.products_dn2[:, None], self._alone.pixels
+        else:
+            terms = np.stack(self._products_dn2.terms(), axis=1)
+            pixels = np.asarray(self._pixels)
+        header = json.dumps({"images": self.images, "shape": terms.shape}).encode("ascii")
+        numbers = (np.ascontiguousarray(one, dtype=_NUMBER).tobytes() for one in (terms, pixels))
+        return b"\n".join([header, b"".join(numbers)])
 
     def _add(self, images: int, terms: Sequence[FloatArray], pixels: FloatArray) -> None:
         before, self._alone = self._alone, None
@@ -91,178 +202,3 @@ class SummedPhotographs:
                 self._products_dn2.add(term)
         self._pixels = self._pixels + pixels
         self.images += images
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredPhotograph:
-    """What is kept of each photograph by name; ``item`` is the digest of it as it was on disk."""
-
-    path: str
-    sha256: str
-    encoding: str
-    mean_dn: float
-    item: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KeptPhotographs:
-    """The photographs of a file of sums.
-
-    ``refused`` has, by their digests, the lines of those that gave nothing, ``notes`` what is
-    worth saying of the others.
-    """
-
-    work: str
-    group: int
-    measured: Sequence[MeasuredPhotograph] = ()
-    refused: Mapping[int, str] = field(default_factory=dict)
-    notes: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def items(self) -> list[int]:
-        """Digests of all."""
-        return [*(one.item for one in self.measured), *self.refused]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SumsFile:
-    """A file of sums: what is in it and where.
-
-    Parameters
-    ----------
-    path
-        The file.
-    work
-        Hash of what was measured.
-    group
-        Of the photographs.
-    images
-        The number of photographs that the sums are over.
-    shape
-        Of the products: models, terms, zooms, tiles, n, 2 n - 1.
-    first_byte
-        Where the products begin.
-    """
-
-    path: Path
-    work: str
-    group: int
-    images: int
-    shape: tuple[int, ...]
-    first_byte: int
-
-    @classmethod
-    def found(cls, path: Path) -> "SumsFile | None":
-        """Look for a file; a damaged one, or one of an earlier form, counts as none.
-
-        Raises
-        ------
-        OSError
-            If it is there and cannot be read.
-        """
-        try:
-            with path.open("rb") as file:
-                digest = file.readline()
-                whole = file.read()
-        except FileNotFoundError:
-            return None
-        if digest != _digest(whole):
-            return None
-        line = whole.partition(b"\n")[0]
-        header = parse_json(line)
-        if header["schema"] != _SCHEMA:
-            return None
-        return cls(
-            path=path,
-            work=header["work"],
-            group=header["group"],
-            images=header["images"],
-            shape=tuple(header["shape"]),
-            first_byte=len(digest) + len(line) + 1,
-        )
-
-    def sums(self, model: int | None = None) -> tuple[list[FloatArray], FloatArray]:
-        """Read the terms of the products, and the pixels, of one model or of all."""
-        models, _, *rest = self.shape
-        first, count = (0, models) if model is None else (model, 1)
-        products = self._floats(first * prod(self.shape[1:]), (count, *self.shape[1:]))
-        after = prod(self.shape) + first * prod(rest[:2])
-        terms = [products[:, number] for number in range(self.shape[1])]
-        return terms, self._floats(after, (count, *rest[:2]))
-
-    def photographs(self) -> KeptPhotographs:
-        """Read what is kept of each photograph."""
-        measured, refused = [], {}
-        with self.path.open("rb") as file:
-            file.readline()
-            notes = json.loads(file.readline())["notes"]
-            file.seek(self.first_byte + _sums_bytes(self.shape))
-            for line in file:
-                told = json.loads(line)
-                if "refused" in told:
-                    refused[told["item"]] = told["refused"]
-                else:
-                    measured.append(MeasuredPhotograph(**told))
-        return KeptPhotographs(
-            work=self.work, group=self.group, measured=measured, refused=refused, notes=notes
-        )
-
-    def _floats(self, first: int, shape: tuple[int, ...]) -> FloatArray:
-        offset = self.first_byte + first * _NUMBER.itemsize
-        found = np.fromfile(self.path, dtype=_NUMBER, count=prod(shape), offset=offset)
-        return np.asarray(found.reshape(shape), np.float64)
-
-
-def sums_bytes(sums: SummedPhotographs, kept: KeptPhotographs) -> bytes:
-    """Return a file of sums."""
-    body, shape = b"", (0,) * 6
-    if sums.images:
-        products_dn2, pixels = sums.terms()
-        body, shape = _stored(products_dn2) + _stored(pixels), products_dn2.shape
-    told = [
-        *map(asdict, kept.measured),
-        *({"item": item, "refused": line} for item, line in kept.refused.items()),
-    ]
-    body += b"".join(json.dumps(one).encode("ascii") + b"\n" for one in told)
-    header = {
-        "schema": _SCHEMA,
-        "work": kept.work,
-        "group": kept.group,
-        "images": sums.images,
-        "shape": shape,
-        "notes": dict(kept.notes),
-    }
-    whole = json.dumps(header).encode("ascii") + b"\n" + body
-    return _digest(whole) + whole
-
-
-def joined_files(files: Sequence[SumsFile]) -> bytes:
-    """Return the file of several files of one group together."""
-    sums, kept = SummedPhotographs(), [file.photographs() for file in files]
-    for file in files:
-        sums.add_file(file)
-    notes: dict[str, str] = {}
-    for one in kept:
-        notes |= {kind: min(text, notes.get(kind, text)) for kind, text in one.notes.items()}
-    return sums_bytes(
-        sums,
-        KeptPhotographs(
-            work=files[0].work,
-            group=files[0].group,
-            measured=[each for one in kept for each in one.measured],
-            refused={item: line for one in kept for item, line in one.refused.items()},
-            notes=notes,
-        ),
-    )
-
-
-def _digest(data: bytes) -> bytes:
-    return hashlib.sha256(data).hexdigest().encode("ascii") + b"\n"
-
-
-def _stored(values: FloatArray) -> bytes:
-    return np.ascontiguousarray(values, dtype=_NUMBER).tobytes()
-
-
-def _sums_bytes(shape: Sequence[int]) -> int:
-    return (prod(shape) + shape[0] * prod(shape[2:4])) * _NUMBER.itemsize

@@ -1,34 +1,38 @@
-"""Artefact statistics of very many photographs, as sums: one file a block of a thousand.
+"""Artefact statistics of very many photographs, as sums: one record for up to a thousand.
 
 A photograph draws no random number and sums are exact, so that the results are the same bits for
 any number of workers, after any interruption, and for photographs that came one after the other.
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from itertools import product
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import groupby, product
 from math import ceil, sqrt
 from pathlib import Path
 
 import numpy as np
 
 from acquisition.printable import on_one_line
-from acquisition.session import commit_file
+from analysis.detectability.artefact import ArtefactTiles
 from analysis.detectability.compared import scene_residual
 from analysis.detectability.dprime import scene_artefact
-from analysis.detectability.kept_sums import KeptSums, joined, sums_path
 from analysis.detectability.scenario import Scenario
-from analysis.detectability.sums import (
-    ArtefactSums,
-    KeptPhotographs,
-    MeasuredPhotograph,
-    SummedPhotographs,
-    SumsFile,
-    sums_bytes,
+from analysis.detectability.sums import ArtefactSums, StoredSums, SummedPhotographs
+from analysis.errors import AnalysisError, RefusedPhotographError
+from analysis.sweep import (
+    Batch,
+    Commit,
+    Record,
+    Records,
+    Stored,
+    SweepItem,
+    SweepWork,
+    group_of,
+    is_few,
+    merge_notes,
+    refusal,
 )
-from analysis.errors import RefusedPhotographError
-from analysis.sweep import Finder, Manifest, Shard, ShardDone, ShardWork, refusal_line, shard_key
 from simulation import Model
 from simulation.arrays import FloatArray
 
@@ -123,8 +127,18 @@ def scene_sums(scene_dn: FloatArray, plan: SweepPlan) -> ArtefactSums:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArtefactWork(ShardWork):
-    """Measures shards and keeps their sums; those of a finished block become one.
+class MeasuredPhotograph:
+    """What is kept of each photograph by name."""
+
+    path: str
+    sha256: str
+    encoding: str
+    mean_dn: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArtefactWork(SweepWork):
+    """Measures photographs and keeps the sums of those of a batch, then of up to a thousand.
 
     Parameters
     ----------
@@ -136,84 +150,127 @@ class ArtefactWork(ShardWork):
         Absolute path of the folder of the sums.
     """
 
+    is_merged = True
+
     plan: SweepPlan
     load: Callable[[Path], SceneImage]
     folder: Path
 
     @property
     def key(self) -> str:
-        """See `ShardWork.key`."""
+        """See `SweepWork.key`."""
         return self.plan.key
 
     @property
     def state(self) -> Path:
-        """See `ShardWork.state`."""
+        """See `SweepWork.state`."""
         return self.folder
 
-    @property
-    def key_hash(self) -> str:
-        """Hash of the key, which files of sums state."""
-        return shard_key((), self.key)
-
-    def found(self, shard: Shard) -> ShardDone | None:
-        """See `ShardWork.found`; `finder` is asked in its place, as files may hold a part of it."""
-        return None
-
-    def finder(self, manifest: Manifest) -> Finder:
-        """See `ShardWork.finder`: whatever files of sums hold, however they were cut."""
-        kept = KeptSums(manifest, self.folder, self.key_hash)
-
-        def find(shard: Shard) -> tuple[ShardDone | None, Shard | None]:
-            done, left = kept.of(shard)
-            if len(left) == len(shard.items):
-                return None, shard
-            if not left:
-                return done, None
-            return done, replace(shard, items=left, key=shard_key(left, self.key))
-
-        return find
-
-    def __call__(self, shard: Shard) -> ShardDone:
-        """See `ShardWork.__call__`."""
+    def do(self, batch: Batch, commit: Commit) -> None:
+        """Measure the photographs of a batch, whose sums are one record."""
         sums = SummedPhotographs()
-        measured: list[MeasuredPhotograph] = []
-        refused: dict[int, str] = {}
-        given: list[tuple[str | None, Mapping[str, str]]] = []
-        for item in shard.items:
+        measured: list[SweepItem] = []
+        rows, refused = [], []
+        notes: dict[str, str] = {}
+        for item in batch.items:
             try:
                 scene = self.load(item.path)
                 own = scene_sums(scene.grey_dn, self.plan)
             except (RefusedPhotographError, ValueError) as error:
-                refused[item.digest] = refusal_line(item.path, str(error))
-                given.append((refused[item.digest], {}))
+                refused.append(refusal(item, error))
                 continue
             sums.add(own)
-            given.append((None, scene.notes))
-            measured.append(
-                MeasuredPhotograph(
-                    path=on_one_line(item.path),
-                    sha256=scene.sha256,
-                    encoding=scene.encoding,
-                    mean_dn=float(scene.grey_dn.mean()),
-                    item=item.digest,
-                )
+            merge_notes(notes, scene.notes)
+            measured.append(item)
+            row = MeasuredPhotograph(
+                path=on_one_line(item.path),
+                sha256=scene.sha256,
+                encoding=scene.encoding,
+                mean_dn=float(scene.grey_dn.mean()),
             )
-        done = ShardDone.of(given)
-        kept = KeptPhotographs(
-            work=self.key_hash,
-            group=shard.group,
-            measured=measured,
-            refused=refused,
-            notes=done.notes,
+            rows.append(asdict(row))
+        if measured:
+            data = sums.stored_bytes()
+            refused.append(Record(items=measured, rows=rows, notes=notes, data=data))
+        commit(refused)
+
+    def merged(self, parts: Sequence[Stored]) -> bytes:
+        """See `SweepWork.merged`."""
+        sums = SummedPhotographs()
+        for part in parts:
+            sums.add_stored(StoredSums.of(part))
+        return sums.stored_bytes()
+
+
+class SweepSums:
+    """The sums of a finished sweep: tiles of each of few photographs, 64 groups of many.
+
+    An `AnalysisError` says that every photograph was refused.
+    """
+
+    def __init__(self, records: Records) -> None:
+        self._records = records
+        found = [(first, images, StoredSums.of(one)) for first, images, _, one in records.merged()]
+        self.images = sum(images for _, images, _ in found)
+        if self.images == 0:
+            raise AnalysisError("no photograph could be measured")
+        if is_few(len(records.manifest)):
+            # As they are listed in a folder.
+            paths = {item.hash: item.path for item in records.manifest}
+            by_path = sorted(found, key=lambda one: paths[one[0]])
+            self._groups = [[sums] for _, _, sums in by_path]
+        else:
+            self._groups = [
+                [sums for _, _, sums in run]
+                for _, run in groupby(found, lambda one: group_of(one[0]))
+            ]
+
+    def artefacts(self, model: int) -> list[ArtefactTiles]:
+        """Artefact of a model of the plan at each zoom: tiles in a fixed order.
+
+        Beyond the models come the residuals of their comparisons.
+        """
+        groups = []
+        for stored in self._groups:
+            sums = SummedPhotographs()
+            for one in stored:
+                sums.add_stored(one, model)
+            rounded = sums.rounded()
+            assert rounded is not None  # a group has photographs
+            groups.append(rounded)
+        zooms = groups[0].pixels.shape[1]
+        return [
+            ArtefactTiles.joined([sums.artefact(0, zoom) for sums in groups])
+            for zoom in range(zooms)
+        ]
+
+    def photographs(self) -> Iterator[MeasuredPhotograph]:
+        """Read what is kept of each photograph, in the order of their names."""
+        for answer in self._records.answers(by_path=True):
+            if answer.refused is None:
+                yield MeasuredPhotograph(**answer.row)
+
+    def list_copies(self, path: Path) -> int:
+        """List the photographs with the content of another one; return how many are too many.
+
+        There is no list of none. Each counts as often as it comes.
+        """
+        database = self._records.manifest.database
+        database.execute("drop table if exists contents")
+        database.execute("create table contents(sha256 text, path text)")
+        database.executemany(
+            "insert into contents values(?, ?)",
+            ((one.sha256, one.path) for one in self.photographs()),
         )
-        commit_file(self._file(shard.key), sums_bytes(sums, kept))
-        return done
-
-    def commit_block(self, shards: Sequence[Shard], fresh: Sequence[Shard]) -> None:
-        """See `ShardWork.commit_block`: join what was measured; below 128 each stays alone."""
-        if len(shards) > 1 and len(fresh) > 1:
-            files = [SumsFile.found(self._file(shard.key)) for shard in fresh]
-            joined(self.folder, [file for file in files if file is not None])
-
-    def _file(self, key: str) -> Path:
-        return sums_path(self.folder, key)
+        copies, before = 0, None
+        with path.open("wb") as file:
+            for sha256, name in database.execute(
+                "select sha256, path from contents where sha256 in (select sha256 from contents "
+                "group by sha256 having count(*) > 1) order by sha256, path"
+            ):
+                copies += sha256 == before
+                before = sha256
+                file.write(f"{sha256}  {name}\n".encode())
+        if copies == 0:
+            path.unlink()
+        return copies

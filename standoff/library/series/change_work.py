@@ -1,12 +1,13 @@
 """Changes of many follow-ups: each gets a folder with the files of a single comparison."""
 
+import json
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from acquisition.printable import on_one_line
 from analysis.change_series import ComparedFollowup, limit_columns
-from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
+from analysis.followup_series import FolderNames, FollowupWork, Written
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
 from simulation.choices import PsfShape
@@ -107,9 +108,9 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             notes=self._note_on_field(found),
         )
 
-    def is_current(self, item: SweepItem, record: FollowupRecord) -> bool:
-        """Whether the folder has the name that it would get now."""
-        return record.is_refused or record.row["folder"] == self.names.name_of(item.path)
+    def state_of(self, item: SweepItem) -> str:
+        """Say which reference it has, and the folder: another photograph may change its name."""
+        return super().state_of(item) + json.dumps(self.names.name_of(item.path))
 
     def discard(self, item: SweepItem) -> None:
         """Remove the files of an earlier comparison, and the folder if it held nothing else."""

@@ -13,8 +13,8 @@ from analysis.detectability import CurveChoice
 from analysis.followup_series import (
     STATE_NAME,
     SUMMARY_NAME,
-    CommittedRows,
     FolderNames,
+    FollowupRows,
     References,
     Row,
     SeriesResult as SeriesResult,
@@ -193,7 +193,7 @@ def find_changes_of_series(
             names=FolderNames.of(manifest, (STATE_NAME, *FILES_OF_SERIES)),
         )
 
-        def document(rows: CommittedRows) -> ChangesSeries:
+        def document(rows: FollowupRows) -> ChangesSeries:
             refused = rows.count(is_refused)
             return ChangesSeries(
                 reference=references.name,
@@ -293,7 +293,7 @@ def judge_poses(
             demand=demand,
         )
 
-        def document(rows: CommittedRows) -> PoseSeries:
+        def document(rows: FollowupRows) -> PoseSeries:
             return PoseSeries(
                 reference=near.name,
                 criterion=demand.criterion,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from analysis.detectability.sweep import ArtefactWork
-from tests.analysis.detectability.test_sweep import PLAN, bits, load, never, scenes, swept
+from tests.analysis.detectability.test_sweep import PLAN, load, never, scenes, swept
 
 ROOT = Path(__file__).parents[3]
 KILLS = 10
@@ -47,9 +47,9 @@ def begun(script: Path, state: Path, photographs: Path, workers: int) -> subproc
     return client
 
 
-def shards(state: Path) -> set[str]:
-    """Names of what is committed."""
-    return {path.name for path in state.glob("*.sums")}
+def committed_bytes(state: Path) -> int:
+    """Size of what is committed."""
+    return sum(path.stat().st_size for path in state.glob("*.records"))
 
 
 @pytest.mark.slow
@@ -58,25 +58,24 @@ def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
 ) -> None:
     """Five without workers, and five with two of them, which end with their client.
 
-    One of each is killed soon after it begins, the others soon after a shard, whenever that is.
+    One of each is killed soon after it begins, the others soon after a commit, whenever that is.
     """
     paths = scenes(tmp_path / "photographs", 300)
     (tmp_path / "expected").mkdir()
-    _, expected = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=tmp_path / "expected"))
+    expected = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=tmp_path / "expected"))
     state, script = tmp_path / "state", tmp_path / "client.py"
     script.write_text(CLIENT)
     rng = random.Random(5)
     for kill in range(KILLS):
-        before = shards(state)
+        before = committed_bytes(state)
         client = begun(script, state, tmp_path / "photographs", 1 + kill % 2)
-        while kill % 5 and shards(state) == before and client.poll() is None:
+        while kill % 5 and committed_bytes(state) == before and client.poll() is None:
             time.sleep(0.005)
         time.sleep(rng.uniform(0.0, 0.1))
         client.send_signal(signal.SIGKILL)
         client.communicate()
-    summary, found = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=state))
-    assert summary.found_done > 0
-    assert bits(found) == bits(expected)
-    found.tidy()
-    again, _ = swept(paths, ArtefactWork(plan=PLAN, load=never, folder=state))
+    found = swept(paths, ArtefactWork(plan=PLAN, load=load, folder=state))
+    assert found.found_done > 0
+    assert found.bits == expected.bits
+    again = swept(paths, ArtefactWork(plan=PLAN, load=never, folder=state))
     assert again.found_done == 300
