@@ -162,6 +162,7 @@ class Records:
         self._last_segments: dict[str, str] = {}
         self._first, self._last = 0, len(manifest)
         """The part that was asked for."""
+        self._by_path = array("q")
         pairs = bytearray()
         for path in sorted(work.state.glob(f"*{SUFFIX}")):
             with suppress(FileNotFoundError), path.open("rb") as file:
@@ -191,9 +192,9 @@ class Records:
             if first * part[1] // total == part[0] - 1
         ]
         self._first, self._last = (inside[0][0], inside[-1][1]) if inside else (0, 0)
+        self._by_path = array("q")
         with _Segments(self.work.state) as segments:
             for first, last in inside:
-                places = np.arange(first, last)
                 rows = self._rows[first:last]
                 there = self._records_of(rows)
                 refused = [
@@ -201,7 +202,7 @@ class Records:
                     for record in there.tolist()
                     if self._table.flags[record] & _REFUSED
                 ]
-                left = places[rows < 0].tolist()
+                left = (first + np.flatnonzero(rows < 0)).tolist()
                 yield len(there), refused, self._batch(int(numbers[first]), left)
 
     def notes(self) -> Iterator[dict[str, str]]:
@@ -238,15 +239,14 @@ class Records:
 
         A ResultsFileError says that one is gone.
         """
-        places: Iterable[int] = range(self._first, self._last)
-        if by_path:
+        places, table = range(self._first, self._last), self._table
+        if by_path and len(self._by_path) != len(places):
             # As JSON, states come in the order of their paths.
             states = (b"%b\t%d\n" % (self.manifest.state(place), place) for place in places)
             in_order = sorted_lines(states, self.work.state)
-            places = array("q", (int(line.rpartition(b"\t")[2]) for line in in_order))
-        table = self._table
+            self._by_path = array("q", (int(line.rpartition(b"\t")[2]) for line in in_order))
         with _Segments(self.work.state) as segments:
-            for place in places:
+            for place in self._by_path if by_path else places:
                 row = int(self._rows[place])
                 if row < 0:
                     continue

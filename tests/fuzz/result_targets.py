@@ -195,8 +195,8 @@ VALIDATION: dict[str, Any] = {
     "remarks": ["dim"],
 }
 LINES = (
-    b'{"refused": null, "notes": {"a": "b"}, "files": {"c": 9}, "is_final": true}\n[1, 2, {}]\n',
-    b'{"refused": "a: no image", "notes": {}, "files": {}, "is_final": false}\n[3, 4, {}]\n',
+    b'{"photographs": "%032x", "notes": {"a": "b"}, "files": {"c": 9}}\n{}\n' % 1,
+    b'{"photographs": "%032x", "refused": "a: no image", "is_begun": true}\n{}\n' % 2,
 )
 
 
