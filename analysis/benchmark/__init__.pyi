@@ -1,15 +1,15 @@
-from .data_set import MANIFEST_NAME as MANIFEST_NAME, BenchmarkData as BenchmarkData
-from .measures import MEASURES as MEASURES, TITLES as TITLES, Measure as Measure
+from .data_set import MANIFEST_NAME as MANIFEST_NAME, BenchmarkData as BenchmarkData, Track as Track
 from .plot import score_figure as score_figure
 from .program_files import ProgramFiles as ProgramFiles
 from .scores import (
+    MEASURES as MEASURES,
+    TITLES as TITLES,
     BenchmarkScores as BenchmarkScores,
+    Measure as Measure,
     Score as Score,
     ScoredProgram as ScoredProgram,
     read_scores as read_scores,
 )
-from .scoring import scored as scored
-from .stored_models import Track as Track
 from .tables import (
     CHOSEN as CHOSEN,
     LEGEND as LEGEND,
@@ -20,3 +20,4 @@ from .tables import (
     score_tables as score_tables,
     track_tables as track_tables,
 )
+from .tracks import scored as scored

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from analysis.benchmark.measures import Measure
-from analysis.benchmark.scores import BenchmarkScores, Score
-from analysis.benchmark.stored_models import Track
+from analysis.benchmark.data_set import Track
+from analysis.benchmark.scores import BenchmarkScores, Measure, Score
 from simulation.figures import InlineFigure
 from simulation.palette import PALETTE
 

@@ -12,21 +12,23 @@ from pydantic import RootModel
 
 from acquisition.printable import on_one_line
 from acquisition.regular_files import LARGEST_DOCUMENT_BYTES
-from analysis.benchmark.data_set import document
-from analysis.benchmark.pictures import Shape, file_bytes, grey_levels
-from analysis.benchmark.stored_models import (
+from analysis.benchmark.data_set import (
     FREQUENCIES,
     About,
     GivenAlignment,
     Places,
     PsfTruth,
+    Shape,
     Track,
+    document,
+    file_bytes,
+    grey_levels,
 )
 from analysis.errors import ResultsFileError
 from simulation.arrays import Float32Array
 
 PSF_NAME, ALIGNMENT_NAME, DETECTIONS_NAME = "psf.csv", "alignment.json", "detections.json"
-ABOUT_NAME = "about.json"
+_ABOUT_NAME = "about.json"
 
 _ERROR_COLUMN = "mtf50_standard_error"
 _MTF_COLUMNS = tuple(f"mtf_{name}" for name in FREQUENCIES)
@@ -79,7 +81,7 @@ class ProgramFiles:
                 source=str(folder),
             )
         self.folder = folder
-        path = folder / ABOUT_NAME
+        path = folder / _ABOUT_NAME
         self.about = (
             document(file_bytes(path), path, About)
             if lexists(path)
@@ -92,7 +94,7 @@ class ProgramFiles:
 
     def documents(self) -> list[Path]:
         """The files of its answers that are no pictures."""
-        names = (ABOUT_NAME, PSF_NAME, ALIGNMENT_NAME, DETECTIONS_NAME)
+        names = (_ABOUT_NAME, PSF_NAME, ALIGNMENT_NAME, DETECTIONS_NAME)
         return [path for name in names if lexists(path := self.folder / name)]
 
     def edges(self, truth: PsfTruth) -> dict[tuple[str, str], GivenEdge]:

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.benchmark.measures import TITLES, Measure
-from analysis.benchmark.scores import BenchmarkScores, Score
-from analysis.benchmark.stored_models import Track
+from analysis.benchmark.data_set import Track
+from analysis.benchmark.scores import TITLES, BenchmarkScores, Measure, Score
 
 LEGEND = "In brackets 95 % intervals over scenes; [n]: of the n tasks that were answered"
 CHOSEN = "An average over what a program chose to answer is none over all tasks."
@@ -103,7 +102,7 @@ def markdown(scores: BenchmarkScores) -> str:
     return "\n".join(lines) + "\n"
 
 
-def value_text(score: Score, measure: Measure) -> str:
+def _value_text(score: Score, measure: Measure) -> str:
     """A value with its interval and, where it is of the tasks answered alone, their number."""
     bound = "" if score.relation == "=" else f"{score.relation} "
     text = f"{bound}{score.value:.{measure.digits}f}"
@@ -132,7 +131,7 @@ def _table(
         if not any(found):
             continue
         known = [one for one in found if one is not None]
-        cells = ["" if one is None else value_text(one, measure) for one in found]
+        cells = ["" if one is None else _value_text(one, measure) for one in found]
         best |= {
             (len(rows), 1 + column)
             for column, one in enumerate(found)

@@ -1,19 +1,21 @@
-"""A detector whose every answer is checked."""
+"""Opens a detector, and checks what it is given and what it says."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import inf
 from typing import Protocol
 
 import numpy as np
 
 from acquisition.photographs import luma_plane
-from analysis.detectors.answers import exception_line, plain_answer
-from analysis.detectors.child_host import unlike_the_followup
-from analysis.detectors.detector import Detector, DetectorAnswer, takes_colour
-from analysis.detectors.followup_view import sees_reference
+from analysis.detectors.answers import exception_line, plain_answer, sees_reference
+from analysis.detectors.hosts import ChildHost, CommandHost, unlike_the_followup
+from analysis.detectors.spec import Detector, DetectorAnswer, DetectorSpec, takes_colour
 from analysis.errors import DetectorError, OverlapError
 from simulation.arrays import AnyArray, BoolArray, Float32Array, FloatArray
 
 
-class DetectorHost(Protocol):
+class _DetectorHost(Protocol):
     """Where a detector runs. What it raises lacks the detector's name."""
 
     @property
@@ -40,7 +42,7 @@ class DetectorHost(Protocol):
         ...
 
 
-class InProcess:
+class _InProcess:
     """A detector in this process: its exceptions are caught, a hang is not.
 
     Parameters
@@ -95,7 +97,7 @@ class CheckedDetector:
         Where it runs.
     """
 
-    def __init__(self, name: str, host: DetectorHost) -> None:
+    def __init__(self, name: str, host: _DetectorHost) -> None:
         self.name = name
         self._host = host
 
@@ -204,3 +206,47 @@ def _checked(found: float | Float32Array, inside: BoolArray) -> DetectorAnswer:
             reason="not_finite",
         )
     return DetectorAnswer(score=float(seen.max()), map=np.where(inside, found, seen.min()))
+
+
+@contextmanager
+def open_detector(spec: DetectorSpec, timeout_s: float = 60.0) -> Iterator[CheckedDetector]:
+    """Open a detector; what it started has ended when the block is left, also by Ctrl-C.
+
+    Functions by name and ONNX files run in one process of their own for all pairs, a command in one
+    a pair. The built-in detectors and callables run in this process.
+
+    Parameters
+    ----------
+    spec
+        Which one.
+    timeout_s
+        For an answer of what runs in a process of its own; loading it may take 120 s.
+
+    Raises
+    ------
+    DetectorError
+        If it cannot be loaded; and from each call, if it fails.
+    ValueError
+        If the time is not above 0.
+    """
+    if not 0 < timeout_s < inf:
+        raise ValueError(f"timeout_s must be above 0 and finite, got {timeout_s:g}")
+    host = _host(spec, timeout_s)
+    try:
+        detector = CheckedDetector(spec.name, host)
+        detector.start()
+        yield detector
+    finally:
+        host.close()
+
+
+def _host(spec: DetectorSpec, timeout_s: float) -> _DetectorHost:
+    if spec.function is not None:
+        return _InProcess(spec.function)
+    if spec.kind == "built-in":
+        from analysis.detectors.built_in import FUNCTIONS  # takes a second, for those who use it
+
+        return _InProcess(FUNCTIONS[spec.text])
+    if spec.kind == "command":
+        return CommandHost(spec, timeout_s)
+    return ChildHost(spec, timeout_s)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from analysis.detectors.answers import exception_line, plain_answer
-from analysis.detectors.detector import Detector, takes_colour
+from analysis.detectors.spec import Detector, takes_colour
 from analysis.errors import DetectorError, DetectorFault
 from simulation.arrays import Float32Array, FloatArray
 

@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.detectors.answers import exception_line
-from analysis.detectors.detector import Detector
-from analysis.detectors.followup_view import FollowupView, followup_view
+from analysis.detectors.answers import FollowupView, exception_line, followup_view
+from analysis.detectors.spec import Detector
 from analysis.errors import DetectorError
 from simulation.arrays import Float32Array, FloatArray
 

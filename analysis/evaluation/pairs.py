@@ -8,9 +8,8 @@ import numpy as np
 from scipy.fft import dctn, idctn
 
 from analysis.errors import RefusedPhotographError
-from analysis.evaluation.painted_changes import LaterScene
 from analysis.evaluation.roc import Disc
-from analysis.evaluation.task import Condition, EvaluationTask
+from analysis.evaluation.task import Condition, EvaluationTask, LaterScene
 from analysis.pose import ViewingCamera
 from simulation import PoseOptions, Psf, SamplingGrid, simulate_pose_of_image, zoom_out_on_grid
 from simulation.arrays import Float32Array, FloatArray

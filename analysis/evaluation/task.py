@@ -1,17 +1,240 @@
-"""What a detector is evaluated on: poses, noise, contrasts, and how many pairs."""
+"""What a detector is evaluated on: poses, noise, changes that are put into a scene, and pairs."""
 
 import json
 from dataclasses import dataclass, field
 from hashlib import sha256
 from itertools import product
 from math import ceil, floor
+from typing import Protocol
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from analysis.evaluation.painted_changes import PaintedChange, Patch, Spot
+from acquisition.photographs import luma_plane
+from analysis.detectability import GaussianSignal
 from simulation import Model, Psf
 from simulation.arguments import ArgumentError, check_fields
+from simulation.arrays import FloatArray
+from simulation.by_value import ByValue
 from simulation.choices import DEFAULT_MODEL, POSE_MODELS
+from simulation.notebook import Shown
+
+_LEAST_ALPHA = 0.05
+"""Of a patch's pixels, those fainter than this are not seen as part of it."""
+
+
+class PaintedChange(Protocol):
+    """A change to put into a scene."""
+
+    @property
+    def name(self) -> str:
+        """What kind of change it is."""
+        ...
+
+    @property
+    def sigma_px(self) -> float | None:
+        """Width of a Gaussian spot in px of the photograph; None of another change."""
+        ...
+
+    @property
+    def reach_px(self) -> float:
+        """Distance from its centre beyond which it changes nothing."""
+        ...
+
+    @property
+    def radius_px(self) -> float:
+        """Distance from its centre within which it is seen."""
+        ...
+
+    def painted(
+        self, scene_dn: FloatArray, centre_px: tuple[float, float], contrast_dn: float
+    ) -> FloatArray:
+        """Return the scene with the change, its centre at ``(x, y)``; the scene stays as it is.
+
+        The scene has shape ``(rows, cols)`` or, in colour, ``(rows, cols, 3)``.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spot(GaussianSignal):
+    """A Gaussian spot that adds ``contrast_dn exp(-r^2 / (2 sigma^2))``, to each channel alike.
+
+    Raises
+    ------
+    ArgumentError
+        If the width is not positive.
+
+    Examples
+    --------
+    >>> standoff.EvaluationTask(change=standoff.Spot(sigma_px=3.0)).change.sigma_px
+    3.0
+    """
+
+    @property
+    def name(self) -> str:
+        """What kind of change it is."""
+        return "spot"
+
+    @property
+    def radius_px(self) -> float:
+        """Twice its width."""
+        return 2 * self.sigma_px
+
+    def painted(
+        self, scene_dn: FloatArray, centre_px: tuple[float, float], contrast_dn: float
+    ) -> FloatArray:
+        """See `PaintedChange.painted`."""
+        across, down = (
+            np.exp(-0.5 * ((np.arange(size) - at) / self.sigma_px) ** 2)
+            for size, at in zip(scene_dn.shape[1::-1], centre_px, strict=True)
+        )
+        spot = contrast_dn * np.outer(down, across)
+        return np.asarray(scene_dn + (spot if scene_dn.ndim == 2 else spot[:, :, np.newaxis]))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
+class Patch(Shown, ByValue):
+    """A picture that covers the scene as far as its alpha says, at any subpixel place.
+
+    Where alpha is 1 the scene takes the patch's levels; ``contrast_dn`` scales what it changes, 1
+    being the patch as it is. A grey scene takes the luma of a patch in colour, and all channels of
+    a scene in colour take the levels of a grey patch.
+
+    Parameters
+    ----------
+    levels_dn
+        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` in colour, linear in light.
+    alpha
+        Shape ``(rows, cols)``, from 0 to 1.
+    name
+        What to call it.
+
+    Raises
+    ------
+    ArgumentError
+        If the two differ in shape, are not finite, or nothing is covered.
+    """
+
+    levels_dn: FloatArray
+    alpha: FloatArray
+    name: str = "patch"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        levels, alpha = self.levels_dn, self.alpha
+        if alpha.ndim != 2 or levels.shape not in (alpha.shape, (*alpha.shape, 3)):
+            raise ArgumentError("a patch needs levels and an alpha of one shape (rows, cols)")
+        if not (np.all(np.isfinite(levels)) and np.all((alpha >= 0) & (alpha <= 1))):
+            raise ArgumentError("a patch needs finite levels and an alpha from 0 to 1")
+        if not np.any(alpha > _LEAST_ALPHA):
+            raise ArgumentError("the patch is transparent everywhere")
+
+    @property
+    def sigma_px(self) -> None:
+        """None: a patch has no such width."""
+        return
+
+    @property
+    def reach_px(self) -> float:
+        """Half of its diagonal."""
+        return float(np.hypot(*self.alpha.shape) / 2 + 1)
+
+    @property
+    def radius_px(self) -> float:
+        """Distance from the middle of its farthest opaque pixel."""
+        y, x = np.nonzero(self.alpha > _LEAST_ALPHA)
+        rows, cols = self.alpha.shape
+        return float(np.hypot(y - (rows - 1) / 2, x - (cols - 1) / 2).max()) + 0.5
+
+    def painted(
+        self, scene_dn: FloatArray, centre_px: tuple[float, float], contrast_dn: float
+    ) -> FloatArray:
+        """See `PaintedChange.painted`."""
+        rows, cols = self.alpha.shape
+        left, top = centre_px[0] - (cols - 1) / 2, centre_px[1] - (rows - 1) / 2
+        x, y = ceil(left) - 1, ceil(top) - 1
+        shift = np.array([[1.0, 0.0, left - x], [0.0, 1.0, top - y]])
+        size = cols + 2, rows + 2
+        # Levels weighted with alpha: what is transparent has no levels.
+        covering = self.alpha if scene_dn.ndim == 2 else np.repeat(self.alpha[..., None], 3, 2)
+        alpha, weighted = (
+            np.asarray(cv2.warpAffine(plane, shift, size, flags=cv2.INTER_LINEAR), np.float64)
+            for plane in (covering, covering * self._levels_for(scene_dn))
+        )
+        out = np.array(scene_dn, dtype=np.float64)
+        y0, y1 = max(y, 0), min(y + size[1], out.shape[0])
+        x0, x1 = max(x, 0), min(x + size[0], out.shape[1])
+        if y1 <= y0 or x1 <= x0:
+            return out
+        part = np.s_[y0 - y : y1 - y, x0 - x : x1 - x]
+        under = out[y0:y1, x0:x1]
+        out[y0:y1, x0:x1] = under + contrast_dn * (weighted[part] - alpha[part] * under)
+        return out
+
+    def _levels_for(self, scene_dn: FloatArray) -> FloatArray:
+        """The levels as the scene has them, grey or for each channel."""
+        if scene_dn.ndim == 2:
+            return self.levels_dn if self.levels_dn.ndim == 2 else luma_plane(self.levels_dn)
+        return np.atleast_3d(self.levels_dn)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LaterScene:
+    """The same scene as photographed later from the same pose, where a mask says that it changed.
+
+    Parameters
+    ----------
+    after_dn
+        Shape ``(rows, cols)``, or ``(rows, cols, 3)`` in colour; levels as in the photograph
+        before.
+    mask
+        Where it changed, shape ``(rows, cols)``.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, a level is not finite or the mask is empty.
+    """
+
+    after_dn: FloatArray
+    mask: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        if self.after_dn.shape not in (self.mask.shape, (*self.mask.shape, 3)):
+            raise ValueError(
+                f"the mask has {_size(self.mask.shape)}, the later photograph "
+                f"{_size(self.after_dn.shape[:2])}"
+            )
+        if not np.all(np.isfinite(self.after_dn)):
+            raise ValueError("the later photograph has levels that are not finite")
+        if not self.mask.any():
+            raise ValueError("the mask of the later photograph is empty: nothing changed")
+
+    @property
+    def in_grey(self) -> "LaterScene":
+        """The same without its colours."""
+        if self.after_dn.ndim == 2:
+            return self
+        return LaterScene(after_dn=luma_plane(self.after_dn), mask=self.mask)
+
+    @property
+    def middle_px(self) -> tuple[float, float]:
+        """Middle ``(x, y)`` of what changed."""
+        y, x = np.nonzero(self.mask)
+        return float(x.mean()), float(y.mean())
+
+    @property
+    def radius_px(self) -> float:
+        """Distance from the middle of the farthest changed pixel."""
+        y, x = np.nonzero(self.mask)
+        return float(np.hypot(x - x.mean(), y - y.mean()).max()) + 0.5
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return " x ".join(str(side) for side in shape[::-1]) + " px"
+
 
 _VERSION = 1
 """Of the pairs; scores of others are measured again."""

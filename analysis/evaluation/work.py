@@ -1,44 +1,34 @@
-"""Scores a detector on the pairs of photographs, shard by shard; one photograph can be resumed."""
+"""Scores a detector on the pairs of photographs; within one photograph, too, it is resumed."""
 
 import atexit
-import json
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from time import monotonic
 
 import numpy as np
 
 from acquisition.printable import on_one_line
-from acquisition.session import commit_file
 from analysis.detectability import SceneImage
 from analysis.detectors import CheckedDetector, DetectorSpec, open_detector
-from analysis.errors import AnalysisError, DetectorError, RefusedPhotographError, SweepError
-from analysis.evaluation.painted_changes import LaterScene
+from analysis.errors import DetectorError, SweepError
+from analysis.evaluation.document import FailedPair, PhotographScores, scores_bytes, scores_of
 from analysis.evaluation.pairs import ChangePair, PairMaker
 from analysis.evaluation.roc import MOST_MARKS as MARKS, marks_of
-from analysis.evaluation.scores import (
-    FailedPair,
-    PhotographScores,
-    read_photograph_scores,
-    scores_bytes,
-)
-from analysis.evaluation.task import EvaluationTask
-from analysis.sweep import Shard, ShardDone, ShardWork, refusal_line, shard_key
+from analysis.evaluation.task import EvaluationTask, LaterScene
+from analysis.sweep import Batch, Commit, Record, SweepItem, SweepWork
 from simulation import Psf
 from simulation.arrays import Float32Array
 
-_SUFFIX, _PARTIAL = ".scores.npz", ".partial.npz"
-_KEY_LETTERS = 16
 _SAVED_EVERY_S = 20.0
 _MOST_FAILURES = 25
 """Pairs without a score, one after the other and none before with one, that end the work."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EvaluationWork(ShardWork):
+class EvaluationWork(SweepWork):
     """Runs a detector on pairs and keeps its scores.
 
     Parameters
@@ -71,93 +61,43 @@ class EvaluationWork(ShardWork):
     timeout_s: float = 60.0
     is_strict: bool = False
 
+    commits_each = True
+
     @property
     def key(self) -> str:
-        """See `ShardWork.key`."""
+        """See `SweepWork.key`."""
         return self.task.key(self.psf, self.detector.identity, self.reading)
 
     @property
     def state(self) -> Path:
-        """See `ShardWork.state`."""
+        """See `SweepWork.state`."""
         return self.folder
 
-    def found(self, shard: Shard) -> ShardDone | None:
-        """See `ShardWork.found`; a shard with pairs without a score is tried again."""
-        stored = read_photograph_scores(self._file(shard), self._key(shard))
-        if stored is None or any(one.failed for one in stored[0]):
-            return None
-        told = json.loads(str(stored[1]))
-        return ShardDone(images=told["images"], refused=tuple(told["refused"]), notes=told["notes"])
-
-    def __call__(self, shard: Shard) -> ShardDone:
-        """See `ShardWork.__call__`."""
-        photographs: list[PhotographScores] = []
-        given: list[tuple[str | None, dict[str, str]]] = []
-        found_done = 0
-        for number, item in enumerate(shard.items):
-            try:
-                scene = self.load(item.path)
-                maker = self._maker(scene, item.path)
-                kept = self._kept(shard, number, item.path, scene, is_colour=maker.is_colour)
-                found_done += bool(kept.is_done.all())
-                self._complete(kept, maker, partial(self._save, shard, number))
-                photographs.append(kept)
-            except (RefusedPhotographError, ValueError) as error:
-                given.append((refusal_line(item.path, str(error)), {}))
-            else:
-                given.append((None, dict(scene.notes)))
-        done = ShardDone.of(given)
-        told = {"images": done.images, "refused": done.refused, "notes": dict(done.notes)}
-        content = scores_bytes(self._key(shard), photographs, json.dumps(told))
-        commit_file(self._file(shard), content)
-        for number in range(len(shard.items)):
-            self._file(shard, number).unlink(missing_ok=True)
-        return replace(done, found_done=found_done)
-
-    def scores(self, shard: Shard) -> list[PhotographScores]:
-        """Read what a finished shard gave.
-
-        Raises
-        ------
-        AnalysisError
-            If it is gone.
-        """
-        stored = read_photograph_scores(self._file(shard), self._key(shard))
-        if stored is None:
-            raise AnalysisError(
-                f"{self._file(shard)} vanished or was damaged; run the same command again"
+    def answer(self, item: SweepItem, batch: Batch, commit: Commit) -> Record:
+        """Score the pairs of a photograph; one with pairs without a score is tried again later."""
+        scene = self.load(item.path)
+        maker = self._maker(scene, item.path)
+        earlier = batch.earlier(item)
+        if earlier is None:
+            shape = self.task.crops, len(self.task.conditions)
+            empty = PhotographScores.empty(
+                on_one_line(item.path), scene.sha256, scene.encoding, shape
             )
-        return stored[0]
+            scores = replace(empty, is_colour=maker.is_colour)
+        else:
+            scores = scores_of(earlier)
+            scores.failed.clear()
+            np.logical_and(scores.is_done, np.isfinite(scores.scores).all(-1), out=scores.is_done)
 
-    def drop_others(self, kept: set[Path]) -> None:
-        """Delete scores of other photographs, settings and detectors."""
-        for path in self.folder.iterdir():
-            if path.name.endswith((_SUFFIX, _PARTIAL)) and path not in kept:
-                path.unlink(missing_ok=True)
+        def record() -> Record:
+            is_final = bool(scores.is_done.all()) and not scores.failed
+            data = scores_bytes(scores)
+            return Record(
+                items=(item,), rows=({},), notes=dict(scene.notes), data=data, is_final=is_final
+            )
 
-    def file_of(self, shard: Shard) -> Path:
-        """Where the scores of a shard are kept."""
-        return self._file(shard)
-
-    def _key(self, shard: Shard) -> str:
-        return f"{self._settings_hash} {shard.key}"
-
-    @property
-    def _settings_hash(self) -> str:
-        return shard_key((), self.key)
-
-    @property
-    def _suffix(self) -> str:
-        return f".{self._settings_hash[:_KEY_LETTERS]}{_SUFFIX}"
-
-    def _file(self, shard: Shard, photograph: int | None = None) -> Path:
-        name = f"{shard.name}{self._suffix}"
-        if photograph is not None:
-            name = name.removesuffix(_SUFFIX) + f"-{photograph}{_PARTIAL}"
-        return self.folder / name
-
-    def _save(self, shard: Shard, photograph: int, kept: PhotographScores) -> None:
-        commit_file(self._file(shard, photograph), scores_bytes(self._key(shard), [kept], ""))
+        self._complete(scores, maker, lambda: commit([record()]))
+        return record()
 
     def _maker(self, scene: SceneImage, path: Path) -> PairMaker:
         """Makes the pairs of a photograph: in colour if it is, and the detector takes colours."""
@@ -176,28 +116,11 @@ class EvaluationWork(ShardWork):
     def _own_detector(self) -> "_Opened":
         return _opened(self.detector, self.timeout_s)
 
-    def _kept(
-        self, shard: Shard, photograph: int, path: Path, scene: SceneImage, *, is_colour: bool
-    ) -> PhotographScores:
-        """Scores that an earlier run gave, however it was cut; failed pairs are tried again."""
-        names = (file.name.partition(".")[0] for file in self.folder.glob(f"*{self._suffix}"))
-        others = (self.folder / f"{name}{self._suffix}" for name in shard.others(names))
-        for file in (self._file(shard, photograph), self._file(shard), *others):
-            stored = read_photograph_scores(file, self._settings_hash)
-            for one in () if stored is None else stored[0]:
-                if one.sha256 == scene.sha256 and one.path == on_one_line(path):
-                    one.failed.clear()
-                    np.logical_and(one.is_done, np.isfinite(one.scores).all(-1), out=one.is_done)
-                    return one
-        shape = self.task.crops, len(self.task.conditions)
-        empty = PhotographScores.empty(on_one_line(path), scene.sha256, scene.encoding, shape)
-        return replace(empty, is_colour=is_colour)
-
     def _complete(
         self,
         kept: PhotographScores,
         maker: PairMaker,
-        save: Callable[[PhotographScores], None],
+        save: Callable[[], None],
     ) -> None:
         """Score the pairs that no earlier run has scored."""
         judge = _Judge(work=self, opened=self._own_detector, kept=kept)
@@ -209,10 +132,10 @@ class EvaluationWork(ShardWork):
                 kept.failed.extend(filter(None, failed))
                 kept.is_done[crop, number] = True
                 if monotonic() - saved_s > _SAVED_EVERY_S:
-                    save(kept)
+                    save()
                     saved_s = monotonic()
         except BaseException:
-            save(kept)
+            save()
             raise
 
 

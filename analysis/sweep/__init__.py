@@ -1,4 +1,4 @@
-"""Many photographs: shards that are done once, by this process or by others, and committed."""
+"""Many photographs: each done once, by this process or by others, and recorded."""
 
 import lazy_loader as lazy
 

@@ -1,4 +1,4 @@
-"""Has shards done by Dask workers, on this machine or elsewhere; the client does none itself."""
+"""Has batches done by Dask workers, on this machine or elsewhere; the client does none itself."""
 
 import gc
 import logging
@@ -20,15 +20,15 @@ from distributed.scheduler import NoWorkerError
 
 from acquisition.remote_files import is_own_memory, is_url
 from analysis.errors import SweepError
-from analysis.sweep.shards import Shard, ShardDone, ShardWork
+from analysis.sweep.work import Batch, SweepWork, Written
 
 _CONNECT_S = 10
 _THREADS_ASKED_EVERY_S = 2.0
-_SHARDS_A_THREAD = 2
+_BATCHES_A_THREAD = 2
 """One that is done and one that waits: what the scheduler holds does not grow with the sweep."""
 
 _COLLECTED_EVERY = 50
-"""Shards, 10 kB each, that Dask leaves in circles of references until they are collected."""
+"""Batches, 10 kB each, that Dask leaves in circles of references until they are collected."""
 
 _RESULT_S = 10.0
 """Longest wait for a result before the workers are looked for."""
@@ -70,7 +70,7 @@ def local_workers(count: int) -> Iterator[str]:
             dashboard_address="127.0.0.1:0",
             worker_dashboard_address=None,
             silence_logs=logging.CRITICAL,
-            # A shard takes what it takes; Dask would end a worker for it.
+            # A batch takes what it takes; Dask would end a worker for it.
             memory_limit=0,
         ) as cluster,
     ):
@@ -78,16 +78,16 @@ def local_workers(count: int) -> Iterator[str]:
 
 
 def done_by_workers(
-    shards: Iterator[Shard], work: ShardWork, scheduler: str, gone_s: float
-) -> Iterator[tuple[Shard, ShardDone]]:
-    """Yield each shard when a worker has done it, in any order; few are under way at a time.
+    batches: Iterator[Batch], work: SweepWork, scheduler: str, gone_s: float
+) -> Iterator[tuple[Batch, list[Written]]]:
+    """Yield each batch when a worker has done it, in any order; few are under way at a time.
 
-    Every worker is asked, before every shard, for its versions and whether it sees the folder of
+    Every worker is asked, before every batch, for its versions and whether it sees the folder of
     the state and the photographs: workers may join at any time.
 
     Parameters
     ----------
-    shards, work
+    batches, work
         What is to be done.
     scheduler
         Address of a Dask scheduler.
@@ -98,7 +98,7 @@ def done_by_workers(
     ------
     SweepError
         If no scheduler answers, it has no workers or they are all gone, a worker is not fit, or
-        several were killed over one shard.
+        several were killed over one batch.
     """
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     logging.getLogger("asyncio").addFilter(_is_no_leftover)
@@ -114,61 +114,61 @@ def done_by_workers(
                 f"the Dask scheduler at {scheduler} has no workers after {_CONNECT_S} s; start "
                 f"some: dask worker {scheduler}"
             ) from error
-        yield from _Workers(client, scheduler, work, gone_s).done(shards)
+        yield from _Workers(client, scheduler, work, gone_s).done(batches)
 
 
 class _Workers:
-    """The workers of one scheduler, and the shards that are under way."""
+    """The workers of one scheduler, and the batches that are under way."""
 
-    def __init__(self, client: Dask, scheduler: str, work: ShardWork, gone_s: float) -> None:
+    def __init__(self, client: Dask, scheduler: str, work: SweepWork, gone_s: float) -> None:
         self._client = client
         self._scheduler = scheduler
         self._work = work
         self._gone_s = gone_s
         self._seen_s = time.monotonic()
-        self._run = f"standoff-shard-{uuid4().hex}"
-        self._task = _shard_task()
+        self._run = f"standoff-batch-{uuid4().hex}"
+        self._task = _batch_task()
         self._asked = {
             "versions": {name: import_module(name).__version__ for name in _SAME},
             "marker": os.fspath(work.state / _MARKER),
             "sweep": _marked(work.state / _MARKER),
         }
-        self._sent: dict[Any, Shard] = {}
+        self._sent: dict[Any, Batch] = {}
         self._threads = 0
         self._threads_asked_s = -_THREADS_ASKED_EVERY_S
 
-    def done(self, shards: Iterator[Shard]) -> Iterator[tuple[Shard, ShardDone]]:
+    def done(self, batches: Iterator[Batch]) -> Iterator[tuple[Batch, list[Written]]]:
         """See `done_by_workers`."""
         under_way: Dask = as_completed(loop=self._client.loop)  # type: ignore[no-untyped-call]
         suspects = []
-        for shard in islice(shards, self._window()):
-            under_way.add(self._submitted(shard))
+        for batch in islice(batches, self._window()):
+            under_way.add(self._submitted(batch))
         for number, future in enumerate(self._completed(under_way), 1):
             if number % _COLLECTED_EVERY == 0:
                 gc.collect()
-            shard = self._sent.pop(future.key)
+            batch = self._sent.pop(future.key)
             try:
-                done = self._result(future, shard)
+                done = self._result(future, batch)
             except KilledWorker:
-                # Perhaps another shard of the same workers was at fault: done alone, at the end.
-                suspects.append(shard)
+                # Perhaps another batch of the same workers was at fault: done alone, at the end.
+                suspects.append(batch)
             else:
-                yield shard, done
+                yield batch, done
             future.release()
-            for following in islice(shards, max(0, self._window() - len(self._sent))):
+            for following in islice(batches, max(0, self._window() - len(self._sent))):
                 under_way.add(self._submitted(following))
-        for shard in suspects:
+        for batch in suspects:
             try:
-                yield shard, self._result(self._submitted(shard), shard)
+                yield batch, self._result(self._submitted(batch), batch)
             except KilledWorker as error:
                 raise SweepError(
                     f"{error.allowed_failures + 1} workers died, the last on "
-                    f"{error.last_worker.host}, over the {len(shard.items)} photographs from "
-                    f"{shard.items[0].path} on: too little memory?"
+                    f"{error.last_worker.host}, over the {len(batch.items)} photographs from "
+                    f"{batch.items[0].path} on: too little memory?"
                 ) from error
 
     def _completed(self, under_way: Dask) -> Iterator[Dask]:
-        """Yield shards as they end; Dask alone would wait for ever for a worker."""
+        """Yield batches as they end; Dask alone would wait for ever for a worker."""
         while not under_way.is_empty():
             while not under_way.has_ready():
                 with under_way.thread_condition:
@@ -193,28 +193,28 @@ class _Workers:
         if self._threads:
             self._seen_s = self._threads_asked_s
 
-    def _submitted(self, shard: Shard, *, is_looked_for: bool = True) -> Dask:
-        if any(is_own_memory(item.path) for item in shard.items):
+    def _submitted(self, batch: Batch, *, is_looked_for: bool = True) -> Dask:
+        if any(is_own_memory(item.path) for item in batch.items):
             raise SweepError(
                 "memory:// is this process's own, and other processes see none of it; work "
                 "without --workers and --scheduler"
             )
         there = [
             (os.fspath(item.path), item.size_bytes)
-            for item in shard.items
+            for item in batch.items
             if item.is_there and is_looked_for and not is_url(item.path)
         ]
         future = self._client.submit(
             self._task,
             self._asked | {"files": there},
-            cloudpickle.dumps((self._work, shard)),
-            key=(self._run, shard.number, len(there)),
+            cloudpickle.dumps((self._work, batch)),
+            key=(self._run, batch.number, len(there)),
             pure=False,
         )
-        self._sent[future.key] = shard
+        self._sent[future.key] = batch
         return future
 
-    def _result(self, future: Dask, shard: Shard) -> ShardDone:
+    def _result(self, future: Dask, batch: Batch) -> list[Written]:
         try:
             kind, value = self._outcome(future)
         except FutureCancelledError as error:
@@ -228,8 +228,8 @@ class _Workers:
         if kind == "unseen":
             self._require_unseen_here(value)
             # Gone here as well: the work refuses it.
-            return self._result(self._submitted(shard, is_looked_for=False), shard)
-        done: ShardDone = value
+            return self._result(self._submitted(batch, is_looked_for=False), batch)
+        done: list[Written] = value
         return done
 
     def _outcome(self, future: Dask) -> tuple[str, Any]:
@@ -258,7 +258,7 @@ class _Workers:
 
     def _window(self) -> int:
         self._look_for_workers()
-        return _SHARDS_A_THREAD * max(self._threads, 1)
+        return _BATCHES_A_THREAD * max(self._threads, 1)
 
 
 def _workers_gone(after_s: float) -> SweepError:
@@ -283,10 +283,10 @@ def _marked(marker: Path) -> str:
     return marker.read_text("ascii")
 
 
-def _shard_task() -> Callable[[dict[str, Any], bytes], tuple[str, Any]]:
+def _batch_task() -> Callable[[dict[str, Any], bytes], tuple[str, Any]]:
     """Return what a worker runs; being local, it is sent as code, to any version of ours."""
 
-    def do_shard(asked: dict[str, Any], payload: bytes) -> tuple[str, Any]:
+    def do_batch(asked: dict[str, Any], payload: bytes) -> tuple[str, Any]:
         import os
         import pickle
         import socket
@@ -320,10 +320,11 @@ def _shard_task() -> Callable[[dict[str, Any], bytes], tuple[str, Any]]:
                 seen_bytes = -1
             if seen_bytes != size_bytes:
                 return "unseen", (path, size_bytes, worker)
+        from analysis.sweep.work import do_batch as do_batch_here
         from analysis.sweep.worker_process import prepare_process
 
         prepare_process()
-        work, shard = pickle.loads(payload)  # noqa: S301  from the client alone
-        return "done", work(shard)
+        work, batch = pickle.loads(payload)  # noqa: S301  from the client alone
+        return "done", do_batch_here(work, batch)
 
-    return do_shard
+    return do_batch

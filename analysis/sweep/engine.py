@@ -1,6 +1,6 @@
 """Runs a sweep: finds what is done, has the rest done, lists what was refused."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -11,15 +11,15 @@ from typing import IO, Protocol
 
 from acquisition.printable import on_one_line
 from analysis.errors import ResultsFileError, SweepError
-from analysis.sweep.manifest import Manifest
-from analysis.sweep.shards import Shard, ShardDone, ShardWork, blocks_of
-from analysis.sweep.sorting import sorted_lines
+from analysis.sweep.items import Manifest, group_of, sorted_lines
+from analysis.sweep.records import Records, merge_notes
+from analysis.sweep.work import Batch, SweepWork, Written, do_batch
 from simulation.arguments import ArgumentError, check_fields
 from simulation.notebook import Shown
 
 _LINES_SHOWN = 10
 
-Executor = Callable[[Iterator[Shard], ShardWork], Iterator[tuple[Shard, ShardDone]]]
+_Executor = Callable[[Iterator[Batch], SweepWork], Iterator[tuple[Batch, list[Written]]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +83,7 @@ class SweepSummary(Shown):
     refused_list
         File that lists them all; None if there are none.
     notes
-        What the shards found worth saying, each kind once.
+        What was found worth saying, each kind once.
     """
 
     images: int
@@ -114,31 +114,33 @@ def announced_sweep(
     call: SweepCall,
     task: str,
     manifest: Manifest,
-    work: ShardWork,
+    work: SweepWork,
     options: SweepOptions | None = None,
-) -> SweepSummary:
+) -> tuple[SweepSummary, Records]:
     """Run a sweep as part of a call, which gets its notes; as `run_sweep` for the rest."""
     with call.bar(task, len(manifest)) as advance_to:
-        summary = run_sweep(manifest, work, options, advance_to)
+        summary, records = run_sweep(manifest, work, options, advance_to)
     for sentence in summary.notes:
         call.announce(sentence)
-    return summary
+    return summary, records
 
 
 def run_sweep(
     manifest: Manifest,
-    work: ShardWork,
+    work: SweepWork,
     options: SweepOptions | None = None,
     progress: Callable[[int], None] = lambda _: None,
-) -> SweepSummary:
-    """Do every shard that no earlier run committed; the same bits for any number of workers.
+) -> tuple[SweepSummary, Records]:
+    """Do every photograph that no earlier run did; the same bits for any number of workers.
+
+    Returns the counts, and the records while the manifest is open.
 
     Parameters
     ----------
     manifest
         The photographs.
     work
-        Does a shard.
+        Does one.
     options
         Who works; None for this process.
     progress
@@ -153,14 +155,15 @@ def run_sweep(
     """
     options = options or SweepOptions()
     try:
+        records = Records(manifest, work)
         with TemporaryFile(dir=work.state) as refused_lines:
-            sweep = _Sweep(manifest, work, options, progress, refused_lines)
+            sweep = _Sweep(records, options, progress, refused_lines)
             missing = sweep.missing()
             for first in missing:  # no workers are started for none
                 with _executor(options) as executor:
-                    for shard, done in executor(chain([first], missing), work):
-                        sweep.take(shard, done)
-            return sweep.summary()
+                    for batch, written in executor(chain([first], missing), work):
+                        sweep.take(batch, written)
+            return sweep.summary(), records
     except OSError as error:
         raise ResultsFileError(
             f"cannot write {error.filename or work.state}: {error.strerror}",
@@ -169,8 +172,8 @@ def run_sweep(
 
 
 @contextmanager
-def _executor(options: SweepOptions) -> Iterator[Executor]:
-    """Choose who does the shards."""
+def _executor(options: SweepOptions) -> Iterator[_Executor]:
+    """Choose who does the batches."""
     if options.scheduler is None and options.workers == 1:
         yield _done_here
         return
@@ -184,76 +187,63 @@ def _executor(options: SweepOptions) -> Iterator[Executor]:
         yield partial(done_by_workers, scheduler=scheduler, gone_s=options.workers_gone_s)
 
 
-def _done_here(shards: Iterator[Shard], work: ShardWork) -> Iterator[tuple[Shard, ShardDone]]:
-    for shard in shards:
-        yield shard, work(shard)
-
-
-@dataclass(slots=True)
-class _OpenBlock:
-    """A block of shards, what was left of it to do, and the numbers of what still is."""
-
-    shards: Sequence[Shard]
-    fresh: Sequence[Shard]
-    under_way: set[int]
+def _done_here(batches: Iterator[Batch], work: SweepWork) -> Iterator[tuple[Batch, list[Written]]]:
+    for batch in batches:
+        yield batch, do_batch(work, batch)
 
 
 class _Sweep:
-    """What a running sweep remembers: counts, open blocks, and on disk the refused."""
+    """What a running sweep counts, and on disk the refused."""
 
     def __init__(
         self,
-        manifest: Manifest,
-        work: ShardWork,
+        records: Records,
         options: SweepOptions,
         progress: Callable[[int], None],
         refused_lines: IO[bytes],
     ) -> None:
-        self._refused_lines = refused_lines
-        self._manifest = manifest
-        self._work = work
+        self._records = records
         self._options = options
         self._progress = progress
-        self._open_blocks: dict[str, _OpenBlock] = {}
+        self._refused_lines = refused_lines
         self._notes: dict[str, str] = {}
         self._images = self._found_done = self._refused = 0
+        self._group: int | None = None
 
-    def missing(self) -> Iterator[Shard]:
-        """Yield the shards that are left to do, in the order of their numbers."""
-        find = self._work.finder(self._manifest)
-        for block in blocks_of(self._manifest, self._work.key, self._options.part):
-            left = []
-            for shard in block:
-                done, rest = find(shard)
-                if done is not None:
-                    self._found_done += done.images + len(done.refused)
-                    self._count(done)
-                if rest is not None:
-                    left.append(rest)
-            if left:
-                numbers = {shard.number for shard in left}
-                self._open_blocks[block[0].block_key] = _OpenBlock(block, left, numbers)
-                yield from left
-            else:
-                self._work.commit_block(block, ())
+    def missing(self) -> Iterator[Batch]:
+        """Yield what is left to do, in the order of the hashes."""
+        for notes in self._records.notes():
+            merge_notes(self._notes, notes)
+        for done, refused, batch in self._records.batches(self._options.part):
+            self._found_done += done
+            self._count(done, refused)
+            if batch.items:
+                yield batch
 
-    def take(self, shard: Shard, done: ShardDone) -> None:
-        """Count a shard that was done."""
-        self._found_done += done.found_done
-        self._count(done)
-        block = self._open_blocks[shard.block_key]
-        block.under_way.discard(shard.number)
-        if not block.under_way:
-            del self._open_blocks[shard.block_key]
-            self._work.commit_block(block.shards, block.fresh)
+    def take(self, batch: Batch, written: Iterable[Written]) -> None:
+        """Count a batch that was done."""
+        taken = self._records.take(written)
+        for _, notes in taken:
+            merge_notes(self._notes, notes)
+        self._count(len(taken), [line for line, _ in taken if line is not None])
+        group = group_of(batch.items[0].hash)
+        if self._group not in (None, group):
+            self._records.merge(self._group)
+        self._group = group
 
     def summary(self) -> SweepSummary:
         """List the refused in a file, and count."""
         part, parts = self._options.part
-        path = self._work.state / ("refused.txt" if parts == 1 else f"refused-{part}-{parts}.txt")
+        state = self._records.work.state
+        path = state / ("refused.txt" if parts == 1 else f"refused-{part}-{parts}.txt")
         shown: list[str] = []
         if self._refused:
-            shown = self._list_refused(path)
+            self._refused_lines.seek(0)
+            with path.open("wb") as file:
+                for line in sorted_lines(self._refused_lines, state):
+                    file.write(line)
+                    if len(shown) < _LINES_SHOWN:
+                        shown.append(line.decode().rstrip("\n"))
         else:
             path.unlink(missing_ok=True)
         return SweepSummary(
@@ -265,22 +255,11 @@ class _Sweep:
             notes=tuple(sorted(self._notes.values())),
         )
 
-    def _count(self, done: ShardDone) -> None:
-        if done.refused and self._options.strict:
-            raise SweepError(done.refused[0])
-        self._refused_lines.writelines(f"{on_one_line(line)}\n".encode() for line in done.refused)
-        for kind, sentence in done.notes.items():
-            self._notes[kind] = min(self._notes.get(kind, sentence), sentence)
-        self._images += done.images
-        self._refused += len(done.refused)
-        self._progress(self._images + self._refused)
-
-    def _list_refused(self, path: Path) -> list[str]:
-        self._refused_lines.seek(0)
-        shown: list[str] = []
-        with path.open("wb") as file:
-            for line in sorted_lines(self._refused_lines, self._work.state):
-                file.write(line)
-                if len(shown) < _LINES_SHOWN:
-                    shown.append(line.decode().rstrip("\n"))
-        return shown
+    def _count(self, answers: int, refused: Sequence[str]) -> None:
+        if refused and self._options.strict:
+            raise SweepError(refused[0])
+        self._refused_lines.writelines(f"{on_one_line(line)}\n".encode() for line in refused)
+        self._images += answers - len(refused)
+        self._refused += len(refused)
+        if answers:
+            self._progress(self._images + self._refused)

@@ -19,7 +19,7 @@ def prepare_process() -> None:
     Dask's nannies start workers with ``MALLOC_TRIM_THRESHOLD_=65536``: each freed array goes back
     to the system, and work on images takes twice the time, in page faults.
     """
-    cv2.setNumThreads(1)  # as many shards are done at once as there are cores
+    cv2.setNumThreads(1)  # as many batches are done at once as there are cores
     keep_freed_memory()
     keep_designs_on_disk()
 

@@ -12,8 +12,7 @@ from collections import defaultdict
 from pathlib import Path
 from statistics import median
 
-from analysis.benchmark.measures import MEASURES, TITLES
-from analysis.benchmark.scores import BenchmarkScores, ScoredProgram, read_scores
+from analysis.benchmark.scores import MEASURES, TITLES, BenchmarkScores, ScoredProgram, read_scores
 from analysis.benchmark.tables import ScoreTable, main_groups, track_tables
 from benchmarks.harness import environment, environment_line
 from benchmarks.peers.program import TRACKS, Track

@@ -98,7 +98,7 @@ def _by_growth(record: Recorder) -> None:
             work = ArtefactWork(plan=PLAN, load=load_scene, folder=folder / "state")
             for some in (paths[:before], paths):
                 with Manifest(some, work.state) as manifest:
-                    summary = run_sweep(manifest, work)
+                    summary, _ = run_sweep(manifest, work)
         measured = summary.images - summary.found_done
         record.figure(f"measured when {before} photographs become {after}", measured, "photographs")
 
@@ -119,9 +119,10 @@ def _one_run(folder: Path, count: int, side_px: int, models: int, workers: int) 
     before_bytes = memory_bytes("VmRSS")
     start_s = time.perf_counter()
     with Manifest((folder / "photographs").iterdir(), work.state) as manifest:
-        run_sweep(manifest, work, SweepOptions(workers=workers))
-        sums = SweepSums(manifest, work)
-    curves_of(sums.artefacts, sums.images, plan, TASK)
+        _, records = run_sweep(manifest, work, SweepOptions(workers=workers))
+        records.tidy()
+        sums = SweepSums(records)
+        curves_of(sums.artefacts, sums.images, plan, TASK)
     seconds = time.perf_counter() - start_s
     noted = [
         [int(word) for word in path.read_text().split()]

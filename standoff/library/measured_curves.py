@@ -267,19 +267,19 @@ def _measured(
     with Manifest(images, state) as manifest:
         plan = replace(asked.task.plan(asked.psf, len(manifest)), reading=str(inputs.options))
         work = ArtefactWork(plan=plan, load=partial(scene_image, inputs.options), folder=state)
-        summary = announced_sweep(call, "measuring images", manifest, work, options)
+        summary, records = announced_sweep(call, "measuring images", manifest, work, options)
         if options.part[1] > 1:
             return MeasuredCurves(curves=None, photographs=summary)
         if summary.images == 0:
             raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be measured")
-        sums = SweepSums(manifest, work)
-        sums.tidy()
+        records.tidy()
+        sums = SweepSums(records)
         some = _some_photographs(sums, manifest, inputs.options)
-    list_inputs(inputs, sums.images, sums.photographs(), state)
-    copies = sums.list_copies(state / _COPIES_NAME)
-    task = asked.task_on(sums)
-    with call.bar("computing d'", len(task.models)) as advance_to:
-        curves = curves_of(sums.artefacts, sums.images, plan, task, advance_to, some)
+        list_inputs(inputs, sums.images, sums.photographs(), state)
+        copies = sums.list_copies(state / _COPIES_NAME)
+        task = asked.task_on(sums)
+        with call.bar("computing d'", len(task.models)) as advance_to:
+            curves = curves_of(sums.artefacts, sums.images, plan, task, advance_to, some)
     return MeasuredCurves(
         curves=curves,
         photographs=summary,

@@ -6,7 +6,7 @@ import pytest
 
 from analysis.change_series import ComparedFollowup
 from analysis.errors import ResultsFileError
-from analysis.followup_series.tables import write_csv
+from analysis.followup_series import write_csv
 from analysis.parquet_table import column_kinds, require_parquet, write_parquet
 
 ROWS = [

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,10 @@ from hypothesis import strategies as st
 from analysis.change_series import read_time_line
 from analysis.changes.document import read_changes
 from analysis.detectability.curves import read_curves
-from analysis.detectability.sweep import (
-    ArtefactSums,
-    KeptPhotographs,
-    SummedPhotographs,
-    SumsFile,
-    sums_bytes,
-)
 from analysis.errors import ResultsFileError
 from analysis.pose.quality import read_pose
-from analysis.sr_dataset.record import ImageRecord, PairRecord, ShardRecord
+from analysis.sweep import Manifest, Records
+from analysis.sweep.work import Writer
 from analysis.validation.document import read_validation
 from analysis.validation.kernels import KernelCache
 from calibration.documents import json_object
@@ -38,6 +33,7 @@ from calibration.registration.document import HOMOGRAPHY_SCHEMA
 from simulation.kernelgan.estimate import KernelGanSettings
 from standoff.errors import HintError
 from standoff.library.registration import read_points
+from tests.analysis.sweep.hashing import Hashing
 from tests.calibration.edge_photographs import photographs
 from tests.fuzz.damage import damaged_bytes, damaged_json
 from tests.fuzz.target import FuzzTarget, from_file
@@ -209,15 +205,20 @@ VALIDATION: dict[str, Any] = {
     "excluded": [{"capture": 2, "target": "leaves", "height_mm": 150.0, "reason": "shaken"}],
     "remarks": ["dim"],
 }
-_SUMS = SummedPhotographs()
-_SUMS.add(ArtefactSums(products_dn2=np.ones((1, 2, 1, 2, 3)), pixels=np.ones((1, 2, 1))))
-SUMS = sums_bytes(
-    _SUMS,
-    KeptPhotographs(work="w", group=3, refused={4: "a: no image"}, notes={"kind": "sentence"}),
+LINES = (
+    b'{"photographs": "%032x", "notes": {"a": "b"}, "files": {"c": 9}}\n{}\n' % 1,
+    b'{"photographs": "%032x", "refused": "a: no image", "is_begun": true}\n{}\n' % 2,
 )
-_PAIR = PairRecord(high="h.png", low="l.png", high_bytes=9, low_bytes=8, top_px=0, left_px=4)
-_IMAGE = ImageRecord(order="a", item="b", name="c.png", sha256="d", pairs=(_PAIR,))
-SHARD = ShardRecord(key="e", settings="f", images=(_IMAGE,)).model_dump()
+
+
+def segment_of(*texts: bytes) -> bytes:
+    """A segment with records of these lines, and three bytes each."""
+    with TemporaryDirectory() as folder:
+        [*_, last] = Writer(Path(folder)).append_texts([(text, b"123") for text in texts])
+        return (Path(folder) / last.segment).read_bytes()
+
+
+SEGMENT = segment_of(*LINES)
 KERNEL_OF = np.zeros((4, 4), np.uint8)
 
 
@@ -245,9 +246,9 @@ def damaged_map(data: bytes) -> object:
     return from_file(read_correction, "noise.json", *beside)(document)
 
 
-def read_sums(path: Path) -> object:
-    file = SumsFile.found(path)
-    return None if file is None else (file.sums(), file.photographs())
+def read_segment(path: Path) -> object:
+    with Manifest([path], path.parent) as manifest:
+        return list(Records(manifest, Hashing(path.parent)).answers())
 
 
 def read_kernel(data: bytes) -> object:
@@ -302,12 +303,14 @@ RESULT_TARGETS = (
         "points.csv", damaged_bytes((POINTS,)), from_file(read_points, "points.csv"), (HintError,)
     ),
     _json(VALIDATION, "validation.json", read_validation, ResultsFileError),
-    FuzzTarget("sums of a sweep", damaged_bytes((SUMS,)), from_file(read_sums, "one.sums"), ()),
-    # One that cannot be read is none: its pairs are made again.
+    # What cannot be read is none: it is done again.
     FuzzTarget(
-        "record of a shard of training pairs",
-        damaged_json(SHARD),
-        from_file(ShardRecord.read, "0.json"),
+        "records of a sweep", damaged_bytes((SEGMENT,)), from_file(read_segment, "0.records"), ()
+    ),
+    FuzzTarget(
+        "record of a sweep, whole but damaged before it was written",
+        damaged_bytes(tuple(LINES)).map(segment_of),
+        from_file(read_segment, "0.records"),
         (),
     ),
     FuzzTarget("cached kernel", damaged_bytes((_KERNEL,)), read_kernel, (ResultsFileError,)),

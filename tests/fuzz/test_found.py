@@ -17,7 +17,6 @@ from acquisition.session.record import Manifest
 from acquisition.untrusted import TiffDamageError, parse_json, parse_toml, read_tiff
 from analysis.changes import ChangeOptions, changes_between
 from analysis.errors import AnalysisError
-from analysis.sr_dataset.record import ShardRecord
 from calibration.errors import NoiseFileError, PsfFileError, RegistrationError
 from calibration.files import read_noise, read_psf
 from calibration.registration import DistortedPose, RegistrationHints, register_images
@@ -28,7 +27,15 @@ from standoff.errors import ImageFileError
 from standoff.library.registration import read_points
 from tests.acquisition.session_fixtures import writer
 from tests.fuzz.damage import DEEP
-from tests.fuzz.result_targets import MAPS, NOISE, damaged_map, read_kernel, sound_psf
+from tests.fuzz.result_targets import (
+    MAPS,
+    NOISE,
+    damaged_map,
+    read_kernel,
+    read_segment,
+    segment_of,
+    sound_psf,
+)
 from tests.fuzz.wire_targets import into_zaber
 from tests.standoff.changed_photographs import FAR, NEAR, ZOOM, changed_pair
 
@@ -212,10 +219,12 @@ def test_a_kernel_with_a_damaged_header_counts_as_none() -> None:
     assert read_kernel(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header) is None
 
 
-@pytest.mark.parametrize("data", [b'{"key": "\xf5"}\n', DEEP.encode(), b"[]", b'{"key": 1e999}'])
-def test_a_record_of_pairs_that_is_none_is_not_there(tmp_path: Path, data: bytes) -> None:
-    (tmp_path / "0.json").write_bytes(data)
-    assert ShardRecord.read(tmp_path / "0.json") is None
+@pytest.mark.parametrize(
+    "line", [b'{"key": "\xf5"}\n', DEEP.encode(), b"[]", b'{"key": 1e999}', b""]
+)
+def test_a_record_of_a_sweep_that_is_none_is_not_there(tmp_path: Path, line: bytes) -> None:
+    (tmp_path / "0.records").write_bytes(segment_of(line))
+    assert read_segment(tmp_path / "0.records") == []
 
 
 def test_digits_of_other_scripts_are_no_zaber_address() -> None:

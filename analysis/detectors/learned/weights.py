@@ -14,7 +14,7 @@ from acquisition.photographs import luma_plane
 from acquisition.printable import on_one_line
 from acquisition.regular_files import read_regular_file
 from acquisition.session import commit_file
-from analysis.detectors.followup_view import followup_view
+from analysis.detectors.answers import followup_view
 from analysis.errors import DetectorError, ResultsFileError
 from simulation.arguments import FilePath, checked, path_of
 from simulation.arrays import Float32Array, FloatArray
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from analysis.detectors.learned.network import SiameseNetwork
 
-LEARNED_SCHEMA: Final = "standoff.learned-detector/1"
+_LEARNED_SCHEMA: Final = "standoff.learned-detector/1"
 _LARGEST_BYTES = 1 << 26
 _ONNX_OPSET = 17
 
@@ -63,7 +63,7 @@ class LearnedDetector:
         import torch
 
         file = BytesIO()
-        torch.save({"schema": LEARNED_SCHEMA, "weights": self.network.state_dict()}, file)
+        torch.save({"schema": _LEARNED_SCHEMA, "weights": self.network.state_dict()}, file)
         try:
             commit_file(Path(path), file.getvalue())
         except OSError as error:
@@ -195,10 +195,10 @@ def load_learned(path: FilePath) -> LearnedDetector:
         raise damaged from error
     if not isinstance(stored, dict) or not isinstance(stored.get("weights"), dict):
         raise damaged
-    if stored.get("schema") != LEARNED_SCHEMA:
+    if stored.get("schema") != _LEARNED_SCHEMA:
         raise DetectorError(
             f"{name} is of schema {on_one_line(str(stored.get('schema')))!s:.60}, "
-            f"expected {LEARNED_SCHEMA}",
+            f"expected {_LEARNED_SCHEMA}",
             reason="missing",
         )
     network = SiameseNetwork()

@@ -1,32 +1,110 @@
 """A folder of change pairs: dataset.json, and a file of pairs for each photograph."""
 
+import hashlib
 import json
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, is_dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 from pydantic import Field, PrivateAttr
 
 from acquisition.files import InputFile, Provenance
+from acquisition.printable import on_one_line
+from acquisition.session import commit_file
+from analysis.detectability import SceneImage
 from analysis.errors import ResultsFileError
-from analysis.evaluation.change_pairs.pair_file import LabelledPair, read_pairs
-from analysis.evaluation.change_pairs.random_conditions import ChangePairsTask
-from analysis.evaluation.change_pairs.work import ChangePairsWork
+from analysis.evaluation.change_pairs.pairs import (
+    ChangePairsTask,
+    LabelledPair,
+    labelled_pairs,
+    pairs_bytes,
+    read_pairs,
+)
 from analysis.results_file import ResultsDocument, StoredValues, write_results
-from analysis.sr_dataset import SPLITS, Split
+from analysis.sr_dataset import SPLITS, DatasetCall, Split, split_of
 from analysis.sweep import (
+    Batch,
+    Commit,
     Manifest,
-    SweepCall,
+    Record,
+    Records,
+    SweepItem,
     SweepOptions,
     SweepSummary,
+    SweepWork,
     announced_sweep,
-    blocks_of,
 )
 from calibration.documents import read_document
 from simulation import Psf
 
-CHANGE_PAIRS_SCHEMA: Final = "standoff.change-pairs/1"
+STATE_NAME = "shards"
+_NAME_LETTERS = 24
+_VERSION = 2
+"""Of the pairs; files of others are made again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangePairsWork(SweepWork):
+    """Makes pairs, in any process.
+
+    Parameters
+    ----------
+    out
+        Folder of the data set, absolute.
+    task, psf
+        What pairs, and the camera's total PSF.
+    load
+        Photograph of a file, or a RefusedPhotographError; a function that a worker can import.
+    reading
+        How ``load`` reads, as text.
+    """
+
+    out: Path
+    task: ChangePairsTask
+    psf: Psf | None
+    load: Callable[[Path], SceneImage]
+    reading: str
+
+    @property
+    def key(self) -> str:
+        """See `SweepWork.key`."""
+        return json.dumps([_VERSION, self.task.model_dump(), repr(self.psf), self.reading])
+
+    @property
+    def state(self) -> Path:
+        """See `SweepWork.state`."""
+        return self.out / STATE_NAME
+
+    @property
+    def root(self) -> Path:
+        """See `SweepWork.root`."""
+        return self.out
+
+    def answer(self, item: SweepItem, batch: Batch, commit: Commit) -> Record:
+        """Write the pairs of a photograph; copies of one share its file."""
+        scene = self.load(item.path)
+        levels_dn = scene.grey_dn if scene.colours is None else scene.colours()
+        made = list(labelled_pairs(levels_dn, scene.sha256, self.task, self.psf))
+        split = split_of(scene.sha256, self.task.seed, self.task.test_fraction)
+        settings = hashlib.sha256(self.key.encode()).hexdigest()
+        file = f"{split}/{scene.sha256[:_NAME_LETTERS]}-{settings[:8]}.npz"
+        content = pairs_bytes(made)
+        commit_file(self.out / file, content)
+        row = {
+            "file": file,
+            "split": split,
+            "photograph": on_one_line(item.path.name),
+            "sha256": scene.sha256,
+            "encoding": scene.encoding,
+            "pairs": len(made),
+        }
+        return Record(
+            items=(item,), rows=(row,), notes=dict(scene.notes), files={file: len(content)}
+        )
+
+
+_CHANGE_PAIRS_SCHEMA: Final = "standoff.change-pairs/1"
 DATASET_NAME: Final = "dataset.json"
 _SETTINGS = ("task", "psf", "reading")
 
@@ -54,7 +132,7 @@ class ChangePairsDataset(ResultsDocument):
     """
 
     schema_name: Literal["standoff.change-pairs/1"] = Field(
-        default=CHANGE_PAIRS_SCHEMA, alias="schema"
+        default=_CHANGE_PAIRS_SCHEMA, alias="schema"
     )
     is_complete: bool = False
     task: ChangePairsTask
@@ -85,14 +163,6 @@ class ChangePairsDataset(ResultsDocument):
         for one in self.files:
             if one.split == split:
                 yield from read_pairs(self._folder / one.file)
-
-
-class DatasetCall(SweepCall, Protocol):
-    """The call that a data set is written by."""
-
-    def provenance(self) -> Provenance:
-        """Return the provenance of the data set, but for its photographs."""
-        ...
 
 
 def read_dataset(folder: Path) -> ChangePairsDataset:
@@ -138,10 +208,10 @@ def write_change_pairs(
     }
     _prepare(work.out, ChangePairsDataset(**head))
     with Manifest(paths, work.state) as manifest:
-        summary = announced_sweep(call, "cutting pairs", manifest, work, options)
+        summary, records = announced_sweep(call, "cutting pairs", manifest, work, options)
         if options.part[1] > 1:
             return ChangePairsDataset(**head), summary
-        files = _files(manifest, work)
+        files = _files(records)
     made = {one.file for one in files}
     for split in SPLITS:
         for path in (work.out / split).glob("*.npz"):
@@ -192,29 +262,13 @@ def _prepare(out: Path, document: ChangePairsDataset) -> None:
     write_results(about, document)
 
 
-def _files(manifest: Manifest, work: ChangePairsWork) -> tuple[ChangePairsFile, ...]:
+def _files(records: Records) -> tuple[ChangePairsFile, ...]:
     """The files by their photographs' paths, of copies the first."""
-    photographs = []
-    for block in blocks_of(manifest, work.key):
-        for shard in block:
-            record = work.record(shard)
-            if record is None:
-                raise ResultsFileError(f"a shard in {work.state} vanished; run the command again")
-            photographs += [one for one in record.photographs if one.file is not None]
-    kept: dict[str, ChangePairsFile] = {}
-    for one in sorted(photographs, key=lambda each: each.order):
-        kept.setdefault(
-            str(one.file),
-            ChangePairsFile(
-                file=str(one.file),
-                split=one.split,
-                photograph=one.name,
-                sha256=one.sha256,
-                encoding=one.encoding,
-                pairs=one.pairs,
-            ),
-        )
-    return tuple(kept.values())
+    files: dict[str, ChangePairsFile] = {}
+    for answer in records.answers(by_path=True):
+        if answer.refused is None:
+            files.setdefault(answer.row["file"], ChangePairsFile.model_validate(answer.row))
+    return tuple(files.values())
 
 
 def _with_photographs(provenance: Provenance, files: tuple[ChangePairsFile, ...]) -> Provenance:

@@ -1,16 +1,11 @@
 """The benchmark's data set: rendered task by task, resumable, its manifest last."""
 
 import hashlib
+import json
 import shutil
-import signal
-import threading
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +15,18 @@ from acquisition.remote_files import is_url, url_of
 from acquisition.session import write_shared
 from acquisition.untrusted import parse_json
 from analysis.choices import BenchmarkSize
+from analysis.errors import ResultsFileError, SweepError
+from analysis.sweep import (
+    Batch,
+    Commit,
+    Manifest,
+    Record,
+    Row,
+    SweepItem,
+    SweepOptions,
+    SweepWork,
+    announced_sweep,
+)
 from hil_mocks.benchmark_set import (
     FORMAT,
     TRACKS,
@@ -49,6 +56,7 @@ _MADE_WITH = (
 )
 """Packages whose versions may change the last digits, or the compression, of a file."""
 
+STATE_NAME = ".progress"
 _ABOUT_NAME = "set.json"
 
 
@@ -146,18 +154,23 @@ def make_benchmark(
         found_done = len(tasks)
         if manifest is None:
             _begin(folder, about)
-            records, found_done = _records(call, tasks, folder, workers)
-            manifest = _finish(folder, about, tasks, records)
+            work = _TaskWork(folder=folder, about=about)
+            names = map(work.path_of, tasks)
+            with Manifest(names, work.state) as listed:
+                options = SweepOptions(workers=workers, strict=True)
+                sweep, records = announced_sweep(call, "rendering", listed, work, options)
+                found_done = sweep.found_done
+                rendered = {one.item.path.name: one.row for one in records.answers()}
+            manifest = _finish(folder, about, tasks, rendered)
     except OSError as error:
         raise ApplicationError(
             f"cannot write {error.filename or folder}: {error.strerror}; the same command goes on "
             "from here"
         ) from error
-    except BrokenProcessPool as error:
-        raise ApplicationError(
-            "a worker process ended before its work was done, perhaps for lack of memory; the same "
-            "command goes on from here, with fewer --workers if need be"
-        ) from error
+    except ResultsFileError as error:
+        raise ApplicationError(f"{error}; the same command goes on from here") from error
+    except SweepError as error:
+        raise ApplicationError(str(error)) from error
     files = manifest["files"]
     return MadeBenchmark(
         out=target,
@@ -221,6 +234,11 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
                 f"{folder} holds a set begun with another size or seed, or with other versions of "
                 f"packages (see {state}); name another --out"
             )
+        if any(state.parent.glob("*-*.json")):
+            raise ApplicationError(
+                f"{folder} was begun by an earlier version of standoff, from which this one cannot "
+                "go on; remove it, or name another --out"
+            )
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ApplicationError(f"{folder} holds something else; name another --out")
@@ -228,117 +246,57 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
     write_shared(state, document_bytes(about))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _TaskRecord:
-    """What is known of a task whose files are written: ``files`` has their facts by path."""
+@dataclass(frozen=True, kw_only=True)
+class _TaskWork(SweepWork):
+    """Renders tasks and writes their files, in any process."""
 
-    files: dict[str, dict[str, Any]]
-    task: dict[str, Any]
-    truth: dict[str, Any]
+    commits_each = True
 
+    folder: Path
+    about: dict[str, Any]
 
-def _records(
-    call: Call, tasks: list[Task], folder: Path, workers: int
-) -> tuple[dict[tuple[str, str], _TaskRecord], int]:
-    """Records of all tasks, and how many were found done."""
-    found = {(task.track, task.name): _found_record(task, folder) for task in tasks}
-    left = [task for task in tasks if found[task.track, task.name] is None]
-    records = {key: record for key, record in found.items() if record is not None}
-    found_done = len(records)
-    with call.bar("rendering", len(tasks)) as advance_to:
-        advance_to(found_done)
-        for task, record in _rendered(left, folder, workers):
-            records[task.track, task.name] = record
-            advance_to(len(records))
-    return records, found_done
+    @property
+    def key(self) -> str:
+        """What the manifest says beside the files, as text."""
+        return json.dumps(self.about)
 
+    @property
+    def state(self) -> Path:
+        """Folder of the records."""
+        return self.folder / STATE_NAME
 
-def _rendered(tasks: list[Task], folder: Path, workers: int) -> Iterator[tuple[Task, _TaskRecord]]:
-    if workers == 1 or len(tasks) <= 1:
-        for task in tasks:
-            yield task, _written_record(task, folder)
-        return
-    executor = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_ignore_interrupts)
-    try:
-        with _interrupts_ignored():
-            futures = {executor.submit(_written_record, task, folder): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    finally:
-        executor.shutdown(cancel_futures=True)
+    @property
+    def root(self) -> Path:
+        """Folder of the set."""
+        return self.folder
 
+    def path_of(self, task: Task) -> Path:
+        """Name a task by a file that is not there."""
+        return self.state / f"{task.track}-{task.name}"
 
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C, which a terminal sends to all, to the process that waits for this one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    def answer(self, item: SweepItem, batch: Batch, commit: Commit) -> Record:
+        """Render a task and write its files."""
+        tasks = _tasks(self.about["size"], self.about["seed"])
+        [task] = [one for one in tasks if self.path_of(one) == item.path]
+        rendered = task.rendered()
+        for path, data in rendered.files.items():
+            _write_below(self.folder, path, data)
+        facts = {path: file_facts(data) for path, data in rendered.files.items()}
+        row = {"files": facts, "task": rendered.task, "truth": rendered.truth}
+        marks = {path: one["sha256"] for path, one in facts.items()}
+        return Record(items=(item,), rows=(row,), files=marks)
 
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Start processes that ignore Ctrl-C from their first moment."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    def mark_of(self, path: Path) -> str:
+        """Return the file's SHA-256."""
+        return str(file_facts(path.read_bytes())["sha256"])
 
 
-def _finish(
-    folder: Path,
-    about: dict[str, Any],
-    tasks: list[Task],
-    records: dict[tuple[str, str], _TaskRecord],
-) -> dict[str, Any]:
-    """Write the lists and the truth, then the manifest; return it."""
-    files = {path: facts for record in records.values() for path, facts in record.files.items()}
-    documents = card_files(about["size"], about["seed"])
-    for track in TRACKS:
-        of_track = [task.name for task in tasks if task.track == track]
-        known = [(name, records[track, name]) for name in of_track]
-        documents |= track_documents(track, [(name, r.task, r.truth) for name, r in known])
-    for path, data in documents.items():
-        _write_below(folder, path, data)
-        files[path] = file_facts(data)
-    lines = "".join(f"{files[path]['sha256']}  {path}\n" for path in sorted(files))
-    manifest = {**about, "files": files, "sha256": hashlib.sha256(lines.encode()).hexdigest()}
-    write_shared(folder / MANIFEST_NAME, document_bytes(manifest))
-    shutil.rmtree(folder / STATE_NAME)
-    return manifest
+_tasks = lru_cache(maxsize=1)(benchmark_tasks)
 
 
 def file_facts(data: bytes) -> dict[str, Any]:
     """Return what the manifest says of a file."""
     return {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
-
-
-def _written_record(task: Task, folder: Path) -> _TaskRecord:
-    """Render a task, write its files, and its record last; in any process."""
-    rendered = task.rendered()
-    record = _TaskRecord(
-        files={path: file_facts(data) for path, data in rendered.files.items()},
-        task=rendered.task,
-        truth=rendered.truth,
-    )
-    for path, data in rendered.files.items():
-        _write_below(folder, path, data)
-    document = {"files": record.files, "task": record.task, "truth": record.truth}
-    write_shared(_record_path(task, folder), document_bytes(document))
-    return record
-
-
-def _found_record(task: Task, folder: Path) -> _TaskRecord | None:
-    """Record of a task that an earlier run wrote, if all of its files are as they were."""
-    try:
-        document: Any = parse_json(_record_path(task, folder).read_bytes(), has_file_names=True)
-        for path, facts in document["files"].items():
-            if file_facts((folder / path).read_bytes()) != facts:
-                return None
-        return _TaskRecord(**document)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None
 
 
 def _write_below(folder: Path, path: str, data: bytes) -> None:
@@ -348,5 +306,21 @@ def _write_below(folder: Path, path: str, data: bytes) -> None:
     write_shared(target, data)
 
 
-def _record_path(task: Task, folder: Path) -> Path:
-    return folder / STATE_NAME / f"{task.track}-{task.name}.json"
+def _finish(
+    folder: Path, about: dict[str, Any], tasks: list[Task], rendered: dict[str, Row]
+) -> dict[str, Any]:
+    """Write the lists and the truth, then the manifest; return it."""
+    files = {path: facts for row in rendered.values() for path, facts in row["files"].items()}
+    documents = card_files(about["size"], about["seed"])
+    for track in TRACKS:
+        of_track = [task.name for task in tasks if task.track == track]
+        known = [(name, rendered[f"{track}-{name}"]) for name in of_track]
+        documents |= track_documents(track, [(name, r["task"], r["truth"]) for name, r in known])
+    for path, data in documents.items():
+        _write_below(folder, path, data)
+        files[path] = file_facts(data)
+    lines = "".join(f"{files[path]['sha256']}  {path}\n" for path in sorted(files))
+    manifest = {**about, "files": files, "sha256": hashlib.sha256(lines.encode()).hexdigest()}
+    write_shared(folder / MANIFEST_NAME, document_bytes(manifest))
+    shutil.rmtree(folder / STATE_NAME)
+    return manifest

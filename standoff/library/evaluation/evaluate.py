@@ -40,10 +40,11 @@ from analysis.evaluation import (
     Spot as Spot,
     evaluation_curves,
     read_evaluation,
+    scores_of,
 )
 from analysis.reports import evaluation_figures, evaluation_report, write_figure
 from analysis.results_file import write_results
-from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep, blocks_of
+from analysis.sweep import Manifest, SweepOptions, SweepSummary, announced_sweep
 from simulation.arguments import ArgumentTypeError, checked, kind_of
 from simulation.arrays import FloatArray
 from simulation.choices import PsfShape
@@ -247,17 +248,15 @@ def _evaluated(
     call: Call, paths: Iterable[Path], work: EvaluationWork, options: SweepOptions
 ) -> EvaluatedDetector:
     with Manifest(paths, work.folder) as manifest:
-        summary = announced_sweep(call, "running the detector", manifest, work, options)
+        summary, records = announced_sweep(call, "running the detector", manifest, work, options)
         if options.part[1] > 1:
             return EvaluatedDetector(evaluation=None, photographs=summary, notes=call.notes)
         if summary.images == 0:
             raise ApplicationError(f"{summary.refused_lines[0]}; no photograph could be used")
-        shards = [shard for block in blocks_of(manifest, work.key) for shard in block]
-        work.drop_others({work.file_of(shard) for shard in shards})
+        records.tidy()
 
         def scores() -> Iterator[PhotographScores]:
-            for shard in shards:
-                yield from work.scores(shard)
+            return (scores_of(one.data.read()) for one in records.answers() if one.refused is None)
 
         list_inputs(call.inputs, summary.images, scores(), work.folder)
         failed: list[FailedPair] = []

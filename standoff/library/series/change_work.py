@@ -1,5 +1,6 @@
 """Changes of many follow-ups: each gets a folder with the files of a single comparison."""
 
+import json
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
@@ -9,7 +10,7 @@ from acquisition.photographs import Photograph
 from acquisition.printable import on_one_line
 from analysis.change_series import ComparedFollowup, limit_columns
 from analysis.changes import ChangeCriteria
-from analysis.followup_series import FolderNames, FollowupRecord, FollowupWork, Written
+from analysis.followup_series import FolderNames, FollowupWork, Written
 from analysis.sweep import SweepItem
 from simulation import Psf, PsfField
 from simulation.choices import PsfShape
@@ -29,7 +30,7 @@ _SETTING = {"least_dn": "least"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
+class ChangeWork(FollowupWork[ComparedPhotographs]):
     """Finds the changes of follow-ups.
 
     Parameters
@@ -109,9 +110,9 @@ class ChangeWork(FollowupWork[Photograph, ComparedPhotographs]):
             notes=self._note_on_field(found),
         )
 
-    def is_current(self, item: SweepItem, record: FollowupRecord) -> bool:
-        """Whether the folder has the name that it would get now."""
-        return record.is_refused or record.row["folder"] == self.names.name_of(item.path)
+    def state_of(self, item: SweepItem) -> str:
+        """Say which reference it has, and the folder: another photograph may change its name."""
+        return super().state_of(item) + json.dumps(self.names.name_of(item.path))
 
     def discard(self, item: SweepItem) -> None:
         """Remove the files of an earlier comparison, and the folder if it held nothing else."""

@@ -286,7 +286,7 @@ def _prepared(near: Photograph) -> RegistrationReference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseWork(FollowupWork[Photograph, JudgedPose]):
+class PoseWork(FollowupWork[JudgedPose]):
     """Judges the poses of follow-ups by one curve."""
 
     listed = JudgedFollowup

@@ -16,7 +16,7 @@ from standoff.library.swept_photographs import refusing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _PhotographReferences(References[Photograph]):
+class _PhotographReferences(References):
     """References and follow-ups that are read from image files, all in the way of ``reading``."""
 
     reading: ReadOptions

@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import Unpack
 
 from acquisition.files import PAGES, write_file, write_page
-from acquisition.photographs import Photograph, ReadOptions, each_image, is_folder
+from acquisition.photographs import ReadOptions, each_image, is_folder
 from analysis.change_series import ChangesSeries, ComparedFollowup, time_line_of
 from analysis.choices import Criterion
 from analysis.detectability import CurveChoice
 from analysis.followup_series import (
     STATE_NAME,
     SUMMARY_NAME,
-    CommittedRows,
     FolderNames,
+    FollowupRows,
     References,
-    Row,
     SeriesResult as SeriesResult,
     SeriesTables,
     is_refused,
@@ -27,7 +26,7 @@ from analysis.followup_series import (
 from analysis.pose import JudgedFollowup, PoseSeries
 from analysis.reports import series_report
 from analysis.results_file import write_results
-from analysis.sweep import Manifest, SweepOptions
+from analysis.sweep import Manifest, Row, SweepOptions
 from calibration.registration import RegistrationHints
 from simulation.arguments import FilePath, checked, output_path, path_of
 from simulation.arrays import AnyArray
@@ -139,7 +138,7 @@ def find_changes_of_series(
     given = tuple(listed_paths(followups, "followups"))
     page = None if report is None else output_path(report, "report", PAGES)
     known, field = (None, None) if psf is None else psf_and_field(call, psf, "matched", transfer)
-    references: References[Photograph]
+    references: References
     shared: OneReference | None = None
     unpaired: tuple[str, ...] = ()
     if first.is_dir():
@@ -161,7 +160,7 @@ def find_changes_of_series(
             names=FolderNames.of(manifest, (STATE_NAME, *FILES_OF_SERIES)),
         )
 
-        def document(rows: CommittedRows) -> ChangesSeries:
+        def document(rows: FollowupRows) -> ChangesSeries:
             refused = rows.count(is_refused)
             return ChangesSeries(
                 reference=references.name,
@@ -261,7 +260,7 @@ def judge_poses(
             demand=demand,
         )
 
-        def document(rows: CommittedRows) -> PoseSeries:
+        def document(rows: FollowupRows) -> PoseSeries:
             return PoseSeries(
                 reference=near.name,
                 criterion=demand.criterion,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.benchmark.estimates import estimate, scene_numbers, share, share_of_sums
+from analysis.benchmark.scores import estimate, scene_numbers, share, share_of_sums
 
 
 def test_a_single_scene_has_no_interval() -> None:

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +28,9 @@ from analysis.detectability import (
     scene_sums,
     tiles_per_side,
 )
-from analysis.detectability.sweep import KeptPhotographs, SummedPhotographs, SumsFile, sums_bytes
+from analysis.detectability.sweep import StoredSums, SummedPhotographs
 from analysis.errors import AnalysisError, RefusedPhotographError, ResultsFileError
-from analysis.sweep import Manifest, SweepOptions, SweepSummary, blocks_of, run_sweep
+from analysis.sweep import Manifest, Records, Stored, SweepOptions, run_sweep
 from simulation import GaussianPsf
 
 PLAN = SweepPlan(
@@ -77,11 +77,34 @@ def work_in(folder: Path, loads: Callable[[Path], SceneImage] = load) -> Artefac
     return ArtefactWork(plan=PLAN, load=loads, folder=folder)
 
 
+@dataclass(frozen=True)
+class Swept:
+    """Counts and results of a sweep, read before its manifest is closed."""
+
+    images: int
+    found_done: int
+    refused_lines: tuple[str, ...]
+    bits: list[bytes]
+    photographs: list[MeasuredPhotograph]
+    artefacts: list[list[ArtefactTiles]]
+
+
 def swept(
-    paths: list[Path], work: ArtefactWork, options: SweepOptions | None = None
-) -> tuple[SweepSummary, SweepSums]:
+    paths: list[Path], work: ArtefactWork, options: SweepOptions | None = None, *, tidy: bool = True
+) -> Swept:
     with Manifest(paths, work.folder) as manifest:
-        return run_sweep(manifest, work, options), SweepSums(manifest, work)
+        summary, records = run_sweep(manifest, work, options)
+        if tidy:
+            records.tidy()
+        sums = SweepSums(records)
+        return Swept(
+            images=summary.images,
+            found_done=summary.found_done,
+            refused_lines=summary.refused_lines,
+            bits=bits(sums),
+            photographs=list(sums.photographs()),
+            artefacts=[sums.artefacts(model) for model in range(len(work.plan.models))],
+        )
 
 
 def bits(sums: SweepSums) -> list[bytes]:
@@ -94,36 +117,32 @@ def bits(sums: SweepSums) -> list[bytes]:
 
 
 @pytest.fixture(scope="module")
-def expected(many: list[Path], tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
-    return bits(swept(many, work_in(tmp_path_factory.mktemp("sweep") / "expected"))[1])
+def expected(many: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Swept:
+    return swept(many, work_in(tmp_path_factory.mktemp("sweep") / "expected"))
 
 
 def test_few_photographs_are_tiles_of_their_own_in_the_order_of_their_names(
     few: list[Path], tmp_path: Path
 ) -> None:
     plan = replace(PLAN, tiles_per_side=2)
-    work = replace(work_in(tmp_path / "state"), plan=plan)
-    _, sums = swept(few, work)
-    found = sums.artefacts(1)[1]
+    found = swept(few, replace(work_in(tmp_path / "state"), plan=plan))
     parts = [
         scene_artefact(load(path).grey_dn, plan.scenario, "matched", 1.4, 2).products_dn2
         for path in few
     ]
-    np.testing.assert_array_equal(found.products_dn2, np.concatenate(parts))
-    kept = list(sums.photographs())
-    assert [one.path for one in kept] == [str(path) for path in few]
-    assert [one.mean_dn for one in kept] == [load(path).grey_dn.mean() for path in few]
+    np.testing.assert_array_equal(found.artefacts[1][1].products_dn2, np.concatenate(parts))
+    assert [one.path for one in found.photographs] == [str(path) for path in few]
+    assert [one.mean_dn for one in found.photographs] == [load(path).grey_dn.mean() for path in few]
 
 
 @pytest.mark.slow
 def test_many_photographs_are_64_groups_whose_sum_is_theirs(
-    many: list[Path], tmp_path: Path
+    many: list[Path], expected: Swept
 ) -> None:
-    summary, sums = swept(many, work_in(tmp_path / "state"))
-    assert summary.images == sums.images == 300
+    assert expected.images == 300
     own = [scene_sums(load(path).grey_dn, PLAN) for path in many]
     for model in range(2):
-        for zoom, tiles in enumerate(sums.artefacts(model)):
+        for zoom, tiles in enumerate(expected.artefacts[model]):
             assert 60 <= len(tiles.pixels) <= 64  # of 64, e^-4.7 are empty
             each = [one.artefact(model, zoom) for one in own]
             # 300 additions in another order.
@@ -138,14 +157,13 @@ def test_many_photographs_are_64_groups_whose_sum_is_theirs(
 
 @pytest.mark.slow
 def test_intervals_of_groups_are_those_of_single_photographs(
-    many: list[Path], tmp_path: Path
+    many: list[Path], expected: Swept
 ) -> None:
-    _, sums = swept(many, work_in(tmp_path / "state"))
     alone = [scene_sums(load(path).grey_dn, PLAN).artefact(1, 1) for path in many]
     changes = local_changes(GaussianSignal(sigma_px=0.5), PLAN.scenario, "matched", 1.4)
     grouped, single = (
         d_primes(changes, artefact, 1.0, ("npw",))["npw"]
-        for artefact in (sums.artefacts(1)[1], ArtefactTiles.joined(alone))
+        for artefact in (expected.artefacts[1][1], ArtefactTiles.joined(alone))
     )
     assert grouped.value == pytest.approx(single.value, rel=1e-9)
     # Widths of 64 groups scatter by 9 %, of 300 photographs by 4 %; here four times that.
@@ -153,94 +171,94 @@ def test_intervals_of_groups_are_those_of_single_photographs(
     assert width == pytest.approx(expected_width, rel=0.4)
 
 
+def sums_in(folder: Path, paths: list[Path], plan: SweepPlan = PLAN) -> int:
+    """Records of sums that a further run finds."""
+    with Manifest(paths, folder) as manifest:
+        records = Records(manifest, ArtefactWork(plan=plan, load=never, folder=folder))
+        return len(list(records.merged()))
+
+
 @pytest.mark.slow
-def test_what_is_done_is_found_and_takes_one_file_a_block(
-    many: list[Path], expected: list[bytes], tmp_path: Path
+def test_what_is_done_is_found_and_takes_one_record_a_group(
+    many: list[Path], expected: Swept, tmp_path: Path
 ) -> None:
-    swept(many, work_in(tmp_path / "state"))
-    files = list((tmp_path / "state").glob("*.sums"))
-    assert len(files) <= 64
-    summary, sums = swept(many, work_in(tmp_path / "state", never))
-    assert summary.found_done == 300
-    assert bits(sums) == expected
-    sums.tidy()
-    assert sorted((tmp_path / "state").glob("*.sums")) == sorted(files)
+    state = tmp_path / "state"
+    swept(many, work_in(state))
+    assert sums_in(state, many) <= 64
+    [segment] = state.glob("*.records")
+    before = segment.read_bytes()
+    again = swept(many, work_in(state, never))
+    assert again.found_done == 300
+    assert again.bits == expected.bits
+    assert [path.read_bytes() for path in state.glob("*.records")] == [before]
 
 
 @pytest.mark.slow
-def test_shards_in_any_order_and_in_parts_give_the_same_bits(
-    many: list[Path], expected: list[bytes], tmp_path: Path
+def test_parts_in_any_order_give_the_same_bits(
+    many: list[Path], expected: Swept, tmp_path: Path
 ) -> None:
     work = work_in(tmp_path / "state")
     with Manifest(many, work.folder) as manifest:
-        blocks = list(blocks_of(manifest, work.key))
-        shards = [shard for block in blocks for shard in block]
-        random.Random(1).shuffle(shards)
-        for shard in shards[:100]:
-            work(shard)
-        run_sweep(manifest, work, SweepOptions(part=(2, 2)))
-        summary = run_sweep(manifest, work, SweepOptions(part=(1, 2)))
-        assert 0 < summary.found_done < summary.images
-        assert bits(SweepSums(manifest, work_in(work.folder, never))) == expected
+        for part in (2, 1):
+            summary, _ = run_sweep(manifest, work, SweepOptions(part=(part, 3)))
+            assert 0 < summary.images < 200
+    last = swept(many, work)
+    assert 0 < last.found_done < last.images
+    assert last.bits == expected.bits
 
 
 @pytest.mark.slow
 def test_a_merge_that_was_killed_before_it_deleted_is_ended_by_the_next_run(
-    many: list[Path], expected: list[bytes], tmp_path: Path
+    many: list[Path], expected: Swept, tmp_path: Path
 ) -> None:
     work = work_in(tmp_path / "state")
-    with Manifest(many, work.folder) as manifest:
-        [shards] = [block for block in blocks_of(manifest, work.key) if len(block) > 1][:1]
-        for shard in shards:
-            work(shard)
-        before = {path: path.read_bytes() for path in work.folder.glob("*.sums")}
-        work.commit_block(shards, shards)
-        for path, data in before.items():
-            path.write_bytes(data)
-    summary, sums = swept(many, work)
-    assert summary.found_done == sum(len(shard.items) for shard in shards)
-    assert bits(sums) == expected
-    sums.tidy()
+    swept(many, work, tidy=False)
+    before = {path: path.read_bytes() for path in work.folder.glob("*.records")}
+    swept(many, work_in(work.folder, never))
+    for path, data in before.items():
+        path.write_bytes(data)
+    found = swept(many, work_in(work.folder, never))
+    assert found.found_done == 300
+    assert found.bits == expected.bits
     assert not any(path.exists() for path in before)
-    assert bits(sums) == expected
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("before", [127, 128, 250, 298])
 def test_only_what_is_new_is_measured_however_many_there_were(
-    many: list[Path], expected: list[bytes], tmp_path: Path, before: int
+    many: list[Path], expected: Swept, tmp_path: Path, before: int
 ) -> None:
-    swept(many[:before], work_in(tmp_path / "state"))
+    state = tmp_path / "state"
+    swept(many[:before], work_in(state))
     opened: list[Path] = []
 
     def noted(path: Path) -> SceneImage:
         opened.append(path)
         return load(path)
 
-    summary, sums = swept(many, work_in(tmp_path / "state", noted))
+    found = swept(many, work_in(state, noted))
     assert sorted(opened) == many[before:]
-    assert (summary.images, summary.found_done) == (300, before)
-    assert bits(sums) == expected
-    sums.tidy()
-    assert len(list((tmp_path / "state").glob("*.sums"))) <= 64
-    again, sums = swept(many, work_in(tmp_path / "state", never))
+    assert (found.images, found.found_done) == (300, before)
+    assert found.bits == expected.bits
+    assert sums_in(state, many) <= 64
+    again = swept(many, work_in(state, never))
     assert again.found_done == 300
-    assert bits(sums) == expected
+    assert again.bits == expected.bits
 
 
 @pytest.mark.slow
-def test_a_damaged_file_is_measured_anew(
-    many: list[Path], expected: list[bytes], tmp_path: Path
+def test_a_damaged_record_is_measured_anew(
+    many: list[Path], expected: Swept, tmp_path: Path
 ) -> None:
     work = work_in(tmp_path / "state")
     swept(many, work)
-    damaged = sorted(work.folder.glob("*.sums"))[3]
+    [damaged] = work.folder.glob("*.records")
     data = bytearray(damaged.read_bytes())
     data[-30] ^= 1
     damaged.write_bytes(data)
-    summary, sums = swept(many, work)
-    assert 280 < summary.found_done < 300
-    assert bits(sums) == expected
+    found = swept(many, work)
+    assert 280 < found.found_done < 300
+    assert found.bits == expected.bits
 
 
 def test_corrupt_missing_and_small_photographs_are_refused_and_the_others_measured(
@@ -251,14 +269,14 @@ def test_corrupt_missing_and_small_photographs_are_refused_and_the_others_measur
     paths[2].unlink()
     np.save(paths[3], np.ones((12, 12)))
     work = work_in(tmp_path / "state")
-    summary, sums = swept(paths, work)
-    assert (summary.images, summary.refused) == (3, 3)
+    found = swept(paths, work)
+    assert (found.images, len(found.refused_lines)) == (3, 3)
     assert all(
-        any(line.startswith(f"{path}: ") or str(path) in line for line in summary.refused_lines)
+        any(line.startswith(f"{path}: ") or str(path) in line for line in found.refused_lines)
         for path in paths[1:4]
     )
-    assert [one.path for one in sums.photographs()] == [str(paths[k]) for k in (0, 4, 5)]
-    assert len(sums.artefacts(0)[0].pixels) == 3
+    assert [one.path for one in found.photographs] == [str(paths[k]) for k in (0, 4, 5)]
+    assert len(found.artefacts[0][0].pixels) == 3
     with pytest.raises(AnalysisError):
         swept(paths[1:4], work)
 
@@ -268,39 +286,34 @@ def test_another_plan_is_measured_anew_and_what_is_no_longer_used_deleted(
 ) -> None:
     work = work_in(tmp_path / "state")
     swept(few, work)
-    other = replace(work, plan=replace(PLAN, models=("bicubic",), zooms=(1.4,)))
-    summary, sums = swept(few, other)
-    assert summary.found_done == 0
-    assert len(list(work.folder.glob("*.sums"))) == 10
-    sums.tidy()
-    assert len(list(work.folder.glob("*.sums"))) == 5
+    plan = replace(PLAN, models=("bicubic",), zooms=(1.4,))
+    with Manifest(few, work.folder) as manifest:
+        summary, _ = run_sweep(manifest, replace(work, plan=plan))
+        assert summary.found_done == 0
+    assert (sums_in(work.folder, few), sums_in(work.folder, few, plan)) == (5, 5)
+    with Manifest(few, work.folder) as manifest:
+        Records(manifest, replace(work, plan=plan)).tidy()
+    assert (sums_in(work.folder, few), sums_in(work.folder, few, plan)) == (0, 5)
 
 
 def test_few_images_are_cut_into_tiles() -> None:
     assert [tiles_per_side(count) for count in (1, 2, 4, 15, 16, 5000)] == [4, 3, 2, 2, 1, 1]
 
 
-def test_a_file_gives_back_each_model_as_it_was(tmp_path: Path) -> None:
+def test_stored_sums_give_back_each_model_as_it_was(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     sums = ArtefactSums(
         products_dn2=rng.normal(size=(3, 2, 4, 5, 9)), pixels=rng.uniform(size=(3, 2, 4))
     )
-    one = MeasuredPhotograph(path="b", sha256="0", encoding="linear", mean_dn=0.1, item=2**63 + 1)
-    kept = KeptPhotographs(
-        work="w", group=5, measured=[one], refused={7: "a: no image"}, notes={"kind": "sentence"}
-    )
     whole = SummedPhotographs()
     whole.add(sums)
-    path = tmp_path / "one.sums"
-    path.write_bytes(sums_bytes(whole, kept))
-    file = SumsFile.found(path)
-    assert file is not None
-    assert file.photographs() == kept
+    path, data = tmp_path / "one.records", whole.stored_bytes()
+    path.write_bytes(b"before" + data + b"after")
+    stored = StoredSums.of(Stored(path=path, at=6, size=len(data)))
     for model in range(3):
-        [products], pixels = file.sums(model)
+        [products], pixels = stored.sums(model)
         np.testing.assert_array_equal(products[0], sums.products_dn2[model])
         np.testing.assert_array_equal(pixels[0], sums.pixels[model])
-    assert SumsFile.found(tmp_path / "none.sums") is None
 
 
 def test_a_state_that_cannot_be_written_is_told_by_name(few: list[Path], tmp_path: Path) -> None:
@@ -312,11 +325,11 @@ def test_a_state_that_cannot_be_written_is_told_by_name(few: list[Path], tmp_pat
 
 @pytest.mark.slow
 def test_worker_processes_give_the_same_bits(
-    many: list[Path], expected: list[bytes], tmp_path: Path
+    many: list[Path], expected: Swept, tmp_path: Path
 ) -> None:
-    summary, sums = swept(many, work_in(tmp_path / "state"), SweepOptions(workers=3))
-    assert summary.images == 300
-    assert bits(sums) == expected
+    found = swept(many, work_in(tmp_path / "state"), SweepOptions(workers=3))
+    assert found.images == 300
+    assert found.bits == expected.bits
 
 
 ROOT = Path(__file__).parents[3]
@@ -355,33 +368,32 @@ def begun(script: Path, state: Path, photographs: Path, workers: int) -> subproc
     return client
 
 
-def shards(state: Path) -> set[str]:
-    """Names of what is committed."""
-    return {path.name for path in state.glob("*.sums")}
+def committed_bytes(state: Path) -> int:
+    """Size of what is committed."""
+    return sum(path.stat().st_size for path in state.glob("*.records"))
 
 
 @pytest.mark.slow
 def test_clients_killed_at_random_moments_leave_what_ends_with_the_same_bits(
-    many: list[Path], expected: list[bytes], tmp_path: Path
+    many: list[Path], expected: Swept, tmp_path: Path
 ) -> None:
     """Five without workers, and five with two of them, which end with their client.
 
-    One of each is killed soon after it begins, the others soon after a shard, whenever that is.
+    One of each is killed soon after it begins, the others soon after a commit, whenever that is.
     """
     state, script = tmp_path / "state", tmp_path / "client.py"
     script.write_text(CLIENT)
     rng = random.Random(5)
     for kill in range(KILLS):
-        before = shards(state)
+        before = committed_bytes(state)
         client = begun(script, state, many[0].parent, 1 + kill % 2)
-        while kill % 5 and shards(state) == before and client.poll() is None:
+        while kill % 5 and committed_bytes(state) == before and client.poll() is None:
             time.sleep(0.005)
         time.sleep(rng.uniform(0.0, 0.1))
         client.send_signal(signal.SIGKILL)
         client.communicate()
-    summary, found = swept(many, work_in(state))
-    assert summary.found_done > 0
-    assert bits(found) == expected
-    found.tidy()
-    again, _ = swept(many, work_in(state, never))
+    found = swept(many, work_in(state))
+    assert found.found_done > 0
+    assert found.bits == expected.bits
+    again = swept(many, work_in(state, never))
     assert again.found_done == 300

@@ -11,7 +11,7 @@ import tifffile
 import standoff
 from analysis.errors import SweepError
 from analysis.evaluation import Evaluation
-from analysis.sweep import SweepOptions, shards
+from analysis.sweep import SweepOptions
 from simulation import GaussianPsf
 from simulation.arrays import Float32Array, FloatArray
 from standoff.errors import ApplicationError
@@ -100,23 +100,15 @@ def test_a_second_run_asks_the_detector_nothing(photographs: Path, tmp_path: Pat
     assert len(CALLS) == 36
     assert evaluated(counted, photographs, tmp_path).curves == found.curves
     assert len(CALLS) == 36
-    assert [path.name for path in tmp_path.iterdir() if "partial" in path.name] == []
+    assert len(list(tmp_path.glob("*.records"))) == 1
 
 
 @pytest.mark.slow
-def test_only_pairs_of_new_photographs_are_scored_however_they_were_cut(
-    photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_pairs_of_new_photographs_are_scored(photographs: Path, tmp_path: Path) -> None:
     files = sorted(photographs.iterdir())
-    # One shard for all of three or more, as of hundreds: each is one of its own below.
-    monkeypatch.setattr(shards, "is_few", lambda images: images < 3)
-    monkeypatch.setattr(shards, "GROUPS", 1)
-    monkeypatch.setattr(shards, "_GROUP_BITS", 0)
     for some in (files[:2], files):
         standoff.evaluate(counted, some, PSF, task(), state=tmp_path)
     assert len(CALLS) == 36
-    names = {path.name.partition(".")[0] for path in tmp_path.glob("*.npz")}
-    assert all("-" in name for name in names)  # cut by some bits, not by all
     assert (
         evaluated(counted, photographs, tmp_path).curves == evaluated(counted, photographs).curves
     )

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from analysis.followup_series.folder_names import FolderNames
-from analysis.sweep.manifest import Manifest
+from analysis.followup_series import FolderNames
+from analysis.sweep import Manifest
 
 
 def names(tmp_path: Path, *paths: str, reserved: tuple[str, ...] = ()) -> list[str]:

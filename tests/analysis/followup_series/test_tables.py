@@ -10,7 +10,7 @@ from analysis.change_series import (
     read_changes_series,
 )
 from analysis.errors import ResultsFileError
-from analysis.followup_series.tables import write_csv, write_summary
+from analysis.followup_series import write_csv, write_summary
 from calibration.documents import json_object
 
 LISTED = (

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
-from analysis.sr_dataset.png_file import png_bytes
+from analysis.sr_dataset import png_bytes
 
 SHAPES = st.one_of(
     st.tuples(st.integers(1, 9), st.integers(1, 9)),

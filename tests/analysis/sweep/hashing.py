@@ -1,4 +1,4 @@
-"""A sweep's work that is quick and easily checked: it commits the hashes of the photographs."""
+"""A sweep's work that is quick and easily checked: it answers with hashes of the photographs."""
 
 import hashlib
 import os
@@ -6,12 +6,12 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquisition.session import commit_file
-from analysis.sweep.shards import Shard, ShardDone, ShardWork
+from analysis.errors import RefusedPhotographError
+from analysis.sweep import Batch, Commit, Manifest, Record, Records, SweepItem, SweepWork
 
 
 @dataclass(frozen=True)
-class Hashing(ShardWork):
+class Hashing(SweepWork):
     """Refuses what is missing or begins with an x; notes the process that works."""
 
     folder: Path
@@ -26,39 +26,30 @@ class Hashing(ShardWork):
     def state(self) -> Path:
         return self.folder
 
-    def found(self, shard: Shard) -> ShardDone | None:
-        path = self._commit(shard)
-        return self._done(path.read_bytes()) if path.exists() else None
-
-    def __call__(self, shard: Shard) -> ShardDone:
+    def do(self, batch: Batch, commit: Commit) -> None:
         time.sleep(self.delay_s)
         (self.folder / f"{os.getpid()}.pid").touch()
-        lines = []
-        for item in shard.items:
-            try:
-                data = item.path.read_bytes()
-            except FileNotFoundError:
-                data = b"x"
-            digest = hashlib.sha256(data).hexdigest()
-            lines.append(f"{item.path}: {'refused' if data.startswith(b'x') else digest}\n")
-        whole = "".join(lines).encode()
-        commit_file(self._commit(shard), whole)
-        return self._done(whole)
+        super().do(batch, commit)
 
-    def committed(self) -> dict[str, bytes]:
-        return {path.name: path.read_bytes() for path in self.folder.glob("*.shard")}
+    def answer(self, item: SweepItem, batch: Batch, commit: Commit) -> Record:
+        try:
+            data = item.path.read_bytes()
+        except FileNotFoundError:
+            data = b"x"
+        if data.startswith(b"x"):
+            raise RefusedPhotographError(f"{item.path}: refused")
+        row = {"sha256": hashlib.sha256(data).hexdigest()}
+        return Record(items=(item,), rows=(row,), notes={"kind": "seen"})
 
     def workers(self) -> set[int]:
-        """Processes that did a shard."""
+        """Processes that did a batch."""
         return {int(path.stem) for path in self.folder.glob("*.pid")}
 
-    def _commit(self, shard: Shard) -> Path:
-        return self.folder / f"{shard.number:016x}-{shard.key[:16]}.shard"
 
-    def _done(self, data: bytes) -> ShardDone:
-        lines = data.decode().splitlines()
-        refused = tuple(line for line in lines if line.endswith("refused"))
-        return ShardDone(images=len(lines) - len(refused), refused=refused, notes={"kind": "seen"})
+def answers(manifest: Manifest, work: Hashing) -> dict[Path, str]:
+    """Hashes by paths, as a further run finds them; of a refused photograph it is the refusal."""
+    found = Records(manifest, work).answers()
+    return {one.item.path: one.refused or one.row["sha256"] for one in found}
 
 
 def photographs(folder: Path, count: int) -> list[Path]:

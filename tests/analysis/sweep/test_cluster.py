@@ -14,11 +14,17 @@ from distributed import Client, LocalCluster
 
 import standoff
 from analysis.errors import SweepError
-from analysis.sweep import cluster
-from analysis.sweep.engine import SweepOptions, run_sweep
-from analysis.sweep.manifest import Manifest
-from analysis.sweep.shards import Shard, ShardDone
-from tests.analysis.sweep.hashing import Hashing, photographs
+from analysis.sweep import (
+    Batch,
+    Commit,
+    Manifest,
+    SweepItem,
+    SweepOptions,
+    batch_number,
+    cluster,
+    run_sweep,
+)
+from tests.analysis.sweep.hashing import Hashing, answers, photographs
 
 pytestmark = pytest.mark.slow
 
@@ -34,11 +40,11 @@ def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def expected(paths: list[Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+def expected(paths: list[Path], tmp_path_factory: pytest.TempPathFactory) -> dict[Path, str]:
     work = work_in(tmp_path_factory.mktemp("sweep") / "expected")
     with Manifest(paths, work.state) as manifest:
         run_sweep(manifest, work)
-    return work.committed()
+        return answers(manifest, work)
 
 
 @pytest.fixture(scope="module")
@@ -55,24 +61,24 @@ def local() -> Iterator[Any]:
 
 
 def test_a_single_threaded_worker_does_the_work_and_the_client_none(
-    paths: list[Path], expected: dict[str, bytes], local: Any, tmp_path: Path
+    paths: list[Path], expected: dict[Path, str], local: Any, tmp_path: Path
 ) -> None:
     work = work_in(tmp_path / "state")
     with Manifest(paths, work.state) as manifest:
-        found = run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+        found, _ = run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+        assert answers(manifest, work) == expected
     assert found.images == 200
-    assert work.committed() == expected
     assert work.workers() == {worker.pid for worker in local.workers.values()}
     assert os.getpid() not in work.workers()
 
 
-def test_two_processes_give_the_same_commits(
-    paths: list[Path], expected: dict[str, bytes], tmp_path: Path
+def test_two_processes_give_the_same_answers(
+    paths: list[Path], expected: dict[Path, str], tmp_path: Path
 ) -> None:
     work = work_in(tmp_path / "state", delay_s=0.01)
     with Manifest(paths, work.state) as manifest:
-        assert run_sweep(manifest, work, SweepOptions(workers=2)).images == 200
-    assert work.committed() == expected
+        assert run_sweep(manifest, work, SweepOptions(workers=2))[0].images == 200
+        assert answers(manifest, work) == expected
     assert len(work.workers() - {os.getpid()}) == 2
 
 
@@ -96,7 +102,7 @@ def test_a_worker_that_does_not_see_what_is_here_is_named(
         unfit.value
     )
     assert str(folders[unseen]) in str(unfit.value)
-    assert not work.committed()
+    assert not list(work.state.glob("*.records"))
 
 
 def test_a_photograph_that_vanishes_meanwhile_is_refused(local: Any, tmp_path: Path) -> None:
@@ -104,7 +110,7 @@ def test_a_photograph_that_vanishes_meanwhile_is_refused(local: Any, tmp_path: P
     work = work_in(tmp_path / "state")
     with Manifest(paths, work.state) as manifest:
         paths[1].unlink()
-        found = run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+        found, _ = run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
     assert (found.images, found.refused_lines) == (2, (f"{paths[1]}: refused",))
 
 
@@ -148,18 +154,18 @@ def test_a_scheduler_without_workers_and_none_at_all_are_one_line(
 
 @dataclass(frozen=True)
 class Deadly(Hashing):
-    """Kills the worker that does the shard of one photograph, as too large an image would."""
+    """Kills the worker that does the batch of one photograph, as too large an image would."""
 
     photograph: Path = Path()
 
-    def __call__(self, shard: Shard) -> ShardDone:
-        if self.photograph in {item.path for item in shard.items}:
+    def do(self, batch: Batch, commit: Commit) -> None:
+        if self.photograph in {item.path for item in batch.items}:
             os.kill(os.getpid(), signal.SIGKILL)
-        return super().__call__(shard)
+        super().do(batch, commit)
 
 
-def test_a_shard_that_kills_every_worker_is_named_when_the_others_are_done(
-    paths: list[Path], expected: dict[str, bytes], local: Any, tmp_path: Path
+def test_a_batch_that_kills_every_worker_is_named_when_the_others_are_done(
+    paths: list[Path], expected: dict[Path, str], local: Any, tmp_path: Path
 ) -> None:
     state = tmp_path / "state"
     state.mkdir()
@@ -168,28 +174,34 @@ def test_a_shard_that_kills_every_worker_is_named_when_the_others_are_done(
         work = Deadly(state, photograph=first.path)
         with pytest.raises(SweepError) as deadly:
             run_sweep(manifest, work, SweepOptions(scheduler=local.scheduler_address))
+        done = answers(manifest, work)
     assert "4 workers died" in str(deadly.value)
     assert f"photographs from {first.path} on" in str(deadly.value)
-    assert len(work.committed()) == len(expected) - 1
+    batch = batch_number(first.hash, len(expected))
+    assert expected.keys() - done.keys() == {
+        path
+        for path in expected
+        if batch_number(SweepItem.on_disk(path).hash, len(expected)) == batch
+    }
 
 
 @dataclass(frozen=True)
 class KillsTwice(Hashing):
-    """Once a shard is committed, kills the worker that does the next, and then one more."""
+    """Once a batch is committed, kills the worker that does the next, and then one more."""
 
-    def __call__(self, shard: Shard) -> ShardDone:
-        if self.committed():
+    def do(self, batch: Batch, commit: Commit) -> None:
+        if list(self.folder.glob("*.records")):
             for number in range(2):
                 try:
                     (self.folder / f"{number}.killed").touch(exist_ok=False)
                 except FileExistsError:
                     continue
                 os.kill(os.getpid(), signal.SIGKILL)
-        return super().__call__(shard)
+        super().do(batch, commit)
 
 
 def test_killed_workers_that_start_slowly_are_waited_for(
-    paths: list[Path], expected: dict[str, bytes], tmp_path: Path
+    paths: list[Path], expected: dict[Path, str], tmp_path: Path
 ) -> None:
     state = tmp_path / "state"
     state.mkdir()
@@ -199,14 +211,14 @@ def test_killed_workers_that_start_slowly_are_waited_for(
         dask.config.set({"distributed.deploy.lost-worker-timeout": "1 ms"}),
         Manifest(paths, state) as manifest,
     ):
-        assert run_sweep(manifest, work, SweepOptions(workers=2)).images == 200
+        assert run_sweep(manifest, work, SweepOptions(workers=2))[0].images == 200
+        assert answers(manifest, work) == expected
     assert len(list(state.glob("*.killed"))) == 2
-    assert work.committed() == expected
 
 
 def test_when_no_worker_comes_back_the_sweep_ends_and_keeps_what_was_done(
     paths: list[Path],
-    expected: dict[str, bytes],
+    expected: dict[Path, str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -219,16 +231,16 @@ def test_when_no_worker_comes_back_the_sweep_ends_and_keeps_what_was_done(
     with Manifest(paths, state) as manifest:
         with pytest.raises(SweepError) as gone:
             run_sweep(manifest, work, SweepOptions(workers=2, workers_gone_s=1))
-        kept = {path: path.stat().st_mtime_ns for path in state.glob("*.shard")}
-        assert run_sweep(manifest, work).images == 200
+        before = len(answers(manifest, work))
+        summary, _ = run_sweep(manifest, Hashing(state))  # which kills nobody
+        assert (summary.images, summary.found_done) == (200, before)
+        assert answers(manifest, work) == expected
     assert "the workers are gone and none came back within 1 s" in str(gone.value)
-    assert 0 < len(kept) < len(expected)
-    assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    assert work.committed() == expected
+    assert 0 < before < len(expected)
 
 
 def test_a_cluster_of_others_whose_workers_are_all_gone_is_not_waited_for(
-    paths: list[Path], expected: dict[str, bytes], tmp_path: Path
+    paths: list[Path], expected: dict[Path, str], tmp_path: Path
 ) -> None:
     """Such a scheduler knows none of our settings, and keeps what waits for a worker for ever."""
     work = work_in(tmp_path / "state", delay_s=0.05)
@@ -240,7 +252,7 @@ def test_a_cluster_of_others_whose_workers_are_all_gone_is_not_waited_for(
     ):
 
         def send_home() -> None:
-            while not work.committed():
+            while not list(work.state.glob("*.records")):
                 time.sleep(0.01)
             other.scale(0)
 
@@ -250,4 +262,4 @@ def test_a_cluster_of_others_whose_workers_are_all_gone_is_not_waited_for(
         with pytest.raises(SweepError, match="none came back within 1 s"):
             run_sweep(manifest, work, options)
         sending.join()
-        assert 0 < len(work.committed()) < len(expected)
+        assert 0 < len(answers(manifest, work)) < len(expected)

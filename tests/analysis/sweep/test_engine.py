@@ -4,15 +4,13 @@ from pathlib import Path
 import pytest
 
 from analysis.errors import SweepError
-from analysis.sweep.engine import SweepOptions, run_sweep
-from analysis.sweep.manifest import Manifest
-from analysis.sweep.shards import GROUPS, Layout, Shard, ShardDone, blocks_of
-from tests.analysis.sweep.hashing import Hashing, photographs
+from analysis.sweep import Batch, Commit, Manifest, SweepOptions, batch_number, group_of, run_sweep
+from tests.analysis.sweep.hashing import Hashing, answers, photographs
 
 
 class Never(Hashing):
-    def __call__(self, shard: Shard) -> ShardDone:
-        raise AssertionError(f"{shard} is done again")
+    def do(self, batch: Batch, commit: Commit) -> None:
+        raise AssertionError(f"{batch} is done again")
 
 
 @pytest.fixture
@@ -32,23 +30,29 @@ def test_each_photograph_is_done_once_and_found_by_the_next_run(
 ) -> None:
     seen: list[int] = []
     with Manifest(paths, work.state) as manifest:
-        first = run_sweep(manifest, work, progress=seen.append)
+        first, _ = run_sweep(manifest, work, progress=seen.append)
         assert (first.images, first.found_done, first.refused) == (200, 0, 0)
         assert first.notes == ("seen",)
         assert seen == sorted(set(seen))
         assert seen[-1] == 200
         # Nobody is asked for what is done.
         nobody = SweepOptions(scheduler="tcp://127.0.0.1:1")
-        again = run_sweep(manifest, Never(work.folder), nobody)
+        again, _ = run_sweep(manifest, Never(work.folder), nobody)
     assert (again.images, again.found_done) == (200, 200)
+    assert again.notes == ("seen",)
 
 
 def test_parts_together_are_the_whole(paths: list[Path], work: Hashing) -> None:
     with Manifest(paths, work.state) as manifest:
-        counts = [run_sweep(manifest, work, SweepOptions(part=(k, 3))).images for k in (3, 1, 2)]
+        counts = []
+        for part in (3, 1, 2):
+            summary, records = run_sweep(manifest, work, SweepOptions(part=(part, 3)))
+            counts.append(summary.images)
+            assert records.is_whole == (len(counts) == 3)
+            assert len(list(records.answers())) == summary.images
         assert sum(counts) == 200
         assert min(counts) > 40
-        assert run_sweep(manifest, Never(work.folder)).found_done == 200
+        assert run_sweep(manifest, Never(work.folder))[0].found_done == 200
 
 
 def test_a_changed_photograph_and_other_settings_are_done_anew(
@@ -56,11 +60,10 @@ def test_a_changed_photograph_and_other_settings_are_done_anew(
 ) -> None:
     with Manifest(paths, work.state) as manifest:
         run_sweep(manifest, work)
-        assert run_sweep(manifest, replace(work, settings="other")).found_done == 0
+        assert run_sweep(manifest, replace(work, settings="other"))[0].found_done == 0
     paths[7].write_bytes(b"longer than before")
     with Manifest(paths, work.state) as manifest:
-        summary = run_sweep(manifest, work)
-    assert 180 < summary.found_done < 200
+        assert run_sweep(manifest, work)[0].found_done == 199
 
 
 def test_what_cannot_be_done_is_listed_and_the_rest_is_done(
@@ -70,20 +73,21 @@ def test_what_cannot_be_done_is_listed_and_the_rest_is_done(
         path.write_bytes(b"x")
     paths[41].unlink()
     with Manifest(paths, work.state) as manifest:
-        summary = run_sweep(manifest, work)
+        summary, _ = run_sweep(manifest, work)
         assert (summary.images, summary.refused) == (179, 21)
         assert len(summary.refused_lines) == 10
         assert summary.refused_list is not None
         listed = summary.refused_list.read_text().splitlines()
         assert sorted(listed) == [f"{path}: refused" for path in [*paths[20:40], paths[41]]]
         assert tuple(listed[:10]) == summary.refused_lines
-        assert run_sweep(manifest, Never(work.folder)).refused == 21
+        assert run_sweep(manifest, Never(work.folder))[0].refused == 21
         with pytest.raises(SweepError):
             run_sweep(manifest, work, SweepOptions(strict=True))
     for path in paths[20:42]:
         path.write_bytes(b"mended")
     with Manifest(paths, work.state) as manifest:
-        assert run_sweep(manifest, work).refused_list is None
+        assert run_sweep(manifest, work)[0].refused_list is None
+        assert all(len(one) == 64 for one in answers(manifest, work).values())
     assert not summary.refused_list.exists()
 
 
@@ -98,25 +102,31 @@ def test_the_manifest_is_the_same_for_any_order_and_counts_a_path_once(
 
 
 @pytest.mark.parametrize("count", [128, 200, 383, 1000, 5000, 100_000, 1_000_000])
-def test_many_photographs_make_64_groups_or_more_and_shards_of_64_at_most(count: int) -> None:
-    layout = Layout.of(count)
-    assert layout.shard_bits >= layout.block_bits >= 6
-    assert count / 2**layout.shard_bits <= 64
-    assert count / 2**layout.block_bits <= 16 * 64
+def test_many_photographs_make_64_groups_or_more_and_batches_of_64_at_most(count: int) -> None:
+    batches = batch_number(2**64 - 1, count) + 1
+    assert batches >= 64
+    assert count / batches <= 64
+    # No batch is of two groups.
+    assert all(
+        group_of(first) == group_of(first + 2**64 // batches - 1)
+        for first in range(0, 2**64, 2**64 // min(batches, 4096))
+    )
 
 
-def test_each_of_few_photographs_is_a_shard() -> None:
-    assert {Layout.of(count).shard_bits for count in (1, 16, 64, 127)} == {64}
+def test_each_of_few_photographs_is_a_batch() -> None:
+    assert {batch_number(2**64 - 1, count) for count in (1, 16, 64, 127)} == {2**64 - 1}
 
 
-def test_groups_are_even_and_shards_of_a_block_share_theirs(
-    paths: list[Path], tmp_path: Path
+@pytest.mark.parametrize(
+    "name", ["0f.sums", "a.scores.npz", "0123456789abcdef.json", "0123456789abcdef-7.json"]
+)
+def test_a_folder_of_an_earlier_version_is_refused_with_the_remedy(
+    work: Hashing, name: str
 ) -> None:
-    with Manifest(paths, tmp_path) as manifest:
-        blocks = list(blocks_of(manifest, "key"))
-    groups = [block[0].group for block in blocks]
-    assert groups == sorted(groups)
-    assert all(shard.group == block[0].group for block in blocks for shard in block)
-    assert max(groups) < GROUPS
-    # The names hold a random folder: how many groups they fall into varies.
-    assert len(set(groups)) > 45
+    (work.state / name).touch()
+    with pytest.raises(SweepError) as refused:
+        Manifest([], work.state)
+    assert str(refused.value) == (
+        f"{work.state} is of an earlier version of standoff, from which this one cannot go on; "
+        "remove it, or name another --out"
+    )

@@ -4,8 +4,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import given, strategies as st
 
-from analysis.sweep import sorting
-from analysis.sweep.sorting import sorted_lines
+from analysis.sweep import items, sorted_lines
 
 LINES = st.lists(st.binary(max_size=3).map(lambda line: line.replace(b"\n", b"") + b"\n"))
 
@@ -14,8 +13,8 @@ LINES = st.lists(st.binary(max_size=3).map(lambda line: line.replace(b"\n", b"")
 def test_lines_come_sorted_and_once(lines: list[bytes]) -> None:
     with pytest.MonkeyPatch.context() as patch, TemporaryDirectory() as folder:
         # So few that runs are merged twice.
-        patch.setattr(sorting, "_LINES_AT_ONCE", 3)
-        patch.setattr(sorting, "_RUNS_AT_ONCE", 2)
+        patch.setattr(items, "_LINES_AT_ONCE", 3)
+        patch.setattr(items, "_RUNS_AT_ONCE", 2)
         assert list(sorted_lines(lines, Path(folder))) == sorted(set(lines))
 
 

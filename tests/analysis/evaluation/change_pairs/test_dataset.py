@@ -12,9 +12,8 @@ import tifffile
 
 import standoff
 from analysis.errors import ResultsFileError
-from analysis.evaluation.change_pairs import labelled_pairs, read_dataset, work as pairs_work
-from analysis.evaluation.change_pairs.pair_file import read_pairs
-from analysis.sweep import shards
+from analysis.evaluation.change_pairs import dataset, labelled_pairs, read_dataset
+from analysis.evaluation.change_pairs.pairs import read_pairs
 from standoff.errors import ApplicationError
 
 TASK = standoff.ChangePairsTask(pairs=2, crop_px=48, zooms=(1.0, 1.5), model="matched", seed=3)
@@ -50,10 +49,10 @@ def test_interrupted_and_resumed_it_is_the_same_bits_as_in_one_go(
             raise KeyboardInterrupt
         return real(*given)
 
-    monkeypatch.setattr(pairs_work, "labelled_pairs", interrupted)
+    monkeypatch.setattr(dataset, "labelled_pairs", interrupted)
     with pytest.raises(KeyboardInterrupt):
         standoff.change_pairs(photographs, tmp_path / "resumed", PSF, TASK)
-    monkeypatch.setattr(pairs_work, "labelled_pairs", real)
+    monkeypatch.setattr(dataset, "labelled_pairs", real)
     assert not read_dataset(tmp_path / "resumed").is_complete
     resumed = standoff.change_pairs(photographs, tmp_path / "resumed", PSF, TASK)
     assert 3 <= resumed.photographs.found_done <= 5  # with those that are refused
@@ -64,7 +63,7 @@ def test_interrupted_and_resumed_it_is_the_same_bits_as_in_one_go(
 
 
 @pytest.mark.slow
-def test_only_new_photographs_are_cut_however_the_others_were_put_together(
+def test_only_new_photographs_are_cut(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real, cut = labelled_pairs, []
@@ -73,10 +72,7 @@ def test_only_new_photographs_are_cut_however_the_others_were_put_together(
         cut.append(given[1])
         return real(*given)
 
-    monkeypatch.setattr(pairs_work, "labelled_pairs", noted)
-    monkeypatch.setattr(shards, "is_few", lambda images: images < 6)
-    monkeypatch.setattr(shards, "GROUPS", 1)
-    monkeypatch.setattr(shards, "_GROUP_BITS", 0)
+    monkeypatch.setattr(dataset, "labelled_pairs", noted)
     files = [photographs / f"{number}.tif" for number in range(6)]
     standoff.change_pairs(files[:4], tmp_path / "grown", PSF, TASK)
     grown = standoff.change_pairs(files, tmp_path / "grown", PSF, TASK)

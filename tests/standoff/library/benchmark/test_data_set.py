@@ -99,6 +99,12 @@ def test_a_set_that_is_complete_is_found_so_and_one_that_was_altered_is_not(tiny
     card.write_bytes(kept)
 
 
+def rendered_tasks(out: Path) -> int:
+    """Number of tasks that are committed."""
+    segments = (out / STATE_NAME).glob("*.records")
+    return sum(path.read_bytes().count(b"record/1 ") for path in segments)
+
+
 @pytest.mark.slow
 def test_an_interrupted_run_goes_on_where_it_was_and_makes_the_same_set(
     tiny: Path, tmp_path: Path
@@ -108,7 +114,7 @@ def test_an_interrupted_run_goes_on_where_it_was_and_makes_the_same_set(
     with subprocess.Popen(
         [*words, "--out", out, "--workers", "2"], stderr=subprocess.PIPE, text=True
     ) as process:
-        while len(list((out / STATE_NAME).glob("*-*.json"))) < 3:
+        while rendered_tasks(out) < 3:
             assert process.poll() is None
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
@@ -118,7 +124,7 @@ def test_an_interrupted_run_goes_on_where_it_was_and_makes_the_same_set(
     assert not (out / "manifest.json").exists()
     assert list(out.rglob("*.part*")) == []
     rendered = next(out.glob("*/*/*.tif"))
-    rendered.write_bytes(b"damaged")
+    rendered.write_bytes(bytes(rendered.stat().st_size))
     made = standoff.make_benchmark(out, size="tiny")
     assert 2 <= made.tasks_found_done < 20
     assert made.sha256 == manifest(tiny)["sha256"]
@@ -144,13 +150,28 @@ def test_a_folder_in_which_another_set_was_begun_is_refused(tmp_path: Path) -> N
             standoff.make_benchmark(tmp_path, size="tiny")
 
 
+def test_a_set_that_an_earlier_version_began_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(data_set, "announced_sweep", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        standoff.make_benchmark(tmp_path / "set", size="tiny")
+    (tmp_path / "set" / STATE_NAME / "psf-leaves.json").write_text("{}")
+    with pytest.raises(ApplicationError, match=r"set was begun by an earlier version.*remove it"):
+        standoff.make_benchmark(tmp_path / "set", size="tiny")
+
+
+def interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
 def test_a_full_disk_ends_the_command_with_one_line(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "set/psf/edges-001.tif")
 
-    monkeypatch.setattr(data_set, "written_record", full)
+    monkeypatch.setattr(data_set, "write_below", full)
     done = command("benchmark", "make", "--size", "tiny", "--out", tmp_path / "set")
     assert done.status == 1
     assert done.err.splitlines()[-1] == (

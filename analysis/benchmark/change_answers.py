@@ -1,5 +1,12 @@
-"""What a change map says of a pair: of its spots, of its largest score, of its false places."""
+"""What programs say of changes: their answers, and the places that are none.
 
+A place is a connected region (8 neighbours) of pixels above the threshold. So that a region that
+covers a frame is not a single place, each full percent of the frame above the threshold counts as
+one more. As the threshold falls, regions appear, grow together and cover more; what counts is the
+first time, from above, that there are too many.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 from pathlib import Path
@@ -7,13 +14,149 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import label
 
-from analysis.benchmark.changes.false_places import PlaceCounts, place_counts
-from analysis.benchmark.data_set import BenchmarkData
+from analysis.benchmark.data_set import BenchmarkData, ChangesTask, Places, TrueChanges, TrueSpot
 from analysis.benchmark.program_files import given_levels
-from analysis.benchmark.stored_models import ChangesTask, Places, TrueChanges, TrueSpot
-from simulation.arrays import BoolArray, Float32Array, FloatArray
+from simulation.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
-LARGEST_DN = 4095.0
+_PERCENT = 100
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PlaceCounts:
+    """Places of one map for thresholds just below each of its levels, which fall.
+
+    ``counts[i]`` holds for thresholds from ``levels[i + 1]`` to below ``levels[i]``. The last count
+    is infinite where the map was not followed further.
+    """
+
+    levels: FloatArray
+    counts: FloatArray
+
+
+def place_counts(change_map: Float32Array, most: float) -> _PlaceCounts:
+    """Follow the places of a map from its highest level down, until there are more than ``most``.
+
+    Parameters
+    ----------
+    change_map
+        Shape (rows, cols); NaN are pixels that do not count.
+    most
+        Number of places beyond which nobody asks.
+    """
+    cols = change_map.shape[1]
+    flat = change_map.ravel()
+    judged = np.flatnonzero(~np.isnan(flat))
+    order = judged[np.argsort(-flat[judged], kind="stable")]
+    values = flat[order]
+    ends = np.append(np.flatnonzero(np.diff(values)) + 1, values.size)
+    starts = np.append(0, ends[:-1])
+    regions = _Regions(cols, flat.size)
+    levels: list[float] = []
+    counts: list[float] = []
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True) if values.size else ():
+        for pixel in order[start:end].tolist():
+            regions.add(pixel)
+        count = regions.count + _PERCENT * end // values.size
+        if not counts or count != counts[-1]:
+            levels.append(float(values[start]))
+            counts.append(count if count <= most else np.inf)
+        if count > most:
+            break
+    return _PlaceCounts(levels=np.array(levels), counts=np.array(counts, np.float64))
+
+
+class _Regions:
+    """Connected regions of pixels that are added one by one."""
+
+    def __init__(self, cols: int, pixels: int) -> None:
+        self._cols, self._pixels = cols, pixels
+        self._parent: dict[int, int] = {}
+        self.count = 0
+
+    def add(self, pixel: int) -> None:
+        parent, cols = self._parent, self._cols
+        parent[pixel] = pixel
+        self.count += 1
+        col = pixel % cols
+        across = (-1, 0, 1) if 0 < col < cols - 1 else (0, 1) if col == 0 else (-1, 0)
+        for down in (-cols, 0, cols):
+            for side in across if cols > 1 else (0,):
+                other = pixel + down + side
+                if other != pixel and other in parent:
+                    first, second = self._root(pixel), self._root(other)
+                    if first != second:
+                        parent[second] = first
+                        self.count -= 1
+
+    def _root(self, pixel: int) -> int:
+        parent = self._parent
+        while parent[pixel] != pixel:
+            parent[pixel] = parent[parent[pixel]]
+            pixel = parent[pixel]
+        return pixel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaceSteps:
+    """All changes of the number of places of several maps, from the highest level down.
+
+    ``levels`` fall; at each the number of places of map ``maps`` changes by ``steps``.
+    """
+
+    levels: FloatArray
+    maps: IntArray
+    steps: FloatArray
+
+    @classmethod
+    def of(cls, found: Sequence[_PlaceCounts]) -> "PlaceSteps":
+        """Put the counts of several maps in one order."""
+        levels = np.concatenate([one.levels for one in found])
+        maps = np.repeat(np.arange(len(found)), [one.levels.size for one in found])
+        steps = np.concatenate([np.diff(one.counts, prepend=0.0) for one in found])
+        order = np.argsort(-levels, kind="stable")
+        return cls(levels=levels[order], maps=maps[order].astype(np.int64), steps=steps[order])
+
+    def threshold(self, places_a_map: float, weights: FloatArray) -> float:
+        """Lowest threshold down to which there are at most so many places a map on average.
+
+        Pixels above it count as changed. It is -inf where there are never too many.
+
+        Parameters
+        ----------
+        places_a_map
+            The number allowed.
+        weights
+            How often each map counts, shape (maps,).
+        """
+        drawn = weights[self.maps]
+        counts = np.zeros(drawn.size)  # no weight times an infinite step is no step
+        np.multiply(drawn, self.steps, out=counts, where=drawn > 0)
+        counts = np.cumsum(counts)
+        # Maps of one level change together.
+        is_end = np.append(self.levels[1:] != self.levels[:-1], True)
+        allowed = places_a_map * weights.sum() * (1 + 1e-12)
+        beyond = np.flatnonzero(is_end & (counts > allowed))
+        return float(self.levels[beyond[0]]) if beyond.size else -np.inf
+
+
+def level_exceeded_by(ordered: Sequence[Float32Array], pixels: int, share: float) -> float:
+    """Lowest level that at most a share of the pixels of several maps exceed.
+
+    Parameters
+    ----------
+    ordered
+        The highest levels of each map; of all together at least the highest ``share`` and one more.
+    pixels
+        The number of pixels of all maps.
+    share
+        Between 0 and 1.
+    """
+    falling = np.sort(np.concatenate(ordered))[::-1]
+    allowed = int(share * pixels)
+    return float(falling[allowed]) if allowed < falling.size else -np.inf
+
+
+_LARGEST_DN = 4095.0
 FALSE_PIXELS = 1e-4
 """Share of unchanged pixels that may be above the threshold where pixels are counted."""
 
@@ -22,7 +165,7 @@ _AROUND_PX = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ChangedSpot:
+class _ChangedSpot:
     """A spot as the camera sees it: the peak of the difference it makes, in DN and in noises.
 
     ``amplitude_dn`` is 0 where the camera's levels are clipped: nobody can find that spot.
@@ -54,7 +197,7 @@ class TruePair:
     name: str
     truth: TrueChanges
     shape: tuple[int, int]
-    spots: tuple[ChangedSpot, ...]
+    spots: tuple[_ChangedSpot, ...]
     is_painted: BoolArray | None
 
     @classmethod
@@ -75,13 +218,13 @@ class TruePair:
         made_dn = np.abs(data.levels(f"truth/changes/{task.task}.tif", shape) / scale)
         spots, is_painted = [], np.zeros(shape, np.bool_)
         for spot in truth.spots:
-            peak = ChangedSpot(truth=spot, amplitude_dn=0.0, noise_dn=0.0)
+            peak = _ChangedSpot(truth=spot, amplitude_dn=0.0, noise_dn=0.0)
             near = within(shape, spot, peak.found_px)
             amplitude_dn = float(made_dn[near].max(initial=0.0))
             above_black = max(_around(levels_dn, spot) - task.black_level, 0.0)
             variance = task.noise.variance_at_black_dn2 + task.noise.variance_per_dn * above_black
             spots.append(
-                ChangedSpot(truth=spot, amplitude_dn=amplitude_dn, noise_dn=sqrt(variance))
+                _ChangedSpot(truth=spot, amplitude_dn=amplitude_dn, noise_dn=sqrt(variance))
             )
             is_half = (made_dn >= amplitude_dn / 2) & (made_dn > 0)
             is_painted |= within(shape, spot, peak.away_px) & is_half
@@ -90,7 +233,7 @@ class TruePair:
         )
 
     @property
-    def seen(self) -> list[ChangedSpot]:
+    def seen(self) -> list[_ChangedSpot]:
         """The spots that make a difference."""
         return [spot for spot in self.spots if spot.amplitude_dn > 0]
 
@@ -111,7 +254,7 @@ class JudgedPair:
     path: Path
     largest: float
     judged_px: int
-    counts: PlaceCounts | None
+    counts: _PlaceCounts | None
     top: Float32Array
     spot_scores: FloatArray
     painted: Float32Array
@@ -175,7 +318,7 @@ def false_regions(pair: TruePair, path: Path, threshold: float) -> int:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OwnDetections:
+class _OwnDetections:
     """How a program's own detections fit a pair: spots found, of how many, and false places."""
 
     found: int
@@ -183,13 +326,13 @@ class OwnDetections:
     false_places: int
 
 
-def own_detections(pair: TruePair, places: Places) -> OwnDetections:
+def own_detections(pair: TruePair, places: Places) -> _OwnDetections:
     """Hold a program's own detections against a pair's spots."""
     found = sum(
         any(spot.distance_px(*place) <= spot.found_px for place in places) for spot in pair.seen
     )
     false_places = sum(pair.is_away(*place) for place in places)
-    return OwnDetections(found=found, spots=len(pair.seen), false_places=false_places)
+    return _OwnDetections(found=found, spots=len(pair.seen), false_places=false_places)
 
 
 def within(shape: tuple[int, int], spot: TrueSpot, radius_px: float) -> BoolArray:
@@ -199,7 +342,7 @@ def within(shape: tuple[int, int], spot: TrueSpot, radius_px: float) -> BoolArra
     return np.asarray(is_near, np.bool_)
 
 
-def _score_at(scores: Float32Array, spot: ChangedSpot) -> float:
+def _score_at(scores: Float32Array, spot: _ChangedSpot) -> float:
     """Largest score near a spot; -inf where the map has none."""
     near = scores[within((scores.shape[0], scores.shape[1]), spot.truth, spot.found_px)]
     judged_ = near[~np.isnan(near)]
@@ -212,7 +355,7 @@ def _linear_dn(data: BenchmarkData, task: ChangesTask) -> FloatArray:
         return data.levels(task.followup).astype(np.float64)
     encoded = data.encoded(task.followup).astype(np.float64) / task.max_level
     low, high = encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4
-    return LARGEST_DN * np.where(encoded <= 0.04045, low, high)
+    return _LARGEST_DN * np.where(encoded <= 0.04045, low, high)
 
 
 def _around(levels_dn: FloatArray, spot: TrueSpot) -> float:

@@ -1,5 +1,0 @@
-"""Scores of changes: false places, spots found, limits of detection."""
-
-import lazy_loader as lazy
-
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)

@@ -1,1 +1,0 @@
-from .changes_track import score_changes as score_changes
