@@ -90,7 +90,7 @@ def test_an_interrupted_run_goes_on_and_ends_as_if_it_had_not_been(
         return read_photograph(path, options)
 
     with monkeypatch.context() as patch:
-        patch.setattr("standoff.library.sr_pairs.read_image", read_three)
+        patch.setattr("standoff.library.sr_pairs.read_photograph", read_three)
         assert make(command, folder, psf=psf, out=broken, more=()).status == 130
     # A power cut besides, which took the end of one commit.
     commit = sorted((broken / "shards").glob("*.json"))[0]
