@@ -233,7 +233,7 @@ def test_photographs_that_came_later_end_as_one_run_and_only_they_are_read(
         return read_photograph(path, options)
 
     with monkeypatch.context() as patch:
-        patch.setattr("standoff.library.sr_pairs.read_image", noted)
+        patch.setattr("standoff.library.sr_pairs.read_photograph", noted)
         done = write(grown, own, format=layout)
     assert sorted(opened) == [path.name for path in named[before:]]
     assert done.images_found_done == before

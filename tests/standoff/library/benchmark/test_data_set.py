@@ -171,7 +171,7 @@ def test_a_full_disk_ends_the_command_with_one_line(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "set/psf/edges-001.tif")
 
-    monkeypatch.setattr(data_set, "write_below", full)
+    monkeypatch.setattr(data_set, "_write_below", full)
     done = command("benchmark", "make", "--size", "tiny", "--out", tmp_path / "set")
     assert done.status == 1
     assert done.err.splitlines()[-1] == (
