@@ -39,6 +39,7 @@ from analysis.sweep.work import (
     Row,
     Stored,
     SweepWork,
+    Writer,
     Written,
     read_record,
     vanished,
@@ -325,7 +326,7 @@ class Records:
             for name, size in live.items()
             if size < self._sizes[name] or not (is_one or size >= SEGMENT_BYTES)
         }
-        writer = writer_for(self.work.state, self.run)
+        writer = Writer(self.work.state)  # what it moves comes from this run's segment as well
         answering = np.unique(self._records_of(self._rows)).tolist()
         moved = (one for one in answering if self._names[self._table.segment[one]] in worn)
         while some := tuple(islice(moved, _MOVED_AT_ONCE)):
